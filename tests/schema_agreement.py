@@ -17,6 +17,7 @@ from app.case import DOCUMENTS, schema_text
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
 from app.case.manifest.expected import read_expected
+from app.case.manifest.image_keys import FROM_IGTL, NOT_BOTH
 from app.case.manifest.key_rules import RIGID
 from app.files.document import Section
 from app.files.json_schema import GENERAL_RULES
@@ -35,6 +36,8 @@ UNSTATED = {
     "a direction and an axis have a length above 0": r"has length \S+; expected more than 0",
     "every value of max_mm is more than that of min_mm": r"max_mm is .*expected more than min_mm",
     "xacro_args are given for a .xacro only": r"xacro_args are given, but .* is not a \.xacro file",
+    NOT_BOTH: r"images has path and topic; expected one",
+    FROM_IGTL: r"images has (no topic and the source|topic and device)",
     "end_s is start_s or later": r"end_s is .*; expected start_s \(.*\) or later",
 }
 """Rule that a reader of values checks and a schema cannot state -> its message."""

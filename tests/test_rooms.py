@@ -83,7 +83,7 @@ SUB_PACKAGES_MAY_IMPORT = {
         "messages": {"frames"},
         "recorder": {"frames", "messages"},
         "readers": {"frames", "messages"},
-        "images": {"frames", "readers"},
+        "images": {"frames", "messages", "readers"},
         "manifest": {"tumor"},
     },
     "fixture": {

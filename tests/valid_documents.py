@@ -102,6 +102,18 @@ IMAGES = {
         "stale_after_ms": 200.0,
     }
 }
+TOPIC_IMAGES = {
+    "images": {"topic": "/marginguard/image", "probe": "probe", "calibration": "plus.xml"}
+}
+LIVE_IMAGES = {
+    "images": {
+        "device": "Image",
+        "probe": "probe",
+        "calibration": "plus.xml",
+        "orientation": "UF",
+        "stale_after_ms": 200.0,
+    }
+}
 BOX = {
     "plausibility": {
         "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
@@ -136,8 +148,8 @@ def complete(document: str) -> list[dict[str, Any]]:
         return [
             values,
             full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,
-            full | BOX | POINTS | segment | {"source": igtl, "clock": known},
-            full | {"tumor": contour},
+            full | BOX | POINTS | segment | LIVE_IMAGES | {"source": igtl, "clock": known},
+            full | {"tumor": contour} | TOPIC_IMAGES,
             full | XACRO | POINTS,
         ]
     return [
@@ -147,6 +159,7 @@ def complete(document: str) -> list[dict[str, Any]]:
         full
         | BOX
         | mesh
+        | TOPIC_IMAGES
         | {"clock": known, "registration": {"method": "given", "matrix": IDENTITY}},
         full
         | {

@@ -1,5 +1,5 @@
 from .case import Case, MeshOwner, open_case
-from .case_images import CaseImages, CurrentImage, open_case_images
+from .case_images import CaseImages, image_calibration, open_case_images, stale_after_ns
 from .convert import convert_case
 from .copying import recover_recording
 from .frames.assembly import agreed_sample
@@ -9,7 +9,10 @@ from .frames.player import Player
 from .frames.samples import JointSample, TrackingFrame
 from .frames.watchdog import with_watchdog
 from .images.calibration import read_image_calibration
-from .images.sequence import ImageHeader, ImagePose, ImageSequence, read_image_header
+from .images.current import CurrentImage, ImagePose, ImageSource
+from .images.orientation import to_standard
+from .images.pose_history import PoseHistory
+from .images.sequence import ImageHeader, ImageSequence, read_image_header
 from .live_file import (
     IgtlSourceEntry,
     LiveCase,
@@ -58,7 +61,9 @@ from .manifest.plausibility import (
 from .manifest.sections import check_topic
 from .messages.decoder import values_reader
 from .messages.definition import message_definition
+from .messages.image_message import read_image_message
 from .new_case import TrackedBody, write_case
+from .new_manifest import write_case_manifest, write_live_manifest
 from .readers.igsio.header import read_igsio
 from .readers.mrml.recording import read_mrml
 from .readers.recording_format import JointSource, RecordingFormat, has_ending
@@ -103,6 +108,7 @@ __all__ = [
     "ImageHeader",
     "ImagePose",
     "ImageSequence",
+    "ImageSource",
     "ImagesEntry",
     "JointSample",
     "JointSource",
@@ -116,6 +122,7 @@ __all__ = [
     "Playback",
     "PlayedSamples",
     "Player",
+    "PoseHistory",
     "Provenance",
     "Recorder",
     "RecordingEntry",
@@ -136,6 +143,7 @@ __all__ = [
     "check_topic",
     "convert_case",
     "has_ending",
+    "image_calibration",
     "load_expected",
     "load_manifest",
     "message_definition",
@@ -145,6 +153,7 @@ __all__ = [
     "read_igsio",
     "read_image_calibration",
     "read_image_header",
+    "read_image_message",
     "read_mcap",
     "read_mrml",
     "read_recording",
@@ -152,11 +161,15 @@ __all__ = [
     "recording_kinds",
     "recover_recording",
     "schema_text",
+    "stale_after_ns",
+    "to_standard",
     "tumor_from_contour",
     "tumor_from_segmentation",
     "values_reader",
     "with_watchdog",
     "write_case",
+    "write_case_manifest",
     "write_expected",
+    "write_live_manifest",
     "write_recording",
 ]

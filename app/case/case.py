@@ -218,10 +218,11 @@ class Case:
         if self.manifest.robot is not None:
             self.robot_urdf()
         if self.manifest.images is not None:
-            from app.case.case_images import open_case_images
+            from app.case.case_images import image_calibration, open_case_images
 
-            images = open_case_images(self)
-            if images is not None:
+            if self.manifest.recording is None:  # a live session
+                image_calibration(self, self.manifest.images)
+            elif (images := open_case_images(self)) is not None:
                 images.close()
 
     def expected(self) -> Expected | None:

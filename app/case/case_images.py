@@ -1,33 +1,27 @@
 """The ultrasound images of a case: at each time the newest one, or why none may be shown."""
 
 from bisect import bisect_right
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from app.case.images.bag_images import BagImages
 from app.case.images.calibration import read_image_calibration
-from app.case.images.sequence import ImagePose, ImageSequence
+from app.case.images.current import CurrentImage, ImagePose
+from app.case.images.sequence import ImageSequence
+from app.case.manifest.entries import ImagesEntry
+from app.case.readers.recording_format import JointSource
+from app.case.readers.registry import read_recording
 from app.geometry import (
     NS_PER_MS,
     Freshness,
     FreshnessLimits,
     ImageCalibration,
+    ImageSample,
     InputError,
     freshness_of,
 )
 
 if TYPE_CHECKING:
     from app.case.case import Case
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CurrentImage:
-    """The newest image at a time. It may be shown exactly if ``pose`` has a matrix.
-
-    ``number``: None before the first image.
-    """
-
-    number: int | None
-    pose: ImagePose
 
 
 class CaseImages:
@@ -66,36 +60,82 @@ class CaseImages:
             return CurrentImage(number, ImagePose(None, problem))
         return CurrentImage(number, self.sequence.pose(number, self.calibration, frame))
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows of every image."""
+        return self.sequence.size
+
+    def image(self, number: int) -> ImageSample:
+        """Read image ``number``."""
+        return self.sequence.image(number)
+
     def close(self) -> None:
         """Close the file."""
         self.sequence.close()
 
 
-def open_case_images(case: "Case") -> CaseImages | None:
+def image_calibration(case: "Case", entry: ImagesEntry) -> ImageCalibration:
+    """Read the calibration of the probe that ``entry`` names; raises `InputError`."""
+    path = case.file(entry.calibration, "images.calibration")
+    return read_image_calibration(path, entry.probe)
+
+
+def stale_after_ns(case: "Case", entry: ImagesEntry) -> int:
+    """Age up to which an image of ``case`` is current: its own limit, or that of the margins."""
+    own = entry.stale_after_ns
+    return case.manifest.margins.stale_after_ns if own is None else own
+
+
+def open_case_images(case: "Case") -> CaseImages | BagImages | None:
     """Open the images of ``case``; None for a case without ``images``.
 
-    Raises `InputError` for files that cannot be read, and for a sequence in which no image has a
-    time and a pose of the probe.
+    Raises `InputError` for files that cannot be read, for a sequence in which no image has a time
+    and a pose of the probe, and for a bag without an image.
     """
     entry = case.manifest.images
     if entry is None:
         return None
+    if entry.topic is not None:
+        return _bag_images(case, entry, entry.topic)
     path = case.recording_path if entry.path is None else case.file(entry.path, "images.path")
     if path is None:
         raise InputError(f"{case.manifest.file}: images.path is missing; expected a sequence")
-    calibration = read_image_calibration(
-        case.file(entry.calibration, "images.calibration"), entry.probe
-    )
+    calibration = image_calibration(case, entry)
     sequence = ImageSequence(path, entry.orientation)
     try:
         _require_poses(sequence, entry.probe, case.manifest.file)
     except InputError:
         sequence.close()
         raise
-    stale_ns = entry.stale_after_ns
-    if stale_ns is None:
-        stale_ns = case.manifest.margins.stale_after_ns
-    return CaseImages(sequence, calibration, stale_ns)
+    return CaseImages(sequence, calibration, stale_after_ns(case, entry))
+
+
+def _bag_images(case: "Case", entry: ImagesEntry, topic: str) -> BagImages:
+    calibration = image_calibration(case, entry)
+    if case.recording_path is None:
+        raise InputError(f"{case.manifest.file}: images.topic is given without a recording")
+    joints = JointSource(None, 0)  # the poses alone, also before the joints' clock is estimated
+    frames = read_recording(case.recording_path, _ignored, joints)
+    samples = [sample for frame in frames for sample in frame.poses]
+    if not any(entry.probe in (each.source, each.target) for each in samples):
+        known = ", ".join(sorted({each.source for each in samples})) or "none"
+        raise InputError(
+            f"{case.manifest.file}: images.probe is {entry.probe!r}, which has no pose; expected "
+            f"one of {known}"
+        )
+    return BagImages(
+        case.recording_path,
+        topic,
+        entry.orientation or "MF",
+        calibration,
+        samples,
+        stale_after_ns=stale_after_ns(case, entry),
+        max_gap_ns=case.manifest.margins.stale_after_ns,
+    )
+
+
+def _ignored(note: str) -> None:
+    """Notes are those of the reading of the frames."""
 
 
 def _require_poses(sequence: ImageSequence, probe: str, file: str) -> None:

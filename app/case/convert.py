@@ -75,6 +75,8 @@ def _named_files(case: Case) -> list[str]:
         names.append(manifest.tool.mesh.path)
     if manifest.expected is not None:
         names.append(manifest.expected)
+    if manifest.images is not None:
+        names.append(manifest.images.calibration)
     if manifest.robot is not None and not manifest.robot.urdf.startswith(PACKAGE_SCHEME):
         # A URDF names its meshes relative to itself, so its folder is copied.
         parent = str(PurePosixPath(manifest.robot.urdf).parent)

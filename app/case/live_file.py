@@ -9,6 +9,7 @@ from types import MappingProxyType
 from app.case.case import Case
 from app.case.live_keys import LIVE, LIVE_BLOCKS, SOURCE
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
+from app.case.manifest.images import read_images
 from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
@@ -65,6 +66,7 @@ class LiveCase:
     of the nodes that may change the session, None for all. ``needs_security``: refuse to start
     without ROS security. ``latency_ns``: delay from the acquisition of a pose to its stamp.
     ``sigma_mm`` and ``sigma_rad``: standard deviation of a pose along and about each axis.
+    ``image_device``: device of the OpenIGTLink images, None for the first.
     """
 
     case: Case
@@ -80,6 +82,7 @@ class LiveCase:
     latency_ns: int = 0
     sigma_mm: float = 0.0
     sigma_rad: float = 0.0
+    image_device: str | None = None
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
@@ -102,6 +105,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
     robot, tool = read_robot(document), read_tool(document)
     tracker = document.section("source")
     source, stamps_of_host = _source(tracker)
+    image_device = _image_device(document, source)
     case = Case(
         path.parent,
         CaseManifest(
@@ -117,6 +121,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
             margins=read_margins(document),
             expected=None,
             plausibility=read_plausibility(document),
+            images=read_images(document),
             package_dirs=read_package_dirs(document),
         ),
         None,
@@ -136,6 +141,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
         latency_ns=round(tracker.number("latency_ms") * NS_PER_MS),
         sigma_mm=tracker.number("sigma_mm"),
         sigma_rad=math.radians(tracker.number("sigma_deg")),
+        image_device=image_device,
     )
 
 
@@ -179,6 +185,21 @@ def _source(block: Section) -> tuple[LiveSourceEntry, bool]:
     if "igtl" in block:
         return IgtlSourceEntry(source.text("host"), source.integer("port")), of_host
     return TopicSourceEntry(source.text("topic")), of_host
+
+
+def _image_device(document: Section, source: LiveSourceEntry) -> str | None:
+    """The device of the images; raises `InputError` for images that nothing sends."""
+    if "images" not in document:
+        return None
+    block = document.section("images")
+    if "topic" in block and "device" in block:
+        raise InputError(f"{block.where} has topic and device; expected one of them or none")
+    if "topic" not in block and not isinstance(source, IgtlSourceEntry):
+        raise InputError(
+            f"{block.where} has no topic and the source is not igtl; expected a topic of "
+            "sensor_msgs/Image, or source.igtl"
+        )
+    return block.text("device") if "device" in block else None
 
 
 def _edges(tf: Section) -> tuple[tuple[str, str], ...]:

@@ -3,6 +3,8 @@
 import re
 from dataclasses import replace
 
+from app.case.manifest.image_keys import LIVE_IMAGES
+from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.case.manifest.keys import (
     BY_MATRIX,
     BY_POINTS,
@@ -10,8 +12,6 @@ from app.case.manifest.keys import (
     CLOCK,
     KNOWN_OFFSET,
     REGISTRATION,
-    TOPIC,
-    TOPIC_EXPECTED,
 )
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.files.keys import Block, Choice, Frame, Integer, Key, ListOf, Number, Text, Variant
@@ -171,6 +171,7 @@ _ONLY_RECORDED = ("recording", "images", "expected")
 _SHARED = {
     **{name: key for name, key in CASE.keys.items() if name not in _ONLY_RECORDED},
     "clock": replace(CLOCK, variants=(KNOWN_OFFSET,)),
+    "images": LIVE_IMAGES,
     "registration": replace(REGISTRATION, variants=(BY_MATRIX, BY_POINTS)),
 }
 

@@ -62,6 +62,8 @@ def _write(live: LiveCase, folder: Path) -> None:
     values = load_yaml(path)
     for name in ONLY_LIVE:
         values.pop(name, None)
+    if live.case.manifest.images is not None:
+        values["images"].pop("device", None)
     robot = live.case.manifest.robot
     if live.joints_of_host and not live.stamps_of_host and robot and robot.joint_states:
         values["clock"] = {"estimate": True}  # the offset of the two clocks is unknown

@@ -63,7 +63,8 @@ def live_page(
         surface = stop_surface(content)
         builder = ViewStateBuilder(setup, content, surface)
         feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
-        title = Title(content.name, live=True)
+        images = prepared.live_images()
+        title = Title(content.name, live=True, images=images)
         operator_thread = ThreadPoolExecutor(max_workers=1)
         operator = LiveOperator(operator_thread)
         hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
@@ -87,6 +88,7 @@ def live_page(
             constraint_hz=CONSTRAINT_HZ,
             outputs=(output,),
             audit=options.audit,
+            images=images,
         ) as node:
             node.commands.requests.listen(feed.list_request)
             operator.connect(node.commands)

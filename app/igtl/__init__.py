@@ -6,19 +6,28 @@ thread.
 
 from app.igtl.errors import IgtlError
 from app.igtl.image_link import receive_images, send_images
-from app.igtl.images import MAX_IMAGE_BODY_BYTES, ImageReader, ReceivedImage, image_message
+from app.igtl.images import (
+    MAX_IMAGE_BODY_BYTES,
+    ImageReader,
+    ReceivedImage,
+    image_message,
+    read_image,
+)
 from app.igtl.queue import SampleQueue
 from app.igtl.source import PORT, IgtlSource
+from app.igtl.wire import Header
 
 __all__ = [
     "MAX_IMAGE_BODY_BYTES",
     "PORT",
+    "Header",
     "IgtlError",
     "IgtlSource",
     "ImageReader",
     "ReceivedImage",
     "SampleQueue",
     "image_message",
+    "read_image",
     "receive_images",
     "send_images",
 ]

@@ -21,7 +21,7 @@ from app.geometry import (
 )
 from app.igtl.errors import IgtlContentError, IgtlStampError
 from app.igtl.stream import Refusals
-from app.igtl.wire import Message, pack_message
+from app.igtl.wire import Header, Message, pack_message, read_message
 
 TYPES = ("IMAGE",)
 MAX_IMAGE_BODY_BYTES = 1 << 25
@@ -77,6 +77,11 @@ class ImageReader:
             return None
         self._count += 1
         return found
+
+
+def read_image(header: Header, body: bytes) -> ReceivedImage:
+    """Read an IMAGE message as it came; raises `IgtlError` or `InputError` if it is invalid."""
+    return _decoded(read_message(header, body), 0)
 
 
 def image_message(device: str, image: ImageSample, matrix: FloatArray) -> bytes:

@@ -15,8 +15,9 @@ from typing import Self
 from app.geometry import NS_PER_S, TrackedTransform
 from app.igtl.backoff import Backoff
 from app.igtl.errors import IgtlError, IgtlFramingError
+from app.igtl.images import MAX_IMAGE_BODY_BYTES
 from app.igtl.poses import TYPES, PoseReader
-from app.igtl.stream import MessageStream, Refusals
+from app.igtl.stream import MessageStream, Refusals, Unread
 from app.igtl.wire import start_tracking_request
 
 PORT = 18944
@@ -37,8 +38,9 @@ class IgtlSource:
     in that thread when the connection is established, lost, or refused. A server that sends no
     complete message for ``silence_s`` counts as lost. The source reconnects indefinitely, with the
     delays of ``backoff``. The first complete message resets them, not the connection itself, which
-    any server accepts. An exception in either function ends the thread and is raised by the next
-    `counts` or by `close`.
+    any server accepts. ``images(header, body)`` takes each IMAGE message as it came, in the thread
+    of the source; without it they are skipped. An exception in a function ends the thread and is
+    raised by the next `counts` or by `close`.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class IgtlSource:
         changed: Callable[[str], None] = lambda status: None,
         backoff: Backoff | None = None,
         silence_s: float = SILENCE_S,
+        images: Unread | None = None,
     ) -> None:
         if not host or not 0 < port < 1 << 16:
             raise IgtlError(
@@ -57,6 +60,7 @@ class IgtlSource:
             )
         if not silence_s > 0.0:
             raise IgtlError(f"silence_s is {silence_s}; expected more than 0")
+        self._unread = {} if images is None else {"IMAGE": (images, MAX_IMAGE_BODY_BYTES)}
         self._address = (host, port)
         self._deliver = deliver
         self._changed = changed
@@ -168,7 +172,7 @@ class IgtlSource:
                 self._socket = None
 
     def _read_messages(self, server: socket.socket) -> None:
-        stream = MessageStream(TYPES, self._refusals)
+        stream = MessageStream(TYPES, self._refusals, unread=self._unread)
         complete = 0
         silent_ns = time.monotonic_ns() + self._silence_ns
         while True:

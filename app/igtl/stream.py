@@ -1,7 +1,7 @@
 """Split the byte stream of a socket into messages."""
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 
 from app.igtl.errors import IgtlError, IgtlLimitError
 from app.igtl.wire import (
@@ -29,11 +29,17 @@ class Refusals:
         self.last = str(error)[:_MAX_CHARS]
 
 
+Unread = Callable[[Header, bytes], None]
+"""Takes a complete message as it came, with its checksum not yet verified."""
+
+
 class MessageStream:
     """``stream.feed(data)`` returns the messages of ``types`` that are now complete.
 
-    Bodies of other types and bodies above ``max_body_bytes`` are skipped without being stored, so
-    the buffer holds one body and one chunk of data at most. ``complete`` counts all messages that
+    ``unread`` are functions by type, each with a limit of its own for the body: they take those
+    messages as they came, so that another thread can read them. Bodies of other types and bodies
+    above ``max_body_bytes`` are skipped without being stored, so the buffer holds one body and one
+    chunk of data at most. ``complete`` counts all messages that
     have passed. Invalid bodies are added to ``refusals``. An invalid header raises
     `IgtlFramingError`; the stream cannot be used afterwards.
     """
@@ -43,11 +49,15 @@ class MessageStream:
         types: Collection[str],
         refusals: Refusals,
         max_body_bytes: int = MAX_BODY_BYTES,
+        unread: Mapping[str, tuple[Unread, int]] | None = None,
     ) -> None:
+        self._unread = unread or {}
         self.complete = 0
         self.ignored = 0
-        self._types = types
-        self._max_body_bytes = max_body_bytes
+        self._max_bytes = {
+            **dict.fromkeys(types, max_body_bytes),
+            **{kind: limit for kind, (_, limit) in self._unread.items()},
+        }
         self._refusals = refusals
         self._buffer = bytearray()
         self._header: Header | None = None
@@ -77,6 +87,9 @@ class MessageStream:
             return False
         header, self._header = self._header, None
         self.complete += 1
+        if header.type in self._unread:
+            self._unread[header.type][0](header, self._take(header.body_bytes))
+            return True
         try:
             messages.append(read_message(header, self._take(header.body_bytes)))
         except IgtlError as error:
@@ -84,16 +97,17 @@ class MessageStream:
         return True
 
     def _begin(self, header: Header) -> None:
-        if header.type in self._types and header.body_bytes <= self._max_body_bytes:
+        max_bytes = self._max_bytes.get(header.type)
+        if max_bytes is not None and header.body_bytes <= max_bytes:
             self._header = header
             return
         self._to_skip = header.body_bytes
         self.complete += not header.body_bytes
-        if header.type in self._types:
+        if max_bytes is not None:
             self._refusals.add(
                 IgtlLimitError(
                     f"{header.type} has a body of {header.body_bytes} bytes; "
-                    f"expected at most {self._max_body_bytes}"
+                    f"expected at most {max_bytes}"
                 )
             )
         else:

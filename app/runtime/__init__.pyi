@@ -3,6 +3,7 @@ from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
 from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
+from .image_intake import ImageIntake
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
 from .live_run import LiveRun
 from .opening import (
@@ -40,6 +41,7 @@ __all__ = [
     "DeliveredStep",
     "HoldKeeper",
     "Holds",
+    "ImageIntake",
     "InstanceKey",
     "LatestValue",
     "LiveRun",

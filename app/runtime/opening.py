@@ -6,11 +6,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.case import Case, LiveCase, Playback, open_case, open_live
+from app.case import (
+    Case,
+    LiveCase,
+    Playback,
+    image_calibration,
+    open_case,
+    open_live,
+    stale_after_ns,
+)
 from app.geometry import NS_PER_S, InputError
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent, content_of
 from app.session import (
+    LiveImages,
     SessionSetup,
     TrackingError,
     robot_from_case,
@@ -81,6 +90,20 @@ class PreparedLive:
     case: Case
     setup: SessionSetup
     content: SessionContent
+
+    def live_images(self) -> LiveImages | None:
+        """Make the images of the session; None where ``live.yaml`` has none.
+
+        Raises `InputError` for a calibration that cannot be read.
+        """
+        entry = self.case.manifest.images
+        if entry is None:
+            return None
+        return LiveImages(
+            image_calibration(self.case, entry),
+            stale_after_ns=stale_after_ns(self.case, entry),
+            max_gap_ns=self.setup.margins.stale_after_ns,
+        )
 
 
 def prepare_case(

@@ -14,6 +14,7 @@ from .live_control import (
     limiter_parameters,
     tumor_motion_parameters,
 )
+from .live_images import LiveImages
 from .loosening import loosened_margins, margin_changes, tightest_margins
 from .mesh_repair import with_repaired_meshes
 from .path_depth import PathDepth, PathPoint, deepest_on_path
@@ -47,6 +48,7 @@ __all__ = [
     "InsideRun",
     "InsideRuns",
     "KnownEdges",
+    "LiveImages",
     "LiveSession",
     "MeasuredPose",
     "PathDepth",

@@ -23,6 +23,8 @@ from app.viewer.ultrasound_part import UltrasoundPart
 class Page:
     """Updates the scene view from ``feed``, and the values of the page together with its picture.
 
+    Only the values of an ultrasound image are published before the picture is drawn.
+
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
     where the mouse does not move the tool. All calls come from the page's thread.
@@ -48,7 +50,7 @@ class Page:
         self._client_scene = client_scene
         self._ultrasound = ultrasound
         self._hand = hand
-        state.ultrasound = state.hand = None
+        state.ultrasound = state.ultrasound_image = state.hand = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -78,6 +80,8 @@ class Page:
             self.view.show(now)
             if self._ultrasound is not None:
                 self._ultrasound.update(now, self.view)
+                with self._state as state:  # not with the picture, which takes longer to draw
+                    state.update(self._ultrasound.values())
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
@@ -102,8 +106,6 @@ class Page:
             state.update(self._new_lists())
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
-            if self._ultrasound is not None:
-                state.update(self._ultrasound.values())
             if self._hand is not None:
                 state.update(self._hand.values())
             if self._client_scene is not None:

@@ -14,7 +14,7 @@ from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
 from trame_slicer.views import ThreeDView
 
-from app.case import CaseImages
+from app.case import ImageSource
 from app.viewer.address import Address
 from app.viewer.controls import LiveControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
@@ -53,7 +53,7 @@ class Title:
     case: str
     live: bool
     report: Callable[[], bytes] | None = None
-    images: CaseImages | None = None
+    images: ImageSource | None = None
 
 
 class Viewer:
@@ -183,8 +183,6 @@ class Viewer:
         }
         if self._title.report is not None:
             handlers["/report.html"] = downloads.report
-        if self._ultrasound is not None:
-            handlers["/ultrasound.png"] = self._ultrasound.picture
         return Content(handlers, {**folders, "/marginguard/": _WEB}, {"/paraview/": _session})
 
     def _screenshot(self) -> bytes:

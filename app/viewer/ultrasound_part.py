@@ -1,31 +1,25 @@
 """The part of the page that shows ultrasound: the plane in the 3D view, and the image beside it."""
 
-from collections import deque
+import base64
 from typing import Any
 
-from aiohttp import web
-
-from app.case import CaseImages
+from app.case import ImageSource
 from app.scene import ImagePlane, MarginGuardScene, quick_png
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
 from app.viewer.steps.ultrasound import ImageView, Ultrasound
 from app.viewer.steps.view_state import ViewState
 
-_RECENT = 8
-"""Images that a page may still request: those that the last values have named."""
-
 
 class UltrasoundPart:
     """Shows ``images`` in the page's thread. The plane is hidden while no image is current."""
 
-    def __init__(self, images: CaseImages) -> None:
+    def __init__(self, images: ImageSource) -> None:
         self._ultrasound = Ultrasound(images)
         self._view = ImageView(None, None, "no image yet")
         self._plane: ImagePlane | None = None
         self._scene: MarginGuardScene | None = None
-        self._recent: deque[int] = deque(maxlen=_RECENT)
-        self._png: tuple[int, bytes] | None = None
+        self._sent: int | None = None
 
     @property
     def plane(self) -> ImagePlane | None:
@@ -53,21 +47,14 @@ class UltrasoundPart:
             self._plane.show(eight_bits(found.image), found.matrix)
 
     def values(self) -> dict[str, Any]:
-        """The values of the page that belong to the last `update`."""
-        number = self._view.number
-        if number is not None and not self._view.problem and number not in self._recent:
-            self._recent.append(number)
-        size = self._ultrasound.images.sequence.size
-        return {"ultrasound": ultrasound_values(self._view, size)}
-
-    async def picture(self, request: web.Request) -> web.Response:
-        """The image whose number the page requests, one of the last shown; 404 for others."""
-        text = request.query.get("image", "")
-        number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
-        if number not in self._recent:
-            raise web.HTTPNotFound
-        if self._png is None or self._png[0] != number:
-            self._png = number, quick_png(eight_bits(self._ultrasound.image(number)))
-        return web.Response(
-            body=self._png[1], content_type="image/png", headers={"Cache-Control": "no-store"}
-        )
+        """The values of the page that belong to the last `update`; the image if it is another."""
+        image, size = self._view.image, self._ultrasound.images.size or (1, 1)
+        found: dict[str, Any] = {"ultrasound": ultrasound_values(self._view, size)}
+        if image is not None and image.number != self._sent:
+            self._sent = image.number
+            content = base64.b64encode(quick_png(eight_bits(image))).decode()
+            found["ultrasound_image"] = {
+                "number": image.number,
+                "src": f"data:image/png;base64,{content}",
+            }
+        return found

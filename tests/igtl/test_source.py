@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+import pyigtl
 import pytest
 
-from app.geometry import TrackedTransform, TrackingStatus
-from app.igtl import IgtlError, IgtlSource
+from app.geometry import Stamp, TrackedTransform, TrackingStatus
+from app.igtl import Header, IgtlError, IgtlSource, read_image
 from app.igtl.backoff import Backoff
+from app.igtl.errors import IgtlChecksumError
 from app.igtl.wire import start_tracking_request
 from tests.igtl.conftest import PyigtlServer, pose
 from tests.oracles.pyigtl_peer import message
@@ -214,3 +216,23 @@ def test_unknown_host_is_reported(listen: Listen) -> None:
     statuses: queue.Queue[str] = queue.Queue()
     with IgtlSource("x" * 70, 18944, lambda samples: None, changed=statuses.put):
         assert statuses.get(timeout=WAIT_S).startswith("cannot reach")
+
+
+def test_images_are_passed_on_unread_and_poses_are_read_beside_them(
+    listening: socket.socket, listen: Listen
+) -> None:
+    images: queue.Queue[tuple[Header, bytes]] = queue.Queue()
+    source = listen(listening.getsockname()[1], images=lambda *found: images.put(found))
+    server, _ = listening.accept()
+    values = np.arange(1, 601 * 401 + 1, dtype=np.uint64).astype(np.uint8).reshape(1, 601, 401)
+    packet = pyigtl.ImageMessage(values, np.eye(4), timestamp=2.5, device_name="Probe").pack()
+    damaged = packet[:-1] + bytes([packet[-1] ^ 1])
+    with server:
+        server.sendall(damaged + packet + message(matrix=pose(1, 2, 3), time_s=1.0).pack())
+        assert source.sample().source == "stylus"
+        header, body = images.get(timeout=WAIT_S)
+        with pytest.raises(IgtlChecksumError):
+            read_image(header, body)
+        found = read_image(*images.get(timeout=WAIT_S)).image
+    assert found.stamp == Stamp(2_500_000_000)
+    np.testing.assert_array_equal(found.pixels, values[0])

@@ -10,6 +10,7 @@ from pathlib import Path
 from app.bridge import topics
 from app.bridge.control import GuidancePublisher, MarginParameterServer, TwistLimiter
 from app.bridge.live.guard_start import guard_start
+from app.bridge.live.image_input import IgtlImages, image_input, with_images
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.operator_endpoints import audit_file, audit_log, served_operators
 from app.bridge.live.outputs import (
@@ -43,6 +44,7 @@ from app.runtime import (
     PreparedLive,
 )
 from app.session import (
+    LiveImages,
     LiveSession,
     PlaybackRule,
     Session,
@@ -93,6 +95,7 @@ def live_node(
     ros: RosNode | None = None,
     outputs: Sequence[Output] = (),
     audit: Path | None = None,
+    images: LiveImages | None = None,
 ) -> Iterator[LiveNode]:
     """Join the ROS graph: subscribe to the source of ``prepared``, serve the operator.
 
@@ -100,6 +103,8 @@ def live_node(
     services and subscriptions. ``outputs`` receive every step after the publishers. ``audit`` is
     the file of the audit log, by default one below the state folder (`audit_file`). Raises
     `SecurityError` if the configuration requires ROS security that this process does not have.
+    ``images`` (`PreparedLive.live_images`) receives the images of the session; they affect neither
+    the margin nor the constraint.
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
     orderly way. Raises the errors of `guard_start`.
@@ -145,14 +150,13 @@ def live_node(
             own=publisher.publishers,
             new_sender=playback.check,
         )
+        rule = PlaybackRule(playback.found, accepted=case.manifest.provenance.kind == "simulated")
         live = LiveSession(
             Session(setup),
             host_ns=_host_clock(config.stamps_of_host),
             stamps_of_host=config.stamps_of_host,
             edges=named,
-            playback=PlaybackRule(
-                playback.found, accepted=case.manifest.provenance.kind == "simulated"
-            ),
+            playback=rule,
             outside=lambda: _joined(senders.outside(), start.faults(node)),
             source_problem=lambda: "".join(problem() for problem in problems),
         )
@@ -181,7 +185,10 @@ def live_node(
         )
         run.commands.requests.listen(log.request)
         margins = opened(served_operators(node, run, config, setup.margins))
-        source = source_of(node, entry, live.add, senders)
+        pictures = image_input(node, config, images)
+        deliver = live.add if images is None else with_images(live.add, images, rule.refuses)
+        igtl_images = pictures if isinstance(pictures, IgtlImages) else None
+        source = source_of(node, entry, deliver, senders, igtl_images)
         if isinstance(source, IgtlSource):
             problems.append(lambda: source.problem)
         senders.start(moving=not isinstance(entry, TfSourceEntry))
@@ -192,6 +199,8 @@ def live_node(
             lambda: {"callbacks that failed": node.failures},
             lambda: {f"twists refused: {why}": n for why, n in dict(twists.refused).items()},
         ]
+        if pictures is not None:
+            counted.append(pictures.counts)
         if joint_topic is not None:
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
             add_joints = partial(live.add_joints, of_host=config.joints_of_host)
@@ -209,6 +218,8 @@ def live_node(
         finally:
             twists.close()
             source.close()
+            if pictures is not None:
+                pictures.close()
             senders.close()
             playback.close()
 

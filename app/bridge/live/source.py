@@ -7,6 +7,7 @@ from typing import Protocol
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 
 from app.bridge import topics
+from app.bridge.live.image_input import IgtlImages
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
@@ -87,14 +88,25 @@ class TrackedTransformSource:
 
 
 def source_of(
-    ros: RosNode, entry: LiveSourceEntry, deliver: Deliver, senders: SampleFilter
+    ros: RosNode,
+    entry: LiveSourceEntry,
+    deliver: Deliver,
+    senders: SampleFilter,
+    images: IgtlImages | None = None,
 ) -> Source:
     """Create the source that ``live.yaml`` configures.
 
-    An OpenIGTLink source is one TCP connection, which has one sender: nothing is filtered.
+    An OpenIGTLink source is one TCP connection, which has one sender: nothing is filtered. It also
+    receives ``images``.
     """
     if isinstance(entry, IgtlSourceEntry):
-        return IgtlSource(entry.host, entry.port, deliver, changed=ros.node.get_logger().info)
+        return IgtlSource(
+            entry.host,
+            entry.port,
+            deliver,
+            changed=ros.node.get_logger().info,
+            images=None if images is None else images.receive,
+        )
     if isinstance(entry, TfSourceEntry):
         return TfSource(ros, deliver, senders)
     return TrackedTransformSource(ros, entry.topic, deliver, senders)

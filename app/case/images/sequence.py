@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from app.case.images.current import ImagePose
 from app.case.images.layout import ImageLayout, as_pixels, read_layout
 from app.case.images.orientation import checked_orientation, to_standard
 from app.case.images.pixel_file import PixelFile
@@ -21,7 +22,6 @@ from app.case.readers.igsio.header import (
 )
 from app.files.bounded_io import open_for_reading
 from app.geometry import (
-    FloatArray,
     ImageCalibration,
     ImageSample,
     ImageStatus,
@@ -33,18 +33,6 @@ from app.geometry import (
 _MAX_FIELDS = 1024
 _MAX_POSES = 500_000
 _NO_TIME = Stamp(0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImagePose:
-    """Where an image is: ``matrix`` (4, 4) maps (column, row, 0) to mm in a frame.
-
-    ``matrix`` is None exactly if ``problem`` is not empty: an image whose place is not known has no
-    place at which it could be drawn by mistake.
-    """
-
-    matrix: FloatArray | None
-    problem: str = ""
 
 
 @dataclass(slots=True)

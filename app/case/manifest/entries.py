@@ -147,7 +147,8 @@ class RegistrationEntry:
 class ImagesEntry:
     """Tracked ultrasound: paths as written of the sequence and of the calibration.
 
-    ``path`` None: the recording. ``orientation`` is that of images whose header names none.
+    ``path`` None: the recording. ``topic``: that of the images in a bag or in a live session, None
+    for a sequence and for OpenIGTLink. ``orientation`` is that of images that do not name it.
     ``stale_after_ns``: None for that of the margins.
     """
 
@@ -156,6 +157,7 @@ class ImagesEntry:
     calibration: str
     orientation: str | None
     stale_after_ns: int | None
+    topic: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

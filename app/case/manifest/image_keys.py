@@ -1,11 +1,28 @@
-"""The keys of ``images`` in ``case.yaml``."""
+"""The keys of ``images`` in ``case.yaml`` and in ``live.yaml``."""
 
+from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.files.keys import Block, Choice, Frame, Number, Text
 
 ORIENTATIONS = ("MF", "MN", "UF", "UN", "FM", "NM", "FU", "NU")
 """Directions of columns and rows: M marked, U unmarked side of the probe, F far from it, N near."""
 
+NOT_BOTH = "images has path or topic, not both"
+FROM_IGTL = "images without a topic need source.igtl, and only they have a device"
+
 _YEAR_MS = 365 * 86_400_000
+
+_PLACE = {
+    "probe": Frame("the tracked frame of the probe"),
+    "calibration": Text("ImageToProbe: a PLUS configuration (.xml) or a transform file"),
+}
+_AGE = {
+    "stale_after_ms": Number(
+        "maximum age of an image that is shown; by default that of margins",
+        optional=True,
+        above=0.0,
+        maximum=_YEAR_MS,
+    ),
+}
 
 IMAGES = Block(
     "tracked ultrasound images",
@@ -15,17 +32,42 @@ IMAGES = Block(
             "probe, on the clock of the tracker; by default the recording",
             optional=True,
         ),
-        "probe": Frame("the tracked frame of the probe"),
-        "calibration": Text("ImageToProbe: a PLUS configuration (.xml) or a transform file"),
-        "orientation": Choice(
-            "orientation of images whose header names none", ORIENTATIONS, optional=True
-        ),
-        "stale_after_ms": Number(
-            "maximum age of an image that is shown; by default that of margins",
+        "topic": Text(
+            "topic of sensor_msgs/Image in the recording, which is a bag in MCAP; instead of path",
             optional=True,
-            above=0.0,
-            maximum=_YEAR_MS,
+            pattern=TOPIC,
+            expected=TOPIC_EXPECTED,
         ),
+        **_PLACE,
+        "orientation": Choice(
+            "orientation of images whose header names none; of a topic by default MF",
+            ORIENTATIONS,
+            optional=True,
+        ),
+        **_AGE,
     },
     optional=True,
+    rules=(NOT_BOTH,),
+)
+
+LIVE_IMAGES = Block(
+    "tracked ultrasound images on the clock of the tracker, shown on the page",
+    {
+        "topic": Text(
+            "topic of sensor_msgs/Image (mono8, mono16, rgb8); without it the images come over the "
+            "OpenIGTLink connection of source.igtl",
+            optional=True,
+            pattern=TOPIC,
+            expected=TOPIC_EXPECTED,
+        ),
+        "device": Text(
+            "device name of the OpenIGTLink images; by default that of the first one",
+            optional=True,
+        ),
+        **_PLACE,
+        "orientation": Choice("orientation in which they are sent", ORIENTATIONS, default="MF"),
+        **_AGE,
+    },
+    optional=True,
+    rules=(FROM_IGTL,),
 )

@@ -3,7 +3,7 @@
 import re
 
 from app.case.manifest.image_keys import IMAGES
-from app.case.manifest.key_rules import MATRIX, RIGID
+from app.case.manifest.key_rules import MATRIX, RIGID, TOPIC, TOPIC_EXPECTED
 from app.case.manifest.plausibility_keys import PLAUSIBILITY
 from app.case.tumor import SEGMENTATION_ENDING
 from app.files.keys import (
@@ -21,9 +21,6 @@ from app.files.keys import (
 )
 from app.files.meshes import UNITS_MM
 from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
-
-TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-TOPIC_EXPECTED = "a topic that begins with '/', of letters, digits and underscores"
 
 MIN_DRIFT = 0.1
 """Smallest drift bound, in mm and in degrees: the noise of any tracker exceeds a smaller one."""

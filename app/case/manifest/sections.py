@@ -25,14 +25,13 @@ from app.case.manifest.entries import (
     ToolEntry,
     TumorEntry,
 )
+from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.case.manifest.keys import (
     BY_MATRIX,
     BY_POINT_DWELLS,
     BY_POINTS,
     BY_POSE_DWELLS,
     REGISTRATION,
-    TOPIC,
-    TOPIC_EXPECTED,
 )
 from app.case.tumor import SEGMENTATION_ENDING
 from app.files.document import Section

@@ -28,6 +28,7 @@ BENCHMARKS = {
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
     "view": "benchmarks.view",
+    "images": "benchmarks.images",
     "fuzz": "benchmarks.fuzz",
     "record": "benchmarks.recorder",
     "simulation": "benchmarks.simulation",

@@ -98,6 +98,9 @@ def _topics_and_case(options: argparse.Namespace) -> tuple[list[str], "LiveCase 
     if options.config is None:
         return topics, None
     live = open_live(options.config, package_dirs=options.package_dirs)
+    images = live.case.manifest.images
+    if images is not None and images.topic is not None:
+        topics.append(images.topic)
     robot = live.case.manifest.robot
     if robot is not None and robot.joint_states is not None:
         topics.append(robot.joint_states)

@@ -122,6 +122,7 @@ class RenderLoop:
             changed = self._source.prepare() or self._render_requested
             if changed:
                 is_high_quality, changed_ns, self._render_requested = False, began_ns, False
+                await _values_sent()
                 self._draw(high_quality=False)
                 self.frame_rate.record(monotonic_ns() - began_ns)
                 pause_ns = self.frame_rate.period_ns
@@ -171,6 +172,12 @@ class ClientLoop(RenderLoop):
 
     def _picture(self, *, high_quality: bool) -> tuple[bytes, dict[str, object]]:
         return b"", {"type": ""}
+
+
+async def _values_sent() -> None:
+    """Let the sockets send what `Source.prepare` has published, before drawing blocks them."""
+    for _ in range(3):  # wake the task of a page, let it write, let others write
+        await asyncio.sleep(0)
 
 
 async def _within(event: Coroutine[None, None, object], time_ns: int) -> None:

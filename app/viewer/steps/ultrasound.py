@@ -8,9 +8,9 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPlane, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
-from app.case import CaseImages
+from app.case import ImageSource
 from app.fixture import MarginState
-from app.geometry import FloatArray, ImageSample, SurfaceMesh, Transform
+from app.geometry import FloatArray, ImageSample, InputError, SurfaceMesh, Transform
 from app.scene.frames.frame_graph import poses_in
 from app.scene.nodes.convert import poly_data
 from app.viewer.steps.view_state import ViewState
@@ -47,14 +47,14 @@ class Ultrasound:
     Not thread-safe: the page's thread owns it. One image is held at a time.
     """
 
-    images: CaseImages
+    images: ImageSource
     _sample: ImageSample | None = None
     _surfaces: dict[int, tuple[SurfaceMesh, vtkPolyData]] = field(default_factory=dict)
 
     def image(self, number: int) -> ImageSample:
         """Image ``number``; the last one is kept."""
         if self._sample is None or self._sample.number != number:
-            self._sample = self.images.sequence.image(number)
+            self._sample = self.images.image(number)
         return self._sample
 
     def at(self, shown: ViewState | None, root: str | None) -> ImageView:
@@ -70,7 +70,10 @@ class Ultrasound:
         matrix = found.pose.matrix
         if matrix is None or found.number is None:
             return ImageView(None, None, found.pose.problem, found.number)
-        sample = self.image(found.number)
+        try:
+            sample = self.image(found.number)
+        except InputError as error:  # a file that has changed, an image that newer ones replaced
+            return ImageView(None, None, str(error), found.number)
         view = ImageView(sample, matrix, "", found.number)
         poses = poses_in(root, shown.measured)
         holder = next(

@@ -65,8 +65,13 @@ export function showUltrasound(trame) {
       return;
     }
     if (values.number !== picture) {
+      const sent = trame.state.get("ultrasound_image");
+      if (sent?.number !== values.number) {
+        cover("the image has not arrived");
+        return;
+      }
       const image = new Image();
-      image.src = `ultrasound.png?image=${values.number}`;
+      image.src = sent.src;
       setTimeout(() => {
         if (!frozen && shown < request) cover("the image is late");
       }, LATE_MS);

@@ -35,10 +35,15 @@ def read_bag_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageRu
     if not is_folder(path):
         yield from read_mcap_runs(path, note)
         return
-    parts = _parts(path, ".mcap")
+    parts = mcap_parts(path)
     read = read_mcap_runs if parts else _database_runs
     for part in parts or _databases(path):
         yield from read(part, note)
+
+
+def mcap_parts(folder: Path) -> list[Path]:
+    """The MCAP files of a rosbag2 folder in their order; none for a bag in databases."""
+    return _parts(folder, ".mcap")
 
 
 def _database_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageRun]:

@@ -5,11 +5,12 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
-from app.case.readers.rosbag2.mcap_records import read_records
+from app.case.readers.rosbag2.mcap_records import MAGIC, read_records, read_records_from
 from app.case.readers.rosbag2.messages import (
     MAX_CONNECTIONS,
     MAX_DEFINITION_BYTES,
     Connection,
+    MessagePlace,
     MessageRun,
     RawMessage,
 )
@@ -42,6 +43,45 @@ def read_mcap_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageR
                 channels.add_schema(record)
             else:
                 channels.add_channel(record)
+
+
+def read_placed_messages(path: Path, topic: str) -> Iterator[tuple[MessagePlace, bytes]]:
+    """Yield the messages of ``topic``, each with the place for `read_placed_message`."""
+    with open_for_reading(path) as file:
+        channels = _Channels(path.name, _ignored)
+        start = end = len(MAGIC)
+        counts: dict[int, int] = {}
+        for record in read_records(file, path.name, _ignored):
+            if file.tell() != end:  # another record or chunk of the file
+                start, end = end, file.tell()
+                counts.clear()
+            if isinstance(record, list):
+                for number, data, *_ in record:
+                    index = counts[number] = counts.get(number, -1) + 1
+                    connection = channels.connections.get(number)
+                    if connection is not None and connection.topic == topic:
+                        yield MessagePlace(start, number, index), data
+            elif isinstance(record, Schema):
+                channels.add_schema(record)
+            else:
+                channels.add_channel(record)
+
+
+def read_placed_message(path: Path, place: MessagePlace) -> bytes:
+    """Read one message again; raises `InputError` where the file has changed."""
+    index = -1
+    with open_for_reading(path) as file:
+        file.seek(place.offset)
+        for record in read_records_from(file, path.name, _ignored):
+            for number, data, *_ in record if isinstance(record, list) else ():
+                index += number == place.connection
+                if number == place.connection and index == place.number:
+                    return data
+    raise InputError(f"{path} has changed: a message at byte {place.offset} is not there any more")
+
+
+def _ignored(text: str) -> None:
+    """Notes are those of the reader of poses."""
 
 
 class _Channels:

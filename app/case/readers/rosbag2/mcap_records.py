@@ -63,6 +63,14 @@ def read_records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Ite
     """
     if file.read(len(MAGIC)) != MAGIC:
         raise InputError(f"{name} is not an MCAP file: it does not begin with the MCAP magic")
+    yield from read_records_from(file, name, note)
+
+
+def read_records_from(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[Record]:
+    """As `read_records`, from the present place of ``file`` on, where a record begins.
+
+    After each yielded record ``file`` is at its end, or at the end of the chunk that it is in.
+    """
     size = _size(file)
     unpacked = 0
     while True:

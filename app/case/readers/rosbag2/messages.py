@@ -72,3 +72,14 @@ class MessageRun(NamedTuple):
             connection = self.connections.get(number)
             if connection is not None:
                 yield RawMessage(connection, data, log_ns, publish_ns, sequence)
+
+
+class MessagePlace(NamedTuple):
+    """Where a message of an MCAP file is: ``offset`` is that of a record at or before it.
+
+    ``number`` counts the messages of ``connection`` from there.
+    """
+
+    offset: int
+    connection: int
+    number: int

@@ -1,0 +1,57 @@
+"""Writes a commented ``case.yaml`` or ``live.yaml`` that can be opened."""
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from app.case.case import open_case
+from app.case.live_file import open_live
+from app.case.live_keys import LIVE
+from app.case.manifest.case_file import MANIFEST_NAME
+from app.case.manifest.keys import CASE
+from app.files.atomic_io import write_file
+from app.files.commented_yaml import commented_yaml
+from app.files.keys import Block
+from app.geometry import InputError, MarginGuardError
+
+
+def write_case_manifest(folder: Path, values: Mapping[str, Any]) -> Path:
+    """Write ``case.yaml`` with ``values`` to ``folder``, which has the files that it names.
+
+    Returns its path. The case is opened, with its meshes: raises `MarginGuardError` for one that
+    cannot be, or if there is a ``case.yaml`` already; no file is left then.
+    """
+
+    def check() -> None:
+        case = open_case(folder)
+        case.tumor_mesh()
+        case.tool_mesh()
+
+    path = folder / MANIFEST_NAME
+    _write(path, CASE, values, "A case of MarginGuard. Every key: docs/case_format.md", check)
+    return path
+
+
+def write_live_manifest(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a ``live.yaml`` with ``values`` to ``path``; raises as `write_case_manifest`."""
+
+    def check() -> None:
+        case = open_live(path).case
+        case.tumor_mesh()
+        case.tool_mesh()
+
+    _write(path, LIVE, values, "A live session of MarginGuard. Every key: docs/live.md", check)
+
+
+def _write(
+    path: Path, block: Block, values: Mapping[str, Any], title: str, check: Callable[[], None]
+) -> None:
+    if os.path.lexists(path):
+        raise InputError(f"{path} already exists; refusing to overwrite it")
+    write_file(path, commented_yaml(block, values, title).encode())
+    try:
+        check()
+    except MarginGuardError:
+        path.unlink()
+        raise

@@ -1,0 +1,1 @@
+"""Delay of live ultrasound images up to the page: `marginguard bench images`."""

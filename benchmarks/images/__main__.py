@@ -1,0 +1,166 @@
+"""Delay from an image's stamp to the page, beside the 3D view, and the memory of the session.
+
+    marginguard bench images [--minutes 1] [--json FILE]
+
+A sender publishes images of 640 x 480 at 30 per second and the poses of four sensors at 60 per
+second, stamped by this machine's clock. ``marginguard view --live`` shows them, headless Chromium
+opens the page at 1280x720. The page records, in each of its frames, when it shows an image for the
+first time; the delay is the time since the image's stamp, which lies 6 ms before it is sent. The
+pictures of the 3D view are counted in the same frames. Exit status 1 when the 95th percentile is
+above 150 ms, the 3D view has fewer than 15 pictures a second, or the memory of the session grows by
+more than 5 percent from the end of the first quarter on.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+from app.cli.progress import announce_duration
+from benchmarks.images.session import write_session
+from benchmarks.ros_domain import reserved_domain
+from benchmarks.view.chromium import launch
+
+GOAL_MS, GOAL_PICTURES_HZ, GOAL_GROWTH = 150.0, 15.0, 0.05
+SIZE = {"width": 1280, "height": 720}
+_WARM_UP_S = 5.0
+_SAMPLE_S = 5.0
+
+WATCH = """() => {
+  window.shownImages = [];
+  window.shownPictures = 0;
+  let lastImage = null, lastPicture = null;
+  function read() {
+    const now = performance.timeOrigin + performance.now();
+    const part = document.querySelector("#ultrasound > div");
+    const text = document.querySelector("#us-time")?.textContent ?? "";
+    const found = /image (\\d+) at ([\\d.]+) s/.exec(text);
+    if (found && found[1] !== lastImage && part.dataset.problem === "false") {
+      lastImage = found[1];
+      window.shownImages.push([Number(found[1]), Number(found[2]) * 1000, now]);
+    }
+    const picture = document.querySelector("main.view img")?.src;
+    if (picture && picture !== lastPicture) {
+      lastPicture = picture;
+      window.shownPictures += 1;
+    }
+    requestAnimationFrame(read);
+  }
+  requestAnimationFrame(read);
+}"""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageFigures:
+    """Figures of one run. ``memory_mb``: resident memory of the session, every 5 s."""
+
+    seconds: float
+    images: int
+    images_hz: float
+    delay_p50_ms: float
+    delay_p95_ms: float
+    delay_max_ms: float
+    pictures_hz: float
+    memory_mb: list[float]
+
+    @property
+    def growth(self) -> float:
+        """Growth of the memory from the end of the first quarter to the end, as a fraction."""
+        start = self.memory_mb[len(self.memory_mb) // 4]
+        return max(self.memory_mb[-2:]) / start - 1.0
+
+    def problems(self) -> list[str]:
+        """The goals that are missed."""
+        found = []
+        if self.delay_p95_ms > GOAL_MS:
+            found.append(f"p95 is {self.delay_p95_ms:.0f} ms; expected at most {GOAL_MS:g}")
+        if self.pictures_hz < GOAL_PICTURES_HZ:
+            found.append(f"{self.pictures_hz:.1f} pictures/s; expected {GOAL_PICTURES_HZ:g}")
+        if self.growth > GOAL_GROWTH:
+            found.append(f"memory grows by {100 * self.growth:.1f} %; expected at most 5 %")
+        return found
+
+
+def measure(seconds: float, folder: Path) -> ImageFigures:
+    """Run session, sender and page for ``seconds``."""
+    view = [sys.executable, "-m", "app.cli", "view", "--live", "--config"]
+    with reserved_domain() as domain, sync_playwright() as playwright:
+        env = {**os.environ, "ROS_DOMAIN_ID": str(domain), "XDG_STATE_HOME": str(folder / "state")}
+        sender = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.images.sender"], stdin=subprocess.PIPE, env=env
+        )
+        server = subprocess.Popen(
+            [*view, str(write_session(folder))], stdout=subprocess.PIPE, text=True, env=env
+        )
+        try:
+            assert server.stdout is not None
+            url = server.stdout.readline().strip()
+            browser = launch(playwright)
+            page = browser.new_page(viewport=SIZE)
+            page.goto(url)
+            page.evaluate(WATCH)
+            page.wait_for_function("window.shownImages.length > 0", timeout=60_000)
+            page.wait_for_timeout(1000.0 * _WARM_UP_S)
+            page.evaluate("window.shownImages.length = 0; window.shownPictures = 0")
+            memory_mb = _memory(page, server.pid, seconds)
+            shown = np.array(page.evaluate("window.shownImages"))
+            pictures = page.evaluate("window.shownPictures")
+            browser.close()
+        finally:
+            for process in (sender, server):
+                process.kill()
+                process.wait()
+    delays = shown[:, 2] - shown[:, 1]
+    p50, p95 = np.percentile(delays, [50, 95])
+    return ImageFigures(
+        seconds, len(shown), len(shown) / seconds, float(p50), float(p95), float(delays.max()),
+        pictures / seconds, memory_mb,
+    )  # fmt: skip
+
+
+def _memory(page: Page, process: int, seconds: float) -> list[float]:
+    """Resident memory in MB of ``process`` while the page runs for ``seconds``."""
+    found, left_s = [], seconds
+    while left_s > 0.0:
+        page.wait_for_timeout(1000.0 * min(left_s, _SAMPLE_S))
+        left_s -= _SAMPLE_S
+        pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+        found.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+    return found
+
+
+def main() -> int:
+    """Measure, print and compare with the goals."""
+    parser = argparse.ArgumentParser(prog="marginguard bench images", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--minutes", type=float, default=1.0, help="duration (%(default)s)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    options = parser.parse_args()
+    if not 0.0 < options.minutes <= 600.0:
+        parser.error(f"--minutes is {options.minutes:g}; expected more than 0, at most 600")
+    seconds = 60.0 * options.minutes
+    announce_duration("images on the page", seconds + 15.0)
+    with tempfile.TemporaryDirectory() as folder:
+        figures = measure(seconds, Path(folder))
+    print(f"image to page   p50 {figures.delay_p50_ms:.0f} ms, p95 {figures.delay_p95_ms:.0f} ms, "
+          f"max {figures.delay_max_ms:.0f} ms; {figures.images_hz:.1f} images/s")  # fmt: skip
+    print(f"3D view         {figures.pictures_hz:.1f} pictures/s")
+    print(f"memory          {figures.memory_mb[0]:.0f} MB at first, {figures.memory_mb[-1]:.0f} MB "
+          f"at the end, {100 * figures.growth:+.1f} % after the first quarter")  # fmt: skip
+    if options.json is not None:
+        options.json.write_text(json.dumps({**asdict(figures), "growth": figures.growth}) + "\n")
+    problems = figures.problems()
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

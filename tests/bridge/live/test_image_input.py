@@ -1,0 +1,156 @@
+"""Images of a live session from a ROS topic and from OpenIGTLink messages."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image
+
+from app.bridge import RosNode
+from app.bridge.convert import image_message
+from app.bridge.live.image_input import IgtlImages, TopicImages, with_images
+from app.bridge.qos import NEWEST, Topic
+from app.geometry import (
+    ImageCalibration,
+    ImageSample,
+    ImageStatus,
+    Stamp,
+    TrackedTransform,
+    Transform,
+)
+from app.igtl.images import image_message as igtl_message
+from app.igtl.wire import HEADER_BYTES, read_header
+from app.session import LiveImages
+from tests.case.images.sequences import some_pixels
+
+DEADLINE_S = 60.0
+TOPIC = Topic("/us/image", Image, NEWEST)
+PIXELS = some_pixels(8, 6, 5)
+LIMIT_NS = 10**9
+
+
+class Reported:
+    """Images, and an event for each problem that was reported."""
+
+    def __init__(self) -> None:
+        calibration = ImageCalibration("probe", np.diag([0.1, 0.1, 0.1, 1.0]))
+        self.images = LiveImages(calibration, stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
+        self.images.report = self._report
+        self.problems: list[str] = []
+        self.event = threading.Event()
+
+    def _report(self, problem: str) -> None:
+        self.problems.append(problem)
+        self.event.set()
+
+
+def shown(reported: Reported, ns: int) -> np.ndarray | None:
+    """The pixels that a page would show at ``ns``."""
+    pose = Transform("reference", "probe", np.eye(3), np.zeros(3))
+    reported.images.add_poses(
+        [TrackedTransform.valid(pose, Stamp(at)) for at in (ns - 10**6, ns + 10**6)]
+    )
+    found = reported.images.at(ns, "reference")
+    if found.number is None or found.pose.matrix is None:
+        return None
+    return reported.images.image(found.number).pixels
+
+
+def until(condition: Callable[[], bool], act: Callable[[], None] = lambda: None) -> None:
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        act()
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def nodes(domain_id: int) -> Iterator[tuple[RosNode, RosNode]]:
+    with (
+        RosNode("session", domain_id=domain_id) as session,
+        RosNode("probe", domain_id=domain_id) as probe,
+    ):
+        yield session, probe
+
+
+def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
+    nodes: tuple[RosNode, RosNode],
+) -> None:
+    session, probe = nodes
+    reported = Reported()
+    publisher = probe.publisher(TOPIC)
+    topic = TopicImages(session, TOPIC.name, "UF", reported.images)
+    stamps = iter(range(10**9, 10**12, 10**6))
+
+    def send(pixels: np.ndarray = PIXELS[0], encoding: str = "mono8") -> int:
+        ns = next(stamps)
+        publisher.publish(image_message(pixels, encoding, "image", Stamp(ns)))
+        return ns
+
+    until(lambda: topic.counts().get("images: received", 0) > 0, send)
+    held = topic.counts()["images: received"]
+    last_ns = send(PIXELS[3])
+    until(lambda: topic.counts()["images: received"] > held)
+    until(lambda: np.array_equal(shown(reported, last_ns), PIXELS[3][:, ::-1]))
+    send(np.zeros((6, 5, 3), np.uint8), "bgr8")
+    assert reported.event.wait(DEADLINE_S)
+    assert reported.problems == [
+        "/us/image: encoding of the image is 'bgr8'; expected mono8, mono16, rgb8"
+    ]
+    assert shown(reported, last_ns) is None
+    topic.close()
+
+
+def test_images_of_two_publishers_are_refused(nodes: tuple[RosNode, RosNode]) -> None:
+    session, probe = nodes
+    reported = Reported()
+    publishers = [probe.publisher(TOPIC), session.publisher(TOPIC)]
+    topic = TopicImages(session, TOPIC.name, "MF", reported.images)
+    stamps = iter(range(10**9, 10**12, 10**6))
+
+    def send() -> None:
+        for each in publishers:
+            each.publish(image_message(PIXELS[0], "mono8", "image", Stamp(next(stamps))))
+
+    until(reported.event.is_set, send)
+    assert reported.problems[0] == "/us/image has 2 publishers of images; expected 1"
+    topic.close()
+
+
+def packet(device: str, number: int) -> tuple[object, bytes]:
+    sample = ImageSample(0, Stamp((number + 1) * 10**9), ImageStatus.OK, PIXELS[number])
+    content = igtl_message(device, sample, np.eye(4))
+    return read_header(content[:HEADER_BYTES]), content[HEADER_BYTES:]
+
+
+def test_igtl_images_of_one_device_are_shown() -> None:
+    reported = Reported()
+    igtl = IgtlImages(None, "MF", reported.images)
+    igtl.receive(*packet("Image_Probe", 0))
+    until(lambda: igtl.counts().get("images: received", 0) == 1)
+    igtl.receive(*packet("Other", 5))
+    header, body = packet("Image_Probe", 1)
+    igtl.receive(header, body[:-1] + bytes([body[-1] ^ 1]))
+    assert reported.event.wait(DEADLINE_S)
+    assert "checksum" in reported.problems[0]
+    igtl.receive(header, body)
+    until(lambda: igtl.counts().get("images: received", 0) == 2)
+    np.testing.assert_array_equal(shown(reported, 2 * 10**9), PIXELS[1])
+    igtl.close()
+
+
+def test_poses_that_a_session_refuses_place_no_image() -> None:
+    reported, delivered, refused = Reported(), [], [True]
+    deliver = with_images(delivered.append, reported.images, lambda: refused[0])
+    image = ImageSample(0, Stamp(10**9), ImageStatus.OK, PIXELS[0])
+    reported.images.add(image)
+    pose = Transform("reference", "probe", np.eye(3), np.zeros(3))
+    samples = [TrackedTransform.valid(pose, Stamp(10**9))]
+    deliver(samples)
+    assert reported.images.at(10**9, "reference").pose.matrix is None
+    refused[0] = False
+    deliver(samples)
+    assert reported.images.at(10**9, "reference").pose.matrix is not None
+    assert delivered == [samples, samples]

@@ -1,0 +1,62 @@
+"""``marginguard record`` keeps images, and the case that it writes shows them again."""
+
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from app.case import open_case, open_case_images
+from app.case.images.bag_images import BagImages
+from benchmarks.images.sender import image_values
+from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, TOPIC, write_session
+from tests.bridge.live.conftest import DEADLINE_S, Start
+
+ENOUGH_BYTES = 3_000_000
+
+
+def wait_for_images(folder: Path) -> None:
+    """Wait until the recording holds some ten images, which do not compress."""
+    end_s = time.monotonic() + DEADLINE_S
+    while sum(path.stat().st_size for path in folder.glob("*.mcap")) < ENOUGH_BYTES:
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
+
+
+@pytest.fixture
+def recorded(start: Start, tmp_path: Path) -> Path:
+    config = write_session(tmp_path / "session")
+    case = tmp_path / "case"
+    recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", str(config))
+    start("-m", "benchmarks.images.sender")
+    recorder.line(lambda line: line == f"recording {TOPIC}\n")
+    wait_for_images(case / "tracking")
+    assert recorder.end(signal.SIGINT) == 130
+    return case
+
+
+def test_recorded_images_are_shown_again(recorded: Path) -> None:
+    images = open_case_images(open_case(recorded))
+    assert isinstance(images, BagImages)
+    assert images.size == (COLUMNS, ROWS)
+    expected = {image_values(number).tobytes() for number in range(16)}
+    placed = 0
+    for number in range(len(images)):
+        sample = images.image(number)
+        assert sample.pixels is not None and sample.stamp is not None
+        assert sample.pixels.tobytes() in expected
+        found = images.at(sample.stamp.ns, "reference").pose
+        if found.matrix is not None:  # poses around the first and the last may be missing
+            placed += 1
+            np.testing.assert_allclose(found.matrix, PROBE_FROM_IMAGE, rtol=0, atol=0.5)
+    assert placed >= 5
+    (path,) = (recorded / "tracking").glob("*.mcap")
+    with path.open("rb") as file:
+        schemas = {
+            channel.topic: (schema.name, schema.encoding, channel.message_encoding)
+            for schema, channel, _ in make_reader(file).iter_messages(topics=[TOPIC])
+            if schema is not None
+        }
+    assert schemas == {TOPIC: ("sensor_msgs/msg/Image", "ros2msg", "cdr")}

@@ -1,0 +1,138 @@
+"""``marginguard init``: each file that it writes opens; one that does not is not left."""
+
+import io
+from pathlib import Path
+
+import pytest
+import yaml
+
+from app.case import DOCUMENTS, IgtlSourceEntry, TfSourceEntry, open_case, open_live
+from app.cli.main import main
+from app.files.commented_yaml import commented_yaml
+from app.files.keys import Block
+from tests.case.images.ultrasound_case import write_ultrasound_case
+from tests.schema_agreement import validator
+
+BODIES = (
+    "--tool-frame", "rod", "--tool-mesh", "rod.stl", "--tool-tip", "identity",
+    "--tumor-frame", "needle", "--tumor-mesh", "tumor.stl", "--tumor-pose", "identity",
+)  # fmt: skip
+RECORDING = ("--recording", "tracking.igs.mha")
+IMAGES = ("--images-probe", "probe", "--images-calibration", "image_to_probe.txt")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The files of a case, without its case.yaml."""
+    found = write_ultrasound_case(tmp_path / "files")
+    (found / "case.yaml").unlink()
+    return found
+
+
+def test_case_opens_and_has_a_comment_for_each_key(folder: Path) -> None:
+    assert main(["init", "case", str(folder), *BODIES, *RECORDING, *IMAGES, "--name", "a: #1"]) == 0
+    case = open_case(folder)
+    assert (case.manifest.name, case.manifest.tool.frame) == ("a: #1", "rod")
+    assert case.manifest.images is not None
+    text = (folder / "case.yaml").read_text()
+    for name in ("registration", "robot", "frozen_after_ms", "sha256", "plausibility"):
+        assert f"# {name}:" in text
+    assert max(map(len, text.splitlines())) <= 100
+    assert validator("case").is_valid(yaml.safe_load(text))
+
+
+@pytest.mark.parametrize(
+    ("options", "source"),
+    [
+        (("--source", "tf"), TfSourceEntry(())),
+        (
+            ("--source", "igtl", "--igtl", "plus:18944", *IMAGES),
+            IgtlSourceEntry("plus", 18944),
+        ),
+        (("--clock", "estimate", *IMAGES, "--images-topic", "/us/image"), None),
+    ],
+)
+def test_live_file_opens(folder: Path, options: tuple[str, ...], source: object) -> None:
+    assert main(["init", "live", str(folder), *BODIES, *options, "--stop-mm", "2"]) == 0
+    live = open_live(folder / "live.yaml")
+    assert source is None or live.source == source
+    assert live.case.manifest.margins.stop_mm == 2.0
+    assert (live.case.manifest.images is None) == ("--images-probe" not in options)
+    assert validator("live").is_valid(yaml.safe_load((folder / "live.yaml").read_text()))
+
+
+def test_poses_are_read_from_files_and_meshes_elsewhere_are_absolute(
+    folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "tip.txt").write_text("1 0 0 4 0 1 0 5 0 0 1 6 0 0 0 1")
+    mesh = (folder / "rod.stl").rename(tmp_path / "rod.stl")
+    given = [*BODIES, "--tool-mesh", str(mesh), "--tool-tip", str(tmp_path / "tip.txt")]
+    assert main(["init", "case", str(folder), *given, *RECORDING]) == 0
+    tool = open_case(folder).manifest.tool
+    assert tool.tool_from_tip.translation_mm.tolist() == [4.0, 5.0, 6.0]
+    assert tool.mesh is not None and tool.mesh.path == str(mesh)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (("--tool-mesh", "none.stl"), "none.stl"),
+        (("--tumor-frame", "rod"), "tumor.frame is 'rod', the frame of the tool"),
+        (("--warn-mm", "0.5"), "warn_mm is 0.5"),
+        (("--recording", "rod.stl"), "rod.stl"),
+        (("--images-probe", "rdo"), "--images-calibration is missing; expected it, or a terminal"),
+        (("--tool-tip", "none.txt"), "none.txt"),
+        (("--tool-frame", ""), "--tool-frame is missing"),
+    ],
+)
+def test_file_that_cannot_be_opened_is_not_left(
+    folder: Path,
+    change: tuple[str, ...],
+    expected: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(["init", "case", str(folder), *BODIES, *RECORDING, *change]) == 2
+    error = capsys.readouterr().err
+    assert expected in error and error.count("\n") == 1
+    assert not (folder / "case.yaml").exists()
+
+
+def test_existing_file_is_not_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "live.yaml").write_text("mine")
+    assert main(["init", "live", str(folder), *BODIES, "--source", "tf"]) == 2
+    assert "already exists; refusing to overwrite it" in capsys.readouterr().err
+    assert (folder / "live.yaml").read_text() == "mine"
+
+
+class Terminal(io.StringIO):
+    """A test double: a terminal on which these lines are typed."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_missing_values_are_asked_for_on_a_terminal(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers = ["", "igtl", "", *(each for each in BODIES if not each.startswith("--"))]
+    monkeypatch.setattr("sys.stdin", Terminal("\n".join(answers) + "\n"))
+    assert main(["init", "live", str(folder)]) == 0
+    live = open_live(folder / "live.yaml")
+    assert live.case.manifest.name == "files"
+    assert live.source == IgtlSourceEntry("localhost", 18944)
+    assert "Mesh of the tumour: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("document", ["case", "live"])
+def test_each_key_of_the_declaration_is_in_the_text(document: str) -> None:
+    block = DOCUMENTS[document]
+    text = commented_yaml(block, {}, "title")
+    assert [name for name in block.keys if f"# {name}:" not in text] == []
+    inner = block.keys["margins"]
+    assert isinstance(inner, Block)
+    text = commented_yaml(block, {"margins": {"stop_mm": 1.0}}, "title")
+    for name, key in inner.keys.items():
+        assert f"{name}:" in text and key.description.split()[0] in text
+    assert "  # release_samples: 3" in text
