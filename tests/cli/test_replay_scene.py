@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from pypdf import PdfReader
 
 from app.case import Case, open_case, read_mrml
 from app.cli.main import main
+from app.files.paths import sha256_of
 from app.fixture import MarginState
 from app.geometry import InputError, Transform
 from app.scene import OffscreenError, use_offscreen_rendering
@@ -184,7 +186,13 @@ def test_scene_movie_and_report_of_a_small_case(
     case = write_small_case(tmp_path / "case")
     out, mrb, gif = tmp_path / "out", tmp_path / "s.mrb", tmp_path / "m.gif"
     options = ["--report", str(out), "--save-scene", str(mrb), "--movie", str(gif)]
+    options += ["--pdf", str(tmp_path / "report.pdf")]
     assert replay(case, *options, "--movie-seconds", "1") == 0
+    pages = PdfReader(tmp_path / "report.pdf").pages
+    text = "\n".join(page.extract_text() for page in pages)
+    assert sha256_of(case / "tracking.igs.mha") in text
+    scene = Image.open(out / "scene.png")
+    assert scene.size in {each.image.size for page in pages for each in page.images}
     summary = json.loads(capsys.readouterr().out)
     assert summary["frames"] == 40
     assert (out / "scene.png").read_bytes().startswith(b"\x89PNG")
@@ -237,6 +245,8 @@ def test_missing_folder_is_reported_before_the_replay(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     case = write_small_case(tmp_path / "case")
+    assert replay(case, "--pdf", str(tmp_path / "none" / "r.pdf")) == 2
+    assert "parent directory does not exist" in capsys.readouterr().err
     assert replay(case, "--movie", str(tmp_path / "none" / "m.gif")) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1

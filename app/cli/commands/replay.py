@@ -10,8 +10,8 @@ import os
 import sys
 import time
 from contextlib import nullcontext
-from functools import partial
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
@@ -23,7 +23,8 @@ from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
 
 if TYPE_CHECKING:
-    from app.runtime import ReplayRun
+    from app.report import ReplayRecord
+    from app.runtime import PreparedCase, ReplayRun
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
 
@@ -39,6 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     parser.add_argument(
         "--report", type=folder_path, metavar="DIR", help="write the report files there"
+    )
+    parser.add_argument(
+        "--pdf",
+        type=file_path(".pdf"),
+        metavar="FILE.pdf",
+        help="write the report as PDF",
     )
     parser.add_argument(
         "--save-scene",
@@ -145,16 +152,15 @@ def _replay(
     record = record_of(replay, log)
     if painter is not None and log.deepest is not None:
         painter.begin(prepared.content, log.deepest, outputs=drawings, log=scene_log)
-    if painter is None or options.report is None:
+    picture = cache(partial(_picture, painter, watch))
+    if options.report is None:
         summary = summarise(record)
     else:
-        summary = write_report(
-            options.report,
-            record,
-            scene_png=partial(_picture, painter, watch),
-            version=__version__,
-        )
+        summary = write_report(options.report, record, scene_png=picture, version=__version__)
     watch.lap("write the report")
+    if options.pdf is not None:
+        write_file(options.pdf, _pdf(prepared, record, summary, picture()))
+        watch.lap("write the PDF")
     if painter is not None:
         for name, path in ((SCENE, options.save_scene), (MOVIE, options.movie)):
             if path is not None:
@@ -166,8 +172,23 @@ def _replay(
     return 0 if all_passed(summary) else 1
 
 
-def _picture(painter: ScenePainter, watch: Stopwatch) -> bytes | None:
+def _pdf(
+    prepared: "PreparedCase", record: "ReplayRecord", summary: dict[str, Any], scene: bytes | None
+) -> bytes:
+    """The report as PDF, with the digests of the case's files."""
+    from app import __version__
+    from app.files.paths import sha256_of
+    from app.report.pdf import report_pdf
+
+    files = (prepared.case.folder / "case.yaml", prepared.case.recording_path)
+    digests = {path.name: sha256_of(path) for path in files if path is not None and path.is_file()}
+    return report_pdf(record, summary, scene, version=__version__, inputs_sha256=digests)
+
+
+def _picture(painter: ScenePainter | None, watch: Stopwatch) -> bytes | None:
     """Wait for the picture that another process draws; the time counts by itself."""
+    if painter is None:
+        return None
     watch.lap("write the report")
     picture = painter.picture()
     watch.lap("wait for scene.png")
@@ -199,18 +220,22 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
     if options.loop and (options.rate is None or drawings or options.mcap):
         raise InputError(
             "--loop: without --rate or with an output file; "
-            "expected --rate, and no --report, --save-scene, --movie or --mcap"
+            "expected --rate, and no --report, --pdf, --save-scene, --movie or --mcap"
         )
     if options.report is not None:
         check_writable(options.report)
-    for path in (options.save_scene, options.movie):
+    for path in (options.save_scene, options.movie, options.pdf):
         if path is not None:
             check_output_path(path)
 
 
 def _drawings(options: argparse.Namespace) -> tuple[str, ...]:
     """The outputs that need 3D Slicer's scene."""
-    paths = {PICTURE: options.report, SCENE: options.save_scene, MOVIE: options.movie}
+    paths = {
+        PICTURE: options.report or options.pdf,
+        SCENE: options.save_scene,
+        MOVIE: options.movie,
+    }
     return tuple(name for name, path in paths.items() if path is not None)
 
 

@@ -1,0 +1,75 @@
+"""The PDF of a report, read by pypdf."""
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.image import imsave
+from pypdf import PdfReader
+
+from app.report import ReplayRecord
+from app.report.pdf import report_pdf
+from app.report.pdf_layout import PdfLayout
+from app.report.summary import summarise
+
+Record = Callable[..., ReplayRecord]
+INPUTS = {"case.yaml": "a" * 64}
+
+
+def pdf_of(record: ReplayRecord, scene: bytes | None = None) -> bytes:
+    return report_pdf(record, summarise(record), scene, version="9.8.7", inputs_sha256=INPUTS)
+
+
+def sizes(reader: PdfReader) -> set[tuple[int, int]]:
+    """Width and height of the embedded pictures, in pixels."""
+    return {picture.image.size for page in reader.pages for picture in page.images}
+
+
+def text_of(content: bytes) -> str:
+    return "\n".join(page.extract_text() for page in PdfReader(io.BytesIO(content)).pages)
+
+
+def test_pdf_has_the_numbers_and_the_digests(record_of: Record) -> None:
+    content = pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",)))
+    text = text_of(content)
+    for expected in (
+        *("three frames", "not a medical device", "-1.25 mm", "0.020 s", "9.8.7", "a" * 64),
+        *("clear", "a truncated file", "Methods"),
+    ):
+        assert expected in text
+    assert PdfReader(io.BytesIO(content)).metadata["/Title"] == "three frames: margin report"
+    assert "/CreationDate" not in PdfReader(io.BytesIO(content)).metadata
+    assert pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",))) == content
+
+
+def test_a_picture_is_embedded_and_its_absence_is_no_error(record_of: Record) -> None:
+    record = record_of([8.0, 3.0])
+    png = io.BytesIO()
+    imsave(png, np.random.default_rng(1).random((90, 160, 3)), format="png")
+    with_scene = PdfReader(io.BytesIO(pdf_of(record, png.getvalue())))
+    without = PdfReader(io.BytesIO(pdf_of(record)))
+    assert (160, 90) in sizes(with_scene)
+    assert (160, 90) not in sizes(without)
+    assert "The tool was never in the tumour." in text_of(pdf_of(record))
+
+
+def test_math_signs_in_a_name_are_text(record_of: Record) -> None:
+    assert "cost $5 and $6_a" in text_of(pdf_of(record_of([3.0], case="cost $5 and $6_a")))
+
+
+def test_a_long_table_continues_on_the_next_page_with_its_header() -> None:
+    with PdfLayout("many rows") as pdf:
+        pdf.table(("first", "second"), [(f"row {k}", "x" * 90) for k in range(120)], (0.3, 0.7))
+    pages = [page.extract_text() for page in PdfReader(io.BytesIO(pdf.content)).pages]
+    assert len(pages) > 2
+    assert all("first" in page and "second" in page for page in pages)
+    found = [line for page in pages for line in page.splitlines() if line.startswith("row ")]
+    assert [line.split()[1] for line in found] == [str(k) for k in range(120)]
+
+
+def test_a_long_text_continues_on_the_next_page_without_a_gap() -> None:
+    with PdfLayout("words") as pdf:
+        pdf.paragraph("word " * 3000)
+    pages = [page.extract_text() for page in PdfReader(io.BytesIO(pdf.content)).pages]
+    assert sum(page.split().count("word") for page in pages) == 3000
+    assert len({page.count("\n") for page in pages[:-1]}) == 1
