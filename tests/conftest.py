@@ -126,6 +126,8 @@ LONG = {
     "starts a process for each parser": ("tests/fuzz/test_parsers.py",),
     "simulates for seconds, loads large robots or decomposes surfaces": (
         "tests/benchmarks/test_guided.py",
+        "tests/benchmarks/test_passivity.py",
+        "tests/simulation/test_commands.py",
         "tests/simulation/test_contact.py",
         "tests/simulation/test_dynamics.py",
         "tests/simulation/test_kinematics.py",

@@ -11,13 +11,17 @@ from .commands import (
 )
 from .errors import CommandError, SimulationError, UnstableError, WorldError
 from .hand import ScriptedHand
+from .haptic_coupling import HapticCoupling, HapticParameters
+from .manual_hands import KEYS, JoyHand, KeyHand
 from .state import ArmState, Contact, WorldState, Wrench
 from .tracker import WorldTracker
 from .world import World
 from .world_entries import (
     BodyEntry,
     BreathingEntry,
+    DeviceEntry,
     HandEntry,
+    JoyEntry,
     Push,
     RobotEntry,
     TissueEntry,
@@ -31,6 +35,7 @@ from .world_keys import WORLD, world_schema_text
 
 __all__ = [
     "COMMAND_LIFETIME_NS",
+    "KEYS",
     "WORLD",
     "ArmCommand",
     "ArmState",
@@ -39,9 +44,15 @@ __all__ = [
     "BreathingEntry",
     "CommandError",
     "Contact",
+    "DeviceEntry",
     "HandEntry",
+    "HapticCoupling",
+    "HapticParameters",
     "JointPositionCommand",
     "JointVelocityCommand",
+    "JoyEntry",
+    "JoyHand",
+    "KeyHand",
     "Push",
     "RobotEntry",
     "ScriptedHand",

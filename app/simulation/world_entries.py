@@ -7,6 +7,7 @@ from typing import Literal
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.robot import Robot
+from app.simulation.haptic_coupling import HapticParameters
 from app.synthetic.tracker_model import TrackerModel
 
 Collision = Literal["hull", "parts", "none"]
@@ -115,10 +116,36 @@ class Push:
 
 
 @dataclass(frozen=True, slots=True)
-class HandEntry:
-    """A scripted hand on the tool of ``robot``; ``free_speed_mm_s`` is for its controller.
+class JoyEntry:
+    """A joystick or 3D mouse: which axes of ``topic`` push along x, y and z, and with which signs.
 
-    The pushes repeat every ``period_s``, None for pushes that are done once.
+    Axes whose length is below ``dead`` count as 0.
+    """
+
+    topic: str
+    axes: tuple[int, int, int]
+    signs: tuple[float, float, float]
+    dead: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeviceEntry:
+    """A haptic device with the topics of CRTK in ``namespace``.
+
+    ``world_from_device`` (3, 3) turns its axes into those of the world.
+    """
+
+    namespace: str
+    haptic: HapticParameters
+    world_from_device: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class HandEntry:
+    """A hand on the tool of ``robot``; ``free_speed_mm_s`` is for its controller.
+
+    Script: the pushes repeat every ``period_s``, None for pushes that are done once. ``joy`` and
+    ``device`` are what a person can move it by, None without.
     """
 
     robot: str
@@ -126,6 +153,8 @@ class HandEntry:
     free_speed_mm_s: float
     pushes: tuple[Push, ...]
     period_s: float | None = None
+    joy: JoyEntry | None = None
+    device: DeviceEntry | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,13 +21,12 @@ from app.geometry import (
 )
 from app.robot import load_robot
 from app.simulation.errors import WorldError
+from app.simulation.hand_block import read_hand, read_interval
 from app.simulation.world_entries import (
     WORLD_FRAME,
     BodyEntry,
     BreathingEntry,
     Collision,
-    HandEntry,
-    Push,
     RobotEntry,
     TissueEntry,
     TissueShift,
@@ -76,7 +75,7 @@ def read_world(document: Section, folder: Path) -> WorldDescription:
         tuple(_tissue(each, folder) for each in _entries(document, "tissues")),
         _breathing(document),
         None,
-        _hand(document.section("hand")) if "hand" in document else None,
+        read_hand(document.section("hand")) if "hand" in document else None,
     )
     if "tracker" in document:
         tracker = _tracker(document.section("tracker"), world.robots)
@@ -168,7 +167,7 @@ def _tissue(block: Section, folder: Path) -> TissueEntry:
         shift,
         turn,
         tuple(
-            TissueShift(*_interval(each), np.array(each.numbers("shift_mm")))
+            TissueShift(*read_interval(each), np.array(each.numbers("shift_mm")))
             for each in _entries(block, "shifts")
         ),
     )
@@ -209,36 +208,6 @@ def _jitter(given: Callable[..., float], kind: str, default: Jitter, degree: flo
         given(f"{kind}_rms_mm", default.position_rms_mm),
         given(f"{kind}_rms_deg", default.angle_rms_rad, degree),
     )
-
-
-def _hand(block: Section) -> HandEntry:
-    pushes = tuple(
-        Push(*_interval(each), each.text("towards"), each.boolean("retreat"))
-        for each in block.sections("pushes")
-    )
-    period_s = block.number("period_s") if "period_s" in block else None
-    last_s = max(push.end_s for push in pushes)
-    if period_s is not None and period_s < last_s:
-        raise WorldError(
-            f"{block.place('period_s')} is {period_s:g}; "
-            f"expected at least the end of the last push ({last_s:g})"
-        )
-    return HandEntry(
-        block.text("robot"),
-        block.number("force_n"),
-        block.number("free_speed_mm_s"),
-        pushes,
-        period_s,
-    )
-
-
-def _interval(block: Section) -> tuple[float, float]:
-    start_s, end_s = block.number("start_s"), block.number("end_s")
-    if end_s <= start_s:
-        raise WorldError(
-            f"{block.place('end_s')} is {end_s:g}; expected a time after start_s ({start_s:g})"
-        )
-    return start_s, end_s
 
 
 def _collision(block: Section) -> Collision:

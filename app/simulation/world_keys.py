@@ -27,6 +27,8 @@ UNIQUE_NAMES = "names of robots, tools, bodies and tissues differ from each othe
 KNOWN_NAMES = "hand.robot is a robot, towards and tracked name a tool, a body or a tissue"
 ORDERED_TIMES = "end_s is after start_s"
 ENDS_IN_PERIOD = "period_s is not before the end of the last push"
+AXIS_NUMBERS = "axes are integers from 0 to 63 that differ, signs 1 or -1"
+PASSIVE = "stiffness_n_m is below damping_n_s_m / (scale^2 (period / 2 + delay))"
 _MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
 
 _POSE: dict[str, Key] = {
@@ -197,8 +199,37 @@ _TRACKER = Block(
     optional=True,
 )
 
+_JOY = Block(
+    "joystick or 3D mouse (sensor_msgs/Joy), for simulate --hand joy",
+    {
+        "topic": Text("its topic; default: /joy", optional=True),
+        "axes": Numbers("which of its axes, from 0, push along x, y and z of the world", 3),
+        "signs": Numbers("1 or -1 for each; default: 1", 3, optional=True),
+        "dead": Number("axes shorter than this count as 0", default=0.05, minimum=0.0, maximum=0.9),
+    },
+    rules=(AXIS_NUMBERS,),
+    optional=True,
+)
+
+_DEVICE = Block(
+    "haptic device with the topics of CRTK, for simulate --hand device: a spring to the tool",
+    {
+        "namespace": Text("namespace of its measured_cp and servo_cf, such as /touch"),
+        "stiffness_n_m": Number("stiffness of the spring at the tool", above=0.0),
+        "scale": Number("way of the tool per way of the handle", above=0.0, maximum=100.0),
+        "period_ms": Number("period of its forces", minimum=0.5, maximum=20.0),
+        "delay_ms": Number("delay from its pose to its force, besides half a period", minimum=0.0),
+        "damping_n_s_m": Number("physical damping of its handle", above=0.0),
+        "rotation_deg": Numbers(
+            "axis times angle from its axes to those of the world; default: none", 3, optional=True
+        ),
+    },
+    rules=(PASSIVE,),
+    optional=True,
+)
+
 _HAND = Block(
-    "scripted hand that pushes a robot's tool; default: none",
+    "hand that pushes a robot's tool; default: none",
     {
         "robot": Text("name of the robot"),
         "force_n": Number("force of a push", default=10.0, above=0.0, maximum=200.0),
@@ -222,8 +253,11 @@ _HAND = Block(
                 },
                 rules=(ORDERED_TIMES,),
             ),
-            if_empty="expected pushes",
+            optional=True,
+            if_empty="leave it out for none",
         ),
+        "joy": _JOY,
+        "device": _DEVICE,
     },
     rules=(ENDS_IN_PERIOD,),
     optional=True,

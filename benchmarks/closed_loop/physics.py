@@ -79,6 +79,10 @@ class TruthShell:
             _print(event="pushed", reached=self._hand.reached, rows=rows, lags=self.lags)
         self._last_phase = phase
 
+    def idle(self) -> None:
+        """Pass on that the world is paused."""
+        self._node.idle()
+
     def report(self, real_time_factor: float, lags: int) -> None:
         """Publish the factor."""
         self.lags = lags

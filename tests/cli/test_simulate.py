@@ -1,6 +1,8 @@
 """``marginguard simulate`` beside ``marginguard live``, each a process of its own."""
 
+import io
 import signal
+import sys
 
 import pytest
 
@@ -41,3 +43,30 @@ def test_bad_world_is_refused_in_one_line(text, problem, tmp_path, capsys):
     (line,) = [each for each in captured.err.splitlines() if "error" in each]
     assert problem in line
     assert not captured.out
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--hand", "joy"], "--hand joy: the world has no hand.joy; expected one"),
+        (["--hand", "device"], "--hand device: the world has no hand.device; expected one"),
+        (
+            ["--hand", "keyboard"],
+            "--hand keyboard: the standard input is no terminal; expected one",
+        ),
+    ],
+)
+def test_hand_that_is_not_there_is_refused_in_one_line(
+    options, problem, tmp_path, capsys, project_root, monkeypatch
+):
+    shipped = project_root / "data" / "worlds" / "lumpectomy"
+    text = (shipped / "world.yaml").read_text()
+    text = text[: text.index("  joy:")].replace("chest_wall.stl", str(shipped / "chest_wall.stl"))
+    path = tmp_path / "world.yaml"
+    path.write_text(text)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    assert main(["simulate", str(path), *options]) == 2
+    captured = capsys.readouterr()
+    (line,) = [each for each in captured.err.splitlines() if "error" in each]
+    assert problem in line
+    assert "SIMULATION" not in captured.out

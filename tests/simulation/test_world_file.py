@@ -104,7 +104,12 @@ STATED: dict[str, tuple[Edit, str]] = {
     "other schema": (_set("schema", 2), r"schema is 2; expected 1"),
     "collision": (_set("bodies.0.collision", "mesh"), r"collision is 'mesh'; expected one of hull"),
     "position": (_set("bodies.0.position_mm", [1, 2]), r"position_mm is 2 values; expected a list"),
-    "no pushes": (_set("hand.pushes", []), r"hand\.pushes is empty; expected pushes"),
+    "no pushes": (_set("hand.pushes", []), r"hand\.pushes is empty; leave it out"),
+    "dead zone": (_set("hand.joy.dead", 1.0), r"dead is 1; expected 0\.0 to 0\.9"),
+    "period of a device": (
+        _set("hand.device.period_ms", 0),
+        r"period_ms is 0; expected 0\.5 to 20",
+    ),
     "rate": (_set("tracker.rate_hz", 0), r"rate_hz is 0; expected 1\.0 to 250"),
 }
 """Faults that the schema states, too."""
@@ -136,6 +141,13 @@ UNSTATED: dict[str, tuple[Edit, str]] = {
         r"hand\.pushes names 'liver'; expected one of",
     ),
     "hand": (_set("hand.robot", "leg"), r"hand\.robot is 'leg'; expected the name of a robot with"),
+    "axis": (_set("hand.joy.axes", [0, 0, 1]), r"axes is .*; expected three different integers"),
+    "sign": (_set("hand.joy.signs", [1, 2, 1]), r"signs is .*; expected 1 or -1 for each"),
+    "topic": (_set("hand.joy.topic", "joy"), r"topic is 'joy'; expected a name such as /joy"),
+    "stiff spring": (
+        _set("hand.device.stiffness_n_m", 134),
+        r"stiffness_n_m: .* is 134; expected below 133\.3 for its damping, scale, period and delay",
+    ),
     "tracked": (_set("tracker.tracked", ["leg"]), r"tracker\.tracked names 'leg'; expected one of"),
 }
 """Faults that only the reader finds."""
@@ -167,6 +179,8 @@ def test_every_key_is_used_by_the_worlds_of_the_tests() -> None:
     }  # fmt: skip
     complete["robots"][0]["tool"] |= {"friction": 0.1, "collision": "none", "rotation_deg": [0] * 3}
     complete["bodies"][0] |= {"mass_kg": 1.0, "friction": 0.5, "rotation_deg": [1, 2, 3]}
+    complete["hand"]["joy"] |= {"topic": "/spacenav/joy", "signs": [1, -1, 1]}
+    complete["hand"]["device"] |= {"rotation_deg": [0, 0, 90]}
     complete["tissues"][0] |= {"rotation_deg": [1, 2, 3]}
     CHECK.validate(complete)
     used = {path for path in _paths(complete) if not path.startswith("robots.xacro_args.")}

@@ -1,6 +1,8 @@
 """A simulated world as ROS nodes see it: arms, a tracker and the truth for judges."""
 
+from app.bridge.simulation.device_hand import DeviceHand
+from app.bridge.simulation.joy_input import JoyInput
 from app.bridge.simulation.real_time import RealTime
-from app.bridge.simulation.simulation_node import NODE_NAME, SimulationNode
+from app.bridge.simulation.simulation_node import NODE_NAME, Hand, SimulationNode
 
-__all__ = ["NODE_NAME", "RealTime", "SimulationNode"]
+__all__ = ["NODE_NAME", "DeviceHand", "Hand", "JoyInput", "RealTime", "SimulationNode"]

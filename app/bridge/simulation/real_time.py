@@ -22,6 +22,9 @@ class Shell(Protocol):
     def publish(self, state: WorldState, stamp_ns: int) -> None:
         """Publish ``state``, which has the stamp ``stamp_ns`` of the host's clock."""
 
+    def idle(self) -> None:
+        """Called instead of a step while the world is paused."""
+
     def report(self, real_time_factor: float, lags: int) -> None:
         """Publish the simulated time per time of the clock in the last second, and the lags."""
 
@@ -86,6 +89,7 @@ class RealTime:
                 report_ns, reported_ns = now_ns, world.time_ns
             if not self._may_step():
                 self._start_ns = now_ns - world.time_ns
+                shell.idle()
                 self._wait(step_ns / NS_PER_S)
                 continue
             behind_ns = now_ns - self._start_ns - world.time_ns

@@ -31,6 +31,7 @@ from app.bridge.messages import header_message, transform_message
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation.arm_endpoint import ArmEndpoint
+from app.bridge.simulation.device_hand import DeviceHand
 from app.bridge.simulation.real_time import RealTime
 from app.bridge.tracker_publisher import TrackerPublisher
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform
@@ -91,7 +92,7 @@ class SimulationNode:
         self._tracker = self._new_tracker()
         self._hand = hand
         script = description.hand
-        if script is not None and use_hand and hand is None:
+        if script is not None and script.pushes and use_hand and hand is None:
             self._hand = ScriptedHand(script, self._tools[script.robot])
         held = None if self._hand is None else self._hand.tool
         self._arms = {
@@ -121,6 +122,15 @@ class SimulationNode:
         for arm in self._arms:
             _serve(self._ros, f"/{arm}/enable", partial(self._enabled.append, arm))
 
+    def idle(self) -> None:
+        """Let a haptic device rest while the world is paused; see `Shell`."""
+        if isinstance(self._hand, DeviceHand):
+            self._hand.rest()
+
+    def close(self) -> None:
+        """End the force on a haptic device. Call it after the last step."""
+        self.idle()
+
     def step(self, world: World, now_ns: int) -> WorldState:
         """Step with the newest commands and the hand; see `Shell`."""
         while self._enabled:
@@ -128,6 +138,7 @@ class SimulationNode:
         before = world.state()
         if self._state is not None and before.time_ns < self._state.time_ns:  # a reset
             self._tracker, self._checked_ns = self._new_tracker(), None
+            self.idle()
         self._check_senders(world, before)
         self._change_states(world)
         commands: dict[str, ArmCommand] = {}

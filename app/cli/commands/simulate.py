@@ -7,9 +7,12 @@ node alone, stops 30 ms after its last command, and is in FAULT after an invalid
 sender, or when the physics falls more than 30 ms behind real time, until its service enable is
 called. --with and --view start other commands with
 the live.yaml and control.yaml beside the world; the physics begins when all of them run, and all
-end with the first that ends. With a page and a controller an operator drags the tool with the mouse
-on the page, and the scripted hand of the world is off (--hand). Exit status 130 or 143 after a
-signal, 2 on bad input, when the physics diverges and when one of the others ends.
+end with the first that ends. The hand on the tool is the script of the world, or a person (--hand):
+the mouse on the page, which is the default with a page and a controller; the keys w, a, s, d
+(across) and r, f (up, down) of this terminal; a joystick or 3D mouse (sensor_msgs/Joy); or a haptic
+device (CRTK: measured_cp in, servo_cf out), whose spring is inside its passivity bound. Exit status
+130 or 143 after a signal, 2 on bad input, when the physics diverges and when one of the others
+ends.
 """
 
 import argparse
@@ -19,6 +22,7 @@ from pathlib import Path
 
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
+from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
 
 SUMMARY = "simulate robots, tissue and a tracker with physics, on the ROS graph"
 
@@ -31,9 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("world", type=Path, metavar="WORLD", help="world.yaml or its folder")
     parser.add_argument(
         "--hand",
-        choices=("script", "page", "none"),
-        help="which hand moves the tool: the script of the world, the mouse on the page, or none; "
-        "default: page with --view and --with control, else script",
+        choices=("script", "page", *KINDS, "none"),
+        help="which hand moves the tool: the script of the world, the mouse on the page, keys of "
+        "this terminal, the world's hand.joy or hand.device, or none; default: page with --view "
+        "and --with control, else script",
     )
     parser.add_argument(
         "--with",
@@ -67,6 +72,7 @@ def run(options: argparse.Namespace) -> int:
 
             commands = _commands(options)
             description = open_world(options.world)
+            check_hand(_hand(options), description)
             world = World(description)
         stop = threading.Event()
         failed: list[str] = []
@@ -80,14 +86,20 @@ def run(options: argparse.Namespace) -> int:
             for command in commands:
                 others.start(*command)
             others.wait_until_ready(stop)
-            node = SimulationNode(ros, description, use_hand=_hand(options) == "script")
+            kind = _hand(options)
+            hand = open_hand(kind, ros, description)
+            node = SimulationNode(ros, description, use_hand=kind == "script", hand=hand)
             pace = RealTime(
                 world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
             )
             node.serve(pace)
             arms = ", ".join(f"/{each.name}" for each in description.robots) or "none"
             print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
-            pace.run(node, stop)
+            with keys_to(hand):
+                try:
+                    pace.run(node, stop)
+                finally:
+                    node.close()
         if failed and received.number is None:
             raise InputError(f"{failed[0]}; expected it to run until the simulation ends")
     return received.exit_status

@@ -31,7 +31,7 @@ class Recorder:
     """Steps the world and records the stamps; ends after ``count`` steps."""
 
     def __init__(self, clock, stop, count, *, each=lambda number: None):
-        self.stamps, self.times, self.reports = [], [], []
+        self.stamps, self.times, self.reports, self.idles = [], [], [], 0
         self._clock, self._stop, self._count, self._each = clock, stop, count, each
 
     def step(self, world, now_ns):
@@ -44,6 +44,9 @@ class Recorder:
         self._each(len(self.stamps))
         if len(self.stamps) == self._count:
             self._stop.set()
+
+    def idle(self):
+        self.idles += 1
 
     def report(self, real_time_factor, lags):
         self.reports.append((real_time_factor, lags))
@@ -121,6 +124,7 @@ def test_pause_single_step_and_resume_keep_the_simulated_time(pace, clock, world
     recorder = run(pace, clock, 11)
     assert waits[:5] == [0] * 5
     assert waits[6:20] == [NS_PER_MS] * 14
+    assert recorder.idles >= 18
     assert recorder.times == [n * NS_PER_MS for n in range(1, 12)]
     # The pause lies between the stamps, and states after it are in step with the clock again.
     assert recorder.stamps[1] - recorder.stamps[0] >= 14 * NS_PER_MS

@@ -1,0 +1,54 @@
+"""Hands that a person moves, for ``marginguard simulate --hand``."""
+
+import time
+from contextlib import nullcontext
+from typing import TYPE_CHECKING
+
+from app.cli.key_reader import check_terminal, pressed_keys
+from app.geometry import InputError
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from app.bridge import RosNode
+    from app.bridge.simulation import Hand
+    from app.simulation import WorldDescription
+
+KINDS = ("keyboard", "joy", "device")
+
+
+def check_hand(kind: str, description: "WorldDescription") -> None:
+    """Raise `InputError` for a hand that the world or the terminal does not have."""
+    if kind not in KINDS:
+        return
+    entry = description.hand
+    if entry is None or getattr(entry, kind, True) is None:
+        key = "hand" if entry is None else f"hand.{kind}"
+        raise InputError(f"--hand {kind}: the world has no {key}; expected one")
+    if kind == "keyboard":
+        check_terminal()
+
+
+def open_hand(kind: str, ros: "RosNode", description: "WorldDescription") -> "Hand | None":
+    """The hand that a person moves; None for another kind. `check_hand` has passed."""
+    from app.bridge.simulation import DeviceHand, JoyInput
+    from app.simulation import KeyHand
+
+    entry = description.hand
+    if kind not in KINDS or entry is None:
+        return None
+    robot = next(each for each in description.robots if each.name == entry.robot)
+    assert robot.tool is not None  # a world with a hand has it
+    tool = robot.tool.name
+    if kind == "joy" and entry.joy is not None:
+        return JoyInput(ros, entry.joy, tool, entry.force_n).hand
+    if kind == "device" and entry.device is not None:
+        return DeviceHand(ros, entry.device, tool)
+    return KeyHand(tool, entry.force_n, time.monotonic_ns)
+
+
+def keys_to(hand: "Hand | None") -> "AbstractContextManager[None]":
+    """Pass the keys of the terminal to a `KeyHand`, as long as the context lasts."""
+    from app.simulation import KeyHand
+
+    return pressed_keys(hand.press) if isinstance(hand, KeyHand) else nullcontext()
