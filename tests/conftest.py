@@ -85,6 +85,7 @@ SLOW = {
         "tests/analysis/test_breach_probability.py",
         "tests/analysis/test_case_analysis.py",
         "tests/analysis/test_depth.py",
+        "tests/analysis/test_specimen.py",
         "tests/case/readers/test_batches.py",
         "tests/case/test_schema_agreement.py",
         "tests/case/tumor/test_contour_surface.py",

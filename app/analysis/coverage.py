@@ -15,7 +15,7 @@ from app.geometry import FloatArray, SurfaceMesh
 
 WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
-MAX_FACES = 6000
+MAX_FACES = 1500
 """Of a tumour with more faces every second, third, ... face stands for all of them."""
 
 
@@ -73,17 +73,36 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
     tree = cKDTree(points)
     limit = max(WITHIN_MM)
     nearest = np.full(len(centres), np.inf)
-    # A face is queried again only if it may have become nearer since its last query.
+    # A face is queried again only if it may have become nearer since its last query: first by the
+    # sum of the motions of all faces, then by its own motion since then.
     at_query, distance_then = np.zeros_like(centres), np.full(len(centres), -np.inf)
+    bound, sought = distance_then.copy(), np.full(len(centres), limit)
     frames = _near(samples, limit)
-    for index in frames.tolist():
-        in_tip = (centres - samples.tips_mm[index]) @ samples.rotations[index]
-        moved = np.sqrt(np.square(in_tip - at_query).sum(axis=1))
-        asked = np.flatnonzero(distance_then - moved < np.minimum(nearest, limit))
-        distances, _ = tree.query(in_tip[asked], distance_upper_bound=limit)
+    moved = _largest_motions(samples.tips_mm[frames], samples.rotations[frames], centres)
+    for index, motion in zip(frames.tolist(), moved.tolist(), strict=True):
+        bound -= motion
+        near = np.flatnonzero(bound < sought)
+        in_tip = (centres[near] - samples.tips_mm[index]) @ samples.rotations[index]
+        own = np.sqrt(np.square(in_tip - at_query[near]).sum(axis=1))
+        bound[near] = distance_then[near] - own
+        chosen = bound[near] < sought[near]
+        asked, in_tip = near[chosen], in_tip[chosen]
+        distances, _ = tree.query(in_tip, distance_upper_bound=limit)
         nearest[asked] = np.minimum(nearest[asked], distances)
-        at_query[asked], distance_then[asked] = in_tip[asked], np.minimum(distances, limit)
+        sought[asked] = np.minimum(sought[asked], distances)
+        at_query[asked], distance_then[asked] = in_tip, np.minimum(distances, limit)
+        bound[asked] = distance_then[asked]
     return Coverage(faces, nearest, areas, len(frames))
+
+
+def _largest_motions(tips: FloatArray, rotations: FloatArray, points: FloatArray) -> FloatArray:
+    """How far any of ``points`` moves in the tip's frame since the pose before, at most, (n,)."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    in_tip = np.einsum("nji,nj->ni", rotations, middle - tips)
+    turned = np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2))
+    moved = np.linalg.norm(np.diff(in_tip, axis=0), axis=1) + turned * radius
+    return np.append(np.inf, moved)[: len(tips)]
 
 
 def _near(samples: CaseSamples, limit_mm: float) -> NDArray[np.intp]:

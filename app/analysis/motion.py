@@ -85,6 +85,23 @@ def smooth_pieces(
         yield _smoothed(even, path, period_s)
 
 
+def smoothed_path(times_s: FloatArray, values: FloatArray) -> FloatArray:
+    """The columns of ``values`` (n, c) at even times, smoothed: (m, c).
+
+    ``times_s`` (n,) increase without a gap. A path of fewer than 8 samples is returned as it is.
+    """
+    from scipy.signal import savgol_filter  # slow to load
+
+    if len(times_s) < _MIN_PIECE:
+        return values
+    period_s = float(np.median(np.diff(times_s)))
+    count = math.floor((times_s[-1] - times_s[0]) / period_s + 1e-9) + 1
+    even = np.minimum(times_s[0] + period_s * np.arange(count), times_s[-1])
+    path = np.column_stack([np.interp(even, times_s, column) for column in values.T])
+    length = _filter_length(count, period_s)
+    return np.asarray(savgol_filter(path, length, 3, axis=0))
+
+
 def motion_of(times_s: FloatArray, tips_mm: FloatArray, max_gap_s: float) -> Motion:
     """Figures of the path ``tips_mm`` (n, 3) at ``times_s`` (n,); arguments as `smooth_pieces`."""
     tracked_s = path_mm = idle_s = jerk_sum = 0.0
@@ -124,13 +141,17 @@ def raw_path_mm(times_s: FloatArray, tips_mm: FloatArray, max_gap_s: float) -> f
 def _smoothed(times: FloatArray, path: FloatArray, period_s: float) -> SmoothPiece:
     from scipy.signal import savgol_filter  # slow to load
 
-    length = max(5, 2 * round(0.5 * WINDOW_S / period_s) + 1)
-    if length > len(times):
-        length = len(times) - 1 + len(times) % 2
+    length = _filter_length(len(times), period_s)
     smooth, velocity, jerk = (
         savgol_filter(path, length, 3, deriv=order, delta=period_s, axis=0) for order in (0, 1, 3)
     )
     return SmoothPiece(times, smooth, velocity, jerk)
+
+
+def _filter_length(count: int, period_s: float) -> int:
+    """Samples of the window, an odd number of at most ``count``."""
+    length = max(5, 2 * round(0.5 * WINDOW_S / period_s) + 1)
+    return length if length <= count else count - 1 + count % 2
 
 
 def _idle_s(speeds: FloatArray, period_s: float) -> float:

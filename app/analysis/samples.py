@@ -1,7 +1,7 @@
 """The steps of a session as arrays: what the analysis reads, one value per frame."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,9 @@ from app.geometry import NS_PER_S, FloatArray, InputError
 
 if TYPE_CHECKING:
     from app.session import StepResult
+
+
+SampleRow = tuple[int, int, bool, tuple[float, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,11 @@ class CaseSamples:
     @classmethod
     def from_steps(cls, steps: "Iterable[StepResult]") -> "CaseSamples":
         """Read the steps once; raises `InputError` without a step."""
-        rows = [_row(step) for step in steps]
+        return cls.from_rows(list(map(sample_row, steps)))
+
+    @classmethod
+    def from_rows(cls, rows: "Sequence[SampleRow]") -> "CaseSamples":
+        """Join what `sample_row` returned for each step; raises `InputError` without a row."""
         if not rows:
             raise InputError("steps: there are 0; expected at least 1")
         stamps, states, between, numbers = zip(*rows, strict=True)
@@ -96,7 +103,8 @@ class CaseSamples:
         return np.asarray(known[later])
 
 
-def _row(step: "StepResult") -> tuple[int, int, bool, tuple[float, ...]]:
+def sample_row(step: "StepResult") -> SampleRow:
+    """What `CaseSamples` keeps of one step: stamp, state, between, and 23 numbers."""
     decision, pose = step.decision, step.tumor_from_tip
     numbers = [math.nan] * 23
     if decision.margin is not None:

@@ -37,14 +37,20 @@ class ReplayParts:
     def report(self) -> bytes:
         """The ``report.html`` of these steps, as ``replay --report`` writes it."""
         from app import __version__
-        from app.report import record_of, write_report
+        from app.report import analysed_replay, record_of, write_report
 
         with self._engine:
             record = record_of(self.run, self.log)
         with ScenePainter() as painter, TemporaryDirectory() as folder:
             if self.log.deepest is not None:
                 painter.begin(self.content, self.log.deepest)
-            write_report(Path(folder), record, scene_png=painter.picture, version=__version__)
+            write_report(
+                Path(folder),
+                record,
+                scene_png=painter.picture,
+                version=__version__,
+                analysed=analysed_replay(self.run, self.log, __version__),
+            )
             return (Path(folder) / "report.html").read_bytes()
 
 

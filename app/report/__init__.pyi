@@ -1,19 +1,25 @@
+from .analysed import analysed_replay
+from .analysis_html import AnalysedCase, analysis_page
 from .checks import Check, check_expected
 from .errors import ReportError
 from .margin_csv import margin_csv
 from .record import ReplayLog, ReplayRecord, record_of
 from .rows import ReportRow
 from .summary import all_passed, summarise
-from .write import REPORT_FILES, check_writable, write_report
+from .write import ANALYSIS_FILES, REPORT_FILES, check_writable, write_report
 
 __all__ = [
+    "ANALYSIS_FILES",
     "REPORT_FILES",
+    "AnalysedCase",
     "Check",
     "ReplayLog",
     "ReplayRecord",
     "ReportError",
     "ReportRow",
     "all_passed",
+    "analysed_replay",
+    "analysis_page",
     "check_expected",
     "check_writable",
     "margin_csv",

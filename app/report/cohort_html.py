@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.cohort import METRICS, Comparison, Outlier
 from app.cohort.columns import OK, Row
-from app.report.html import NOT_A_DEVICE, PAGE_STYLE
+from app.report.page import NOT_A_DEVICE, document
 
 MAX_LISTED = 200
 """Rows of the tables of outliers and failures; the dataset has all."""
@@ -51,12 +51,7 @@ def cohort_html(
         f'<p class="note">Made by MarginGuard {escape(version)} from the dataset in the folder '
         "cases beside this page.</p>",
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(name)}: cohort report</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
-        "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
-    )
+    return document(f"{name}: cohort report", body)
 
 
 def _comparison(comparisons: Sequence[Comparison], forest_png: bytes | None) -> Iterable[str]:

@@ -5,47 +5,9 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+from app.report.page import NOT_A_DEVICE, document, length, table, text_of, time_text
 from app.report.reasons import ReasonCount
 from app.session import SINGLE_SOURCE
-
-NOT_A_DEVICE = (
-    "MarginGuard is research software. It is not a medical device and must not be used to treat "
-    "or diagnose a patient."
-)
-
-PAGE_STYLE = """
-:root { color-scheme: light; --ink: #1c2733; --line: #d5dce3; --soft: #f4f6f8; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 76rem; padding: 1.5rem; color: var(--ink);
-       font: 15px/1.5 system-ui, "Segoe UI", Roboto, "Liberation Sans", sans-serif; }
-h1 { margin: 0 0 .2rem; font-size: 1.7rem; }
-h2 { margin: 2.2rem 0 .6rem; font-size: 1.15rem; }
-p.note { margin: .2rem 0; color: #51606e; }
-p.device { margin: .8rem 0 1.2rem; padding: .5rem .8rem; border-left: 4px solid #c8381e;
-           background: #fdf3f0; }
-ul.tiles { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1rem 0; padding: 0;
-           list-style: none; }
-ul.tiles li { flex: 1 1 9rem; padding: .7rem .9rem; border: 1px solid var(--line);
-              border-radius: 6px; background: var(--soft); }
-ul.tiles b { display: block; font-size: 1.45rem; line-height: 1.2;
-             font-variant-numeric: tabular-nums; }
-div.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(22rem, 1fr));
-              gap: 0 2.5rem; }
-div.wide { overflow-x: auto; }
-table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .3rem .6rem; border-bottom: 1px solid var(--line); text-align: left;
-         vertical-align: top; overflow-wrap: break-word; }
-th { background: var(--soft); font-weight: 600; }
-td.number, th.number { text-align: right; white-space: nowrap; }
-td.pass, td.fail { font-weight: 600; white-space: nowrap; }
-td.pass { color: #00694c; }
-td.fail { color: #a32a14; }
-img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
-      border-radius: 6px; }
-@media print { body { max-width: none; padding: 0; } h2 { break-after: avoid; } }
-"""
-
-_Cell = str | int | float | None
 
 
 def report_html(
@@ -54,14 +16,19 @@ def report_html(
     margin_png: bytes,
     scene_png: bytes | None,
     version: str,
+    analysis: Iterable[str] = (),
 ) -> str:
-    """Return the page: values are escaped, pictures embedded; it has no script and no links."""
+    """Return the page: values are escaped, pictures embedded; it has no script and no links.
+
+    ``analysis`` are the sections of `analysis_sections`.
+    """
     case = str(summary["case"])
     sections = (
         _head(case, summary),
         _picture("Distance over time", margin_png, "Signed distance over time"),
         "" if scene_png is None else _deepest(summary, scene_png),
         _breaches(summary["breaches"]),
+        *analysis,
         _expected(summary["expected"]),
         '<div class="columns">',
         f"<div>{_states(summary)}{_reasons(reasons)}</div>",
@@ -71,21 +38,16 @@ def report_html(
         _notes(summary["notes"]),
         _foot(version),
     )
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(case)}: margin report</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
-        "<body>\n" + "\n".join(section for section in sections if section) + "\n</body>\n</html>\n"
-    )
+    return document(f"{case}: margin report", sections)
 
 
 def _head(case: str, summary: dict[str, Any]) -> str:
     provenance = "; ".join(f"{key}: {value}" for key, value in summary["provenance"].items())
     frames, valid = summary["frames"], summary["valid_frames"]
     tiles = (
-        (_text(len(summary["breaches"])), "breaches of the tumour"),
-        (_length(_lowest(summary)), "smallest signed distance"),
-        (_time(summary["duration_s"]), f"replayed, {frames} frames"),
+        (text_of(len(summary["breaches"])), "breaches of the tumour"),
+        (length(_lowest(summary)), "smallest signed distance"),
+        (time_text(summary["duration_s"]), f"replayed, {frames} frames"),
         (f"{100.0 * valid / frames:.1f} %", f"of the frames valid ({valid})"),
         (_verdict(summary["expected"]), "expected results of the case"),
     )
@@ -109,7 +71,7 @@ def _foot(version: str) -> str:
 
 
 def _deepest(summary: dict[str, Any], scene_png: bytes) -> str:
-    distance = _length(summary["min_signed_distance_mm"])
+    distance = length(summary["min_signed_distance_mm"])
     return _picture(f"Deepest point ({distance})", scene_png, "Tumour, tool and robot")
 
 
@@ -124,13 +86,13 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
     rows = [
         (
             number,
-            _time(breach["start_s"]),
-            _time(breach["end_s"]),
-            _time(breach["duration_s"]),
-            _length(breach["min_signed_distance_mm"]),
-            _length(breach["path_min_signed_distance_mm"]),
-            _length(breach["path_lower_bound_mm"]),
-            "-" if breach["deepest_s"] is None else _time(breach["deepest_s"]),
+            time_text(breach["start_s"]),
+            time_text(breach["end_s"]),
+            time_text(breach["duration_s"]),
+            length(breach["min_signed_distance_mm"]),
+            length(breach["path_min_signed_distance_mm"]),
+            length(breach["path_lower_bound_mm"]),
+            "-" if breach["deepest_s"] is None else time_text(breach["deepest_s"]),
             "between frames" if breach["between_frames"] else "in frames",
         )
         for number, breach in enumerate(breaches, start=1)
@@ -143,7 +105,7 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
         '<p class="note">The path between two frames is taken as straight. "between frames": the '
         "tool is outside in every frame and passed through the tumour between two of them.</p>"
     )
-    return f'<div class="wide">{_table("Breaches", header, rows)}</div>{note}'
+    return f'<div class="wide">{table("Breaches", header, rows)}</div>{note}'
 
 
 def _lowest(summary: dict[str, Any]) -> float | None:
@@ -169,39 +131,39 @@ def _expected(checks: Sequence[dict[str, str]] | None) -> str:
 
 def _states(summary: dict[str, Any]) -> str:
     seconds, counts = summary["state_seconds"], summary["state_counts"]
-    rows = [(state, counts[state], _time(seconds[state])) for state in counts]
-    return _table("Margin states", ("state", "frames", "time"), rows)
+    rows = [(state, counts[state], time_text(seconds[state])) for state in counts]
+    return table("Margin states", ("state", "frames", "time"), rows)
 
 
 def _reasons(reasons: Sequence[ReasonCount]) -> str:
-    rows = [(reason.reason, reason.frames, _time(reason.first_s)) for reason in reasons]
-    return _table("Reasons", ("reason", "frames", "first at"), rows)
+    rows = [(reason.reason, reason.frames, time_text(reason.first_s)) for reason in reasons]
+    return table("Reasons", ("reason", "frames", "first at"), rows)
 
 
 def _margins(margins: dict[str, Any]) -> str:
-    return _table("Margins", ("parameter", "value"), [(k, _text(v)) for k, v in margins.items()])
+    return table("Margins", ("parameter", "value"), [(k, text_of(v)) for k, v in margins.items()])
 
 
 def _timing(timing: dict[str, Any]) -> str:
-    rows = [(name, _text(value)) for name, value in timing.items()]
-    return _table("Time of one step", ("", "microseconds"), rows)
+    rows = [(name, text_of(value)) for name, value in timing.items()]
+    return table("Time of one step", ("", "microseconds"), rows)
 
 
 def _registration(registration: dict[str, Any] | None) -> str:
     if registration is None:
         return ""
     rows = [
-        (name, _text(registration[name]))
+        (name, text_of(registration[name]))
         for name in ("method", "accepted", "reason", "points", "fre_mm", "fle_mm")
     ]
     rows.extend(
-        (name, ", ".join(_text(value) for value in registration[name]) or "-")
+        (name, ", ".join(text_of(value) for value in registration[name]) or "-")
         for name in ("residuals_mm", "leave_one_out_mm")
     )
     matrix = registration["matrix"]
     lines = [", ".join(f"{value:.6g}" for value in matrix[at : at + 4]) for at in range(0, 16, 4)]
     rows.append((f"{registration['target']}_from_{registration['source']}", "; ".join(lines)))
-    return _table("Registration", ("", "value"), rows, numbers=False)
+    return table("Registration", ("", "value"), rows, numbers=False)
 
 
 def _notes(notes: Sequence[str]) -> str:
@@ -211,41 +173,8 @@ def _notes(notes: Sequence[str]) -> str:
     return f"<h2>Notes of the reader</h2>\n<ul>{items}</ul>"
 
 
-def _table(
-    title: str, header: Sequence[str], rows: Iterable[Sequence[_Cell]], *, numbers: bool = True
-) -> str:
-    """A table under its title; with ``numbers`` all columns but the first are right-aligned."""
-
-    def cells(tag: str, values: Sequence[_Cell]) -> str:
-        return "".join(
-            f'<{tag} class="number">{escape(_text(value))}</{tag}>'
-            if numbers and column > 0
-            else f"<{tag}>{escape(_text(value))}</{tag}>"
-            for column, value in enumerate(values)
-        )
-
-    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f"<h2>{escape(title)}</h2>\n<table><tr>{cells('th', header)}</tr>{body}</table>"
-
-
 def _verdict(checks: Sequence[dict[str, str]] | None) -> str:
     if checks is None:
         return "none given"
     passed = sum(check["result"] == "pass" for check in checks)
     return f"{passed} of {len(checks)} pass"
-
-
-def _length(value_mm: float | None) -> str:
-    return "-" if value_mm is None else f"{value_mm:.2f} mm"
-
-
-def _time(value_s: float) -> str:
-    return f"{value_s:.3f} s"
-
-
-def _text(value: _Cell | bool) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

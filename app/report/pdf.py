@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.analysis.breaches import find_breaches
-from app.report.html import NOT_A_DEVICE
 from app.report.margin_plot import margin_figure
+from app.report.page import NOT_A_DEVICE
 from app.report.pdf_layout import SOFT, PdfLayout
 from app.report.reasons import count_reasons
 from app.report.record import ReplayRecord

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
 from app.analysis.breaches import find_breaches
+from app.analysis.samples import CaseSamples, SampleRow, sample_row
 from app.case import Expected
 from app.fixture import MarginParameters, MarginState
 from app.registration import RegistrationResult
@@ -25,12 +26,18 @@ class ReplayLog(PassiveOutput):
     durations_ns: list[int] = field(default_factory=list)
     deepest: StepResult | None = None
     _deepest_mm: float | None = None
+    _samples: list[SampleRow] = field(default_factory=list)
+
+    def samples(self) -> CaseSamples:
+        """The steps for an analysis; raises `InputError` without a step."""
+        return CaseSamples.from_rows(self._samples)
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Keep the row of ``step`` and the time that it took to compute."""
         row = ReportRow.from_step(step)
         self.paths.add(len(self.rows), step, inside=row.inside)
         self.rows.append(row)
+        self._samples.append(sample_row(step))
         self.durations_ns.append(timing.duration_ns)
         distance = row.signed_distance_mm
         if distance is not None and (self._deepest_mm is None or distance < self._deepest_mm):

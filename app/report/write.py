@@ -8,6 +8,8 @@ from typing import Any
 
 from app.analysis.breaches import find_breaches
 from app.files.atomic_io import write_files
+from app.report.analysis_files import analysis_document
+from app.report.analysis_html import AnalysedCase, analysis_sections
 from app.report.errors import ReportError
 from app.report.html import report_html
 from app.report.margin_csv import margin_csv
@@ -16,6 +18,9 @@ from app.report.record import ReplayRecord
 from app.report.summary import summarise
 
 REPORT_FILES = ("summary.json", "margin.csv", "margin.png", "scene.png", "report.html")
+ANALYSIS_FILES = ("analysis.json", "distances.svg", "coverage.svg")
+"""Also written where the replay is analysed."""
+_ALL_FILES = REPORT_FILES + ANALYSIS_FILES
 
 
 def check_writable(folder: Path) -> None:
@@ -32,7 +37,7 @@ def check_writable(folder: Path) -> None:
         existing = existing.parent
     if not existing.is_dir():
         raise ReportError(f"report folder {folder}: {existing} is a file; expected a folder")
-    for name in REPORT_FILES:
+    for name in _ALL_FILES:
         if (folder / name).is_dir():
             raise ReportError(f"report folder {folder}: {name} in it is a folder; expected a file")
     try:
@@ -43,23 +48,28 @@ def check_writable(folder: Path) -> None:
 
 
 def write_report(
-    folder: Path, record: ReplayRecord, *, scene_png: Callable[[], bytes | None], version: str
+    folder: Path,
+    record: ReplayRecord,
+    *,
+    scene_png: Callable[[], bytes | None],
+    version: str,
+    analysed: AnalysedCase | None = None,
 ) -> dict[str, Any]:
     """Write the files of `REPORT_FILES` into ``folder`` and return the summary.
 
     ``scene_png`` returns the picture of the deepest point. It is called last, because another
     process may still draw it. If it returns None, no ``scene.png`` is written and an earlier one is
-    removed. Earlier report files are replaced after all new ones are complete; other files in the
-    folder are kept. Raises `ReportError` for a folder that cannot be written and for a replay
-    without frames.
+    removed. ``analysed`` adds the sections and files of the analysis; None removes earlier files.
+    Earlier report files are replaced after all new ones are complete; other files in the folder are
+    kept. Raises `ReportError` for a folder that cannot be written and for a replay without frames.
     """
     if not record.rows:
         raise ReportError(f"case {record.case!r}: 0 frames; expected at least 1 for a report")
     check_writable(folder)
-    summary, contents = _contents(record, scene_png, version)
+    summary, contents = _contents(record, scene_png, version, analysed)
     try:
         write_files(folder, contents)
-        for name in set(REPORT_FILES) - set(contents):
+        for name in set(_ALL_FILES) - set(contents):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable(folder, error) from error
@@ -67,7 +77,10 @@ def write_report(
 
 
 def _contents(
-    record: ReplayRecord, scene_png: Callable[[], bytes | None], version: str
+    record: ReplayRecord,
+    scene_png: Callable[[], bytes | None],
+    version: str,
+    analysed: AnalysedCase | None,
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
     # Loading matplotlib is slow: do it while another process draws scene.png.
     from app.report.margin_plot import margin_png
@@ -76,15 +89,26 @@ def _contents(
     breaches = find_breaches(record.rows, record.margins.stale_after_ns)
     plot = margin_png(record.rows, breaches, record.margins, record.case)
     contents = {
-        "summary.json": (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode(),
+        "summary.json": _json(summary),
         "margin.csv": margin_csv(record.rows).encode(),
         "margin.png": plot,
     }
+    sections: tuple[str, ...] = ()
+    if analysed is not None:
+        figures = analysed.figures()
+        sections = tuple(analysis_sections(analysed, figures))
+        document = analysis_document(analysed.analysis, analysed.methods)
+        contents["analysis.json"] = _json(document)
+        contents |= {name: figure.encode() for name, figure in figures.items()}
     scene = scene_png()
     if scene is not None:
         contents["scene.png"] = scene
-    page = report_html(summary, count_reasons(record.rows), plot, scene, version)
+    page = report_html(summary, count_reasons(record.rows), plot, scene, version, sections)
     return summary, {**contents, "report.html": page.encode()}
+
+
+def _json(document: dict[str, Any]) -> bytes:
+    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
 
 
 def _unwritable(folder: Path, error: OSError) -> ReportError:

@@ -21,7 +21,7 @@ def test_one_moment_has_the_closed_form():
     distances, normals = np.array([1.5]), np.array([[0.0, 0.6, 0.8]])
     found = breach_probability(distances, normals, np.ones(1), COVARIANCES)
     assert found.moments[0] == pytest.approx(norm.cdf(-1.5 / TOTAL))
-    assert found.case == pytest.approx(found.moments[0], abs=0.015)
+    assert found.outcome.probability == pytest.approx(found.moments[0], abs=0.015)
 
 
 def test_anisotropic_error_counts_along_the_normal():
@@ -39,8 +39,8 @@ def test_moments_of_a_case_share_their_error():
     both = breach_probability(
         np.full(2, 1.5), np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), np.ones(2), COVARIANCES
     )
-    assert same.case == pytest.approx(norm.cdf(-1.5 / TOTAL), abs=0.015)
-    assert both.case == pytest.approx(2.0 * norm.cdf(-1.5 / TOTAL), abs=0.02)
+    assert same.outcome.probability == pytest.approx(norm.cdf(-1.5 / TOTAL), abs=0.015)
+    assert both.outcome.probability == pytest.approx(2.0 * norm.cdf(-1.5 / TOTAL), abs=0.02)
 
 
 def test_the_largest_source_contributes_most_and_a_larger_margin_helps():
@@ -49,10 +49,11 @@ def test_the_largest_source_contributes_most_and_a_larger_margin_helps():
     found = breach_probability(
         distances, normals, np.array([0.2, 0.4]), COVARIANCES, stops_mm=(0.0, 1.0, 2.0, 3.5)
     )
-    assert min(found.without, key=found.without.__getitem__) == "registration"
-    assert all(value < found.case for value in found.without.values())
-    probabilities = [stop.probability for stop in found.stops]
-    assert probabilities[0] == found.case
+    without = {name: effect.without.probability for name, effect in found.sources.items()}
+    assert min(without, key=without.__getitem__) == "registration"
+    assert all(value < found.outcome.probability for value in without.values())
+    probabilities = [stop.outcome.probability for stop in found.stops]
+    assert probabilities[0] == found.outcome.probability
     assert probabilities == sorted(probabilities, reverse=True)
     assert [stop.held_s for stop in found.stops] == pytest.approx([0.0, 0.2, 0.2, 0.6])
 
@@ -74,7 +75,7 @@ def test_probabilities_of_2000_simulated_cases_are_calibrated():
         found = breach_probability(
             lengths - RADIUS_MM, measured / lengths[:, None], np.ones(15), COVARIANCES
         )
-        predicted.append(found.case)
+        predicted.append(found.outcome.probability)
         true.append(float((np.linalg.norm(tips, axis=1) < RADIUS_MM).any()))
     probabilities, outcomes = np.array(predicted), np.array(true)
     brier = float(np.mean((probabilities - outcomes) ** 2))
@@ -92,9 +93,44 @@ def test_unknown_frames_have_no_probability():
     distances, normals = np.array([np.nan, -5.0]), np.array([[np.nan] * 3, [1.0, 0.0, 0.0]])
     found = breach_probability(distances, normals, np.ones(2), COVARIANCES)
     assert np.isnan(found.moments[0])
-    assert found.case == 1.0
-    nothing = breach_probability(distances[:1], normals[:1], np.ones(1), COVARIANCES)
-    assert nothing.case == 0.0
+    assert found.outcome.probability == 1.0
+    with pytest.raises(InputError, match="no frame has a distance"):
+        breach_probability(distances[:1], normals[:1], np.ones(1), COVARIANCES)
+
+
+def test_outcome_of_one_moment_is_that_of_the_normal_distribution():
+    distance, held = 0.7, 0.3
+    found = breach_probability(
+        np.array([distance]), np.array([[0.0, 0.6, 0.8]]), np.array([held]), COVARIANCES
+    )
+
+    def check(outcome, sigma):
+        assert outcome.probability == pytest.approx(norm.cdf(-distance / sigma), abs=0.02)
+        assert outcome.inside_s == pytest.approx(held * norm.cdf(-distance / sigma))
+        expected = distance + sigma * norm.ppf([0.05, 0.5, 0.95])
+        assert outcome.lowest_mm == pytest.approx(expected, abs=0.08)
+
+    check(found.outcome, TOTAL)
+    shares = [effect.variance_share for effect in found.sources.values()]
+    assert sum(shares) == pytest.approx(1.0)
+    for name, effect in found.sources.items():
+        variance = SIGMAS[name] ** 2
+        assert effect.variance_share == pytest.approx(variance / TOTAL**2)
+        check(effect.without, np.sqrt(TOTAL**2 - variance))
+        check(effect.doubled, np.sqrt(TOTAL**2 + 3.0 * variance))
+
+
+def test_lowest_distance_uses_all_moments_that_an_error_may_lower():
+    """Against the plain minimum over all moments, with the same draws."""
+    random = np.random.default_rng(3)
+    distances = random.uniform(0.5, 9.0, 300)
+    normals = random.normal(size=(300, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    found = breach_probability(distances, normals, np.ones(300), {"one": 4.0 * np.eye(3)}, seed=5)
+    errors = 2.0 * np.random.default_rng(5).standard_normal((4000, 3))
+    lowest = (distances[:, None] + normals @ errors.T).min(axis=0)
+    assert found.outcome.probability == pytest.approx((lowest < 0.0).mean(), abs=2e-3)
+    assert found.outcome.lowest_mm == pytest.approx(np.percentile(lowest, (5, 50, 95)), abs=0.02)
 
 
 def test_smoothing_removes_jitter_and_keeps_a_slope():

@@ -46,6 +46,9 @@ def test_info_gives_number_of_frames_of_replay(report, case, capsys):
 
 def test_report_has_all_files(report):
     assert sorted(path.name for path in report.iterdir()) == [
+        "analysis.json",
+        "coverage.svg",
+        "distances.svg",
         "margin.csv",
         "margin.png",
         "report.html",

@@ -7,7 +7,8 @@ import pytest
 
 from app.case import Expected
 from app.report import ReplayRecord, summarise
-from app.report.html import NOT_A_DEVICE, report_html
+from app.report.html import report_html
+from app.report.page import NOT_A_DEVICE
 from app.report.reasons import count_reasons
 
 Record = Callable[..., ReplayRecord]

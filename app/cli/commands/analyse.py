@@ -9,7 +9,7 @@ import json
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, file_path, folder_path
@@ -17,7 +17,8 @@ from app.cli.progress import with_progress
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
-    from app.runtime import PreparedCase
+    from app.analysis.breach_probability import Outcome
+    from app.analysis.specimen import Resection
 
 SUMMARY = "analyse a case: breaches and their depth, motion, coverage"
 
@@ -37,7 +38,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--csv",
         type=folder_path,
         metavar="DIR",
-        help="write analysis.csv, breaches.csv and coverage.csv there",
+        help="write the tables there: analysis, breaches, coverage, directions; with --error also "
+        "moments (probability of a breach at each frame) and whatif (by source and stop margin)",
+    )
+    parser.add_argument(
+        "--html",
+        type=file_path(".html"),
+        metavar="FILE.html",
+        help="write the analysis as one page, with figures and without external resources",
+    )
+    parser.add_argument(
+        "--parquet",
+        type=file_path(".parquet"),
+        metavar="FILE.parquet",
+        help="write a row per frame: state, hold, applied margins, distance, witness points, "
+        "velocity of the tip (needs the extra cohort)",
     )
     parser.add_argument(
         "--ras-from-tumor",
@@ -73,6 +88,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --error: what an ideal fixture with this stop margin had done; may be repeated",
     )
     parser.add_argument(
+        "--cutting-mm",
+        type=_length,
+        default=10.0,
+        metavar="MM",
+        help="length of the tool's cutting part from its tip, for the swept volume and the "
+        "resected specimen (default: 10)",
+    )
+    parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
 
@@ -81,11 +104,16 @@ def run(options: argparse.Namespace) -> int:
     """Replay the case, analyse its steps, print and write the results."""
     import numpy as np
 
-    from app.analysis import analyse_case
+    from app import __version__
+    from app.analysis import CaseSamples, analyse_case
     from app.files import check_output_path, write_file
     from app.files.atomic_io import write_files
-    from app.geometry import InputError
+    from app.files.extras import check_installed
+    from app.geometry import NS_PER_S, InputError
+    from app.report import AnalysedCase, analysis_page
     from app.report.analysis_files import analysis_csv, analysis_document
+    from app.report.frames_table import FramesTable
+    from app.report.methods import methods_of
     from app.runtime import ReplayRun, prepare_case
     from app.session import checked_axes
 
@@ -94,8 +122,11 @@ def run(options: argparse.Namespace) -> int:
     checked_axes(rows)
     if options.stop and not options.error:
         raise InputError("--stop: without --error; expected at least one --error NAME=MM")
-    if isinstance(options.json, Path):
-        check_output_path(options.json)
+    if options.parquet is not None:
+        check_installed("pyarrow")
+    for path in (options.json, options.html, options.parquet):
+        if isinstance(path, Path):
+            check_output_path(path)
     with GcPause() as memory:
         prepared = prepare_case(
             options.case, package_dirs=options.package_dirs, tip_only=options.tip_only
@@ -103,8 +134,13 @@ def run(options: argparse.Namespace) -> int:
         memory.settle()
         replay = ReplayRun(prepared, clock_ns=time.monotonic_ns)
         content = prepared.content
+        frames = FramesTable(content.margins.stale_after_ns / NS_PER_S)
+        steps = with_progress(replay.steps(), "analysing frame", total=None)
+        if options.parquet is not None:
+            steps = frames.observing(steps)
+        samples = CaseSamples.from_steps(steps)
         analysis = analyse_case(
-            with_progress(replay.steps(), "analysing frame", total=None),
+            samples,
             name=content.name,
             margins=content.margins,
             tumor=content.tumor,
@@ -113,14 +149,27 @@ def run(options: argparse.Namespace) -> int:
             bias_sigma_mm=options.bias_mm,
             covariances_mm2={name: sigma**2 * np.eye(3) for name, sigma in options.error},
             stops_mm=tuple(options.stop),
+            cutting_mm=options.cutting_mm,
         )
-    document = analysis_document(analysis, _methods(prepared, options))
+    methods = methods_of(
+        prepared,
+        int(samples.stamps_ns[0]),
+        __version__,
+        bias_sigma_mm=options.bias_mm,
+        error_sigmas_mm=dict(options.error),
+    )
+    document = analysis_document(analysis, methods)
     text = json.dumps(document, indent=2, allow_nan=False)
     if options.csv is not None:
         try:
             write_files(options.csv, analysis_csv(analysis))
         except OSError as error:
             raise InputError(f"{options.csv} cannot be written: {error.strerror}") from error
+    if options.html is not None:
+        case = AnalysedCase(analysis, methods, content.margins, content.tumor, checked_axes(rows))
+        write_file(options.html, analysis_page(case, case.figures()).encode())
+    if options.parquet is not None:
+        write_file(options.parquet, frames.parquet())
     if isinstance(options.json, Path):
         write_file(options.json, f"{text}\n".encode())
     print(text if options.json is True else as_text(analysis))
@@ -162,33 +211,50 @@ def as_text(analysis: "CaseAnalysis") -> str:
         f"  in tissue     {insertion.tissue_s:.3f} s of {insertion.elapsed_s:.3f} s, "
         f"{insertion.tissue_path_mm:.1f} mm of {insertion.path_mm:.1f} mm",
     ]
+    if analysis.resection is not None:
+        lines += _resection(analysis.resection)
     if analysis.probability is not None:
-        without = ", ".join(f"{v:.3f} without {k}" for k, v in analysis.probability.without.items())
-        lines.append(f"  P(breach)     {analysis.probability.case:.3f}; {without}")
+        risk = analysis.probability
+        lines.append(f"  P(breach)     {_outcome(risk.outcome)}")
+        lines += [
+            f"  no {name} error".ljust(16)
+            + f"{_outcome(effect.without)}; {100.0 * effect.variance_share:.0f} % of the variance"
+            for name, effect in risk.sources.items()
+        ]
         lines += [
             f"  stop {stop.stop_mm:g} mm".ljust(16)
-            + f"P(breach) {stop.probability:.3f}, holds for {stop.held_s:.2f} s"
-            for stop in analysis.probability.stops
+            + f"{_outcome(stop.outcome)}; holds for {stop.held_s:.2f} s"
+            for stop in risk.stops
         ]
     return "\n".join(lines)
 
 
-def _methods(prepared: "PreparedCase", options: argparse.Namespace) -> dict[str, Any]:
-    """Version, hashes of the inputs, and the options that change a figure."""
-    from app import __version__
-    from app.files.paths import sha256_of
+def _resection(found: "Resection") -> list[str]:
+    from app.geometry import ANATOMICAL_WORDS
 
-    case = prepared.case
-    files = [case.folder / "case.yaml", case.recording_path]
-    return {
-        "version": __version__,
-        "tip_only": options.tip_only,
-        "bias_sigma_mm": options.bias_mm,
-        "error_sigmas_mm": dict(options.error),
-        "inputs_sha256": {path.name: sha256_of(path) for path in files if path is not None},
-        "tumor": prepared.content.model_id,
-        "depth": "Gaussian process regression with estimated jitter; docs/analysis.md",
-    }
+    lines = []
+    if found.swept is not None:
+        lines.append(
+            f"  swept         {found.swept.volume_mm3:.0f} mm3 by the last {found.cutting_mm:g} mm "
+            f"of the tool, {found.tumor_cut_mm3:.1f} mm3 of it tumour"
+        )
+    specimen = found.specimen
+    if specimen is None:
+        return [*lines, f"  specimen      none: {found.why}"]
+    closest = specimen.closest
+    return [
+        *lines,
+        f"  specimen      {specimen.volume_mm3:.0f} mm3, closest margin "
+        f"{specimen.margins_mm[closest]:.2f} mm {ANATOMICAL_WORDS[closest]}",
+    ]
+
+
+def _outcome(outcome: "Outcome") -> str:
+    low, middle, high = outcome.lowest_mm
+    return (
+        f"{outcome.probability:.3f}, inside for {outcome.inside_s:.2f} s, "
+        f"lowest {middle:.2f} mm ({low:.2f} to {high:.2f})"
+    )
 
 
 def _not_negative(text: str) -> float:
@@ -198,6 +264,13 @@ def _not_negative(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} mm; expected a number") from error
     if not (math.isfinite(value) and value >= 0.0):
         raise argparse.ArgumentTypeError(f"{text} mm; expected 0 or more")
+    return value
+
+
+def _length(text: str) -> float:
+    value = _not_negative(text)
+    if value == 0.0:
+        raise argparse.ArgumentTypeError(f"{text} mm; expected more than 0")
     return value
 
 

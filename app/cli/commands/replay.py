@@ -39,7 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser)
     add_json(parser)
     parser.add_argument(
-        "--report", type=folder_path, metavar="DIR", help="write the report files there"
+        "--report",
+        type=folder_path,
+        metavar="DIR",
+        help="analyse the replay and write the report files there",
     )
     parser.add_argument(
         "--pdf",
@@ -111,7 +114,14 @@ def _replay(
         from app import __version__
         from app.cli.scene_log import SceneLog
         from app.files import write_file
-        from app.report import ReplayLog, all_passed, record_of, summarise, write_report
+        from app.report import (
+            ReplayLog,
+            all_passed,
+            analysed_replay,
+            record_of,
+            summarise,
+            write_report,
+        )
         from app.runtime import ReplayRun, prepare_case
 
         watch.lap("load the program")
@@ -156,7 +166,13 @@ def _replay(
     if options.report is None:
         summary = summarise(record)
     else:
-        summary = write_report(options.report, record, scene_png=picture, version=__version__)
+        summary = write_report(
+            options.report,
+            record,
+            scene_png=picture,
+            version=__version__,
+            analysed=analysed_replay(replay, log, __version__),
+        )
     watch.lap("write the report")
     if options.pdf is not None:
         write_file(options.pdf, _pdf(prepared, record, summary, picture()))

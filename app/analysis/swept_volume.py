@@ -1,0 +1,180 @@
+"""Volume that the cutting part of the tool has swept, as a solid of manifold3d.
+
+The cutting part is the convex hull of the part of the tool within a distance of its tip. Between
+two poses it sweeps the convex hull of both: exact for a translation, and for a rotation up to the
+sagitta of the arcs. Poses are left out where the straight motion between their neighbours passes
+every point of the cutting part within a stated tolerance, which bounds the number of hulls.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh
+
+CUTTING_MM = 10.0
+"""Length of the cutting part from the tip, unless another is given."""
+TOLERANCE_MM = 0.05
+_COARSER = 2.0
+"""The tolerance, and by how much it is raised until at most `MAX_STEPS` poses remain."""
+MAX_STEPS = 200
+MAX_POINTS = 80
+"""Points of the cutting part; more of them are left out, which makes it smaller."""
+_SPHERE_SEGMENTS = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SweptVolume:
+    """``solid``: the swept volume, a `manifold3d.Manifold` in the tumour's frame.
+
+    ``poses`` and ``hulls``: how many were swept, and of how many hulls the solid is made.
+    ``tolerance_mm``: how far a point of the cutting part is from its path at most.
+    """
+
+    solid: Any
+    poses: int
+    hulls: int
+    tolerance_mm: float
+
+    @property
+    def volume_mm3(self) -> float:
+        """The swept volume."""
+        return float(self.solid.volume())
+
+
+def cutting_points(tool: SurfaceMesh, cutting_mm: float = CUTTING_MM) -> FloatArray:
+    """Corners (k, 3) of the cutting part, in the tip's frame.
+
+    ``tool`` is in the tip's frame, whose origin is the tip. Raises `InputError` for a length that
+    is not positive, `MeshError` for a tool that is not closed or has no part within it.
+    """
+    import manifold3d  # slow to load
+
+    if not (math.isfinite(cutting_mm) and cutting_mm > 0.0):
+        raise InputError(f"cutting part: {cutting_mm:g} mm; expected more than 0")
+    ball = manifold3d.Manifold.sphere(cutting_mm, _SPHERE_SEGMENTS)
+    near = solid_of(tool) ^ ball
+    if near.is_empty():
+        raise MeshError(
+            f"cutting part: no part of the tool is within {cutting_mm:g} mm of its tip; "
+            "expected a tool with its tip at the origin"
+        )
+    hull = near.hull()
+    points = _points_of(hull)
+    tolerance_mm = 0.005
+    while len(points) > MAX_POINTS and tolerance_mm < 1.0:
+        points = _points_of(hull.simplify(tolerance_mm).hull())
+        tolerance_mm *= 1.5
+    return points
+
+
+def swept_volume(
+    points_mm: FloatArray,
+    pieces: Sequence[tuple[FloatArray, FloatArray]],
+    *,
+    max_steps: int = MAX_STEPS,
+) -> SweptVolume | None:
+    """The volume that the convex body with corners ``points_mm`` (k, 3) sweeps.
+
+    ``pieces`` are its poses, tips (n, 3) and rotations (n, 3, 3), between which the motion is
+    known; nothing is swept from one piece to the next. None without a pose.
+    """
+    import manifold3d  # slow to load
+
+    pieces = [piece for piece in pieces if len(piece[0])]
+    if not pieces:
+        return None
+    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
+    box = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
+    boxes = [_moved(box, *piece) for piece in pieces]
+    tolerance_mm, kept = TOLERANCE_MM, [_kept(path, TOLERANCE_MM) for path in boxes]
+    while sum(map(len, kept)) > max(max_steps, 2 * len(boxes)):
+        tolerance_mm *= _COARSER
+        kept = [_kept(path, tolerance_mm) for path in boxes]
+    hulls = [
+        manifold3d.Manifold.hull_points(np.ascontiguousarray(corners.reshape(-1, 3)))
+        for (tips, rotations), rows in zip(pieces, kept, strict=True)
+        for corners in _pairs(_moved(points_mm, tips[rows], rotations[rows]))
+    ]
+    solid = manifold3d.Manifold.batch_boolean(hulls, manifold3d.OpType.Add)
+    return SweptVolume(solid, sum(map(len, boxes)), len(hulls), tolerance_mm)
+
+
+def solid_of(surface: SurfaceMesh) -> Any:
+    """``surface`` as a solid; raises `MeshError` where it is not closed."""
+    import manifold3d  # slow to load
+
+    used, index = np.unique(surface.faces, return_inverse=True)
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(
+            np.ascontiguousarray(surface.vertices_mm[used]),
+            np.ascontiguousarray(index.reshape(-1, 3), dtype=np.uint64),
+        )
+    )
+    if solid.status() != manifold3d.Error.NoError:
+        raise MeshError(
+            f"surface in {surface.frame!r}: no solid ({solid.status().name}); "
+            "expected a closed surface"
+        )
+    return solid
+
+
+def surface_of(solid: Any, frame: str) -> SurfaceMesh:
+    """The surface of ``solid``, in ``frame``."""
+    mesh = solid.to_mesh64()
+    return SurfaceMesh(frame, mesh.vert_properties[:, :3], np.asarray(mesh.tri_verts))
+
+
+def _points_of(solid: Any) -> FloatArray:
+    return np.array(solid.to_mesh64().vert_properties[:, :3], dtype=np.float64)
+
+
+def _moved(points_mm: FloatArray, tips_mm: FloatArray, rotations: FloatArray) -> FloatArray:
+    """The points (k, 3) at each pose, (n, k, 3)."""
+    return np.asarray(np.einsum("kj,nij->nki", points_mm, rotations) + tips_mm[:, None])
+
+
+def _pairs(path: FloatArray) -> list[FloatArray]:
+    """The corners of each two successive poses; those of the only one of a path of one pose."""
+    if len(path) == 1:
+        return [path[0]]
+    return [path[index : index + 2] for index in range(len(path) - 1)]
+
+
+def _kept(path: FloatArray, tolerance_mm: float) -> NDArray[np.intp]:
+    """Rows of ``path`` (n, 8, 3), such that the others are within the tolerance of a straight line.
+
+    The end of each straight motion is found by doubling its length, then by bisection.
+    """
+    kept, start, last = [0], 0, len(path) - 1
+    while start < last:
+        good, step = start + 1, 2
+        while start + step <= last and _deviation(path[start : start + step + 1]) <= tolerance_mm:
+            good, step = start + step, 2 * step
+        bad = min(start + step, last + 1)
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            if _deviation(path[start : middle + 1]) <= tolerance_mm:
+                good = middle
+            else:
+                bad = middle
+        kept.append(good)
+        start = good
+    return np.array(kept, dtype=np.intp)
+
+
+def _deviation(path: FloatArray) -> float:
+    """Largest distance of the inner poses from the straight motion from the first to the last.
+
+    ``path`` (m, 8, 3) are the corners of a box. At one place of the motion the distance of a point
+    is a convex function of the point, so that no point of the box is farther off than its corners.
+    """
+    along, offset = path[-1] - path[0], path[1:-1] - path[0]
+    length2 = max(float((along * along).sum()), 1e-18)
+    part = np.clip(np.tensordot(offset, along, axes=2) / length2, 0.0, 1.0)
+    off = offset - part[:, None, None] * along
+    return math.sqrt(float(np.einsum("nki,nki->nk", off, off).max(initial=0.0)))

@@ -1,0 +1,200 @@
+"""Sections of ``report.html`` that show an analysis, and a page of these sections alone."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from app.analysis.coverage import WITHIN_MM
+from app.geometry import ANATOMICAL_WORDS
+from app.report.coverage_svg import coverage_svg
+from app.report.distance_svg import distance_svg
+from app.report.methods import methods_text
+from app.report.page import NOT_A_DEVICE, document, length, table, time_text
+
+if TYPE_CHECKING:
+    from app.analysis import CaseAnalysis
+    from app.analysis.breach_probability import Outcome
+    from app.analysis.depth import DepthEstimate
+    from app.fixture import MarginParameters
+    from app.geometry import FloatArray, SurfaceMesh
+
+_NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnalysedCase:
+    """An analysis with what its figures and its methods need.
+
+    ``methods`` as `methods_of` returns them. ``tumor`` is the session's, ``ras_from_tumor`` (3, 3)
+    the rotation that was given.
+    """
+
+    analysis: "CaseAnalysis"
+    methods: Mapping[str, Any]
+    margins: "MarginParameters"
+    tumor: "SurfaceMesh"
+    ras_from_tumor: "FloatArray | None" = None
+
+    def figures(self) -> dict[str, str]:
+        """The figures as SVG by their file names."""
+        found = self.analysis
+        return {
+            "distances.svg": distance_svg(
+                found.distances_mm, found.held_s, self.margins.stop_mm, self.margins.warn_mm
+            ),
+            "coverage.svg": coverage_svg(self.tumor, found.coverage, self.ras_from_tumor),
+        }
+
+
+def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
+    """A page of the analysis alone: no script, no links, figures in it."""
+    name = case.analysis.name
+    head = f'<h1>{escape(name)}</h1>\n<p class="device">{escape(NOT_A_DEVICE)}</p>'
+    return document(f"{name}: analysis", [head, *analysis_sections(case, figures)])
+
+
+def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterable[str]:
+    """The sections: breaches, distances, coverage, sides, volumes, what-if, methods."""
+    found = case.analysis
+    yield _breaches(found)
+    yield _figure("Time at each distance", figures["distances.svg"], _distances(found))
+    shares = ", ".join(
+        f"{100.0 * share:.0f} % within {within:g} mm"
+        for within, share in found.coverage.shares().items()
+    )
+    yield _figure("Coverage of the tumour", figures["coverage.svg"], f"Of the surface: {shares}.")
+    yield _sides(found)
+    yield _volumes(found)
+    yield _what_if(found)
+    yield f"<h2>Methods</h2>\n<p>{escape(methods_text(found, case.methods))}</p>"
+
+
+def _figure(title: str, svg: str, caption: str) -> str:
+    inline = svg.replace(_NAMESPACE, "").strip()
+    return (
+        f'<h2>{escape(title)}</h2>\n<div class="figure">{inline}</div>\n'
+        f'<p class="note">{escape(caption)}</p>'
+    )
+
+
+def _distances(found: "CaseAnalysis") -> str:
+    if not found.percentiles_mm:
+        return "No distance is known."
+    listed = ", ".join(f"{k} %: {v:.2f} mm" for k, v in found.percentiles_mm.items())
+    return f"Percentiles of the measured distance: {listed}. Bars are 1 mm wide."
+
+
+def _breaches(found: "CaseAnalysis") -> str:
+    if not found.breaches:
+        return ""
+    rows = [
+        (
+            str(number),
+            time_text(breach.start_s),
+            time_text(breach.duration_s),
+            breach.direction or "centre",
+            breach.part or "-",
+            "-" if breach.entry_speed_mm_s is None else f"{breach.entry_speed_mm_s:.0f} mm/s",
+            length(breach.lowest_sample_mm),
+            *_estimate(breach.estimate),
+        )
+        for number, breach in enumerate(found.breaches, start=1)
+    ]
+    header = (
+        *("", "from", "lasted", "place", "part", "entry", "lowest sample", "estimate"),
+        *("95 % interval", "P(inside)"),
+    )
+    return f'<div class="wide">{table("Depth of the breaches", header, rows)}</div>'
+
+
+def _estimate(found: "DepthEstimate | None") -> tuple[str, str, str]:
+    if found is None:
+        return "-", "-", "-"
+    return (
+        length(found.distance_mm),
+        f"{found.low_mm:.2f} to {found.high_mm:.2f} mm",
+        f"{found.inside_probability:.3f}",
+    )
+
+
+def _sides(found: "CaseAnalysis") -> str:
+    header = (
+        *("side", "area", "nearest"),
+        *(f"within {within:g} mm" for within in WITHIN_MM),
+        *("breaches", "margin of the specimen"),
+    )
+    rows = [
+        (
+            side.side,
+            f"{side.area_mm2:.0f} mm2",
+            length(side.nearest_mm),
+            *("-" if v is None else f"{100.0 * v:.0f} %" for v in side.shares.values()),
+            str(side.breaches),
+            length(side.margin_mm),
+        )
+        for side in found.sides
+    ]
+    return f'<div class="wide">{table("Sides of the tumour", header, rows)}</div>'
+
+
+def _volumes(found: "CaseAnalysis") -> str:
+    resection = found.resection
+    if resection is None:
+        return ""
+    rows: list[Sequence[str]] = []
+    if resection.swept is not None:
+        rows.append(("swept by the cutting part", _volume(resection.swept.volume_mm3)))
+        rows.append(("of it tumour", _volume(resection.tumor_cut_mm3)))
+    specimen = resection.specimen
+    if specimen is not None:
+        closest = specimen.closest
+        rows.append(("specimen", _volume(specimen.volume_mm3)))
+        rows.append(("tumour outside of it", _volume(specimen.tumor_outside_mm3)))
+        rows.append(
+            (
+                "closest margin",
+                f"{length(specimen.margins_mm[closest])}, {ANATOMICAL_WORDS[closest]}",
+            )
+        )
+    note = f'<p class="note">No specimen: {escape(resection.why)}.</p>' if resection.why else ""
+    return table("Volumes", ("", ""), rows) + note
+
+
+def _volume(value_mm3: float) -> str:
+    return f"{value_mm3:.1f} mm3"
+
+
+def _what_if(found: "CaseAnalysis") -> str:
+    risk = found.probability
+    if risk is None:
+        return ""
+    rows = [("as recorded", *_outcome(risk.outcome), "", "")]
+    for name, effect in risk.sources.items():
+        share = f"{100.0 * effect.variance_share:.0f} %"
+        rows.append((f"without the error of {name}", *_outcome(effect.without), share, ""))
+        rows.append((f"twice the error of {name}", *_outcome(effect.doubled), share, ""))
+    rows.extend(
+        (
+            f"stop margin of {stop.stop_mm:g} mm",
+            *_outcome(stop.outcome),
+            "",
+            time_text(stop.held_s),
+        )
+        for stop in risk.stops
+    )
+    header = (
+        *("", "P(breach)", "expected time inside", "lowest distance (5 to 95 %)"),
+        *("share of variance", "held by the fixture"),
+    )
+    title = "What if: constant errors and other stop margins"
+    return f'<div class="wide">{table(title, header, rows)}</div>'
+
+
+def _outcome(outcome: "Outcome") -> tuple[str, str, str]:
+    low, middle, high = outcome.lowest_mm
+    return (
+        f"{outcome.probability:.3f}",
+        time_text(outcome.inside_s),
+        f"{middle:.2f} mm ({low:.2f} to {high:.2f})",
+    )

@@ -1,0 +1,165 @@
+"""Sections, figures, methods and per-frame table of an analysis, on a part of the shipped case."""
+
+import io
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import marginguard as mg
+from app.analysis import CaseSamples, analyse_case
+from app.report import ANALYSIS_FILES, AnalysedCase, ReplayRecord, analysis_page, write_report
+from app.report.coverage_svg import COLORS
+from app.report.distance_svg import distance_svg
+from app.report.frames_table import COLUMNS, FramesTable
+from app.report.methods import methods_of, methods_text, recorded_on
+from tests.report.test_html import Page
+
+START_S, END_S = 94.0, 98.0
+_SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def prepared() -> mg.PreparedCase:
+    return mg.open_case(mg.example_case())
+
+
+@pytest.fixture(scope="module")
+def steps(prepared) -> list[mg.StepResult]:
+    return list(mg.replay(prepared, start_s=START_S, end_s=END_S))
+
+
+@pytest.fixture(scope="module")
+def analysed(prepared, steps) -> AnalysedCase:
+    content = prepared.content
+    analysis = analyse_case(
+        steps,
+        name="a <b> case",
+        margins=content.margins,
+        tumor=content.tumor,
+        tool=content.tool,
+        covariances_mm2={"contour": 0.5 * np.eye(3)},
+        stops_mm=(2.0,),
+        cutting_mm=4.0,
+    )
+    errors = {"contour": 0.7}
+    methods = methods_of(prepared, steps[0].frame.stamp.ns, "9.8.7", error_sigmas_mm=errors)
+    return AnalysedCase(analysis, methods, content.margins, content.tumor)
+
+
+@pytest.fixture(scope="module")
+def page(analysed) -> str:
+    return analysis_page(analysed, analysed.figures())
+
+
+def test_page_has_no_script_and_no_external_resource(page):
+    assert not {"script", "link", "iframe", "object", "base", "img"} & set(Page(page).tags)
+    assert not re.search(r"https?:|//[a-z]|url\(|@import|href", page)
+    assert "<b> case" not in page and "a &lt;b&gt; case" in page
+
+
+def test_page_has_the_numbers_of_the_analysis(analysed, page):
+    (breach,) = analysed.analysis.breaches
+    text = Page(page).text
+    assert f"{breach.estimate.low_mm:.2f} to {breach.estimate.high_mm:.2f} mm" in text
+    assert breach.direction in text
+    for side in ("right", "left", "anterior", "posterior", "superior", "inferior"):
+        assert any(row[:1] == [side] for row in Page(page).rows)
+    assert f"{analysed.analysis.resection.swept.volume_mm3:.1f} mm3" in text
+    assert "No specimen: the swept volume does not enclose the tumour." in text
+    (stop,) = analysed.analysis.probability.stops
+    row = next(row for row in Page(page).rows if row[0] == "stop margin of 2 mm")
+    assert row[1] == f"{stop.outcome.probability:.3f}"
+
+
+def test_methods_state_versions_hashes_date_and_options(analysed):
+    text = methods_text(analysed.analysis, analysed.methods)
+    assert "MarginGuard 9.8.7" in text and "manifold3d 3" in text
+    for name, sha in analysed.methods["inputs_sha256"].items():
+        assert f"{name} (SHA-256 {sha})" in text and len(sha) == 64
+    assert "at a date that its clock does not state" in text
+    assert "contour 0.7 mm" in text
+    assert "last 4 mm of the tool" in text
+
+
+@pytest.mark.parametrize(
+    ("first_ns", "date"),
+    [
+        (1_700_000_000_123_456_789, "2023-11-14 22:13:20 UTC"),
+        (1_000_000_000_000, None),
+        (-1, None),
+        (2**63, None),
+    ],
+)
+def test_date_is_that_of_a_clock_that_counts_from_1970(first_ns, date):
+    assert recorded_on(first_ns) == date
+
+
+def test_histogram_has_the_time_in_each_bin():
+    distances = np.array([-0.5, 0.2, 0.4, 7.5, 80.0, np.nan])
+    held = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    root = ElementTree.fromstring(distance_svg(distances, held, 1.0, 5.0))
+    titles = [rect.find(f"{_SVG}title").text for rect in root.iter(f"{_SVG}rect")]
+    assert titles == ["-1 to 0 mm: 1.00 s", "0 to 1 mm: 5.00 s", "7 to 8 mm: 4.00 s"]
+    heights = [float(rect.get("height")) for rect in root.iter(f"{_SVG}rect")]
+    assert heights[0] / heights[1] == pytest.approx(0.2, rel=0.01)
+    assert "5.0 s farther than 30 mm" in root.find(f"{_SVG}desc").text
+    empty = ElementTree.fromstring(distance_svg(distances[5:], held[5:], 1.0, 5.0))
+    assert list(empty.iter(f"{_SVG}rect")) == []
+
+
+def test_coverage_map_has_six_views_with_the_side_of_the_breach_in_the_nearest_class(analysed):
+    root = ElementTree.fromstring(analysed.figures()["coverage.svg"])
+    views = {
+        view.find(f"{_SVG}text").text: list(view.iter(f"{_SVG}path"))
+        for view in root.iter(f"{_SVG}g")
+    }
+    assert len(views) == 6
+    (breach,) = analysed.analysis.breaches
+
+    def reddish(paths):
+        colors = [path.get("fill") for path in paths]
+        return sum(int(c[1:3], 16) > 4 * int(c[5:7], 16) + 20 for c in colors)
+
+    assert int(COLORS[0][1:3], 16) > 4 * int(COLORS[0][5:7], 16) + 20
+    opposite = {"right": "left", "anterior": "posterior", "superior": "inferior"}
+    opposite |= {value: key for key, value in opposite.items()}
+    assert reddish(views[f"from {breach.side}"]) > 3
+    assert reddish(views[f"from {opposite[breach.side]}"]) == 0
+    assert all(len(paths) < 1600 for paths in views.values())
+
+
+def test_table_of_frames_has_margins_witnesses_and_velocity(prepared, steps):
+    table = FramesTable(0.075)
+    assert CaseSamples.from_steps(table.observing(steps)).stamps_ns[0] == steps[0].frame.stamp.ns
+    found = pq.read_table(io.BytesIO(table.parquet())).to_pydict()
+    assert tuple(found) == COLUMNS
+    assert len(found["t_s"]) == len(steps)
+    index = int(np.nanargmin([np.nan if d is None else d for d in found["signed_distance_mm"]]))
+    step = steps[index]
+    assert found["state"][index] == "POSITIVE"
+    assert found["stop_total_mm"][index] == step.decision.margin.total_mm
+    assert found["hold"][index] is step.decision.hold
+    tool = np.array([found[f"on_tool_{axis}_mm"][index] for axis in "xyz"])
+    np.testing.assert_array_equal(tool, step.decision.proximity.on_tool_mm)
+    times = np.array(found["t_s"])
+    tips = np.array([found[f"tip_{axis}_mm"] for axis in "xyz"], dtype=float).T
+    speeds = np.array([found[f"velocity_{axis}_mm_s"] for axis in "xyz"], dtype=float).T
+    moving = np.isfinite(speeds).all(axis=1)
+    assert moving.mean() > 0.9
+    travelled = np.trapezoid(speeds[moving], times[moving], axis=0)
+    np.testing.assert_allclose(travelled, tips[moving][-1] - tips[moving][0], atol=0.6)
+
+
+def test_report_with_an_analysis_has_its_sections_and_files(tmp_path, analysed, record_of):
+    record: ReplayRecord = record_of([6.0, -1.0])
+    write_report(tmp_path, record, scene_png=lambda: None, version="1", analysed=analysed)
+    assert {path.name for path in tmp_path.iterdir()} >= set(ANALYSIS_FILES)
+    text = (tmp_path / "report.html").read_text()
+    assert "<h2>Methods</h2>" in text and "from anterior" in text
+    assert not re.search(r"https?:|url\(|<script", text)
+    write_report(tmp_path, record, scene_png=lambda: None, version="1")
+    assert not {path.name for path in tmp_path.iterdir()} & set(ANALYSIS_FILES)
+    assert "<h2>Methods</h2>" not in (tmp_path / "report.html").read_text()
