@@ -1,7 +1,7 @@
-"""OpenIGTLink client: tracked transforms with their status from a PLUS server.
+"""OpenIGTLink: tracked transforms with their status from a PLUS server, or sent as by one.
 
-`wire`, `stream`, `poses` and `queue` do no input or output; `IgtlSource` owns a socket and a
-thread.
+`wire`, `stream`, `poses` and `queue` do no input or output; `IgtlSource` and `PoseServer` own
+sockets and a thread.
 """
 
 from app.igtl.errors import IgtlError
@@ -13,6 +13,7 @@ from app.igtl.images import (
     image_message,
     read_image,
 )
+from app.igtl.pose_server import PoseServer
 from app.igtl.queue import SampleQueue
 from app.igtl.source import PORT, IgtlSource
 from app.igtl.wire import Header
@@ -24,6 +25,7 @@ __all__ = [
     "IgtlError",
     "IgtlSource",
     "ImageReader",
+    "PoseServer",
     "ReceivedImage",
     "SampleQueue",
     "image_message",

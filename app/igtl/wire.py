@@ -104,11 +104,27 @@ def pack_message(kind: str, device: str, stamp_ns: int, content: bytes) -> bytes
 
     Raises `IgtlContentError` for a device name that is not 1 to 20 ASCII characters.
     """
+    return _packed(1, kind, device, stamp_ns, content)
+
+
+def pack_message_with_metadata(
+    kind: str, device: str, stamp_ns: int, content: bytes, metadata: Mapping[str, str]
+) -> bytes:
+    """Encode a message of header version 2 with ``metadata`` in UTF-8; raises as `pack_message`."""
+    pairs = [(key.encode(), value.encode()) for key, value in metadata.items()]
+    heads = _COUNT.pack(len(pairs))
+    heads += b"".join(_ENTRY.pack(len(key), 106, len(value)) for key, value in pairs)
+    values = b"".join(key + value for key, value in pairs)
+    extended = _EXTENDED.pack(_EXTENDED.size, len(heads), len(values), 0)
+    return _packed(2, kind, device, stamp_ns, extended + content + heads + values)
+
+
+def _packed(version: int, kind: str, device: str, stamp_ns: int, body: bytes) -> bytes:
     name = device.encode("ascii", "replace")
     if not 1 <= len(name) <= 20 or name.decode() != device:
         raise IgtlContentError(f"device is {device!r}; expected 1 to 20 ASCII characters")
     time = ((stamp_ns << 32) + NS_PER_S // 2) // NS_PER_S
-    return _HEADER.pack(1, kind.encode(), name, time, len(content), CRC64(content)) + content
+    return _HEADER.pack(version, kind.encode(), name, time, len(body), CRC64(body)) + body
 
 
 def start_tracking_request() -> bytes:

@@ -14,7 +14,7 @@ from .hand import ScriptedHand
 from .haptic_coupling import HapticCoupling, HapticParameters
 from .manual_hands import KEYS, JoyHand, KeyHand
 from .state import ArmState, Contact, WorldState, Wrench
-from .tracker import WorldTracker
+from .tracker import TRACKER_FRAME, WorldTracker
 from .world import World
 from .world_entries import (
     BodyEntry,
@@ -36,6 +36,7 @@ from .world_keys import WORLD, world_schema_text
 __all__ = [
     "COMMAND_LIFETIME_NS",
     "KEYS",
+    "TRACKER_FRAME",
     "WORLD",
     "ArmCommand",
     "ArmState",

@@ -4,12 +4,14 @@ import io
 import signal
 import sys
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 from app.cli.main import main
+from app.igtl import IgtlSource, SampleQueue
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 
@@ -24,6 +26,39 @@ def test_live_session_follows_the_tracker_of_a_simulated_world(start, domain_id,
     assert 35.0 < float(line.split()[1]) < 55.0
     assert live.end(signal.SIGINT) == 130
     assert simulation.end(signal.SIGINT) == 130
+
+
+def test_tracker_is_sent_over_openigtlink(start, domain_id, project_root):
+    world = project_root / "data" / "worlds" / "lumpectomy"
+    simulation = start("-m", "app.cli", "simulate", str(world), "--igtl", "0")
+    line = simulation.line(lambda line: line.startswith("OpenIGTLink: port "))
+    queue = SampleQueue()
+    found = {}
+    with IgtlSource("127.0.0.1", int(line.split()[2]), queue.put):
+        while {"tumor", "cautery"} - found.keys():
+            samples = queue.take(60.0)
+            assert samples, "nothing within 60 s"
+            found |= {each.source: each for each in samples}
+    assert found["tumor"].target == "tracker"
+    # Place of the tumour in the world file; it breathes by some mm.
+    np.testing.assert_allclose(
+        found["tumor"].transform.translation_mm, [205.0, 0.0, 80.0], atol=8.0
+    )
+    assert simulation.end(signal.SIGINT) == 130
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--igtl", "70000"], "--igtl is 70000; expected a port from 0 to 65535"),
+        (["--igtl", "0", "--with", "live"], "--igtl with --with or --view; expected one of them"),
+    ],
+)
+def test_unusable_openigtlink_options_are_refused(options, problem, capsys, project_root):
+    world = project_root / "data" / "worlds" / "lumpectomy"
+    assert main(["simulate", str(world), *options]) == 2
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "error" in each]
+    assert problem in line
 
 
 @pytest.mark.parametrize(

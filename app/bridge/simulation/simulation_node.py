@@ -16,7 +16,7 @@ A session must not follow the truth: its frames have names of their own. Stamps 
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -72,7 +72,9 @@ _SENDERS_PERIOD_NS = 50 * NS_PER_MS
 class SimulationNode:
     """Connects a world to ROS; the `Shell` of `RealTime.run`.
 
-    ``use_hand`` false leaves out the scripted hand of the world; ``hand`` is used instead of it.
+    ``send_poses`` receives the tracker's samples, with the names of the bodies, instead of
+    ``/tracked_transforms`` and ``/tf``. ``use_hand`` false leaves out the scripted hand of the
+    world; ``hand`` is used instead of it.
     """
 
     def __init__(
@@ -82,13 +84,17 @@ class SimulationNode:
         *,
         use_hand: bool = True,
         hand: Hand | None = None,
+        send_poses: Callable[[Sequence[TrackedTransform]], None] | None = None,
     ) -> None:
         self._tools = {each.name: each.tool.name for each in description.robots if each.tool}
         self._tf = ros.publisher(topics.TF)
         self._diagnostics = ros.publisher(topics.DIAGNOSTICS)
         self._factor = ros.publisher(Topic("~/real_time_factor", Float64, STREAM))
         self._description = description
-        self._tracked = TrackerPublisher(ros) if description.tracker is not None else None
+        self._suffix = SENSOR if send_poses is None else ""
+        if send_poses is None and description.tracker is not None:
+            send_poses = TrackerPublisher(ros).publish
+        self._send_poses = send_poses
         self._tracker = self._new_tracker()
         self._hand = hand
         script = description.hand
@@ -157,11 +163,11 @@ class SimulationNode:
     def publish(self, state: WorldState, stamp_ns: int) -> None:
         """Publish what is due; see `Shell`."""
         self._state, self._stamp_ns = state, stamp_ns
-        if self._tracker is not None and self._tracked is not None:
+        if self._tracker is not None and self._send_poses is not None:
             self._tracker.observe(state)
             for samples in self._tracker.arrived(state.time_ns):
                 on_host = [self._on_host(sample, stamp_ns - state.time_ns) for sample in samples]
-                self._tracked.publish(on_host)
+                self._send_poses(on_host)
         if state.time_ns % STATE_PERIOD_NS == 0:
             self._publish_state(state, Stamp(stamp_ns))
         for name, arm_state in state.arms.items():
@@ -235,10 +241,9 @@ class SimulationNode:
             if problem and not state.arms[name].fault:
                 world.fail(name, problem)
 
-    @staticmethod
-    def _on_host(sample: TrackedTransform, offset_ns: int) -> TrackedTransform:
+    def _on_host(self, sample: TrackedTransform, offset_ns: int) -> TrackedTransform:
         """``sample`` as one of the body's sensor, with its stamp on the host's clock."""
-        sensor, pose = f"{sample.source}{SENSOR}", sample.transform
+        sensor, pose = f"{sample.source}{self._suffix}", sample.transform
         return TrackedTransform(
             None if pose is None else pose.renamed(source=sensor),
             Stamp(sample.stamp.ns + offset_ns),

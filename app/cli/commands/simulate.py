@@ -23,6 +23,7 @@ from pathlib import Path
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
+from app.cli.simulated_tracker_server import check_names, pose_server
 
 SUMMARY = "simulate robots, tissue and a tracker with physics, on the ROS graph"
 
@@ -39,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which hand moves the tool: the script of the world, the mouse on the page, keys of "
         "this terminal, the world's hand.joy or hand.device, or none; default: page with --view "
         "and --with control, else script",
+    )
+    parser.add_argument(
+        "--igtl",
+        type=int,
+        metavar="PORT",
+        help="send the tracker's transforms to OpenIGTLink clients of this machine, as PLUS does, "
+        "instead of /tracked_transforms and /tf; 0 chooses a free port; without --with and --view",
     )
     parser.add_argument(
         "--with",
@@ -71,8 +79,11 @@ def run(options: argparse.Namespace) -> int:
             from app.simulation import World, open_world
 
             commands = _commands(options)
+            if options.igtl is not None and commands:
+                raise InputError("--igtl with --with or --view; expected one of them")
             description = open_world(options.world)
             check_hand(_hand(options), description)
+            check_names(options.igtl, description)
             world = World(description)
         stop = threading.Event()
         failed: list[str] = []
@@ -82,19 +93,31 @@ def run(options: argparse.Namespace) -> int:
             stop.set()
 
         received.stops(stop.set)
-        with CommandGroup(ended) as others, RosNode(NODE_NAME) as ros:
+        with (
+            CommandGroup(ended) as others,
+            RosNode(NODE_NAME) as ros,
+            pose_server(options.igtl) as server,
+        ):
             for command in commands:
                 others.start(*command)
             others.wait_until_ready(stop)
             kind = _hand(options)
             hand = open_hand(kind, ros, description)
-            node = SimulationNode(ros, description, use_hand=kind == "script", hand=hand)
+            node = SimulationNode(
+                ros,
+                description,
+                use_hand=kind == "script",
+                hand=hand,
+                send_poses=None if server is None else server.send,
+            )
             pace = RealTime(
                 world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
             )
             node.serve(pace)
             arms = ", ".join(f"/{each.name}" for each in description.robots) or "none"
             print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
+            if server is not None:
+                print(f"OpenIGTLink: port {server.port} of this machine", flush=True)
             with keys_to(hand):
                 try:
                     pace.run(node, stop)
