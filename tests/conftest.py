@@ -43,6 +43,7 @@ SLOW = {
         "tests/viewer/test_server_gone.py",
         "tests/viewer/test_tls_proxy.py",
         "tests/viewer/steps/test_ultrasound.py",
+        "tests/viewer/test_contour_part.py",
         "tests/cli/test_render_warmup.py",
         "tests/cli/test_replay_scene.py",
         "tests/cli/test_scene_picture.py",
@@ -149,6 +150,7 @@ LONG = {
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "serves a page of its own": (
         "tests/cli/test_view_hand.py",
+        "tests/viewer/test_contour_page.py",
         "tests/viewer/test_ultrasound_page.py",
     ),
     "builds another version of the message package": (

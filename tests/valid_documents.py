@@ -135,7 +135,12 @@ def complete(document: str) -> list[dict[str, Any]]:
     optional = {"release_samples": 4, "release_band_mm": 1, "frozen_after_ms": 500.0}
     full = values | {"margins": values["margins"] | optional}
     tumor, known = values["tumor"], {"offset_robot_to_tracker_ms": 3, "estimate": False}
-    contour = {"frame": tumor["frame"], "pose": tumor["pose"], "contour": {"path": "t.fcsv"}}
+    contour = {
+        "frame": tumor["frame"],
+        "pose": tumor["pose"],
+        "contour": {"path": "t.fcsv"},
+        "sigma_mm": 0.5,
+    }
     mesh: dict[str, Any] = {
         "tumor": tumor | {"mesh": {"path": "t.stl", "units": "cm", "repair": True}},
         "tool": values["tool"] | {"mesh": {"path": "tool.ply", "units": "mm", "repair": True}},

@@ -24,6 +24,9 @@ MAX_LIVE_TRIANGLES = 400_000
 in compiled code and NumPy, which release the interpreter, so that the constraint is sent
 meanwhile."""
 
+MAX_TUMOR_SIGMA_MM = 10.0
+"""Largest uncertainty of a tumour's surface, as in ``tumor.sigma_mm`` of a ``case.yaml``."""
+
 THIS_PROCESS = "this process"
 
 _SHORT_WAIT_S = 0.05
@@ -62,6 +65,11 @@ class OperatorCommands:
         self._max_triangles = max_triangles
         self._acknowledged = content
         self.requests = requests or RequestLog(time.time_ns, time.monotonic_ns)
+
+    @property
+    def compute(self) -> Compute:
+        """Calls a function that computes for long, where it does not delay the session."""
+        return self._compute
 
     @property
     def content(self) -> SessionContent:
@@ -126,10 +134,16 @@ class OperatorCommands:
             done.append(f"{text} (a re-arm is needed)" if loosened else text)
 
     def set_tumor(
-        self, frame_from_tumor: Transform, tumor: SurfaceMesh, *, origin: str = THIS_PROCESS
+        self,
+        frame_from_tumor: Transform,
+        tumor: SurfaceMesh,
+        *,
+        sigma_mm: float = 0.0,
+        origin: str = THIS_PROCESS,
     ) -> str:
         """Use this tumour surface instead; returns its ``model_id``. Latches a hold.
 
+        ``sigma_mm``: standard deviation of the surface along its normal, 0 where it is not stated.
         Raises `MeshError` for a surface that is not closed, `InputError` for one of too many
         triangles, and `FrameError` for another frame than the one that the tumour moves with,
         since that is what the session tracks.
@@ -143,9 +157,16 @@ class OperatorCommands:
                     f"{known.target!r}, the frame that the session tracks it by"
                 )
             self._check_size(tumor)
+            if not 0.0 <= sigma_mm <= MAX_TUMOR_SIGMA_MM:
+                raise InputError(
+                    f"uncertainty of the tumour: is {sigma_mm:.6g} mm; expected 0 to "
+                    f"{MAX_TUMOR_SIGMA_MM:g} mm"
+                )
             proximity = self._model(setup, tumor)
             change = self._tumor_change(shown, frame_from_tumor, tumor)
-            content = replace(self._content, tumor=tumor)
+            if sigma_mm != shown.tumor_sigma_mm:
+                change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
+            content = replace(self._content, tumor=tumor, tumor_sigma_mm=sigma_mm)
             switches = self._prepare(content)
             _ = content.model_id  # computed now, before the session waits for it
             with self._between_steps() as session:
@@ -158,9 +179,14 @@ class OperatorCommands:
                 self._apply(
                     session,
                     replace(
-                        session.requested, frame_from_tumor=frame_from_tumor, proximity=proximity
+                        session.requested,
+                        frame_from_tumor=frame_from_tumor,
+                        proximity=proximity,
+                        tumor_sigma_mm=sigma_mm,
                     ),
-                    replace(self._content, tumor=tumor, static_edges=edges),
+                    replace(
+                        self._content, tumor=tumor, static_edges=edges, tumor_sigma_mm=sigma_mm
+                    ),
                     switches,
                     change,
                 )

@@ -27,7 +27,8 @@ class SessionContent:
 
     ``tumor`` is in the frame ``tumor.frame``; ``tool`` in ``tip_frame``, or None where only the
     tip is known. ``static_edges`` are the calibrations and the registration, each child frame
-    once. ``robot`` is None for a tool that is held by hand. ``robot_file`` with ``package_dirs``
+    once. ``tumor_sigma_mm``: standard deviation of the tumour's surface, 0 where it is not stated.
+    ``robot`` is None for a tool that is held by hand. ``robot_file`` with ``package_dirs``
     and ``xacro_args`` is where the robot's description is read from. ``simulated``: the poses are
     not a patient's.
     """
@@ -43,6 +44,7 @@ class SessionContent:
     package_dirs: tuple[Path, ...] = ()
     xacro_args: Mapping[str, str] = field(default_factory=dict)
     simulated: bool = False
+    tumor_sigma_mm: float = 0.0
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -100,6 +102,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         package_dirs=case.package_dirs,
         xacro_args={} if case.manifest.robot is None else case.manifest.robot.xacro_args,
         simulated=case.manifest.provenance.kind == "simulated",
+        tumor_sigma_mm=setup.tumor_sigma_mm,
     )
 
 

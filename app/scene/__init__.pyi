@@ -1,4 +1,5 @@
 from .application import SceneApplication
+from .contour_model import ContourModel
 from .errors import OffscreenError, SceneError
 from .frames.edited import EditedTransform
 from .frames.poses import PoseNodes
@@ -27,6 +28,7 @@ __all__ = [
     "Batch",
     "BreachMarkers",
     "Camera",
+    "ContourModel",
     "EditedTransform",
     "FixturePlane",
     "ImagePlane",

@@ -31,6 +31,7 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
         margins=margins,
         robot=_robot_setup(case, margins),
         plausibility=manifest.plausibility,
+        tumor_sigma_mm=manifest.tumor.sigma_mm,
     )
 
 

@@ -40,6 +40,11 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
         found.append("calibration of the tool replaced")
     if (before.proximity, before.frame_from_tumor) != (after.proximity, after.frame_from_tumor):
         found.append(tumor_change or "tumour replaced")
+    elif after.tumor_sigma_mm < before.tumor_sigma_mm:
+        found.append(
+            f"uncertainty of the tumour lowered from {before.tumor_sigma_mm:.2f} to "
+            f"{after.tumor_sigma_mm:.2f} mm"
+        )
     if before.robot is not after.robot:
         found.append(_robot_change(before.robot, after.robot))
     if (before.tumor_motion, before.motion_frame) != (after.tumor_motion, after.motion_frame):

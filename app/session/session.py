@@ -104,7 +104,8 @@ class Session:
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
         proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
-        sigma_mm = math.hypot(sigma_tre_mm, self._tracking_sigma(proximity, tool.transform))
+        tracking_mm = self._tracking_sigma(proximity, tool.transform)
+        sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, self.setup.tumor_sigma_mm)
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,

@@ -3,7 +3,9 @@
 from trame_server.state import State
 
 from app.fixture import MarginState
+from app.geometry import FloatArray
 from app.session import BreachList
+from app.viewer.contour_part import ContourPart
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.client_scene import ClientScene
@@ -27,7 +29,8 @@ class Page:
 
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
-    where the mouse does not move the tool. All calls come from the page's thread.
+    where the mouse does not move the tool; ``contour``: None where no tumour can be contoured. All
+    calls come from the page's thread.
     """
 
     def __init__(
@@ -40,6 +43,7 @@ class Page:
         client_scene: ClientScene | None = None,
         ultrasound: UltrasoundPart | None = None,
         hand: HandPart | None = None,
+        contour: ContourPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -50,7 +54,8 @@ class Page:
         self._client_scene = client_scene
         self._ultrasound = ultrasound
         self._hand = hand
-        state.ultrasound = state.ultrasound_image = state.hand = None
+        self._contour = contour
+        state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -75,16 +80,27 @@ class Page:
         if self.area.take_resized():
             self.camera.reframe()
         moment = None if now is None else (now.step.index, now.silent, now.request)
-        drawn, self._drawn = self._drawn, (moment, self._timeline.revision())
+        edited = None if self._contour is None else self._contour.revision
+        drawn, self._drawn = self._drawn, (moment, self._timeline.revision(), edited)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
             if self._ultrasound is not None:
                 self._ultrasound.update(now, self.view)
                 with self._state as state:  # not with the picture, which takes longer to draw
                     state.update(self._ultrasound.values())
+            if self._contour is not None:
+                self._contour.update(now, self.view, *self._image_place(now, self._contour))
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
+
+    def _image_place(
+        self, now: ViewState, contour: ContourPart
+    ) -> tuple[int, FloatArray] | tuple[None, None]:
+        """The present image, and its map to the frame of ``contour``."""
+        if self._ultrasound is None:
+            return None, None
+        return self._ultrasound.place(now, contour.places.frame) or (None, None)
 
     def screenshot(self) -> bytes:
         """Render the present as PNG, also while no page is open."""
@@ -108,6 +124,8 @@ class Page:
             state.orientation = self._orientation()
             if self._hand is not None:
                 state.update(self._hand.values())
+            if self._contour is not None:
+                state.update(self._contour.values())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

@@ -15,7 +15,10 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
+from app.runtime import compute_here
 from app.viewer.address import Address
+from app.viewer.contour_controls import ContourControls
+from app.viewer.contour_part import ContourPart
 from app.viewer.controls import LiveControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
@@ -94,6 +97,7 @@ class Viewer:
         client_scene = ClientScene(view) if client else None
         self._ultrasound = None if title.images is None else UltrasoundPart(title.images)
         self._hand = None if hand is None else HandPart(view, hand)
+        self._contour = self._contour_part(view, operator)
         self._page = Page(
             state,
             view,
@@ -103,6 +107,7 @@ class Viewer:
             client_scene,
             self._ultrasound,
             self._hand,
+            self._contour,
         )
         state.rates = []
         self._commands = Commands()
@@ -111,6 +116,16 @@ class Viewer:
             ReplayControls(state, self._commands, control, self.redraw)
         if operator is not None:
             LiveControls(self._commands, operator)
+        if self._contour is not None:
+            ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
+
+    def _contour_part(self, view: SceneView, operator: LiveOperator | None) -> ContourPart | None:
+        """The contour of a live session, and of a replay with images."""
+        if operator is not None:
+            return ContourPart(view.content, operator.compute, self.wake, operator.set_tumor)
+        if self._ultrasound is not None:
+            return ContourPart(view.content, compute_here, self.wake)
+        return None
 
     def redraw(self) -> None:
         """Draw as soon as possible, in the page's thread."""
@@ -170,6 +185,8 @@ class Viewer:
         await sockets.close()
         await web_server.stop()
         await self._server.stop()
+        if self._contour is not None:
+            self._contour.close()
         await asyncio.gather(state_server, return_exceptions=True)
         if drawing.done() and not drawing.cancelled():
             drawing.result()
@@ -183,6 +200,8 @@ class Viewer:
         }
         if self._title.report is not None:
             handlers["/report.html"] = downloads.report
+        if self._contour is not None:
+            handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
         return Content(handlers, {**folders, "/marginguard/": _WEB}, {"/paraview/": _session})
 
     def _screenshot(self) -> bytes:
@@ -213,6 +232,7 @@ def _server(title: Title, *, client: bool) -> Server:
                 "marginguard/states.css",
                 "marginguard/page.css",
                 "marginguard/ultrasound.css",
+                "marginguard/contour.css",
             ],
             "module_scripts": ["marginguard/main.js"],
         }
@@ -232,6 +252,7 @@ def _server(title: Title, *, client: bool) -> Server:
         "report": title.report is not None,
         "client": client,
         "ultrasound": title.images is not None,
+        "contour": title.live or title.images is not None,
     }
     return server
 

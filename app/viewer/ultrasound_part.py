@@ -4,6 +4,7 @@ import base64
 from typing import Any
 
 from app.case import ImageSource
+from app.geometry import FloatArray
 from app.scene import ImagePlane, MarginGuardScene, quick_png
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
@@ -45,6 +46,15 @@ class UltrasoundPart:
             self._plane.hide()
         else:
             self._plane.show(eight_bits(found.image), found.matrix)
+
+    def place(self, shown: ViewState | None, frame: str) -> tuple[int, FloatArray] | None:
+        """The present image and its map (4, 4) to mm in ``frame``; None if none may be shown."""
+        if shown is None or shown.silent or self._view.problem or self._view.number is None:
+            return None
+        found = self._ultrasound.images.at(shown.step.frame.stamp.ns, frame)
+        if found.number is None or found.pose.matrix is None:
+            return None
+        return found.number, found.pose.matrix
 
     def values(self) -> dict[str, Any]:
         """The values of the page that belong to the last `update`; the image if it is another."""

@@ -131,6 +131,22 @@ def test_tumour_is_prepared_before_lock_and_revoked_before_switch(world):
     assert all(output.content is content for output in world.outputs)
 
 
+def test_uncertainty_of_a_tumour_enters_session_and_content_and_is_named(world):
+    world.commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.6)
+    assert world.session.setup.tumor_sigma_mm == 0.6
+    assert world.commands.content.tumor_sigma_mm == 0.6
+    assert "uncertainty from 0.00 to 0.60 mm" in world.session.hold_causes[0]
+    world.commands.set_tumor(TUMOR_EDGE, LARGER)
+    assert world.session.setup.tumor_sigma_mm == 0.0
+
+
+@pytest.mark.parametrize("sigma_mm", [-0.1, 10.5, float("nan")])
+def test_uncertainty_of_a_tumour_out_of_range_changes_nothing(world, sigma_mm):
+    with pytest.raises(InputError, match=r"uncertainty of the tumour: is .* expected 0 to 10 mm"):
+        world.commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=sigma_mm)
+    world.assert_unchanged()
+
+
 def test_tumour_of_tip_only_session_needs_no_tool():
     tumor = SurfaceMesh("tumor", TETRAHEDRON, FACES)
     world = World(content=replace(CONTENT, tool=None), proximity=TipProximity(tumor))

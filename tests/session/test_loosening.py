@@ -95,6 +95,9 @@ def test_each_change_of_tumour_tool_and_robot_loosens():
     assert loosenings(SETUP, replace(SETUP, tool_from_tip=TOOL.inverse().inverse())) == [
         "calibration of the tool replaced"
     ]
+    stated = replace(SETUP, tumor_sigma_mm=0.6)
+    assert loosenings(SETUP, stated) == []
+    assert loosenings(stated, SETUP) == ["uncertainty of the tumour lowered from 0.60 to 0.00 mm"]
     assert loosenings(SETUP, SETUP) == []
 
 

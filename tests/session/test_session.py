@@ -509,3 +509,18 @@ def test_constraint_is_in_the_tumours_frame_for_any_name():
     assert step.virtual_fixture.target == "lump"
     with pytest.raises(FrameError, match="frame is 'tumor'; expected 'lump'"):
         session.use(make_setup())
+
+
+def test_uncertainty_of_the_tumour_widens_the_margin():
+    plain = replace(make_setup(), tumor_sigma_mm=0.6)
+    step = Session(plain).step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    assert step.decision.margin.tre_mm == pytest.approx(PARAMETERS.k_tre * 0.6)
+
+
+def test_uncertainty_of_tumour_and_registration_are_independent(touch):
+    setup = make_setup(registered(touch, found_registration(0.3)))
+    frames = (reference(0), needle(0), cautery_at(40.0, 0))
+    alone = Session(setup).step(frame(0, *frames)).decision.margin.tre_mm
+    both = Session(replace(setup, tumor_sigma_mm=0.6)).step(frame(0, *frames))
+    expected = np.hypot(alone, PARAMETERS.k_tre * 0.6)
+    assert both.decision.margin.tre_mm == pytest.approx(expected)

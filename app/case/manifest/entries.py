@@ -91,11 +91,15 @@ class ToolEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TumorEntry:
-    """The tumour's shape, rigidly attached to the tracked ``frame``."""
+    """The tumour's shape, rigidly attached to the tracked ``frame``.
+
+    ``sigma_mm``: standard deviation of its surface along the normal, 0 where it is not stated.
+    """
 
     frame: str
     shape: MeshEntry | SegmentationEntry | ContourEntry
     frame_from_tumor: Transform
+    sigma_mm: float = 0.0
 
     @property
     def shape_key(self) -> str:

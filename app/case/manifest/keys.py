@@ -154,6 +154,12 @@ _TUMOR = Block(
             {"matrix": Numbers(MATRIX, 16)},
             rules=(RIGID,),
         ),
+        "sigma_mm": Number(
+            "standard deviation of the surface along its normal, added to that of the registration",
+            default=0.0,
+            minimum=0.0,
+            maximum=10.0,
+        ),
     },
     variants=(Variant("mesh or segmentation", ("mesh",)), Variant("contour", ("contour",))),
 )

@@ -88,7 +88,10 @@ def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:
             "expected a frame that does not move with the tool"
         )
     return TumorEntry(
-        frame, _shape(block), _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME)
+        frame,
+        _shape(block),
+        _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME),
+        block.number("sigma_mm"),
     )
 
 

@@ -9,3 +9,10 @@ class MessageError(ViewerError):
 
 class RefusedError(ViewerError):
     """The request is not one that this page may make. It is answered with this text."""
+
+
+class NotDoneError(RefusedError):
+    """A request that this page may make, but that cannot be done now.
+
+    It is answered with this text and does not count among the page's refused requests.
+    """

@@ -28,7 +28,7 @@ from app.viewer.messages.wire import MAX_MESSAGE_BYTES
 HELLO = "wslink.hello"
 """The first message of a page."""
 _LIFE_CYCLE = ("client_connected", "client_unmounted", "client_exited")
-_MAX_COMMAND_ARGS = 4
+_MAX_COMMAND_ARGS = 6
 _MAX_ERRORS_LOGGED, _MAX_ERROR_CHARS = 5, 400
 _STATE_COST = 20.0
 """Cost of sending the whole state, in messages."""

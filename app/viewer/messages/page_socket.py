@@ -9,7 +9,7 @@ from app.geometry import MarginGuardError
 from app.viewer.access.auth import ROLE
 from app.viewer.access.hosts import is_same_origin
 from app.viewer.log import log
-from app.viewer.messages.errors import MessageError, RefusedError
+from app.viewer.messages.errors import MessageError, NotDoneError, RefusedError
 from app.viewer.messages.methods import HELLO, Methods
 from app.viewer.messages.open_pages import OpenPage, OpenPages
 from app.viewer.messages.wire import (
@@ -116,6 +116,8 @@ class PageSocket:
             )
         except MessageError:
             raise
+        except NotDoneError as error:
+            frames = encode_error(request.id, str(error))
         except MarginGuardError as error:
             page.refusals += 1
             log.warning("%s: refused: %s", page.id, error)

@@ -144,7 +144,10 @@ def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, st
 
 
 def _tre(tre_mm: float, content: SessionContent) -> str:
-    """What the registration adds to the margins; a number only for a known uncertainty."""
+    """What registration and tumour add to the margins; a number only for a known uncertainty."""
+    if content.tumor_sigma_mm > 0.0:
+        tumor = f"tumour \N{GREEK SMALL LETTER SIGMA} {content.tumor_sigma_mm:.2f} mm"
+        return f"k\N{MIDDLE DOT}\N{GREEK SMALL LETTER SIGMA} at the tip {tre_mm:.2f} mm ({tumor})"
     if content.registration is None:
         return ""
     if content.registration.covariance is None:

@@ -24,11 +24,11 @@ def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
         "height": size[1],
         "problem": view.problem,
         "time": "" if stamp is None else f"{stamp.ns / 1e9:.3f} s",
-        "tumor": _path(view.tumor),
-        "margin": _path(view.margin),
-        "tool": _path(view.tool),
+        "tumor": svg_path(view.tumor),
+        "margin": svg_path(view.margin),
+        "tool": svg_path(view.tool),
         "tip": None if tip is None else [tip[0] + 0.5, tip[1] + 0.5, tip[2]],
-        "closest": "" if view.closest is None else _path((view.closest,)),
+        "closest": "" if view.closest is None else svg_path((view.closest,)),
     }
 
 
@@ -44,7 +44,8 @@ def eight_bits(image: ImageSample) -> Pixels:
     return np.round(scaled).astype(np.uint8)
 
 
-def _path(lines: Lines | tuple[FloatArray, ...]) -> str:
+def svg_path(lines: Lines | tuple[FloatArray, ...]) -> str:
+    """The path of lines of points (n, 2), at most about `_MAX_POINTS` in all."""
     count = sum(len(line) for line in lines)
     step = max(1, -(-count // _MAX_POINTS))
     return "".join(

@@ -40,6 +40,40 @@ class ImageView:
     closest: FloatArray | None = None
 
 
+class SurfaceCuts:
+    """Cuts surfaces by the plane of an image. Keeps the surfaces of the last cuts, converted."""
+
+    def __init__(self) -> None:
+        self._surfaces: dict[int, tuple[SurfaceMesh, vtkPolyData]] = {}
+
+    def cut(self, mesh: SurfaceMesh, to_pixels: FloatArray) -> Lines:
+        """The lines in which the image's plane cuts ``mesh``; ``to_pixels`` from its frame."""
+        known = self._surfaces.get(id(mesh))
+        if known is None or known[0] is not mesh:
+            if len(self._surfaces) > 8:  # surfaces that an operator has replaced
+                self._surfaces.clear()
+            known = self._surfaces[id(mesh)] = (mesh, poly_data(mesh))
+        plane = vtkPlane()
+        # The third row of the map is the distance from the plane: its gradient is the normal.
+        normal, distance = to_pixels[2, :3], to_pixels[2, 3]
+        plane.SetNormal(normal.tolist())
+        plane.SetOrigin((-distance * normal / (normal @ normal)).tolist())
+        cutter = vtkCutter()
+        cutter.SetCutFunction(plane)
+        cutter.SetInputData(known[1])
+        joined = vtkStripper()
+        joined.SetInputConnection(cutter.GetOutputPort())
+        joined.JoinContiguousSegmentsOn()
+        joined.Update()
+        found = joined.GetOutput()
+        if not found.GetNumberOfLines():
+            return ()
+        points = _mapped(to_pixels, vtk_to_numpy(found.GetPoints().GetData()))[:, :2]
+        offsets = vtk_to_numpy(found.GetLines().GetOffsetsArray())
+        ids = vtk_to_numpy(found.GetLines().GetConnectivityArray())
+        return tuple(points[ids[begin:end]] for begin, end in pairwise(offsets.tolist()))
+
+
 @dataclass(slots=True)
 class Ultrasound:
     """Finds the image of a moment, and cuts tumour, stop margin and tool by its plane.
@@ -49,7 +83,7 @@ class Ultrasound:
 
     images: ImageSource
     _sample: ImageSample | None = None
-    _surfaces: dict[int, tuple[SurfaceMesh, vtkPolyData]] = field(default_factory=dict)
+    _cuts: SurfaceCuts = field(default_factory=SurfaceCuts)
 
     def image(self, number: int) -> ImageSample:
         """Image ``number``; the last one is kept."""
@@ -104,39 +138,12 @@ class Ultrasound:
             view.matrix,
             "",
             view.number,
-            tumor=self._cut(content.tumor, to_pixels),
-            margin=() if margin is None else self._cut(margin, to_pixels),
-            tool=() if tool is None else self._cut(tool, to_pixels @ tip.matrix),
+            tumor=self._cuts.cut(content.tumor, to_pixels),
+            margin=() if margin is None else self._cuts.cut(margin, to_pixels),
+            tool=() if tool is None else self._cuts.cut(tool, to_pixels @ tip.matrix),
             tip=_mapped(to_pixels, tip.translation_mm[None])[0],
             closest=closest,
         )
-
-    def _cut(self, mesh: SurfaceMesh, to_pixels: FloatArray) -> Lines:
-        """The lines in which the image's plane cuts ``mesh``; ``to_pixels`` from its frame."""
-        known = self._surfaces.get(id(mesh))
-        if known is None or known[0] is not mesh:
-            if len(self._surfaces) > 8:  # surfaces that an operator has replaced
-                self._surfaces.clear()
-            known = self._surfaces[id(mesh)] = (mesh, poly_data(mesh))
-        plane = vtkPlane()
-        # The third row of the map is the distance from the plane: its gradient is the normal.
-        normal, distance = to_pixels[2, :3], to_pixels[2, 3]
-        plane.SetNormal(normal.tolist())
-        plane.SetOrigin((-distance * normal / (normal @ normal)).tolist())
-        cutter = vtkCutter()
-        cutter.SetCutFunction(plane)
-        cutter.SetInputData(known[1])
-        joined = vtkStripper()
-        joined.SetInputConnection(cutter.GetOutputPort())
-        joined.JoinContiguousSegmentsOn()
-        joined.Update()
-        found = joined.GetOutput()
-        if not found.GetNumberOfLines():
-            return ()
-        points = _mapped(to_pixels, vtk_to_numpy(found.GetPoints().GetData()))[:, :2]
-        offsets = vtk_to_numpy(found.GetLines().GetOffsetsArray())
-        ids = vtk_to_numpy(found.GetLines().GetConnectivityArray())
-        return tuple(points[ids[begin:end]] for begin, end in pairwise(offsets.tolist()))
 
 
 def pixels_from_root(matrix: FloatArray | None) -> FloatArray:

@@ -48,8 +48,8 @@ export function listenToKeys(trame) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const at = event.target;
     // Sliders, lists and buttons handle these keys themselves.
-    if (at.matches?.("input[type=range], select")) return;
-    if (event.key === " " && at.matches?.("button, a, input")) return;
+    if (at.matches?.("input[type=range], input[type=text], input[type=number], select")) return;
+    if (event.key === " " && at.matches?.("button, a, input, summary")) return;
     // The values are behind the help: keys do not change them unseen.
     if (document.getElementById("help")?.open && event.key !== "?") return;
     if (event.key === " " || event.key.startsWith("Arrow")) event.preventDefault();

@@ -5,10 +5,12 @@ import { listenToKeys } from "./keys.js";
 import { makeAccessible } from "./accessible.js";
 import { drawHere } from "./client.js";
 import { showUltrasound } from "./ultrasound.js";
+import { editContour } from "./contour.js";
 
 const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
 watchServer(window.trame, updateAlarm, drawn);
 listenToKeys(window.trame);
 if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);
+if (window.trame.state.get("title").contour) editContour(window.trame);
 makeAccessible();

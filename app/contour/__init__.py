@@ -1,0 +1,6 @@
+"""Contour of a tumour, from points in ultrasound images or at a tool's tip. Pure: no clock."""
+
+import lazy_loader
+
+# Names are listed in `__init__.pyi` and loaded on first use.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

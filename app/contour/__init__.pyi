@@ -1,0 +1,16 @@
+from .editor import Change, ContourEditor
+from .points import MAX_POINTS, Contour, ContourPoint
+from .surface import MAX_DILATION_MM, ContourSurface, contour_surface
+from .uncertainty import ContourUncertainty
+
+__all__ = [
+    "MAX_DILATION_MM",
+    "MAX_POINTS",
+    "Change",
+    "Contour",
+    "ContourEditor",
+    "ContourPoint",
+    "ContourSurface",
+    "ContourUncertainty",
+    "contour_surface",
+]

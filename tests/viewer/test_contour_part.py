@@ -1,0 +1,142 @@
+"""The contour of a live session: from points at the tip to the session's tumour."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.geometry import Transform
+from app.runtime import compute_here
+from app.viewer import LiveOperator
+from app.viewer.access.role import Role
+from app.viewer.contour_controls import ContourControls
+from app.viewer.contour_part import ContourPart
+from app.viewer.messages.commands import Commands
+from app.viewer.messages.errors import NotDoneError
+from tests.runtime.test_operator_commands import CONTENT, TUMOR_EDGE, World
+
+WITHOUT_SCENE = SimpleNamespace(scene=None)
+"""Test double of a scene view before tool and tumour are known."""
+CORNERS = np.array([[12, 0, 0], [-12, 0, 0], [0, 12, 0], [0, -12, 0], [0, 0, 12], [0, 0, -12]])
+
+
+class Contouring:
+    """A contour part with its commands, and the waiting for its surface."""
+
+    def __init__(self, use=None) -> None:
+        self.computed = threading.Semaphore(0)
+        self.part = ContourPart(CONTENT, compute_here, self.computed.release, use)
+        self.commands = Commands()
+        ContourControls(self.commands, self.part, lambda: None, live=True)
+
+    def run(self, name, *args):
+        self.commands.run(name, ["me", *args], Role.OPERATE)
+
+    @property
+    def revision(self):
+        return self.part.editor.revision
+
+    def add(self, places):
+        # As the clicks on an image whose pixels are in mm, at different heights.
+        for number, (x, y, z) in enumerate(places):
+            matrix = np.eye(4)
+            matrix[2, 3] = z
+            self.part.places.show(None, number, matrix)
+            self.run("contour_add", number, float(x), float(y))
+
+    def finish(self):
+        """Wait until the surface of the present points is computed."""
+        for _ in range(3):
+            self.part.update(None, WITHOUT_SCENE)
+            if self.part.values()["contour"]["revision"] == self.part._computed:
+                return
+            assert self.computed.acquire(timeout=60.0)
+        raise AssertionError("not computed")
+
+
+@pytest.fixture
+def world():
+    return World()
+
+
+def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world):
+    with ThreadPoolExecutor(2) as workers:
+        operator = LiveOperator(workers)
+        contouring = Contouring(operator.set_tumor)
+        contouring.add(CORNERS)
+        contouring.run("contour_calibration", contouring.revision, 0.5)
+        contouring.finish()
+        with pytest.raises(NotDoneError, match="the session is not ready"):
+            contouring.run("contour_accept", contouring.revision)
+        operator.connect(world.commands)
+        contouring.run("contour_accept", contouring.revision)
+    tumor = world.commands.content.tumor
+    assert (tumor.frame, TUMOR_EDGE.source) == ("tumor", "tumor")
+    low, high = tumor.transformed(TUMOR_EDGE).bounds_mm
+    np.testing.assert_allclose([low, high], [[-12] * 3, [12] * 3], atol=0.1)
+    sigma_mm = world.session.setup.tumor_sigma_mm
+    assert sigma_mm == pytest.approx(contouring.part._surface.uncertainty.sigma_mm)
+    assert sigma_mm > 0.5
+    assert "tumour replaced" in world.session.hold_causes[0]
+    request = world.commands.requests.last
+    assert (request.accepted, request.origin) == (True, "the page")
+
+
+def test_contour_that_is_not_ready_is_refused_in_one_line():
+    contouring = Contouring(lambda *_: pytest.fail("must not be used"))
+    with pytest.raises(NotDoneError, match="no points; expected 4 or more"):
+        contouring.run("contour_accept", 0)
+    contouring.add(CORNERS[:2])
+    with pytest.raises(NotDoneError, match="its surface is being computed"):
+        contouring.run("contour_accept", contouring.revision)
+    contouring.finish()
+    with pytest.raises(NotDoneError, match="2 points; expected 4 or more"):
+        contouring.run("contour_accept", contouring.revision)
+    contouring.add(CORNERS)
+    contouring.finish()
+    with pytest.raises(NotDoneError, match="the error of its points is not stated"):
+        contouring.run("contour_accept", contouring.revision)
+    with pytest.raises(NotDoneError, match="another page has changed it meanwhile"):
+        contouring.commands.run("contour_accept", ["other", 0], Role.OPERATE)
+
+
+def test_clicks_on_unknown_images_and_unknown_tips_are_refused():
+    contouring = Contouring()
+    with pytest.raises(NotDoneError, match="the place of image 7 is not known"):
+        contouring.run("contour_add", 7, 1.0, 1.0)
+    with pytest.raises(NotDoneError, match="the tip's place is UNKNOWN"):
+        contouring.run("contour_tip")
+    assert contouring.revision == 0
+
+
+def test_second_tumour_waits_for_the_first(world):
+    entered, leave = threading.Event(), threading.Event()
+
+    def set_tumor(edge, tumor, *, sigma_mm, origin):
+        entered.set()
+        assert leave.wait(60.0)
+
+    world.commands.set_tumor = set_tumor
+    with ThreadPoolExecutor(2) as workers:
+        operator = LiveOperator(workers)
+        operator.connect(world.commands)
+        edge = Transform.identity("needle", "tumor")
+        assert operator.set_tumor(edge, CONTENT.tumor, 0.5)
+        assert entered.wait(60.0)
+        assert not operator.set_tumor(edge, CONTENT.tumor, 0.5)
+        leave.set()
+
+
+def test_surface_that_fails_does_not_end_the_page(caplog):
+    def fail(*_):
+        raise np.linalg.LinAlgError("singular")
+
+    contouring = Contouring(lambda *_: pytest.fail("must not be used"))
+    contouring.part._compute = fail
+    contouring.add(CORNERS)
+    contouring.finish()
+    with pytest.raises(NotDoneError, match="no surface was found; expected other points"):
+        contouring.run("contour_accept", contouring.revision)
+    assert "contour of 6 points" in caplog.text
