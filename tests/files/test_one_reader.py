@@ -38,6 +38,7 @@ PARSED_IN = {
 """The files of ``app`` that may name a parser, or a temporary file of an atomic write."""
 
 READS_OWN_FILES = {
+    "bridge/bag_topics.py": "definitions of messages, as installed",
     "bridge/message_definitions.py": "definitions of this project's messages, as installed",
     "bridge/open_ports.py": "a table of the kernel",
     "bridge/security.py": "a loaded library, and a table of the kernel",
@@ -51,6 +52,7 @@ READS_OWN_FILES = {
     "files/hdf5_child.py": "a table of the kernel",
     "robot/description/xacro_child.py": "a table of the kernel",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
+    "viewer/contour_part.py": "the surface that this process wrote",
     "runtime/persistence/instance_key.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
 }
