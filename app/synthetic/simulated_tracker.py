@@ -135,7 +135,7 @@ class SimulatedTracker:
         if model.position_quantum_mm:
             position = _multiple(position, model.position_quantum_mm)
         if model.rotation_digits != "exact" and model.rotation_quantum:
-            turn = Rotation.from_matrix(rotation)
+            turn = Rotation.from_matrix(rotation, assume_valid=True)
             if model.rotation_digits == "quaternion":
                 # from_quat normalises: the digits of a device do not have the length 1.
                 numbers = _multiple(turn.as_quat(canonical=True), model.rotation_quantum)

@@ -1,5 +1,9 @@
 """A run of a cohort without Dask: resumption, failures, partitions. Jobs run in this process."""
 
+import csv
+import os
+import socket
+
 import pytest
 
 from app import __version__
@@ -53,6 +57,10 @@ def test_failing_case_is_a_row_with_its_reason(cohort, tmp_path):
     assert rows["c"]["status"] == "failed" and "tracking.igs.mha" in rows["c"]["reason"]
     assert rows["none"]["reason"].endswith("no such folder; expected a case folder")
     assert sorted(contents(tmp_path / "out")) == ["part-00000.parquet", "part-00001.parquet"]
+    with (tmp_path / "out" / "times.csv").open() as file:
+        costs = list(csv.DictReader(file))
+    assert {row["name"] for row in costs} == {"a", "b", "c"}  # the folder of the fourth is missing
+    assert {row["worker"] for row in costs} == {f"{socket.gethostname()}:{os.getpid()}"}
 
 
 def test_second_run_does_nothing_and_changes_no_byte(cohort, tmp_path):

@@ -1,6 +1,10 @@
 """What a worker does: make or fetch one case, replay it, return its row."""
 
+import ctypes
+import gc
+import os
 import resource
+import socket
 import tempfile
 import time
 from dataclasses import dataclass
@@ -28,12 +32,16 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The row of a case, and what it cost: wall and processor time, resident memory after it."""
+    """The row of a case, and what it cost: wall and processor time, resident memory after it.
+
+    ``worker``: host and process that ran it; empty if none did.
+    """
 
     row: Row
     wall_s: float
     cpu_s: float
     rss_mb: float
+    worker: str = ""
 
 
 def run_job(job: Job) -> Outcome:
@@ -56,7 +64,10 @@ def run_job(job: Job) -> Outcome:
         row = failed(row, LOST, f"{type(error).__name__}: {reason}")
     except Exception as error:  # a fault in the program must not stop the other cases
         row = failed(row, FAILED, f"unexpected {type(error).__name__}: {error}")
-    return Outcome(row, time.perf_counter() - wall_s, time.process_time() - cpu_s, _resident_mb())
+    _release_memory()
+    worker = f"{socket.gethostname()}:{os.getpid()}"
+    wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+    return Outcome(row, wall_s, cpu_s, _resident_mb(), worker)
 
 
 def _case_folder(case: CohortCase, folder: Path) -> Path:
@@ -108,6 +119,20 @@ def _scratch() -> str | None:
         return str(get_worker().local_directory)
     except ValueError:  # not on a worker
         return None
+
+
+def _release_memory() -> None:
+    """Return what the case has used to the system.
+
+    The allocator of glibc keeps freed blocks between those in use: a worker would grow by 70 MB
+    over its first eight cases.
+    """
+    gc.collect()
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError):  # another C library
+        return
+    trim(0)
 
 
 def _resident_mb() -> float:

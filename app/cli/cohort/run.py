@@ -130,10 +130,10 @@ class CohortRun:
     def _times_csv(self) -> bytes:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(("name", "wall_s", "cpu_s", "rss_mb"))
+        writer.writerow(("name", "wall_s", "cpu_s", "rss_mb", "worker"))
         for name, outcome in self._times:
             costs = (outcome.wall_s, outcome.cpu_s, outcome.rss_mb)
-            writer.writerow((name, *(f"{cost:.3f}" for cost in costs)))
+            writer.writerow((name, *(f"{cost:.3f}" for cost in costs), outcome.worker))
         return text.getvalue().encode()
 
 

@@ -36,6 +36,7 @@ BENCHMARKS = {
     "depth": "benchmarks.depth",
     "passivity": "benchmarks.passivity",
     "closed-loop": "benchmarks.closed_loop",
+    "cohort": "benchmarks.cohort",
 }
 
 

@@ -6,7 +6,7 @@ damping vanishes and the steps are Newton's, with quadratic convergence.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,12 +124,13 @@ class _Problem:
             return _Attempt(positions, np.empty((0, 4, 4)), np.full(6, math.inf))
         reached = matrices[self.tree.link_rows[self.link]]
         turn = scipy.spatial.transform.Rotation.from_matrix(
-            self.goal.rotation @ reached[:3, :3].T
+            self.goal.rotation @ reached[:3, :3].T,
+            assume_valid=True,  # checked rotations: a third of the time
         ).as_rotvec()
         shift = self.goal.translation_mm - reached[:3, 3]
         return _Attempt(positions, matrices, np.concatenate([shift, MM_PER_RAD * turn]))
 
-    def starts(self, seed: Mapping[str, float], restarts: int) -> list[FloatArray]:
+    def starts(self, seed: Mapping[str, float], restarts: int) -> Iterator[FloatArray]:
         """The seed, by default the middle of the range, then a fixed, even spread of points."""
         low = np.where(np.isfinite(self.lower), self.lower, -math.pi)
         high = np.where(np.isfinite(self.upper), self.upper, math.pi)
@@ -137,13 +138,12 @@ class _Problem:
         first = np.array(
             [seed.get(name, mid) for name, mid in zip(self.names, middle, strict=True)]
         )
-        starts = [np.clip(first, self.lower, self.upper)]
+        yield np.clip(first, self.lower, self.upper)
         if restarts and self.names:
             from scipy.stats import qmc  # slow to load, and only restarts need it
 
             spread = qmc.Halton(len(self.names), scramble=False).random(restarts)
-            starts.extend(low + (high - low) * spread)
-        return starts
+            yield from low + (high - low) * spread
 
     def minimise(self, start: FloatArray, options: IkOptions) -> _Attempt:
         """Descend from ``start`` to a local minimum of the error within the limits."""
@@ -203,9 +203,9 @@ def inverse_kinematics(
             raise JointError(f"joint {name!r} {kind}; expected a seed of the joints that lead it")
     positions = tree.complete_positions(seed)
     problem = _Problem(tree, link, root_from_link, {name: positions[name] for name in known})
-    first, *others = problem.starts(seed, options.restarts)
-    best = problem.minimise(first, options)
-    for other in others:
+    starts = problem.starts(seed, options.restarts)
+    best = problem.minimise(next(starts), options)
+    for other in starts:
         if best.is_solution(options):
             break
         best = min(best, problem.minimise(other, options), key=lambda attempt: attempt.cost)
