@@ -151,6 +151,7 @@ LONG = {
     "serves a page of its own": (
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_contour_page.py",
+        "tests/viewer/test_live_ultrasound_page.py",
         "tests/viewer/test_ultrasound_page.py",
     ),
     "builds another version of the message package": (

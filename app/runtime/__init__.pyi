@@ -3,7 +3,7 @@ from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
 from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
-from .image_intake import ImageIntake
+from .image_intake import ImageIntake, ImageSink
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
 from .live_run import LiveRun
 from .opening import (
@@ -42,6 +42,7 @@ __all__ = [
     "HoldKeeper",
     "Holds",
     "ImageIntake",
+    "ImageSink",
     "InstanceKey",
     "LatestValue",
     "LiveRun",

@@ -2,16 +2,28 @@
 
 import threading
 from collections.abc import Callable, Mapping
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from app.geometry import ImageSample, MarginGuardError
 from app.runtime.latest_value import LatestValue
-from app.session import LiveImages
 
 Received = TypeVar("Received")
 
 _WAIT_S = 0.2
 """Longest time after which `close` is noticed."""
+
+
+class ImageSink(Protocol):
+    """What takes decoded images, in the thread of an `ImageIntake`."""
+
+    def add(self, image: ImageSample) -> None:
+        """Take the next image."""
+
+    def refuse(self, problem: str) -> None:
+        """Take the reason why an image cannot be decoded."""
+
+    def counts(self) -> Mapping[str, int]:
+        """Counts of images, for diagnostics."""
 
 
 class ImageIntake(Generic[Received]):
@@ -21,9 +33,7 @@ class ImageIntake(Generic[Received]):
     session, and raises `MarginGuardError` for one that is refused.
     """
 
-    def __init__(
-        self, images: LiveImages, decode: Callable[[Received], ImageSample | None]
-    ) -> None:
+    def __init__(self, images: ImageSink, decode: Callable[[Received], ImageSample | None]) -> None:
         self._images, self._decode = images, decode
         self._latest: LatestValue[Received] = LatestValue()
         self._closing = threading.Event()
@@ -35,7 +45,7 @@ class ImageIntake(Generic[Received]):
         self._latest.put(received)
 
     def counts(self) -> Mapping[str, int]:
-        """Counts of `LiveImages`, and how many images were skipped for a newer one."""
+        """Counts of the sink, and how many images were skipped for a newer one."""
         return {**self._images.counts(), "images: skipped": self._latest.superseded}
 
     def close(self) -> None:

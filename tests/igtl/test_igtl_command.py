@@ -1,16 +1,21 @@
 """``marginguard igtl`` between a pyigtl server and a ROS receiver in separate processes."""
 
 import math
+import queue
 import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
+import pyigtl
 import pytest
 
 from tests.bridge.conftest import StartReceiver
-from tests.igtl.conftest import PyigtlServer, pose
+from tests.igtl.conftest import DEADLINE_S, PyigtlServer, pose
 
 TIME_S = 1_700_000_000.5
 STAMP = {"sec": 1_700_000_000, "nanosec": 500_000_000}
@@ -18,14 +23,13 @@ OUT_OF_VIEW = {"TransformStatus": "OUT_OF_VIEW"}
 
 
 @pytest.fixture
-def start_command(domain_id: int) -> Iterator[Callable[[int], subprocess.Popen[str]]]:
+def start_command(domain_id: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
 
-    def start(port: int) -> subprocess.Popen[str]:
+    def start(port: int, *options: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "app.cli", "igtl", "--host", "127.0.0.1"]
-        started.append(
-            subprocess.Popen([*command, "--port", str(port)], stderr=subprocess.PIPE, text=True)
-        )
+        command += ["--port", str(port), *options]
+        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
         return started[-1]
 
     yield start
@@ -105,3 +109,41 @@ def test_invalid_address_is_a_one_line_error(domain_id: int) -> None:
     assert ended.stderr.splitlines()[-1].startswith(
         "marginguard: error: server is 'localhost' port 0; expected "
     )
+
+
+def test_images_of_a_server_are_published_with_their_stamps(
+    listening: socket.socket, domain_id: int, start_command: Callable[..., subprocess.Popen[str]]
+) -> None:
+    from sensor_msgs.msg import Image
+
+    from app.bridge import RosNode
+    from app.bridge.convert import image_array
+    from app.bridge.qos import NEWEST, Topic
+
+    images: queue.Queue[Image] = queue.Queue()
+    values = np.arange(30, dtype=np.uint16).reshape(1, 5, 6) * 1000
+    with RosNode("viewer", domain_id=domain_id) as ros:
+        ros.subscribe(Topic("/us/image", Image, NEWEST), images.put)
+        command = start_command(listening.getsockname()[1], "--images", "/us/image")
+        server, _ = listening.accept()
+        with server:
+            number, end_s = 0, time.monotonic() + DEADLINE_S
+            while images.empty():  # the subscriber is discovered at some time
+                number += 1
+                packet = pyigtl.ImageMessage(
+                    values, np.eye(4), timestamp=TIME_S + number, device_name="Probe"
+                ).pack()
+                server.sendall(packet)
+                time.sleep(0.05)
+                assert command.poll() is None and time.monotonic() < end_s
+            found = images.get()
+            np.testing.assert_array_equal(image_array(found), values[0])
+            assert (found.encoding, found.header.frame_id) == ("mono16", "image")
+            assert found.header.stamp.nanosec == STAMP["nanosec"]
+            assert STAMP["sec"] < found.header.stamp.sec <= STAMP["sec"] + number
+            server.sendall(packet[:-1] + bytes([packet[-1] ^ 1]))
+            assert command.stderr is not None
+            line = next(line for line in command.stderr if "image not published" in line)
+    assert "checksum" in line
+    command.send_signal(signal.SIGINT)
+    assert command.wait(timeout=DEADLINE_S) == 130

@@ -1,0 +1,78 @@
+"""Publish the images of an OpenIGTLink server on a ROS topic."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from sensor_msgs.msg import Image
+
+from app.bridge.convert import image_message
+from app.bridge.node import RosNode
+from app.bridge.qos import NEWEST, Topic
+from app.geometry import ImageSample
+from app.igtl import Header, read_image
+from app.runtime import ImageIntake
+
+_FRAME = "image"
+_ENCODINGS = {("uint8", 2): "mono8", ("uint16", 2): "mono16", ("uint8", 3): "rgb8"}
+"""Type of the values and number of dimensions: encoding."""
+
+
+class IgtlImagePublisher:
+    """Publishes IMAGE messages of one device on ``topic``, each with its own stamp.
+
+    Give `receive` to the source. Images are read and published in a thread of their own, the newest
+    only. ``device`` None: that of the first image. ``report`` takes why an image is refused, once
+    until the reason changes.
+    """
+
+    def __init__(
+        self, ros: RosNode, topic: str, device: str | None, report: Callable[[str], None]
+    ) -> None:
+        self._publisher = ros.publisher(Topic(topic, Image, NEWEST))
+        self._device, self._report = device, report
+        self._problem = ""
+        self._counts: Counter[str] = Counter()
+        self._intake = ImageIntake(self, self._decode)
+
+    def receive(self, header: Header, body: bytes) -> None:
+        """Take a message as it came, without reading it."""
+        self._intake.put((header, body))
+
+    def add(self, image: ImageSample) -> None:
+        """Publish ``image``."""
+        if image.pixels is None or image.stamp is None:
+            self.refuse("image has no pixels or no stamp; expected both")
+            return
+        kind = image.pixels.dtype.name, image.pixels.ndim
+        if kind not in _ENCODINGS:
+            self.refuse(f"image has pixels of {kind[0]}; expected uint8, uint16 or RGB of uint8")
+            return
+        self._counts["published"] += 1
+        self._problem = ""
+        pixels = np.ascontiguousarray(image.pixels)
+        self._publisher.publish(image_message(pixels, _ENCODINGS[kind], _FRAME, image.stamp))
+
+    def refuse(self, problem: str) -> None:
+        """Count an image that is not published, and report a new reason."""
+        self._counts["refused"] += 1
+        if problem != self._problem:
+            self._problem = problem
+            self._report(problem)
+
+    def counts(self) -> Mapping[str, int]:
+        """Numbers of published and refused images."""
+        return dict(self._counts)
+
+    def close(self) -> None:
+        """Publish nothing more."""
+        self._intake.close()
+
+    def _decode(self, received: tuple[Header, bytes]) -> ImageSample | None:
+        header, body = received
+        name = header.device.decode("ascii", "replace")
+        if self._device is not None and name != self._device:
+            return None
+        image = read_image(header, body).image
+        self._device = name
+        return image

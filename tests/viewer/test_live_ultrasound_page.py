@@ -1,0 +1,56 @@
+"""Images of a live session on the page: their pixels, and why none is shown without a sender."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, expect
+
+pytest.importorskip("rclpy")
+
+from benchmarks.images.sender import image_values
+from benchmarks.images.session import COLUMNS, ROWS, write_session
+from tests.bridge.live.conftest import Start
+from tests.bridge.live.conftest import start as start
+from tests.ros_domain import domain_id as domain_id
+from tests.viewer.conftest import Server, watching
+from tests.viewer.test_ultrasound_page import PIXELS_OF
+
+SENDER = ("-m", "benchmarks.images.sender")
+
+
+@pytest.fixture
+def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+    config = write_session(tmp_path / "session", stale_after_ms=2000)
+    server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
+    yield server
+    server.close()
+
+
+def test_live_image_is_shown_and_covered_without_its_sender(
+    browser: Browser, live_server: Server, start: Start
+) -> None:
+    with watching(browser, live_server) as watched:
+        page, problem = watched.page, watched.page.locator("#us-problem")
+        part = page.locator("#ultrasound > div")
+        expect(part).to_have_attribute("data-problem", "true")
+        sender = start(*SENDER)
+        expect(part).to_have_attribute("data-problem", "false", timeout=60_000)
+        page.locator("path.us-tumor[d^=M]").wait_for(state="attached", timeout=60_000)
+        page.click("#us-freeze")
+        shown = np.array(page.evaluate(PIXELS_OF)).reshape(ROWS, COLUMNS, 4)[..., 0]
+        assert shown.astype(np.uint8).tobytes() in {
+            image_values(number).tobytes() for number in range(16)
+        }
+        page.click("#us-freeze")
+        sender.end(signal.SIGKILL)
+        expect(part).to_have_attribute("data-problem", "true", timeout=60_000)
+        expect(problem).to_contain_text("NO CURRENT IMAGE")
+        refused = start(*SENDER, "--encoding", "bgr8")
+        expect(problem).to_contain_text("encoding of the image is 'bgr8'", timeout=60_000)
+        expect(page.locator("#us-image")).to_be_hidden()
+        refused.end(signal.SIGKILL)
+        assert not watched.external_requests()
+        assert not watched.errors
