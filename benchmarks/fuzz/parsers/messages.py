@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from pyigtl.messages import CRC64
 
-from app.case import JointSample, values_reader
+from app.case import JointSample, read_image_message, values_reader
 from app.case.messages.cdr_reader import tf_reader
+from app.case.messages.image_message import IMAGE
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -153,6 +154,20 @@ def _image_seeds() -> Sequence[bytes]:
     ]
 
 
+def _read_ros_image(path: Path) -> None:
+    read_image_message(path.read_bytes(), 0)
+
+
+def _ros_image_seeds() -> Sequence[bytes]:
+    types = ros_types().types
+    time = types["builtin_interfaces/msg/Time"](1_700_000_000, 0)
+    header = types["std_msgs/msg/Header"](time, "image")
+    return [
+        _cdr(types[IMAGE](header, 3, 4, encoding, 0, size, np.arange(3 * size, dtype="u1")), IMAGE)
+        for encoding, size in (("mono8", 4), ("mono16", 8), ("rgb8", 12))
+    ]
+
+
 _BODY: Sequence[Mutator] = (*[_change_body] * 2 * len(RAW), *RAW)
 
 PARSERS = (
@@ -174,6 +189,9 @@ PARSERS = (
     ),
     FuzzedParser(
         "cdr_tf_buffer", "message.cdr", _read_tf, partial(_seeds, TF_MESSAGE), RAW, names_file=False
+    ),
+    FuzzedParser(
+        "cdr_image", "message.cdr", _read_ros_image, _ros_image_seeds, RAW, names_file=False
     ),
     FuzzedParser("igtl", "stream.bin", _read_stream, _igtl_seeds, _BODY, names_file=False),
     FuzzedParser(
