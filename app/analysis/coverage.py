@@ -16,7 +16,7 @@ from app.geometry import FloatArray, SurfaceMesh
 WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
 MAX_FACES = 1500
-"""Of a tumour with more faces every second, third, ... face stands for all of them."""
+"""Of a tumour with more faces, faces that are spread over the surface stand for all of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +56,20 @@ def surface_points(surface: SurfaceMesh, spacing_mm: float = SPACING_MM) -> Floa
     return np.unique(np.round(np.concatenate(points), 6), axis=0)
 
 
+def spread_faces(centres_mm: FloatArray, max_faces: int) -> NDArray[np.intp]:
+    """At most ``max_faces`` indices of ``centres_mm`` (m, 3), increasing, spread over all of them.
+
+    The order of a mesh's faces often has a pattern, which every n-th face would follow. So every
+    n-th face of the order of a k-d tree is taken, in which neighbours follow each other.
+    """
+    from scipy.spatial import cKDTree  # slow to load
+
+    every = -(-len(centres_mm) // max_faces)
+    if every == 1:
+        return np.arange(len(centres_mm))
+    return np.sort(cKDTree(centres_mm, leafsize=max(1, every)).indices[every // 2 :: every])
+
+
 def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | None) -> Coverage:
     """How near the tool came to the faces of ``tumor`` in the frames whose distance is known.
 
@@ -63,7 +77,7 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
     """
     from scipy.spatial import cKDTree  # slow to load
 
-    faces = np.arange(0, len(tumor.faces), -(-len(tumor.faces) // MAX_FACES))
+    faces = spread_faces(tumor.triangles_mm.mean(axis=1), MAX_FACES)
     corners = tumor.triangles_mm[faces]
     centres = corners.mean(axis=1)
     areas = 0.5 * np.linalg.norm(

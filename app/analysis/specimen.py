@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from app.analysis.coverage import spread_faces
 from app.analysis.directions import SIDES, sides_of_surface
 from app.analysis.motion import smoothed_path
 from app.analysis.samples import CaseSamples
@@ -29,7 +30,7 @@ from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import ANATOMICAL_WORDS, FloatArray, MeshError, SurfaceMesh
 
 MAX_POINTS = 2000
-"""Of a tumour with more faces every second, third, ... stands for all of them in the margins."""
+"""Of a tumour with more faces, as many that are spread over the surface stand for all of them."""
 TUMOR_MM = 0.005
 """The tumour's surface is simplified by at most this for the volumes."""
 NEAR_MM = 10.0
@@ -171,9 +172,9 @@ def _margins(
     import trimesh  # slow to load
 
     mesh = trimesh.Trimesh(specimen.vertices_mm, specimen.faces, process=False)
-    every = -(-len(tumor.faces) // MAX_POINTS)
-    points = tumor.triangles_mm.mean(axis=1)[::every]
-    sides = sides_of_surface(tumor, ras_from_tumor)[::every]
+    centres = tumor.triangles_mm.mean(axis=1)
+    chosen = spread_faces(centres, MAX_POINTS)
+    points, sides = centres[chosen], sides_of_surface(tumor, ras_from_tumor)[chosen]
     nearest: Any = trimesh.proximity.closest_point
     _, distances, _ = nearest(mesh, points)
     bvh = indexed_bvh(specimen.vertices_mm, specimen.faces)

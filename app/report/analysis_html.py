@@ -82,7 +82,10 @@ def _distances(found: "CaseAnalysis") -> str:
     if not found.percentiles_mm:
         return "No distance is known."
     listed = ", ".join(f"{k} %: {v:.2f} mm" for k, v in found.percentiles_mm.items())
-    return f"Percentiles of the measured distance: {listed}. Bars are 1 mm wide."
+    return (
+        f"Percentiles of the measured distance: {listed}. Bars are 1 mm wide; dashed: surface, "
+        "stop margin, warning distance."
+    )
 
 
 def _breaches(found: "CaseAnalysis") -> str:
@@ -158,7 +161,7 @@ def _volumes(found: "CaseAnalysis") -> str:
             )
         )
     note = f'<p class="note">No specimen: {escape(resection.why)}.</p>' if resection.why else ""
-    return table("Volumes", ("", ""), rows) + note
+    return table("Volumes", ("volume", "value"), rows) + note
 
 
 def _volume(value_mm3: float) -> str:

@@ -38,7 +38,7 @@ def distance_svg(
     for tick in np.linspace(0.0, top, 5).tolist():
         y = base - tick * scale
         parts.append(_line(_LEFT, y, _WIDTH - _RIGHT, y, "#d5dce3"))
-        parts.append(_text(_LEFT - 6.0, y + 4.0, f"{tick:g}", "end"))
+        parts.append(_text(_LEFT - 6.0, y + 4.0, f"{tick:g} s", "end"))
     for start, value in zip(edges[:-1].tolist(), seconds.tolist(), strict=True):
         if value > 0.0:
             height = max(value * scale, 0.6)
@@ -55,7 +55,6 @@ def distance_svg(
             parts.append(_line(x(value), _TOP, x(value), base, "#1c2733", dash="4 3", title=name))
     parts.append(_line(_LEFT, base, _WIDTH - _RIGHT, base, "#1c2733"))
     parts.append(_text((_LEFT + _WIDTH - _RIGHT) / 2.0, _HEIGHT - 8.0, "distance, mm", "middle"))
-    parts.append(_text(_LEFT, _TOP - 3.0, "s", "end"))
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 

@@ -37,7 +37,8 @@ td.pass { color: #00694c; }
 td.fail { color: #a32a14; }
 p { overflow-wrap: anywhere; }
 div.figure { overflow-x: auto; border: 1px solid var(--line); border-radius: 6px; padding: .5rem; }
-div.figure svg { display: block; min-width: 34rem; max-width: 56rem; width: 100%; height: auto; }
+div.figure svg { display: block; margin: 0 auto; min-width: 34rem; max-width: 56rem;
+                 width: 100%; height: auto; }
 img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
       border-radius: 6px; }
 @media print { body { max-width: none; padding: 0; } h2 { break-after: avoid; } }

@@ -6,7 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from app.analysis import CaseSamples, coverage_of
-from app.analysis.coverage import SPACING_MM, WITHIN_MM, surface_points
+from app.analysis.coverage import MAX_FACES, SPACING_MM, WITHIN_MM, surface_points
 from app.geometry import SurfaceMesh
 
 
@@ -54,6 +54,24 @@ def test_coverage_equals_the_distance_to_the_tool_in_every_frame():
     for within in (2.0, 5.0):
         share = found.areas_mm2[brute <= within].sum() / found.areas_mm2.sum()
         assert found.share(within) == pytest.approx(share, abs=0.02)
+
+
+@pytest.mark.parametrize("order", ["as made", "every n-th on one side"])
+def test_share_of_a_fine_surface_does_not_depend_on_the_order_of_its_faces(order):
+    """A cap of a ball of 20480 faces, of which every n-th one may follow a pattern of the mesh."""
+    fine = mesh("tumor", trimesh.creation.icosphere(5, radius=8.0))
+    if order == "every n-th on one side":
+        upwards = np.argsort(fine.triangles_mm.mean(axis=1)[:, 2])
+        places = np.argsort(np.arange(len(upwards)) % -(-len(upwards) // MAX_FACES), kind="stable")
+        faces = np.empty_like(fine.faces)
+        faces[places] = fine.faces[upwards]
+        fine = SurfaceMesh("tumor", fine.vertices_mm, faces)
+    for away in (8.5, 10.0, 12.0):
+        tip = np.array([[0.6, 0.0, 0.8]]) * away
+        found = coverage_of(samples(tip), fine, None)
+        assert len(found.faces) <= MAX_FACES < len(fine.faces)
+        cosine = (away**2 + 8.0**2 - 5.0**2) / (2.0 * away * 8.0)
+        assert found.share(5.0) == pytest.approx(0.5 * (1.0 - cosine), abs=0.006)
 
 
 def test_tip_alone_covers_a_cap():

@@ -23,9 +23,11 @@ def test_fastest_run_counts_and_inside_excludes_loading() -> None:
     assert found["times_real_time_of_frames"] == pytest.approx(60.0)
 
 
-def test_waiting_for_the_picture_is_stated_apart() -> None:
+def test_analysis_and_waiting_for_the_picture_are_stated_apart() -> None:
     waited = a_run(5.0)
     waited["phases_s"]["wait for scene.png"] = 1.0
+    waited["wall_s"] += 2.0
+    waited["phases_s"]["analyse the steps"] = 2.0
     found = summary([waited], duration_s=60.0, frames=2000)
     assert found["without_picture_s"] == pytest.approx(4.0)
     assert found["times_real_time"] == pytest.approx(15.0)

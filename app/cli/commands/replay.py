@@ -166,12 +166,10 @@ def _replay(
     if options.report is None:
         summary = summarise(record)
     else:
+        analysed = analysed_replay(replay, log, __version__)
+        watch.lap("analyse the steps")
         summary = write_report(
-            options.report,
-            record,
-            scene_png=picture,
-            version=__version__,
-            analysed=analysed_replay(replay, log, __version__),
+            options.report, record, scene_png=picture, version=__version__, analysed=analysed
         )
     watch.lap("write the report")
     if options.pdf is not None:
