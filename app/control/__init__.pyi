@@ -7,6 +7,7 @@ from .controller import (
     ControlReason,
     CooperativeController,
 )
+from .impedance import HalfAxis, ImpedanceParameters, half_axis
 from .measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
 from .tool_kinematics import ToolKinematics
 from .warm_up import warm_up
@@ -21,12 +22,15 @@ __all__ = [
     "ControlReason",
     "ControllerParameters",
     "CooperativeController",
+    "HalfAxis",
     "HandAdmittance",
+    "ImpedanceParameters",
     "JointMeasurement",
     "PoseMeasurement",
     "ToolKinematics",
     "WrenchMeasurement",
     "control_schema_text",
+    "half_axis",
     "open_control",
     "warm_up",
 ]

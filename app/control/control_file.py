@@ -8,11 +8,12 @@ import numpy as np
 from app.control.admittance import AdmittanceGains
 from app.control.control_keys import CONTROL
 from app.control.controller import ControllerParameters, CooperativeController
+from app.control.impedance import ImpedanceParameters
 from app.control.tool_kinematics import ToolKinematics
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
 from app.files.paths import resolve_file
-from app.fixture import FixtureRule, LimiterParameters
+from app.fixture import FixtureRule, LimiterParameters, PassivityError
 from app.geometry import InputError, MarginGuardError, Transform
 from app.robot import load_robot
 
@@ -31,7 +32,7 @@ class ControlDescription:
     ``frame_from_tumor`` is the tumour in the tracked frame that it moves with. ``frame_from_base``
     is the registered pose of the arm's root link in the tracker's frame, or in one that the tracker
     measures. ``hand_topic`` has the wrench in the tool's axes if ``hand_in_tool``, else in those of
-    the base. ``max_speed_mm_s`` limits the tip.
+    the base. ``max_speed_mm_s`` limits the tip. ``impedance``: the arm closes the loop itself.
     """
 
     name: str
@@ -46,6 +47,7 @@ class ControlDescription:
     parameters: ControllerParameters
     max_speed_mm_s: float
     accept_simulated: bool
+    impedance: ImpedanceParameters | None = None
 
     def controller(self) -> CooperativeController:
         """A new controller. Raises `InputError` for a joint without speed limit."""
@@ -98,6 +100,7 @@ def read_control(document: Section, folder: Path) -> ControlDescription:
         ),
         document.number("max_speed_mm_s"),
         document.boolean("accept_simulated"),
+        _impedance(document.section("impedance")) if "impedance" in document else None,
     )
     found.controller()  # checks the limits of the joints
     return found
@@ -125,6 +128,18 @@ def _gains(hand: Section) -> AdmittanceGains:
         dead_n_m=hand.number("dead_n_m"),
         response_s=hand.number("response_ms") / 1000.0,
     )
+
+
+def _impedance(block: Section) -> ImpedanceParameters:
+    try:
+        return ImpedanceParameters(
+            block.number("stiffness_n_m"),
+            block.number("damping_n_s_m"),
+            block.number("period_ms") / 1000.0,
+            block.number("arm_damping_n_s_m"),
+        )
+    except PassivityError as error:
+        raise InputError(f"{block.place('stiffness_n_m')}: {error}") from error
 
 
 def _link_from_tip(block: Section) -> Transform:

@@ -17,6 +17,7 @@ from app.files.keys import (
 from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 
 FILES = "the robot's file exists and has a known format"
+PASSIVE = "stiffness_n_m times half the period plus damping_n_s_m is below arm_damping_n_s_m"
 
 _MATRIX = Numbers("4 x 4 matrix, row by row, translation in mm", 16)
 
@@ -69,6 +70,19 @@ _HAND = Block(
     optional=True,
 )
 
+_IMPEDANCE = Block(
+    "for an arm that closes the loop itself (dVRK): the constraint as servo_ci instead of joint "
+    "velocities; default: off",
+    {
+        "stiffness_n_m": Number("beyond the plane, along its normal", above=0.0),
+        "damping_n_s_m": Number("the same per speed", minimum=0.0),
+        "period_ms": Number("period of the arm's own loop", above=0.0, maximum=20.0),
+        "arm_damping_n_s_m": Number("physical damping of the arm at its tip", above=0.0),
+    },
+    rules=(PASSIVE,),
+    optional=True,
+)
+
 CONTROL = Block(
     "a cooperative controller between a hand and an arm",
     {
@@ -87,6 +101,7 @@ CONTROL = Block(
             "topic of the guard's constraint; default: /marginguard/constraint", optional=True
         ),
         "hand": _HAND,
+        "impedance": _IMPEDANCE,
         "max_speed_mm_s": Number(
             "largest speed of the tip; expected at most v_max_mm_s of the guard",
             default=100.0,

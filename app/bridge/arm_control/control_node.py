@@ -8,7 +8,8 @@
                                FixtureConstraint
 ``/tracked_transforms``        marginguard_msgs/              input: the tumour, and the reference
                                TrackedTransform               that the base is registered in
-``/ARM/servo_jv``              sensor_msgs/JointState         joint velocities, 200 Hz
+``/ARM/servo_jv``              sensor_msgs/JointState         joint velocities, 200 Hz; or, with
+                                                              ``impedance``, `impedance_output`
 ``~/rearm``                    std_srvs/Trigger               end the stop of the watchdog
 ``/diagnostics``               DiagnosticArray                why the arm stands, and how often it
                                                               was stopped
@@ -22,20 +23,33 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from app.bridge import topics
 from app.bridge.arm_control.base_pose import BasePose
 from app.bridge.arm_control.constraint_input import ConstraintInput
+from app.bridge.arm_control.impedance_output import ImpedanceOutput
 from app.bridge.arm_control.inputs import ArmInputs
 from app.bridge.calls.errors import CallError
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.messages import header_message
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
-from app.control import ControlDecision, ControlDescription, ControlReason, warm_up
+from app.control import (
+    ControlDecision,
+    ControlDescription,
+    ControlReason,
+    JointMeasurement,
+    PoseMeasurement,
+    WrenchMeasurement,
+    half_axis,
+    warm_up,
+)
+from app.fixture import PlainConstraint
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 
 NODE_NAME = "marginguard_control"
@@ -74,7 +88,15 @@ class ControlNode:
             description.frame_from_base,
         )
         self._constraints = ConstraintInput(ros, description.constraint_topic)
-        self._command = ros.publisher(Topic(f"{description.arm}/servo_jv", JointState, NEWEST))
+        self._command: Publisher | None = None
+        self._impedance: ImpedanceOutput | None = None
+        if description.impedance is None:
+            self._command = ros.publisher(Topic(f"{description.arm}/servo_jv", JointState, NEWEST))
+        else:
+            self._impedance = ImpedanceOutput(
+                ros, description.arm, description.tool.base, description.impedance
+            )
+        self._newest: PlainConstraint | None = None
         self._diagnostics = ros.publisher(topics.DIAGNOSTICS)
         self._lock = threading.Lock()
         self._constraint_ns: int | None = None
@@ -102,6 +124,8 @@ class ControlNode:
                 due_ns = time.monotonic_ns()
         joints = self._description.tool.joints
         self._send(joints, [0.0] * len(joints), self._clock_ns())
+        if self._impedance is not None:
+            self._impedance.pause(self._clock_ns(), at_once=True)
 
     def step(self) -> ControlDecision:
         """One control step: read, decide, send. The command has the time after the reading."""
@@ -114,9 +138,14 @@ class ControlNode:
             for constraint in constraints:
                 self._constraint_ns = now_ns
                 self._controller.receive(constraint, now_ns)
+                self._newest = constraint
+            if self._impedance is not None:  # the arm feels the hand, nothing else does
+                wrench = WrenchMeasurement(now_ns, np.zeros(3), np.zeros(3))
             decision = self._controller.step(joints, wrench, pose, now_ns)
             self.watchdog_stops += self._controller.latched and not was_latched
             self._send(decision.joints, decision.velocities.tolist(), now_ns)
+            if self._impedance is not None:
+                self._send_impedance(self._impedance, decision, joints, pose, now_ns)
             follows = ControlReason.FOLLOWS
             if self._last is not None and self._last.reason is follows is not decision.reason:
                 self.stops[_text(decision)] += 1
@@ -128,7 +157,28 @@ class ControlNode:
         """Inputs that have more than one sender, with the names of their nodes."""
         return [*self._inputs.problems(), *filter(None, [self._base.problem()])]
 
+    def _send_impedance(
+        self,
+        output: ImpedanceOutput,
+        decision: ControlDecision,
+        joints: JointMeasurement | None,
+        pose: PoseMeasurement | None,
+        now_ns: int,
+    ) -> None:
+        """Publish the nearest plane where the rule allows motion, and pause the arm elsewhere."""
+        allowed = decision.reason is ControlReason.FOLLOWS
+        if not allowed or joints is None or pose is None or self._newest is None:
+            output.pause(now_ns)
+            return
+        tool = self._description.tool
+        named = dict(zip(joints.names, joints.positions, strict=True))
+        base_from_tip, _ = tool.evaluate(np.array([named[each] for each in tool.joints]))
+        axis = half_axis(self._newest, pose.rule_from_base, base_from_tip.translation_mm)
+        output.publish(axis, now_ns)
+
     def _send(self, joints: tuple[str, ...], velocities: list[float], now_ns: int) -> None:
+        if self._command is None:
+            return
         self._command.publish(
             JointState(
                 header=header_message("", Stamp(now_ns)), name=list(joints), velocity=velocities

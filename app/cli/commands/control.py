@@ -6,8 +6,9 @@ from the tracker; sends joint velocities (servo_jv) 200 times per second. The ar
 of them is missing, too old, invalid or has two senders. After 30 ms without a valid constraint the
 stop is latched until an operator ends it with 'marginguard control --rearm' in another terminal,
 which calls the service ~/rearm (std_srvs/Trigger) of the node marginguard_control. It must be the
-only sender on servo_jv. Exit status 130 or 143 after a signal, 2 on bad input; of --rearm 0, and 1
-if it is refused.
+only sender on servo_jv. With 'impedance' in FILE an arm that closes the loop itself (dVRK) gets the
+nearest plane on servo_ci instead, and 'pause' on state_command where no motion is allowed. Exit
+status 130 or 143 after a signal, 2 on bad input; of --rearm 0, and 1 if it is refused.
 """
 
 import argparse

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import Vector3, WrenchStamped
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace, TrackedTransform
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -31,7 +32,7 @@ class Peer:
     """A node that sends all that the controller reads, and reads what it sends."""
 
     def __init__(self, ros, joints):
-        self.ros, self.joints = ros, joints
+        self.ros, self.joints, self.positions = ros, joints, POSITIONS
         self.commands = []
         self._measured = ros.publisher(Topic("/arm/measured_js", JointState, STREAM))
         self._wrench = ros.publisher(Topic("/arm/body/measured_cf", WrenchStamped, STREAM))
@@ -46,7 +47,7 @@ class Peer:
     def send(self, *, constraint=True, tumor=True, force=(0.0, 0.0, 5.0), plane=-FAR_M):
         """Send one message of each kind with the present stamp; force in N, plane in m."""
         now_ns = time.time_ns()
-        joints = JointState(name=self.joints, position=POSITIONS)
+        joints = JointState(name=self.joints, position=self.positions)
         stamp(joints.header, now_ns)
         self._measured.publish(joints)
         wrench = WrenchStamped()
@@ -213,3 +214,57 @@ def test_bad_control_file_is_refused_in_one_line(key, value, problem, project_ro
     assert "\n" not in str(refused.value)
     with pytest.raises(InputError, match="is not a control file"):
         open_control(tmp_path / "other.yaml")
+
+
+IMPEDANCE = {
+    "stiffness_n_m": 200.0, "damping_n_s_m": 1.0, "period_ms": 1.0, "arm_damping_n_s_m": 2.0
+}  # fmt: skip
+
+
+def impedance_file(project_root, folder, **changes):
+    values = yaml.safe_load((project_root / "data/worlds/lumpectomy/control.yaml").read_text())
+    path = folder / "control.yaml"
+    path.write_text(yaml.safe_dump({**values, "impedance": {**IMPEDANCE, **changes}}))
+    return path
+
+
+def test_arm_with_a_loop_of_its_own_gets_a_half_axis_and_pause(domain_id, project_root, tmp_path):
+    pytest.importorskip("crtk_msgs", reason="pip install ./interfaces_extra")
+    from crtk_msgs.msg import CartesianImpedance, StringStamped
+
+    description = open_control(impedance_file(project_root, tmp_path))
+    with (
+        RosNode("marginguard_control", domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer_ros,
+    ):
+        found = Controlled(ros, peer_ros, description)
+        found.peer.joints, found.peer.positions = JOINTS[::-1], POSITIONS[::-1]
+        gains, states = [], []
+        peer_ros.subscribe(Topic("/arm/servo_ci", CartesianImpedance, STREAM), gains.append)
+        peer_ros.subscribe(Topic("/arm/state_command", StringStamped, STREAM), states.append)
+        found.until(lambda _: states, constraint=False)
+        assert not gains, "nothing before a valid constraint"
+        found.until(lambda d: gains and d.reason == "follows")
+        # The constraint's only point on the tool is the origin; the plane is 10 m below it.
+        tip, _ = description.tool.evaluate(np.array(POSITIONS))
+        message = gains[-1]
+        assert message.header.frame_id == "touch_base"
+        place = message.force_position
+        np.testing.assert_allclose(
+            [place.x, place.y, place.z], tip.translation_mm / 1000.0 - [0.0, 0.0, FAR_M], atol=1e-6
+        )
+        turn = message.force_orientation
+        z = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).apply([0.0, 0.0, 1.0])
+        np.testing.assert_allclose(z, [0.0, 0.0, 1.0], atol=1e-12)
+        assert (message.position_negative.p.z, message.position_negative.d.z) == (-200.0, -1.0)
+        assert message.position_positive.p.z == message.position_negative.p.x == 0.0
+        states.clear()
+        found.until(lambda d: d.reason == "watchdog" and states, constraint=False)
+        assert {each.string for each in states} == {"pause"}, "never resume"
+        assert not found.peer.commands, "no joint velocities beside it"
+
+
+def test_impedance_outside_its_bound_is_refused(project_root, tmp_path):
+    path = impedance_file(project_root, tmp_path, stiffness_n_m=2000.0)
+    with pytest.raises(InputError, match=r"needs a damping of 2 N s/m .*; expected below arm"):
+        open_control(path)
