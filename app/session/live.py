@@ -207,17 +207,17 @@ class LiveSession:
         return self._woke_ns is not None and host_ns - self._woke_ns < SETTLED_AFTER_NS
 
     def _with_source_problems(self, step: StepResult, playback: str) -> StepResult:
-        """``step`` with a playback, and with a ``frames_problem`` of the source before its own."""
+        """``step`` with a playback, and with the problems of the source before its own."""
         with self._changed:
             missing = self._frames.missing_frames_problem(self._host_ns())
         refused = self._playback.problem(playback)
         if refused:
             missing = ""  # poses come, and are refused
-        own = step.frames_problem or refused
-        problem = "; ".join(filter(None, [self._source_problem(), missing, own]))
-        if not problem and not playback:
+        own = step.frames_problems or (refused,)
+        problems = tuple(filter(None, [self._source_problem(), missing, *own]))
+        if not problems and not playback:
             return step
-        return replace(step, frames_problem=problem, playback=playback)
+        return replace(step, frames_problems=problems, playback=playback)
 
     def _next_watch_ns(self, step: StepResult) -> int:
         """Host time at which the oldest pose of ``step`` becomes stale; one tick ahead if it is."""

@@ -132,7 +132,7 @@ class Session:
             joints=self._joints,
             robot_problem=robot_problem,
             drift=drift,
-            frames_problem="; ".join(filter(None, [self._frames_problem, *found.values()])),
+            frames_problems=tuple(filter(None, [self._frames_problem, *found.values()])),
             hold_causes=self._causes.texts,
             edges=known_edges(self.setup, self._poses.usable(), links, self._joints),
             single_source=self.single_source,

@@ -19,9 +19,10 @@ class StepResult:
     ``root_from_link`` for every link of the robot; ``robot_problem`` is the reason if it is empty
     although there is a robot. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without a
     constraint. ``drift`` is the difference between the tracked tool and the tool predicted from
-    joints and registration, None if one of them is not known. ``frames_problem`` describes an
-    error in the frames that the tracker measures, empty if there is none. ``playback`` describes a
-    recording that is played on the graph of a live session, empty if there is none.
+    joints and registration, None if one of them is not known. ``frames_problems`` describe errors
+    in the frames that the tracker measures, each as ``<kind>: <details>`` or as a sentence;
+    ``frames_problem`` joins them, empty if there is none. ``playback`` describes a recording that
+    is played on the graph of a live session, empty if there is none.
     ``hold_causes`` are texts on what began and prolonged the present hold, oldest first; empty
     without a hold. ``single_source`` is True if nothing independent can contradict the tracker.
     ``edges`` are those that the step used, for twists in other frames. ``between_frames`` is the
@@ -44,9 +45,14 @@ class StepResult:
     joints: JointSample | None
     robot_problem: str = ""
     drift: RegistrationDrift | None = None
-    frames_problem: str = ""
+    frames_problems: tuple[str, ...] = ()
     playback: str = ""
     hold_causes: tuple[str, ...] = ()
     single_source: bool = False
     edges: KnownEdges = NO_EDGES
     between_frames: PathDepth | None = None
+
+    @property
+    def frames_problem(self) -> str:
+        """All of ``frames_problems``, joined by semicolons."""
+        return "; ".join(self.frames_problems)

@@ -62,14 +62,14 @@ class FramesProblemLog(PassiveOutput):
 
     def __init__(self, ros: RosNode) -> None:
         self._ros = ros
-        self._last = ""
+        self._last: tuple[str, ...] = ()
         self._logged: set[str] = set()
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Log a new kind of problem; the details behind its colon may change."""
-        if step.frames_problem != self._last:
-            self._last = step.frames_problem
-            for problem in _problems(step.frames_problem):
+        if step.frames_problems != self._last:
+            self._last = step.frames_problems
+            for problem in step.frames_problems:
                 kind = problem.partition(":")[0]
                 if kind not in self._logged:
                     self._logged.add(kind)
@@ -119,14 +119,3 @@ class PlaybackLog(PassiveOutput):
             text = f"PLAYBACK: {step.playback}" if step.playback else "the PLAYBACK has ended"
             self._ros.node.get_logger().warning(text)
         return True
-
-
-def _problems(text: str) -> list[str]:
-    """The problems that ``text`` joins by semicolons: each begins with its kind and a colon."""
-    found: list[str] = []
-    for part in text.split("; ") if text else ():
-        if found and ":" not in part:  # "expected ..." of the one before
-            found[-1] += f"; {part}"
-        else:
-            found.append(part)
-    return found

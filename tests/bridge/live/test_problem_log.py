@@ -32,21 +32,21 @@ def logged() -> Any:
     logger = RecordingLogger()
     log = FramesProblemLog(SimpleNamespace(node=SimpleNamespace(get_logger=lambda: logger)))
 
-    def publish(text: str) -> list[str]:
-        assert log.publish(SimpleNamespace(frames_problem=text), None)
+    def publish(*problems: str) -> list[str]:
+        assert log.publish(SimpleNamespace(frames_problems=problems), None)
         return logger.lines
 
     return publish
 
 
 def test_problem_that_joins_an_earlier_one_is_logged(logged: Any) -> None:
-    assert logged("") == []
+    assert logged() == []
     assert logged(UNCHECKED) == [UNCHECKED]
-    assert logged(f"{UNCHECKED}; {REFUSED}") == [UNCHECKED, REFUSED]
+    assert logged(UNCHECKED, REFUSED) == [UNCHECKED, REFUSED]
     assert logged(REFUSED) == [UNCHECKED, REFUSED]
 
 
 def test_details_that_change_are_logged_once(logged: Any) -> None:
     for value in range(5):
-        lines = logged(f"{UNCHECKED}; {DRIFT.format(value, value)}")
+        lines = logged(UNCHECKED, DRIFT.format(value, value))
     assert lines == [UNCHECKED, DRIFT.format(0, 0)]

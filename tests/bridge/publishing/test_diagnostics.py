@@ -94,13 +94,13 @@ def test_missing_joint_states_are_reported(make_step):
 def test_problem_of_the_frames_is_reported_at_once(make_step):
     diagnostics = Diagnostics()
     diagnostics.report(make_step(0), STALE_NS)
-    wrong = replace(make_step(1, lost=True), frames_problem="tumor.frame is 'needel': not sent")
+    wrong = replace(make_step(1, lost=True), frames_problems=("tumor.frame is 'needel': not sent",))
     tracking = parts(diagnostics.report(wrong, STALE_NS))["tracking"]
     assert tracking.message == "tumor.frame is 'needel': not sent; lost: tracker -> cautery"
     assert tracking.level == b"\x01"
-    named = replace(make_step(2, lost=True), frames_problem="")
+    named = replace(make_step(2, lost=True), frames_problems=())
     assert parts(diagnostics.report(named, STALE_NS))["tracking"].message.startswith("lost:")
-    again = replace(make_step(3, lost=True), frames_problem="tumor.frame is 'needel': not sent")
+    again = replace(make_step(3, lost=True), frames_problems=("tumor.frame is 'needel': not sent",))
     assert diagnostics.report(again, STALE_NS) is not None
 
 

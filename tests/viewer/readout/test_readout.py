@@ -38,7 +38,7 @@ def test_never_received_frame_is_named_while_unknown(parts):
     lost, known = parts.feed.shown[LOST[2]], parts.feed.shown[BREACH_FRAME]
     problem = "tool.frame is 'rood': not among what the tracker sends so far, needle, rod"
     values = [
-        readout(replace(shown, step=replace(shown.step, frames_problem=problem)))["why"]
+        readout(replace(shown, step=replace(shown.step, frames_problems=(problem,))))["why"]
         for shown in (lost, known)
     ]
     assert values == [f"{readout(lost)['why']} ({problem})", readout(known)["why"]]
