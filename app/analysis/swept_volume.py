@@ -19,8 +19,8 @@ from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh
 CUTTING_MM = 10.0
 """Length of the cutting part from the tip, unless another is given."""
 TOLERANCE_MM = 0.05
-_COARSER = 2.0
-"""The tolerance, and by how much it is raised until at most `MAX_STEPS` poses remain."""
+_FIRST_MM = 0.4
+"""Doubled until at most `MAX_STEPS` poses remain. A typical case needs `_FIRST_MM`, tried first."""
 MAX_STEPS = 200
 MAX_POINTS = 80
 """Points of the cutting part; more of them are left out, which makes it smaller."""
@@ -91,10 +91,7 @@ def swept_volume(
     low, high = points_mm.min(axis=0), points_mm.max(axis=0)
     box = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
     boxes = [_moved(box, *piece) for piece in pieces]
-    tolerance_mm, kept = TOLERANCE_MM, [_kept(path, TOLERANCE_MM) for path in boxes]
-    while sum(map(len, kept)) > max(max_steps, 2 * len(boxes)):
-        tolerance_mm *= _COARSER
-        kept = [_kept(path, tolerance_mm) for path in boxes]
+    tolerance_mm, kept = _thinned(boxes, max(max_steps, 2 * len(boxes)))
     hulls = [
         manifold3d.Manifold.hull_points(np.ascontiguousarray(corners.reshape(-1, 3)))
         for (tips, rotations), rows in zip(pieces, kept, strict=True)
@@ -143,6 +140,25 @@ def _pairs(path: FloatArray) -> list[FloatArray]:
     if len(path) == 1:
         return [path[0]]
     return [path[index : index + 2] for index in range(len(path) - 1)]
+
+
+def _thinned(boxes: Sequence[FloatArray], max_steps: int) -> tuple[float, list[NDArray[np.intp]]]:
+    """The least tolerance with which at most ``max_steps`` rows of all paths remain, and these."""
+
+    def rows(tolerance: float) -> list[NDArray[np.intp]]:
+        return [_kept(path, tolerance) for path in boxes]
+
+    tolerance_mm = _FIRST_MM
+    kept = rows(tolerance_mm)
+    while sum(map(len, kept)) > max_steps:
+        tolerance_mm *= 2.0
+        kept = rows(tolerance_mm)
+    while tolerance_mm > TOLERANCE_MM and tolerance_mm <= _FIRST_MM:
+        finer = rows(0.5 * tolerance_mm)
+        if sum(map(len, finer)) > max_steps:
+            break
+        tolerance_mm, kept = 0.5 * tolerance_mm, finer
+    return tolerance_mm, kept
 
 
 def _kept(path: FloatArray, tolerance_mm: float) -> NDArray[np.intp]:
