@@ -9,7 +9,7 @@ from .commands import (
     ToolTwistCommand,
     ToolWrenchCommand,
 )
-from .errors import CommandError, SimulationError, UnstableError, WorldError
+from .errors import CommandError, EditError, SimulationError, UnstableError, WorldError
 from .hand import ScriptedHand
 from .haptic_coupling import HapticCoupling, HapticParameters
 from .manual_hands import KEYS, JoyHand, KeyHand
@@ -46,6 +46,7 @@ __all__ = [
     "CommandError",
     "Contact",
     "DeviceEntry",
+    "EditError",
     "HandEntry",
     "HapticCoupling",
     "HapticParameters",

@@ -55,6 +55,7 @@ def build_world(description: WorldDescription) -> BuiltWorld:
                 body.friction,
                 inertia=inertia,
                 is_free=body.mass_kg is not None,
+                is_driven=body.mass_kg is None,  # so that it can be moved while the world runs
             )
             bodies.append(body.name)
         for tissue in description.tissues:

@@ -11,6 +11,10 @@ class WorldError(SimulationError, InputError):
     """A world file, or a robot or mesh that it names, cannot be simulated."""
 
 
+class EditError(SimulationError, InputError):
+    """A change of the bodies of a running world is refused; the world has not changed."""
+
+
 class CommandError(SimulationError, InputError):
     """A command is not one for its arm. The arm stops and stays in `ArmStatus.FAULT`."""
 

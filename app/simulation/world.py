@@ -1,24 +1,29 @@
 """A simulated world that is stepped by its caller; it has no clock of its own."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from app.geometry import FloatArray
+from app.geometry import FloatArray, Transform
 from app.robot.kinematics.link_poses import LinkPoses
 from app.simulation.arm_motion import ArmMotion
 from app.simulation.build import NS_TO_S, build_world
 from app.simulation.command_gate import CommandGate
 from app.simulation.commands import ArmCommand, StateCommand
-from app.simulation.errors import CommandError, UnstableError, WorldError
+from app.simulation.errors import CommandError, EditError, UnstableError, WorldError
 from app.simulation.inertia import M_PER_MM
+from app.simulation.placing import copy_state, place_body
 from app.simulation.robot_model import RobotModel
 from app.simulation.servo import VelocityServo
 from app.simulation.state import ArmState, Contact, WorldState, Wrench
 from app.simulation.tissue import TissueMotion
-from app.simulation.world_entries import WORLD_FRAME, WorldDescription
+from app.simulation.world_entries import WORLD_FRAME, BodyEntry, WorldDescription
+
+MAX_OVERLAP_MM = 1.0
+"""A body that is placed deeper in another one would be thrown out by the contact."""
 
 MAX_SPEED = 1e4
 """Largest generalized velocity (rad/s, m/s) of a state that has not diverged."""
@@ -31,13 +36,20 @@ class World:
     """
 
     def __init__(self, description: WorldDescription) -> None:
-        self.description = description
+        self._gates: dict[str, CommandGate] = {}
+        self._steps = 0
+        self._build(description)
+        self._gates = {each.entry.name: self._gate(each) for each in self._robots}
+        self.reset()
+
+    def _build(self, description: WorldDescription) -> None:
+        """Compile ``description``; nothing changes if it cannot be simulated."""
         built = build_world(description)
+        self.description = description
         self._model: Any = built.model
         self._data: Any = mujoco.MjData(built.model)
         self._robots = built.robots
         self._servos = {each.entry.name: VelocityServo(built.model, each) for each in built.robots}
-        self._gates = {each.entry.name: self._gate(each) for each in built.robots}
         self._motions = {each.entry.name: self._motion(each) for each in built.robots}
         self._setpoints = {
             name: np.zeros(len(servo.joints)) for name, servo in self._servos.items()
@@ -53,8 +65,6 @@ class World:
             for each in built.robots
         }
         self._inertia = np.zeros((self._model.nv, self._model.nv))
-        self._steps = 0
-        self.reset()
 
     @property
     def model(self) -> Any:
@@ -108,6 +118,54 @@ class World:
         """Stop ``arm`` and put it into FAULT."""
         self._require_arm(arm)
         self._gates[arm].fail(reason)
+
+    def move_bodies(self, poses: Mapping[str, Transform]) -> WorldState:
+        """Put bodies at ``poses``, ``world_from_body`` by name; free ones are at rest there.
+
+        Raises `EditError`, and moves nothing, for a name that is no body of the world, for another
+        frame than the world's, and for a place at which a body overlaps another one by more than
+        `MAX_OVERLAP_MM`. A reset puts all bodies back.
+        """
+        for name, pose in poses.items():
+            self._require_body(name)
+            if pose.target != WORLD_FRAME:
+                raise EditError(
+                    f"body {name!r} is placed in frame {pose.target!r}; expected {WORLD_FRAME!r}"
+                )
+        data = self._data
+        before = data.qpos.copy(), data.qvel.copy(), data.mocap_pos.copy(), data.mocap_quat.copy()
+        for name, pose in poses.items():
+            place_body(self._model, data, name, pose)
+        mujoco.mj_step1(self._model, data)
+        overlap = self._overlap(set(poses))
+        if overlap:
+            data.qpos[:], data.qvel[:], data.mocap_pos[:], data.mocap_quat[:] = before
+            mujoco.mj_step1(self._model, data)
+            raise EditError(overlap)
+        return self.state()
+
+    def change_bodies(self, bodies: tuple[BodyEntry, ...]) -> WorldState:
+        """Continue with ``bodies`` instead of the present ones; arms and bodies keep their states.
+
+        The model is compiled again, which takes many time steps. A new body is where its entry
+        places it. Raises `EditError`, and changes nothing, for bodies that cannot be simulated or
+        overlap by more than `MAX_OVERLAP_MM`, and without one that the tracker or the hand uses.
+        """
+        self._require_used({each.name for each in bodies})
+        before, model, data = dict(vars(self)), self._model, self._data
+        known = {each.name for each in self.description.bodies}
+        try:
+            self._build(replace(self.description, bodies=bodies))
+            copy_state(model, data, self._model, self._data)
+            self._move_tissues()
+            mujoco.mj_step1(self._model, self._data)
+            overlap = self._overlap({each.name for each in bodies} - known)
+        except WorldError as error:
+            overlap = str(error)
+        if overlap:
+            vars(self).update(before)
+            raise EditError(overlap)
+        return self.state()
 
     def step(
         self,
@@ -217,6 +275,38 @@ class World:
                 f"{NS_TO_S * self.time_ns:.3f} s; expected a shorter time step than "
                 f"{1e-6 * self.description.timestep_ns:g} ms, or stiffer or heavier bodies"
             )
+
+    def _overlap(self, placed: set[str]) -> str:
+        """Why bodies cannot be where they were ``placed``; empty if they can."""
+        for contact in self.contacts():
+            if contact.depth_mm > MAX_OVERLAP_MM and placed & set(contact.bodies):
+                name = next(each for each in contact.bodies if each in placed)
+                other = next((each for each in contact.bodies if each != name), name)
+                return (
+                    f"body {name!r} overlaps {other!r} by {contact.depth_mm:.1f} mm; expected at "
+                    f"most {MAX_OVERLAP_MM:g} mm"
+                )
+        return ""
+
+    def _require_body(self, name: str) -> None:
+        bodies = [each.name for each in self.description.bodies]
+        if name in bodies:
+            return
+        reason = "no such body"
+        if name in {each.name for each in self.description.tissues}:
+            reason = "tissue moves by itself, and a guarded tumour changes through set_tumor alone"
+        elif name in self._body_rows or name in self._servos:
+            reason = "an arm moves it"
+        raise EditError(f"{name!r}: {reason}; expected one of {', '.join(bodies) or 'none'}")
+
+    def _require_used(self, bodies: set[str]) -> None:
+        about = self.description
+        used = [*(about.tracker.tracked if about.tracker else ())]
+        used += [push.towards for push in (about.hand.pushes if about.hand else ())]
+        missing = {each.name for each in about.bodies} - bodies
+        name = next((each for each in used if each in missing), None)
+        if name is not None:
+            raise EditError(f"body {name!r}: the tracker or the hand uses it; expected another one")
 
     def _require_arm(self, name: str) -> None:
         if name not in self._servos:

@@ -10,6 +10,8 @@
 ``~/reset``, ``~/pause`` std_srvs/Trigger               begin again at 0; stand still
 ``~/resume``, ``~/step`` std_srvs/Trigger               go on; take one step and stand still
 ``/NAME/enable``         std_srvs/Trigger               end the FAULT of an arm
+``~/move_bodies``,       see `body_edits`               a user moves, adds or removes a body
+``~/edit_body``
 ======================== ============================== ==========================================
 
 A session must not follow the truth: its frames have names of their own. Stamps are host time.
@@ -23,17 +25,19 @@ from typing import Protocol
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
-from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.messages import header_message, transform_message
+from app.bridge.messages import header_message
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation.arm_endpoint import ArmEndpoint
+from app.bridge.simulation.body_edits import BodyEdits
 from app.bridge.simulation.device_hand import DeviceHand
 from app.bridge.simulation.real_time import RealTime
+from app.bridge.tf.wire import write_tf_message
 from app.bridge.tracker_publisher import TrackerPublisher
+from app.bridge.world_editor import SIMULATION, TRUTH, tf_sample
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform
 from app.simulation import (
     ArmCommand,
@@ -46,9 +50,7 @@ from app.simulation import (
     Wrench,
 )
 
-NODE_NAME = "marginguard_simulation"
-TRUTH = "truth/"
-"""Prefix of the frames of true poses."""
+NODE_NAME = SIMULATION
 
 SENSOR = "_sensor"
 """Suffix of the frame in which a body is tracked: its sensor, at its origin."""
@@ -107,6 +109,7 @@ class SimulationNode:
             )
             for each in description.robots
         }
+        self._edits = BodyEdits(ros)
         self._wrench: Wrench | None = None
         self._checked_ns: int | None = None
         self._enabled: deque[str] = deque()
@@ -141,6 +144,9 @@ class SimulationNode:
         """Step with the newest commands and the hand; see `Shell`."""
         while self._enabled:
             world.enable(self._enabled.popleft())
+        for change in self._edits.apply(world, now_ns):
+            for name in self._arms:
+                world.fail(name, change)
         before = world.state()
         if self._state is not None and before.time_ns < self._state.time_ns:  # a reset
             self._tracker, self._checked_ns = self._new_tracker(), None
@@ -199,8 +205,12 @@ class SimulationNode:
             message=f"{self._lags} times behind real time" if self._lags else "real time",
             values=[KeyValue(key="lags", value=str(self._lags))],
         )
+        edits = DiagnosticStatus(
+            name="marginguard: edits of bodies",
+            message=f"{self._edits.applied} applied, {self._edits.refused} refused",
+        )
         header = header_message("", Stamp(self._stamp_ns))
-        self._diagnostics.publish(DiagnosticArray(header=header, status=[pace, *statuses]))
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[pace, edits, *statuses]))
 
     def _publish_state(self, state: WorldState, stamp: Stamp) -> None:
         for name, arm in self._arms.items():
@@ -213,11 +223,9 @@ class SimulationNode:
                 stamp,
             )
         self._tf.publish(
-            TFMessage(
-                transforms=[
-                    transform_message(pose.renamed(source=f"{TRUTH}{pose.source}"), stamp)
-                    for pose in state.bodies.values()
-                ]
+            write_tf_message(
+                tf_sample(pose.renamed(source=f"{TRUTH}{pose.source}"), stamp)
+                for pose in state.bodies.values()
             )
         )
 

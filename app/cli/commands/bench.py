@@ -37,6 +37,7 @@ BENCHMARKS = {
     "passivity": "benchmarks.passivity",
     "closed-loop": "benchmarks.closed_loop",
     "cohort": "benchmarks.cohort",
+    "edits": "benchmarks.edits",
 }
 
 

@@ -63,6 +63,15 @@ class TransformTree:
         self._edges[frame] = parent_from_frame
         return node
 
+    def remove(self, frame: str) -> None:
+        """Remove the node of ``frame``, which has no frame below it; nothing without one."""
+        if frame in self._edited:
+            self._edited.pop(frame).close()
+        self._edges.pop(frame, None)
+        node = self._nodes.pop(frame, None)
+        if node is not None:
+            remove_node(self._scene, node)
+
     def restore(self) -> None:
         """Put frames that a user has moved back to where they were set.
 

@@ -31,6 +31,16 @@ def _added(model: vtkMRMLModelNode) -> Any:
     A transform that is not rigid is applied to the vertices. Raises `Ros2Error` for a model without
     a surface or below a transform that is not linear.
     """
+    vertices, triangles, pose = placed_surface(model, _WORLD, _MODEL)
+    return collision_object(_identifier(model), vertices, triangles, pose)
+
+
+def placed_surface(model: vtkMRMLModelNode, world: str, frame: str) -> tuple[Any, Any, Transform]:
+    """Vertices (n, 3) in mm in ``frame``, triangles (m, 3), and ``world_from_frame`` of a model.
+
+    A transform that is not rigid is applied to the vertices. Raises `Ros2Error` for a model without
+    a surface or below a transform that is not linear.
+    """
     parent = model.GetParentTransformNode()
     if parent is not None and not parent.IsTransformToWorldLinear():
         raise Ros2Error(
@@ -40,13 +50,13 @@ def _added(model: vtkMRMLModelNode) -> Any:
     vertices, triangles = _triangles(model)
     matrix = world_matrix(parent)
     try:
-        pose = Transform.from_matrix(matrix, target=_WORLD, source=_MODEL)
+        pose = Transform.from_matrix(matrix, target=world, source=frame)
     except TransformError:
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
         if np.linalg.det(matrix[:3, :3]) < 0.0:  # a mirrored surface would be inside out
             triangles = triangles[:, ::-1]
-        pose = Transform.identity(target=_WORLD, source=_MODEL)
-    return collision_object(_identifier(model), vertices, triangles, pose)
+        pose = Transform.identity(target=world, source=frame)
+    return vertices, triangles, pose
 
 
 def _triangles(model: vtkMRMLModelNode) -> tuple[Any, Any]:

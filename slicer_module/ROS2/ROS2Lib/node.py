@@ -1,5 +1,6 @@
 """ROS node in the scene with the calls of SlicerROS2's scripts."""
 
+from app.bridge.world_editor import SIMULATION
 from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
 from ROS2Lib.classes import kind_class, kind_class_name, special_class
 from ROS2Lib.collision_publisher import vtkMRMLROS2PublisherCollisionObjectNode
@@ -11,6 +12,7 @@ from ROS2Lib.robot import vtkMRMLROS2RobotNode
 from ROS2Lib.robot_sources import PARAMETER
 from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
 from ROS2Lib.service_server import Handler, vtkMRMLROS2ServiceServerNode
+from ROS2Lib.simulated_world import vtkMRMLROS2SimulatedWorldNode
 from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
 from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
@@ -220,3 +222,21 @@ class vtkMRMLROS2NodeNode(RosHost):
     def RemoveAndDeleteRobotNode(self, robotName: str) -> bool:
         """Remove the robot with its lookups and models; False if there is none."""
         return self.remove(self.GetRobotNodeByName(robotName), f"robot {robotName!r}")
+
+    # Simulated worlds, which SlicerROS2 does not have.
+
+    def CreateAndAddSimulatedWorldNode(
+        self, simulation: str = SIMULATION
+    ) -> vtkMRMLROS2SimulatedWorldNode | None:
+        """Show the bodies of the node ``simulation`` as transforms that a user may move."""
+        return self.create(vtkMRMLROS2SimulatedWorldNode, simulation)
+
+    def GetSimulatedWorldNode(
+        self, simulation: str = SIMULATION
+    ) -> vtkMRMLROS2SimulatedWorldNode | None:
+        """The member; None if there is none."""
+        return self.find(vtkMRMLROS2SimulatedWorldNode, simulation)
+
+    def RemoveAndDeleteSimulatedWorldNode(self, simulation: str = SIMULATION) -> bool:
+        """Remove it with its transforms; False if there is none."""
+        return self.remove(self.GetSimulatedWorldNode(simulation), f"world {simulation!r}")

@@ -1,0 +1,186 @@
+"""Edits of bodies over ROS against a world that the test steps."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from tf2_msgs.msg import TFMessage
+
+from app.bridge import RosNode
+from app.bridge.qos import STREAM, Topic
+from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+from app.bridge.simulation.body_edits import MAX_MOVES
+from app.bridge.tf.wire import TfMessageReader
+from app.bridge.world_editor import TRUTH, WorldEditor
+from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
+from app.simulation import World, open_world
+from tests.ros_domain import domain_id as domain_id
+
+WAIT_S = 60.0
+CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def at(name, x, y=0.0, z=0.0, frame="world"):
+    return Transform(frame, name, np.eye(3), np.array([x, y, z]))
+
+
+def cube(name):
+    return SurfaceMesh(name, CORNERS, FACES)
+
+
+class Edited:
+    """The shipped world with its node, and a scene's node that edits it."""
+
+    def __init__(self, ros, scene, description):
+        self.world = World(description)
+        self.node = SimulationNode(ros, description, use_hand=False)
+        self.pace = RealTime(
+            self.world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
+        )
+        self.refused, self.truth = [], {}
+        self.editor = WorldEditor(scene, NODE_NAME, self.refused.append)
+        read = TfMessageReader()
+
+        def take(data):
+            self.truth |= {each.child: each.pose for each in read(data)}
+
+        scene.subscribe(Topic("/tf", TFMessage, STREAM), take, raw=True)
+        self.until(self.editor.is_connected)
+        self.until(lambda: f"{TRUTH}tumor" in self.truth)
+
+    def until(self, condition):
+        end_s = time.monotonic() + WAIT_S
+        while not condition():
+            assert time.monotonic() < end_s, (self.refused, sorted(self.truth))
+            state = self.node.step(self.world, time.time_ns())
+            self.node.publish(state, time.time_ns())
+            time.sleep(0.001)
+
+    def x(self, body):
+        return self.world.state().bodies[body].translation_mm[0]
+
+    @property
+    def fault(self):
+        return self.world.state().arms["arm"].fault
+
+
+def now():
+    return Stamp(time.time_ns())
+
+
+@pytest.fixture
+def edited(domain_id, project_root):
+    description = open_world(project_root / "data" / "worlds" / "lumpectomy")
+    with (
+        RosNode(NODE_NAME, domain_id=domain_id) as ros,
+        RosNode("scene", domain_id=domain_id) as scene,
+    ):
+        yield Edited(ros, scene, description)
+
+
+def test_moved_body_comes_back_as_truth_and_the_arm_goes_on(edited):
+    edited.editor.move([at("chest_wall", 205, 0, 40)], now())
+    edited.until(lambda: edited.truth[f"{TRUTH}chest_wall"][2] == pytest.approx(40.0))
+    assert edited.world.state().bodies["chest_wall"].translation_mm[2] == pytest.approx(40.0)
+    assert edited.fault == ""
+    assert edited.refused == []
+
+
+def test_added_body_appears_and_can_be_moved_and_removed(edited):
+    edited.editor.add(cube("clip"), at("clip", 205, 200, 80), now())
+    edited.until(lambda: f"{TRUTH}clip" in edited.truth)
+    assert edited.fault == "body 'clip' was added"
+    edited.editor.move([at("clip", 215, 200, 80)], now())
+    edited.until(lambda: edited.truth[f"{TRUTH}clip"][0] == pytest.approx(215.0))
+    edited.editor.remove("clip", now())
+    edited.until(lambda: "clip" not in edited.world.state().bodies)
+    assert edited.fault == "body 'clip' was removed"
+    assert edited.refused == []
+
+
+REFUSED = (
+    (lambda e: e.move([at("tumor", 0)], now()), "set_tumor alone"),
+    (lambda e: e.move([at("cautery", 0)], now()), "an arm moves it"),
+    (lambda e: e.move([at("ghost", 0)], now()), "'ghost': no such body"),
+    (lambda e: e.move([at("chest_wall", 0, frame="tracker")], now()), "frame 'tracker'"),
+    (lambda e: e.move([at("chest_wall", 2e4)], now()), "at most 10000 mm from the origin"),
+    (lambda e: e.move([at("chest_wall", 1)], Stamp(time.time_ns() - 3 * NS_PER_S)), "old"),
+    (lambda e: e.move([at("chest_wall", 1)], Stamp(time.time_ns() + 3 * NS_PER_S)), "future"),
+    (lambda e: e.move([at("chest_wall", 1)] * 2, now()), "named twice"),
+    (
+        lambda e: e.move([at(f"b{n}", 1) for n in range(MAX_MOVES + 1)], now()),
+        f"{MAX_MOVES + 1} places; expected 1 to {MAX_MOVES}",
+    ),
+    (lambda e: e.add(cube("tumor"), at("tumor", 0), now()), "the name is in use"),
+    (lambda e: e.add(cube("x"), at("x", 0, frame="y"), now()), "frame 'y'"),
+    (
+        lambda e: e.add(
+            SurfaceMesh("x", CORNERS, np.tile(FACES, (500, 1))), at("x", 0, 300), now()
+        ),
+        "18000 points; expected three for each of 1 to 5000 triangles",
+    ),
+    (lambda e: e.remove("tumor", now()), "'tumor' cannot be removed"),
+)
+"""Requests, and a part of the reason why each is refused."""
+
+
+def test_refused_edits_are_answered_and_change_nothing(edited):
+    before = edited.world.state().bodies["chest_wall"].matrix
+    for send, problem in REFUSED:
+        edited.refused.clear()
+        send(edited.editor)
+        edited.until(lambda: edited.refused)
+        assert problem in edited.refused[0]
+    after = edited.world.state().bodies
+    assert set(after) == {"cautery", "chest_wall", "tumor"}
+    np.testing.assert_allclose(after["chest_wall"].matrix, before, atol=1e-9)
+    assert edited.fault == ""
+
+
+def test_body_may_not_be_placed_in_the_tool(edited):
+    tip = edited.world.state().bodies["cautery"].translation_mm
+    edited.editor.add(cube("x"), at("x", *tip), now())
+    edited.until(lambda: edited.refused)
+    assert "body 'x' overlaps 'cautery'" in edited.refused[0]
+    assert "x" not in edited.world.state().bodies
+
+
+def test_numbers_that_are_not_finite_are_refused(edited):
+    """`Transform` refuses them, so the message is written without it."""
+    from app.bridge.tf.wire import TfSample, write_tf_message
+
+    for place in ((math.nan, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 1, 1, 1, 1)):
+        count = len(edited.refused)
+        message = write_tf_message([TfSample("world", "chest_wall", time.time_ns(), place)])
+        edited.editor._moves.publish(message)
+        edited.until(lambda count=count: len(edited.refused) > count)
+    assert edited.x("chest_wall") == pytest.approx(205.0)
+
+
+def test_edit_that_is_not_later_than_the_last_one_is_refused(edited):
+    stamp = now()
+    edited.editor.move([at("chest_wall", 205, 0, 45)], stamp)
+    edited.until(lambda: edited.truth[f"{TRUTH}chest_wall"][2] == pytest.approx(45.0))
+    edited.editor.move([at("chest_wall", 205, 0, 30)], stamp)
+    edited.until(lambda: edited.refused)
+    assert "not later than the last one" in edited.refused[0]
+    assert edited.world.state().bodies["chest_wall"].translation_mm[2] == pytest.approx(45.0)
+
+
+def test_flood_of_requests_is_refused(edited):
+    sent = iter(range(10**6))
+
+    def is_refused():
+        for _ in range(40):
+            edited.editor.move([at("chest_wall", 205, 0, 50 + 1e-5 * next(sent))], now())
+        return any("too many" in each or "wait" in each for each in edited.refused)
+
+    edited.until(is_refused)
+    assert edited.fault == ""

@@ -1,0 +1,137 @@
+"""A simulated world in the scene of the ROS2 module: edits reach the physics, and come back."""
+
+import time
+
+import numpy as np
+import pytest
+import vtk
+from slicer import vtkMRMLModelNode
+
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+
+from app.bridge import RosNode
+from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+from app.geometry import MarginGuardError, SurfaceMesh, Transform
+from app.scene.nodes.convert import poly_data, world_matrix
+from app.simulation import BodyEntry, World, WorldDescription
+
+CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+class Physics:
+    """A world of two boxes, which the test steps."""
+
+    def __init__(self, ros):
+        bodies = tuple(
+            BodyEntry(name, SurfaceMesh(name, CORNERS, FACES), at(name, x), mass)
+            for name, x, mass in (("wall", 0.0, None), ("ball", 100.0, 0.1))
+        )
+        description = WorldDescription("boxes", 1, gravity_m_s2=0.0, bodies=bodies)
+        self.world = World(description)
+        self.node = SimulationNode(ros, description)
+        self.pace = RealTime(
+            self.world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
+        )
+
+    def step(self):
+        state = self.node.step(self.world, time.time_ns())
+        self.node.publish(state, time.time_ns())
+
+    def x(self, body):
+        return float(self.world.state().bodies[body].translation_mm[0])
+
+
+def at(name, x):
+    return Transform("world", name, np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def shifted(x_mm):
+    made = vtk.vtkMatrix4x4()
+    made.SetElement(0, 3, x_mm)
+    return made
+
+
+@pytest.fixture
+def physics(node, ros_domain):
+    with RosNode(NODE_NAME, domain_id=ros_domain) as ros:
+        yield Physics(ros)
+
+
+@pytest.fixture
+def shown(node, physics, wait_until, logic):
+    member = node.CreateAndAddSimulatedWorldNode()
+
+    def until(ready):
+        def meanwhile():
+            physics.step()
+            logic.Spin()
+
+        wait_until(ready, meanwhile)
+
+    until(lambda: member.GetBodies() == ["ball", "wall"])
+    until(lambda: member._editor.is_connected())
+    yield member, until
+    node.RemoveAndDeleteSimulatedWorldNode()
+
+
+def x_of(member, body):
+    return float(world_matrix(member.GetBodyTransformNode(body))[0, 3])
+
+
+def test_moved_transform_moves_the_body_and_what_physics_moves_comes_back(shown, physics):
+    member, until = shown
+    member.GetBodyTransformNode("wall").SetMatrixTransformToParent(shifted(-30.0))
+    until(lambda: physics.x("wall") == pytest.approx(-30.0, abs=1e-6))
+    physics.world.move_bodies({"ball": at("ball", 140.0)})
+    until(lambda: x_of(member, "ball") == pytest.approx(140.0, abs=1e-3))
+    assert member.GetProblem() == ""
+    assert member.GetNumberOfRequests() == 1
+
+
+def test_refused_move_goes_back_to_where_the_body_is(shown, physics):
+    member, until = shown
+    member.GetBodyTransformNode("ball").SetMatrixTransformToParent(shifted(5.0))
+    until(lambda: "overlaps 'wall'" in member.GetProblem())
+    until(lambda: x_of(member, "ball") == pytest.approx(physics.x("ball"), abs=1e-3))
+    assert physics.x("ball") == pytest.approx(100.0, abs=1e-3)
+    assert "refused" in member.status()
+
+
+def test_model_becomes_a_body_and_is_removed(shown, physics, logic):
+    member, until = shown
+    model = vtkMRMLModelNode()
+    model.SetAndObservePolyData(
+        poly_data(SurfaceMesh("clip", CORNERS + np.array([200.0, 0, 0]), FACES))
+    )
+    logic.scene.AddNode(model)
+    member.AddBody("clip", model)
+    until(lambda: "clip" in member.GetBodies())
+    assert model.GetParentTransformNode() is member.GetBodyTransformNode("clip")
+    member.GetBodyTransformNode("clip").SetMatrixTransformToParent(shifted(50.0))
+    until(lambda: physics.x("clip") == pytest.approx(50.0, abs=1e-6))
+    member.RemoveBody("clip")
+    until(lambda: "clip" not in physics.world.state().bodies)
+    until(lambda: member.GetBodies() == ["ball", "wall"])
+    logic.scene.RemoveNode(model)
+
+
+def test_model_without_a_surface_is_refused(shown, logic):
+    member, _ = shown
+    model = logic.scene.AddNode(vtkMRMLModelNode())
+    with pytest.raises(MarginGuardError, match="has no surface"):
+        member.AddBody("clip", model)
+    logic.scene.RemoveNode(model)
+
+
+def test_removed_member_takes_its_transforms_along(node, shown, logic):
+    member, _ = shown
+    nodes = [member.GetBodyTransformNode(body) for body in member.GetBodies()]
+    assert node.RemoveAndDeleteSimulatedWorldNode()
+    assert all(each.GetScene() is None for each in nodes)
+    assert node.GetSimulatedWorldNode() is None
