@@ -1,12 +1,16 @@
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pydicom
 import pytest
 import trimesh
 
+from app.analysis.specimen import Resection, Specimen
+from app.cli.dicom_folder import resected_structures, write_dicom
 from app.cli.main import main
+from app.geometry import SurfaceMesh
 from tests.cli.small_case import write_small_case
 
 
@@ -36,6 +40,21 @@ def test_tumour_and_another_surface_are_written(case, tmp_path, capsys):
     assert centre(out, 1) == pytest.approx([-5.0, -7.0, 9.0], abs=0.3)
     segments = pydicom.dcmread(out / "segmentation.dcm").SegmentSequence
     assert [segment.SegmentLabel for segment in segments] == ["tumor", "specimen"]
+
+
+def test_analysis_writes_tumour_and_specimen(case, tmp_path):
+    assert main(["analyse", str(case), "--dicom", str(tmp_path / "out")]) == 0
+    read = pydicom.dcmread(tmp_path / "out" / "structure_set.dcm")
+    assert [roi.ROIName for roi in read.StructureSetROISequence] == ["tumor"]
+
+    block = trimesh.creation.box(extents=[10.0, 12.0, 14.0])
+    surface = SurfaceMesh("tumor", block.vertices, block.faces)
+    specimen = Specimen(None, surface, 1680.0, 0.0, {"R": 1.0})
+    resection = Resection(10.0, None, 0.0, specimen, "")
+    found = resected_structures(surface, SimpleNamespace(resection=resection))
+    assert [each.name for each in found] == ["tumor", "specimen"]
+    study = write_dicom(tmp_path / "both", found, ras_from_tumor=None, patient="p", voxel_mm=0.4)
+    assert study.volumes[1].segmentation_mm3 == pytest.approx(1680.0, rel=0.01)
 
 
 def test_axes_of_the_patient_turn_the_structures(case, tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 import pydicom
 import pytest
 import SimpleITK
+import trimesh
 
 from app.dicom import DicomStudy, Structure, dicom_study
 from app.geometry import InputError, MeshError, SurfaceMesh
@@ -148,6 +149,17 @@ def test_dciodvfy_finds_no_error(study, name, tmp_path: Path):
     text = done.stdout + done.stderr
     assert "Error" not in text
     assert any(kind in text for kind in ("Segmentation", "RTStructureSet", "CTImage"))
+
+
+def test_flat_faces_at_multiples_of_a_voxel_have_their_volume():
+    box = trimesh.creation.box(extents=[10.0, 12.0, 14.0])
+    surface = SurfaceMesh("tumor", box.vertices, box.faces)
+    for voxel_mm in (0.5, 1.0, 2.0):
+        study = dicom_study(
+            [Structure("box", surface)], patient="p", version="1", voxel_mm=voxel_mm
+        )
+        assert study.volumes[0].segmentation_mm3 == pytest.approx(1680.0)
+        assert study.volumes[0].contours_mm3 == pytest.approx(1680.0)
 
 
 def test_bad_structures_are_refused():

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.cli.dicom_folder import VOXEL_MM, resected_structures, write_dicom
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, file_path, folder_path
 from app.cli.progress import with_progress
@@ -53,6 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.parquet",
         help="write a row per frame: state, hold, applied margins, distance, witness points, "
         "velocity of the tip (needs the extra cohort)",
+    )
+    parser.add_argument(
+        "--dicom",
+        type=folder_path,
+        metavar="DIR",
+        help="write the tumour and the specimen, where one is separated, to the new folder DIR as "
+        "DICOM segmentation and structure set",
     )
     parser.add_argument(
         "--ras-from-tumor",
@@ -124,6 +132,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--stop: without --error; expected at least one --error NAME=MM")
     if options.parquet is not None:
         check_installed("pyarrow")
+    if options.dicom is not None:
+        check_installed("highdicom", "pydicom")
     for path in (options.json, options.html, options.parquet):
         if isinstance(path, Path):
             check_output_path(path)
@@ -170,6 +180,14 @@ def run(options: argparse.Namespace) -> int:
         write_file(options.html, analysis_page(case, case.figures()).encode())
     if options.parquet is not None:
         write_file(options.parquet, frames.parquet())
+    if options.dicom is not None:
+        write_dicom(
+            options.dicom,
+            resected_structures(content.tumor, analysis),
+            ras_from_tumor=rows,
+            patient=content.name,
+            voxel_mm=VOXEL_MM,
+        )
     if isinstance(options.json, Path):
         write_file(options.json, f"{text}\n".encode())
     print(text if options.json is True else as_text(analysis))

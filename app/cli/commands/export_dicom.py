@@ -11,6 +11,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.cli.dicom_folder import VOXEL_MM, write_dicom
 from app.cli.options import add_case, add_json, folder_path
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--voxel-mm",
         type=float,
-        default=0.5,
+        default=VOXEL_MM,
         metavar="S",
         help="edge of a voxel and distance of the contours' planes, 0.05 to 5 mm (%(default)s)",
     )
@@ -69,27 +70,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Make the study and write it."""
-    from app import __version__
-    from app.files.atomic_io import new_folder
     from app.files.extras import check_installed
     from app.runtime import prepare_case
 
     check_installed("highdicom", "pydicom")
-    from app.dicom import Structure, dicom_study
+    from app.dicom import Structure
 
     content = prepare_case(options.case, package_dirs=options.package_dirs).content
-    found = [Structure("tumor", content.tumor), *_read(options, content.tumor.frame)]
-    study = dicom_study(
-        [_in_ras(each, options.ras_from_tumor) for each in found],
+    axes = options.ras_from_tumor
+    study = write_dicom(
+        options.out,
+        [Structure("tumor", content.tumor), *_read(options, content.tumor.frame)],
+        ras_from_tumor=None if axes is None else [axes[k : k + 3] for k in (0, 3, 6)],
         patient=options.patient or content.name,
-        version=__version__,
         voxel_mm=options.voxel_mm,
         frame_of_reference_uid=options.frame_of_reference,
         date=options.date,
     )
-    with new_folder(options.out, may_be_empty=True) as folder:
-        for name, data in study.files.items():
-            (folder / name).write_bytes(data)
     print(json.dumps(_document(study), indent=2) if options.json else _text(study, options.out))
     return 0
 
@@ -102,21 +99,6 @@ def _read(options: argparse.Namespace, frame: str) -> list["Structure"]:
         Structure(name, load_mesh(path, units="mm", frame=frame))
         for name, path in options.structure
     ]
-
-
-def _in_ras(structure: "Structure", rotation: list[float] | None) -> "Structure":
-    import numpy as np
-
-    from app.dicom import Structure
-    from app.geometry import SurfaceMesh
-    from app.session import checked_axes
-
-    axes = checked_axes(None if rotation is None else np.reshape(rotation, (3, 3)))
-    if axes is None:
-        return structure
-    surface = structure.surface
-    turned = SurfaceMesh(surface.frame, surface.vertices_mm @ axes.T, surface.faces)
-    return Structure(structure.name, turned)
 
 
 def _document(study: "DicomStudy") -> dict[str, Any]:
