@@ -88,7 +88,10 @@ def test_next_picture_waits_for_the_acknowledgement_and_shows_the_newest_state()
     async def scenario(pictures, source, beats, pushed):
         pictures.acknowledge("page", 0)
         await next_picture(source)
+        pictures.acknowledge("page", source.pictures[-1][0])
+        await next_picture(source)
         number = source.pictures[-1][0]
+        assert number > 1  # below it is the number of a picture, not the 0 of a new page
         for _ in range(3):
             pictures.acknowledge("page", number - 1)
             await beats.more(1)
