@@ -41,6 +41,7 @@ SLOW = {
         "tests/viewer/test_page_navigation.py",
         "tests/viewer/test_page_state.py",
         "tests/viewer/test_server_gone.py",
+        "tests/viewer/test_timeline_page.py",
         "tests/viewer/test_tls_proxy.py",
         "tests/viewer/steps/test_ultrasound.py",
         "tests/viewer/test_contour_part.py",

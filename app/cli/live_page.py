@@ -91,7 +91,7 @@ def live_page(
             images=images,
         ) as node:
             node.commands.requests.listen(feed.list_request)
-            operator.connect(node.commands)
+            operator.connect(node.commands, node.set_margins)
             thread = threading.Thread(target=_run, args=(node, feed), name="session")
             thread.start()
             try:

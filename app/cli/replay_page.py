@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from app.cli.signals import SignalState
 if TYPE_CHECKING:
     from app.report import ReplayLog
     from app.runtime import ReplayRun, SessionContent
-    from app.viewer import ReplayFeed, ReplayTimeline, Viewer
+    from app.viewer import EventNotes, ReplayFeed, ReplayTimeline, Viewer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +26,7 @@ class ReplayParts:
     log: "ReplayLog"
     feed: "ReplayFeed"
     timeline: "ReplayTimeline"
+    notes: "EventNotes"
     _engine: threading.Lock = field(default_factory=threading.Lock)
     """Held while the proximity engine is used, which is not thread-safe."""
 
@@ -41,6 +42,8 @@ class ReplayParts:
 
         with self._engine:
             record = record_of(self.run, self.log)
+        events = (note.line for note in self.notes.entries)
+        record = replace(record, notes=(*record.notes, *events))
         with ScenePainter() as painter, TemporaryDirectory() as folder:
             if self.log.deepest is not None:
                 painter.begin(self.content, self.log.deepest)
@@ -62,7 +65,13 @@ def replay_parts(
         from app.analysis import find_breaches
         from app.report import ReplayLog
         from app.runtime import ReplayRun, prepare_case
-        from app.viewer import ReplayFeed, ReplayTimeline, ViewStateBuilder, stop_surface
+        from app.viewer import (
+            EventNotes,
+            ReplayFeed,
+            ReplayTimeline,
+            ViewStateBuilder,
+            stop_surface,
+        )
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
     setup, log = prepared.setup, ReplayLog()
@@ -81,7 +90,7 @@ def replay_parts(
     feed = ReplayFeed(shown, time.monotonic_ns)
     breaches = find_breaches(log.rows, setup.margins.stale_after_ns)
     timeline = ReplayTimeline(feed, [(breach.first, breach.last) for breach in breaches])
-    return ReplayParts(run, log, feed, timeline)
+    return ReplayParts(run, log, feed, timeline, EventNotes())
 
 
 def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
@@ -90,7 +99,9 @@ def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
     from app.viewer import SceneView, Title, Viewer
 
     images = open_case_images(parts.run.prepared.case)
-    title = Title(parts.content.name, live=False, report=parts.report, images=images)
+    title = Title(
+        parts.content.name, live=False, report=parts.report, images=images, notes=parts.notes
+    )
     return Viewer(
         SceneView(parts.content),
         parts.feed,

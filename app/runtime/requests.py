@@ -19,6 +19,8 @@ class RequestKind(StrEnum):
     MARGINS = "set_margins"
     TUMOR = "set_tumor"
     REGISTRATION = "register"
+    NOTE = "note"
+    """A text on the present, which changes nothing."""
 
 
 class TooManyRequestsError(MarginGuardError):

@@ -4,14 +4,18 @@ from collections.abc import Callable
 
 from trame_server.state import State
 
+from app.fixture import MarginParameters
+from app.geometry import InputError
 from app.runtime import SeenHold
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.messages.checks import boolean, integer, number, one_of, text
 from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import RefusedError
+from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.steps.event_notes import MAX_CHARS, EventNotes
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.replay import RATES, ReplayControl
+from app.viewer.steps.view_state import ViewState
 
 Changed = Callable[[], None]
 """Called after each command, to draw again."""
@@ -20,6 +24,7 @@ _MAX_STEP = 1000
 _MAX_SEQ = 2**53 - 1
 """Largest integer that JavaScript represents."""
 _MAX_NONCE = 2**64 - 1
+_MAX_STOP_MM, _MAX_WARN_MM = (MarginParameters.ranges()[name][1] for name in ("stop_mm", "warn_mm"))
 
 
 class SceneControls:
@@ -111,13 +116,67 @@ class ReplayControls:
 
 
 class LiveControls:
-    """Re-arms a live session: ends the hold whose causes the page shows."""
+    """Re-arms a live session, ending the hold whose causes the page shows; changes its margins."""
 
     def __init__(self, commands: Commands, operator: LiveOperator) -> None:
         self._operator = operator
         commands.add("rearm", self._rearm, integer(0, _MAX_SEQ), text(len(str(_MAX_NONCE))))
+        stop, warn = number(0.0, _MAX_STOP_MM), number(0.0, _MAX_WARN_MM)
+        commands.add("margins", self._set_margins, stop, warn, stop, warn)
+
+    def _set_margins(
+        self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float
+    ) -> None:
+        """Change the margins that the page has shown as ``seen_stop`` and ``seen_warn``."""
+        margins = self._operator.margins
+        if margins is not None and margins != (seen_stop, seen_warn):
+            raise NotDoneError(
+                f"margins: they are now {margins[0]:g} and {margins[1]:g} mm, and nothing was "
+                "done; expected the same request again, after a look at them"
+            )
+        if stop_mm >= warn_mm:
+            raise NotDoneError(
+                f"margins: stop {stop_mm:g} mm, warning {warn_mm:g} mm; expected a larger warning "
+                "distance"
+            )
+        if not self._operator.set_margins(stop_mm, warn_mm):
+            raise NotDoneError("margins: the session has not begun; expected the request later")
 
     def _rearm(self, seq: int, nonce: str) -> None:
         if not (nonce.isascii() and nonce.isdecimal()) or not 0 < int(nonce) <= _MAX_NONCE:
             raise RefusedError("nonce: not that of a hold; expected the decimal number of one")
         self._operator.rearm(SeenHold(seq, int(nonce)))
+
+
+class NoteControls:
+    """Adds event notes on the moment that ``shown`` returns.
+
+    ``listed`` is called with the text of each; it lists those of a live session with its requests.
+    """
+
+    def __init__(
+        self,
+        commands: Commands,
+        notes: EventNotes,
+        shown: Callable[[], ViewState | None],
+        listed: Callable[[str], None],
+        changed: Changed,
+    ) -> None:
+        self._notes = notes
+        self._shown = shown
+        self._listed = listed
+        self._changed = changed
+        commands.add("note", self._add, text(MAX_CHARS))
+
+    def _add(self, line: str) -> None:
+        shown = self._shown()
+        if shown is None:
+            raise NotDoneError("note: there is no step yet; expected one")
+        step = shown.step
+        stamp_ns = step.frame.stamp.ns
+        try:
+            note = self._notes.add(step.index, stamp_ns, shown.elapsed_s, line)
+        except InputError as error:
+            raise NotDoneError(str(error)) from error
+        self._listed(f"{note.text} (step {note.frame}, stamp {note.stamp_ns} ns)")
+        self._changed()

@@ -15,12 +15,19 @@ class Downloads:
     """Handlers of downloads. ``report`` makes its file, None for no report.
 
     A picture is drawn in the page's thread, so their rate is limited for all pages together. The
-    report is computed once.
+    report is computed once for each ``version`` of what is in it.
     """
 
-    def __init__(self, screenshot: Callable[[], bytes], report: Callable[[], bytes] | None) -> None:
+    def __init__(
+        self,
+        screenshot: Callable[[], bytes],
+        report: Callable[[], bytes] | None,
+        version: Callable[[], object] = lambda: None,
+    ) -> None:
         self._screenshot = screenshot
         self._report = report
+        self._version = version
+        self._computed: object = None
         self._pictures = RateLimit(_PICTURES_PER_S, _PICTURE_BURST)
         self._computing: asyncio.Future[bytes] | None = None
 
@@ -34,7 +41,9 @@ class Downloads:
         """The report as HTML."""
         if self._report is None:
             raise web.HTTPNotFound
-        if self._computing is None:
+        version = self._version()
+        if self._computing is None or version != self._computed:
+            self._computed = version
             loop = asyncio.get_running_loop()
             self._computing = loop.run_in_executor(None, self._report)
         content = await asyncio.shield(self._computing)

@@ -15,8 +15,10 @@ from app.viewer.drawing.screenshot import screenshot
 from app.viewer.hand_part import HandPart
 from app.viewer.readout.breach_rows import breach_rows
 from app.viewer.readout.directions import Directions
+from app.viewer.readout.note_rows import note_rows
 from app.viewer.readout.readout import readout
 from app.viewer.readout.timeline import Timeline
+from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
 from app.viewer.ultrasound_part import UltrasoundPart
@@ -29,8 +31,8 @@ class Page:
 
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
-    where the mouse does not move the tool; ``contour``: None where no tumour can be contoured. All
-    calls come from the page's thread.
+    where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
+    ``notes`` are listed. All calls come from the page's thread.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Page:
         ultrasound: UltrasoundPart | None = None,
         hand: HandPart | None = None,
         contour: ContourPart | None = None,
+        notes: EventNotes | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -55,7 +58,9 @@ class Page:
         self._ultrasound = ultrasound
         self._hand = hand
         self._contour = contour
+        self._notes = notes or EventNotes()
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
+        state.notes = []
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -81,7 +86,8 @@ class Page:
             self.camera.reframe()
         moment = None if now is None else (now.step.index, now.silent, now.request)
         edited = None if self._contour is None else self._contour.revision
-        drawn, self._drawn = self._drawn, (moment, self._timeline.revision(), edited)
+        changed = self._timeline.revision(), edited, len(self._notes.entries)
+        drawn, self._drawn = self._drawn, (moment, *changed)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
             if self._ultrasound is not None:
@@ -120,6 +126,7 @@ class Page:
             state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())
             state.update(self._new_lists())
+            state.notes = note_rows(self._notes.entries, self._timeline)
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
             if self._hand is not None:

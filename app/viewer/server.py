@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from app.runtime import compute_here
 from app.viewer.address import Address
 from app.viewer.contour_controls import ContourControls
 from app.viewer.contour_part import ContourPart
-from app.viewer.controls import LiveControls, ReplayControls, SceneControls
+from app.viewer.controls import LiveControls, NoteControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.client_scene import ClientScene
@@ -36,6 +36,7 @@ from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
+from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.mouse_hand import MouseHand
@@ -51,12 +52,16 @@ _MAX_PIXELS = 1920 * 1200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Title:
-    """The case in the page's title; ``report`` makes its ``report.html``, ``images`` are shown."""
+    """The case in the page's title; ``report`` makes its ``report.html``, ``images`` are shown.
+
+    ``notes``: those of operators, which the page lists and adds to.
+    """
 
     case: str
     live: bool
     report: Callable[[], bytes] | None = None
     images: ImageSource | None = None
+    notes: EventNotes = field(default_factory=EventNotes)
 
 
 class Viewer:
@@ -108,6 +113,7 @@ class Viewer:
             self._ultrasound,
             self._hand,
             self._contour,
+            title.notes,
         )
         state.rates = []
         self._commands = Commands()
@@ -116,6 +122,8 @@ class Viewer:
             ReplayControls(state, self._commands, control, self.redraw)
         if operator is not None:
             LiveControls(self._commands, operator)
+        listed = _ignore if operator is None else operator.note
+        NoteControls(self._commands, title.notes, lambda: self._page.shown, listed, self.redraw)
         if self._contour is not None:
             ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
 
@@ -192,7 +200,9 @@ class Viewer:
             drawing.result()
 
     def _content(self, sockets: PageSocket, folders: dict[str, Path]) -> Content:
-        downloads = Downloads(self._screenshot, self._title.report)
+        downloads = Downloads(
+            self._screenshot, self._title.report, lambda: len(self._title.notes.entries)
+        )
         handlers = {
             "/ws": sockets.handle,
             "/marginguard/states.css": _state_css,
@@ -208,6 +218,10 @@ class Viewer:
         content = self._page.screenshot()
         self.redraw()  # the scene may be newer than the pages' picture
         return content
+
+
+def _ignore(_text: str) -> None:
+    """A replay lists no requests."""
 
 
 async def _state_css(request: web.Request) -> web.Response:

@@ -56,6 +56,7 @@ class MarginParameterServer:
         self._used = False
         self._setting = threading.Lock()
         self._setter: int | None = None
+        self._origin = THIS_PROCESS
         self._server = ParameterServer(
             ros, _declarations(margins), self._accept, on_refusal=self._refused
         )
@@ -69,14 +70,14 @@ class MarginParameterServer:
         """Undeclare the parameters."""
         self._server.close()
 
-    def set(self, **changes: float) -> None:
-        """Set margins from this process, atomically, as a ROS request does.
+    def set(self, *, origin: str = THIS_PROCESS, **changes: float) -> None:
+        """Set margins from this process, atomically, as a ROS request does, listed as ``origin``.
 
         Raises `MarginParameterError` with the reason if the set is refused.
         """
         parameters = [Parameter(name, value=value) for name, value in changes.items()]
         with self._setting:
-            self._setter = threading.get_ident()
+            self._setter, self._origin = threading.get_ident(), origin
             try:
                 result = self._ros.node.set_parameters_atomically(parameters)
             finally:
@@ -90,7 +91,7 @@ class MarginParameterServer:
         if margins != self.margins:
             self._used = True
             is_own = self._setter == threading.get_ident()
-            self._use(margins, THIS_PROCESS if is_own else OVER_ROS)
+            self._use(margins, self._origin if is_own else OVER_ROS)
             self.margins = margins
 
     def _refused(self, reason: str) -> None:

@@ -43,6 +43,7 @@ from app.runtime import (
     Output,
     PreparedLive,
 )
+from app.runtime.commands import THIS_PROCESS
 from app.session import (
     LiveImages,
     LiveSession,
@@ -77,9 +78,9 @@ class LiveNode:
         """Request the end of `steps`. Thread-safe."""
         self.live_run.stop()
 
-    def set_margins(self, stop_mm: float, warn_mm: float) -> None:
+    def set_margins(self, stop_mm: float, warn_mm: float, origin: str = THIS_PROCESS) -> None:
         """Set the node's parameters ``stop_mm`` and ``warn_mm``, so that ROS sees them too."""
-        self.margins.set(stop_mm=stop_mm, warn_mm=warn_mm)
+        self.margins.set(stop_mm=stop_mm, warn_mm=warn_mm, origin=origin)
 
     def pace(self) -> float:
         """The time of live stamps passes as every clock's does."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from app.fixture import MarginState
-from app.geometry import FloatArray
+from app.fixture import MarginParameters, MarginState
+from app.geometry import NS_PER_S, FloatArray
 
 WIDTH, HEIGHT = 1000.0, 100.0
 _MAX_COLUMNS = 1500
@@ -29,12 +29,18 @@ class Point:
 
 
 def plot(
-    points: Sequence[Point], breaches: Sequence[tuple[int, int]], begin_ns: int, end_ns: int
+    points: Sequence[Point],
+    breaches: Sequence[tuple[int, int]],
+    begin_ns: int,
+    end_ns: int,
+    margins: MarginParameters,
 ) -> dict[str, Any]:
     """Compute the curve, the bands of the states, the marks of the breaches and the scale lines.
 
     ``points`` has one or more entries in the order of time from ``begin_ns`` to ``end_ns``;
-    ``breaches`` holds begin and end of each breach in ns.
+    ``breaches`` holds begin and end of each breach in ns. The distances ``stop_mm`` and ``warn_mm``
+    of ``margins`` have lines of their own. With ``top_mm``, ``mm`` and ``seconds``, of the whole
+    height and width, a place on the plot becomes a distance and a time.
     """
     span_ns = max(end_ns - begin_ns, 1)
     per_ns = WIDTH / span_ns
@@ -57,6 +63,14 @@ def plot(
             for value in (0, 5, 10, 20)
             if low < value < high
         ],
+        "limits": [
+            {"y": round((high - value) * scale, 2), "label": f"{name} {value:g} mm", "name": name}
+            for name, value in (("stop", margins.stop_mm), ("warning", margins.warn_mm))
+            if low < value < high
+        ],
+        "top_mm": round(high, 3),
+        "mm": round(high - low, 3),
+        "seconds": round(span_ns / NS_PER_S, 6),
     }
 
 

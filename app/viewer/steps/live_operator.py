@@ -1,4 +1,4 @@
-"""The operator of a live session's page: which hold the page shows, its re-arm, its tumour."""
+"""The operator of a live session's page: the hold that it shows, re-arm, margins, tumour, notes."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -9,6 +9,7 @@ from app.geometry import MarginGuardError, SurfaceMesh, Transform
 from app.runtime import OperatorCommands, RequestKind, SeenHold
 
 _Value = TypeVar("_Value")
+UseMargins = Callable[[float, float, str], None]
 
 THE_PAGE = "the page"
 """Origin of its requests in the list of requests and in the audit log."""
@@ -25,12 +26,16 @@ class LiveOperator:
     def __init__(self, workers: Executor) -> None:
         self._workers = workers
         self._commands: OperatorCommands | None = None
+        self._use_margins: UseMargins | None = None
         self._rearming: Future[None] | None = None
         self._replacing: Future[None] | None = None
 
-    def connect(self, commands: OperatorCommands) -> None:
-        """Use the commands of a session from now on."""
-        self._commands = commands
+    def connect(self, commands: OperatorCommands, use_margins: UseMargins | None = None) -> None:
+        """Use the commands of a session from now on.
+
+        ``use_margins(stop_mm, warn_mm, origin)`` changes its margins where they are kept.
+        """
+        self._commands, self._use_margins = commands, use_margins
 
     def seen(self) -> SeenHold | None:
         """The hold of the constraint that was published last; None before `connect`."""
@@ -41,6 +46,26 @@ class LiveOperator:
         if self._commands is None or (self._rearming is not None and not self._rearming.done()):
             return
         self._rearming = self._workers.submit(_rearm, self._commands, seen)
+
+    @property
+    def margins(self) -> tuple[float, float] | None:
+        """Stop and warning distance in mm that are in use; None before `connect`."""
+        if self._commands is None:
+            return None
+        margins = self._commands.content.margins
+        return margins.stop_mm, margins.warn_mm
+
+    def set_margins(self, stop_mm: float, warn_mm: float) -> bool:
+        """Begin to change the margins; False before `connect`. Looser ones latch a hold."""
+        if self._commands is None or self._use_margins is None:
+            return False
+        self._workers.submit(_set_margins, self._commands, self._use_margins, stop_mm, warn_mm)
+        return True
+
+    def note(self, text: str) -> None:
+        """List a note on the present with the requests: in the audit log and on the page."""
+        if self._commands is not None:
+            self._commands.requests.accepted(RequestKind.NOTE, THE_PAGE, text)
 
     def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
         """Return ``function(*args)``, computed where it does not delay the session."""
@@ -56,6 +81,19 @@ class LiveOperator:
             _set_tumor, self._commands, frame_from_tumor, tumor, sigma_mm
         )
         return True
+
+
+def _set_margins(
+    commands: OperatorCommands, use: UseMargins, stop_mm: float, warn_mm: float
+) -> None:
+    try:
+        commands.requests.admit(RequestKind.MARGINS)
+        use(stop_mm, warn_mm, THE_PAGE)
+    except MarginGuardError as error:
+        # The session lists its own refusals; what never reached it is listed here.
+        last = commands.requests.last
+        if last is None or last.accepted or last.text not in str(error):
+            commands.requests.refused(RequestKind.MARGINS, THE_PAGE, str(error))
 
 
 def _set_tumor(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
-from app.geometry import FloatArray, Freshness, SurfaceMesh, Transform
+from app.geometry import NS_PER_S, FloatArray, Freshness, SurfaceMesh, Transform
 from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.session import (
@@ -31,7 +31,7 @@ class ViewState:
     the tumour, in the tumour's frame, the first ``marked`` of them up to this step. ``silent``: why
     the step is outdated, empty while it is not. ``request``: the last request to change a live
     session. ``seen``: identifies the hold of a live session that an operator may end; None without
-    one.
+    one. ``elapsed_s``: time since the first step, without jumps back of the clock.
     """
 
     step: StepResult
@@ -48,6 +48,7 @@ class ViewState:
     silent: str = ""
     request: OperatorRequest | None = None
     seen: SeenHold | None = None
+    elapsed_s: float = 0.0
 
     @property
     def distance_mm(self) -> float | None:
@@ -101,6 +102,8 @@ class ViewStateBuilder:
         self._breach_log = BreachLog(content.tumor, setup.margins.stale_after_ns)
         self._marks: list[FloatArray] = []
         self._inside = False
+        self._elapsed_ns = 0
+        self._last_ns: int | None = None
 
     def use(self, content: SessionContent, margin_surface: SurfaceMesh | None) -> None:
         """Attach these to the next steps. The breach marks of another tumour are dropped."""
@@ -112,6 +115,9 @@ class ViewStateBuilder:
 
     def observe(self, step: StepResult) -> ViewState:
         """Return what to show of ``step``, the next one."""
+        now_ns = step.frame.stamp.ns
+        self._elapsed_ns += 0 if self._last_ns is None else max(now_ns - self._last_ns, 0)
+        self._last_ns = now_ns
         good = [pose.transform for pose in step.frame.poses if pose.transform is not None]
         if good:
             self._edges |= {(edge.target, edge.source): edge for edge in good}
@@ -134,6 +140,7 @@ class ViewStateBuilder:
             marked=len(self._marks),
             breach_list=self._breach_log.observe(step),
             doubts=self._doubts.observe(step),
+            elapsed_s=self._elapsed_ns / NS_PER_S,
         )
 
     def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:

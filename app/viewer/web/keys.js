@@ -1,6 +1,7 @@
 // The keyboard: space plays, arrows step, Home and End seek, n and p go
 // to the next and the previous breach, digits choose the camera, ? shows help,
-// m mutes, d switches the distance tone, s saves the picture.
+// m mutes, d switches the distance tone, s saves the picture, + and - zoom the
+// timeline.
 
 export function listenToKeys(trame) {
   const operates = trame.state.get("role") === "operate";
@@ -13,6 +14,11 @@ export function listenToKeys(trame) {
     const found = forward ? frames.find((each) => each > frame) : frames.findLast((each) => each < frame);
     return found === undefined ? undefined : trame.trigger("frame", [found]);
   }
+
+  document.addEventListener("click", (event) => {
+    const id = event.target.closest?.("#breach-next, #breach-previous")?.id;
+    if (id) goToBreach(id === "breach-next");
+  });
 
   function help() {
     const dialog = document.getElementById("help");
@@ -28,6 +34,7 @@ export function listenToKeys(trame) {
     if (event.key.toLowerCase() === "m") return window.marginguard.mute();
     if (event.key.toLowerCase() === "d") return window.marginguard.toggleDistance();
     if (event.key.toLowerCase() === "s") return document.getElementById("screenshot").click();
+    if (event.key === "+" || event.key === "-") return window.marginguard.zoom(event.key === "+");
     if (!operates) return undefined;
     const looks = trame.state.get("looks");
     if (event.key >= "1" && event.key <= String(looks.length)) {

@@ -5,6 +5,8 @@ import { listenToKeys } from "./keys.js";
 import { makeAccessible } from "./accessible.js";
 import { drawHere } from "./client.js";
 import { showUltrasound } from "./ultrasound.js";
+import { showTimeline } from "./timeline.js";
+import { listenToOperator } from "./operator.js";
 import { editContour } from "./contour.js";
 
 const updateAlarm = soundAlarm(window.trame);
@@ -13,4 +15,6 @@ watchServer(window.trame, updateAlarm, drawn);
 listenToKeys(window.trame);
 if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);
 if (window.trame.state.get("title").contour) editContour(window.trame);
+showTimeline(window.trame);
+if (window.trame.state.get("role") === "operate") listenToOperator(window.trame);
 makeAccessible();

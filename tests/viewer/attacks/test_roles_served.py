@@ -16,6 +16,7 @@ CALLS = {
     "frame": ("trame.trigger", "frame", [2], {}),
     "seek": ("trame.trigger", "seek", [0.9], {}),
     "rate": ("trame.trigger", "rate", [4.0], {}),
+    "note": ("trame.trigger", "note", ["specimen out"], {}),
     "size": ("trame.rca.size", AREA, "a", {"w": 640, "h": 400, "p": 1}),
     "pointer": ("trame.rca.event", AREA, "a", PRESS),
     "wheel": ("trame.rca.event", AREA, "a", {**PRESS, "type": "MouseWheel", "spinY": 1}),
@@ -82,9 +83,9 @@ def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operat
     expect(page.locator("#role")).to_have_text("VIEW ONLY")
     page.wait_for_function("() => document.querySelector('main.view img').naturalWidth > 300")
     enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
-    # Of this browser alone: sounds and the list of keys.
+    # Of this browser alone: sounds, the list of keys and the part of the timeline.
     ids = {each.get_attribute("id") for each in enabled.all()}
-    assert ids == {"sound", "distance-tone", "help-button"}
+    assert ids == {"sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
     shown = "JSON.stringify([trame.state.get('now').frame, trame.state.get('look')])"
     before = page.evaluate(shown)
     for key in (" ", "ArrowRight", "End", "3"):

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from app.fixture import MarginState
 from app.viewer.readout.plot import WIDTH, Point, plot
+from tests.doubles import PARAMETERS
 
 S = 1_000_000_000
+MARGINS = PARAMETERS
 CLEAR, UNKNOWN, INSIDE = MarginState.NEGATIVE, MarginState.UNKNOWN, MarginState.POSITIVE
 
 
@@ -30,7 +32,7 @@ def heights_of(drawn):
 
 def test_curve_agrees_with_its_scale():
     points = [Point(n * S, CLEAR, mm) for n, mm in enumerate([5.0, 0.0, -1.5, 2.5])]
-    drawn = plot(points, [], 0, 3 * S)
+    drawn = plot(points, [], 0, 3 * S, MARGINS)
     zero, five = heights_of(drawn)
     (stroke,) = strokes(drawn["curve"])
     assert stroke[:, 0] == pytest.approx([0.0, WIDTH / 3, 2 * WIDTH / 3, WIDTH], abs=0.01)
@@ -40,7 +42,7 @@ def test_curve_agrees_with_its_scale():
 
 def test_large_distance_leaves_the_picture():
     points = [Point(0, CLEAR, 5.0), Point(S, CLEAR, 60.0)]
-    (stroke,) = strokes(plot(points, [], 0, S)["curve"])
+    (stroke,) = strokes(plot(points, [], 0, S, MARGINS)["curve"])
     assert stroke[0, 1] > 0.0 > stroke[1, 1]
 
 
@@ -48,7 +50,7 @@ def test_curve_has_a_gap_while_the_distance_is_unknown():
     points = [Point(n * S, CLEAR, 3.0) for n in range(3)]
     points += [Point(3 * S, UNKNOWN, None)]
     points += [Point(n * S, CLEAR, 3.0) for n in range(4, 6)]
-    drawn = plot(points, [], 0, 5 * S)
+    drawn = plot(points, [], 0, 5 * S, MARGINS)
     assert [len(stroke) for stroke in strokes(drawn["curve"])] == [3, 2]
     assert [band["state"] for band in drawn["bands"]] == ["NEGATIVE", "UNKNOWN", "NEGATIVE"]
 
@@ -56,7 +58,7 @@ def test_curve_has_a_gap_while_the_distance_is_unknown():
 def test_bands_cover_the_time_without_a_gap():
     states = [CLEAR, CLEAR, INSIDE, INSIDE, UNKNOWN, CLEAR]
     points = [Point(n * S, state, 1.0) for n, state in enumerate(states)]
-    bands = plot(points, [], 0, 5 * S)["bands"]
+    bands = plot(points, [], 0, 5 * S, MARGINS)["bands"]
     ends = [band["x"] + band["w"] for band in bands]
     assert bands[0]["x"] == 0.0
     assert ends == pytest.approx([*(band["x"] for band in bands[1:]), WIDTH], abs=0.02)
@@ -64,12 +66,12 @@ def test_bands_cover_the_time_without_a_gap():
 
 def test_breaches_are_marked_at_their_times():
     points = [Point(n * S, CLEAR, 1.0) for n in range(11)]
-    drawn = plot(points, [(2 * S, 4 * S), (9 * S, 9 * S)], 0, 10 * S)
+    drawn = plot(points, [(2 * S, 4 * S), (9 * S, 9 * S)], 0, 10 * S, MARGINS)
     assert drawn["breaches"] == [{"x": 200.0, "w": 200.0}, {"x": 900.0, "w": 0.0}]
 
 
 def test_single_unknown_frame_is_drawn():
-    drawn = plot([Point(5, UNKNOWN, None)], [], 5, 5)
+    drawn = plot([Point(5, UNKNOWN, None)], [], 5, 5, MARGINS)
     assert drawn["curve"] == ""
     assert [band["state"] for band in drawn["bands"]] == ["UNKNOWN"]
 
@@ -84,7 +86,7 @@ def test_plot_of_a_long_recording_keeps_its_extremes(seed, unknown_share):
         Point(n * S, UNKNOWN if lost else CLEAR, None if lost else at)
         for n, (at, lost) in enumerate(zip(mm.tolist(), unknown.tolist(), strict=True))
     ]
-    drawn = plot(points, [], 0, points[-1].time_ns)
+    drawn = plot(points, [], 0, points[-1].time_ns, MARGINS)
     y = np.concatenate([*(stroke[:, 1] for stroke in strokes(drawn["curve"])), np.empty(0)])
     if unknown.all():
         assert not len(y)
@@ -94,3 +96,19 @@ def test_plot_of_a_long_recording_keeps_its_extremes(seed, unknown_share):
     expected = zero + (five - zero) * np.array([known.max(), known.min()]) / 5.0
     assert [y.min(), y.max()] == pytest.approx(expected, abs=0.1)
     assert len(y) <= 3 * 1500
+
+
+def test_stop_and_warning_distances_have_lines_on_the_scale():
+    points = [Point(0, CLEAR, 20.0), Point(S, INSIDE, -4.0)]
+    drawn = plot(points, [], 0, S, MARGINS.replaced(stop_mm=2.0, warn_mm=6.0))
+    assert [(each["name"], each["label"]) for each in drawn["limits"]] == [
+        ("stop", "stop 2 mm"),
+        ("warning", "warning 6 mm"),
+    ]
+    # A height on the plot is a distance: the hover uses it.
+    for limit, distance in zip(drawn["limits"], (2.0, 6.0), strict=True):
+        mm = drawn["top_mm"] - limit["y"] / 100.0 * drawn["mm"]
+        assert mm == pytest.approx(distance, abs=0.01)
+    assert drawn["seconds"] == 1.0
+    outside = plot(points, [], 0, S, MARGINS.replaced(stop_mm=2.0, warn_mm=90.0))
+    assert [each["name"] for each in outside["limits"]] == ["stop"]

@@ -2,15 +2,18 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
-from app.runtime import RearmRefusedError, SeenHold
+from app.geometry import InputError
+from app.runtime import RearmRefusedError, RequestKind, RequestLog, SeenHold
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.controls import LiveControls
 from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import RefusedError
+from app.viewer.messages.errors import NotDoneError, RefusedError
+from tests.doubles import PARAMETERS
 
 
 class SessionCommands:
@@ -103,3 +106,60 @@ def test_page_without_controls_may_not_rearm(workers):
     commands.run("rearm", (1, str(2**64 - 1)), Role.OPERATE)
     workers.shutdown()
     assert session.rearmed == [(SeenHold(1, 2**64 - 1), "the page")]
+
+
+class MarginCommands(SessionCommands):
+    """Test double of a session's commands with margins and a list of requests."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.requests = RequestLog(lambda: 0, lambda: 0)
+        self.content = SimpleNamespace(margins=PARAMETERS)
+
+
+def test_margins_of_the_page_reach_the_session_with_their_origin(workers):
+    session, operator, commands = MarginCommands(), LiveOperator(workers), Commands()
+    LiveControls(commands, operator)
+    seen = (PARAMETERS.stop_mm, PARAMETERS.warn_mm)
+    with pytest.raises(NotDoneError, match="the session has not begun"):
+        commands.run("margins", (*seen, 2.0, 6.0), Role.OPERATE)
+    used = []
+    operator.connect(session, lambda *args: used.append(args))
+    with pytest.raises(RefusedError, match="role view; expected operate"):
+        commands.run("margins", (*seen, 2.0, 6.0), Role.VIEW)
+    for stop_mm, warn_mm in ((6.0, 6.0), (7.0, 6.0)):
+        with pytest.raises(NotDoneError, match="expected a larger warning"):
+            commands.run("margins", (*seen, stop_mm, warn_mm), Role.OPERATE)
+    with pytest.raises(NotDoneError, match=r"margins: they are now .* expected the same request"):
+        commands.run("margins", (seen[0] + 1.0, seen[1], 2.0, 6.0), Role.OPERATE)
+    commands.run("margins", (*seen, 2.0, 6.0), Role.OPERATE)
+    workers.shutdown()
+    assert used == [(2.0, 6.0, "the page")]
+
+
+def test_margins_that_the_session_refuses_are_listed_once(workers):
+    session, operator = MarginCommands(), LiveOperator(workers)
+    listed = []
+    session.requests.listen(listed.append)
+
+    def refuse(stop_mm, warn_mm, origin):
+        if stop_mm < 2.0:
+            session.requests.refused(RequestKind.MARGINS, origin, "another change")
+            raise InputError("another change")
+        raise InputError("out of range")
+
+    operator.connect(session, refuse)
+    operator.set_margins(1.0, 6.0)
+    operator.set_margins(2.0, 6.0)
+    workers.shutdown()
+    assert [each.text for each in listed] == ["another change", "out of range"]
+    assert all(each.origin == "the page" and not each.accepted for each in listed)
+
+
+def test_note_is_listed_with_the_requests(workers):
+    session, operator = MarginCommands(), LiveOperator(workers)
+    operator.note("too early")
+    operator.connect(session)
+    operator.note("specimen out (step 3, stamp 5 ns)")
+    last = session.requests.last
+    assert last.line == "note from the page accepted: specimen out (step 3, stamp 5 ns)"

@@ -1,0 +1,64 @@
+// What an operator types: event notes, and the margins of a live session. The fields keep what is being typed
+// while the values of the page change.
+
+const NOTE = `
+  <input id="note-text" type="text" maxlength="200" aria-label="Note on this moment" placeholder="note on this moment">
+  <button id="note-add" type="button">Add note</button>
+  <p id="note-answer" role="status"></p>`;
+const MARGINS = `
+  <details id="margins"><summary>Margins...</summary>
+    <label>Stop, mm <input id="margins-stop" type="number" min="0" max="100" step="0.1"></label>
+    <label>Warning, mm <input id="margins-warn" type="number" min="0" max="200" step="0.1"></label>
+    <p>Change the margins? Smaller ones hold the robot, and apply when an operator re-arms.</p>
+    <button id="margins-confirm" type="button">Change the margins</button>
+    <p class="answer" id="margins-answer" role="status"></p></details>`;
+
+export function listenToOperator(trame) {
+  const find = (id) => document.getElementById(id);
+  let seen = null; // the margins that were shown when the question was opened
+
+  async function send(answer, name, args) {
+    try {
+      await trame.trigger(name, args);
+      find(answer).textContent = "";
+      return true;
+    } catch (error) {
+      find(answer).textContent = error?.data?.exception ?? error?.message ?? String(error);
+      return false;
+    }
+  }
+
+  async function note() {
+    const input = find("note-text");
+    if (await send("note-answer", "note", [input.value])) input.value = "";
+  }
+
+  function connect() {
+    const notes = document.querySelector(".note-tools");
+    if (notes && !notes.firstElementChild) {
+      notes.innerHTML = NOTE;
+      find("note-add").addEventListener("click", note);
+      find("note-text").addEventListener("keydown", (event) => {
+        if (event.key === "Enter") note();
+      });
+    }
+    const margins = document.querySelector(".margin-tools");
+    if (margins && !margins.firstElementChild) {
+      margins.innerHTML = MARGINS;
+      find("margins").addEventListener("toggle", () => {
+        seen = trame.state.get("now").margins;
+        find("margins-answer").textContent = "";
+        if (!seen) return;
+        [find("margins-stop").value, find("margins-warn").value] = seen;
+      });
+      find("margins-confirm").addEventListener("click", async () => {
+        const fields = [find("margins-stop"), find("margins-warn")];
+        if (!seen || !fields.every((field) => field.value !== "" && field.reportValidity())) return;
+        const values = fields.map((field) => Number(field.value));
+        if (await send("margins-answer", "margins", [...seen, ...values])) find("margins").open = false;
+      });
+    }
+  }
+  new MutationObserver(connect).observe(document.body, { childList: true, subtree: true });
+  connect();
+}
