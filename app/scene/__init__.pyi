@@ -15,7 +15,7 @@ from .pictures.framing import Camera
 from .pictures.movie import movie_gif
 from .pictures.offscreen import use_offscreen_rendering
 from .pictures.picture import scene_png
-from .pictures.quick_png import quick_png
+from .pictures.quick_image import QUICK_TYPE, quick_image
 from .pictures.step_scene import StepScene, step_png
 from .pictures.view import OffscreenView, draw_once_per_update, offscreen_view
 from .presenter import ScenePresenter
@@ -25,6 +25,7 @@ from .scene_file import load_scene, save_scene
 from .sequences import add_sequences
 
 __all__ = [
+    "QUICK_TYPE",
     "Batch",
     "BreachMarkers",
     "Camera",
@@ -57,7 +58,7 @@ __all__ = [
     "offscreen_view",
     "points_of_markups",
     "preset_camera",
-    "quick_png",
+    "quick_image",
     "save_scene",
     "scene_png",
     "step_png",

@@ -5,7 +5,7 @@ from typing import Any
 
 from app.case import ImageSource
 from app.geometry import FloatArray
-from app.scene import ImagePlane, MarginGuardScene, quick_png
+from app.scene import QUICK_TYPE, ImagePlane, MarginGuardScene, quick_image
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
 from app.viewer.steps.ultrasound import ImageView, Ultrasound
@@ -62,9 +62,9 @@ class UltrasoundPart:
         found: dict[str, Any] = {"ultrasound": ultrasound_values(self._view, size)}
         if image is not None and image.number != self._sent:
             self._sent = image.number
-            content = base64.b64encode(quick_png(eight_bits(image))).decode()
+            content = base64.b64encode(quick_image(eight_bits(image))).decode()
             found["ultrasound_image"] = {
                 "number": image.number,
-                "src": f"data:image/png;base64,{content}",
+                "src": f"data:{QUICK_TYPE};base64,{content}",
             }
         return found
