@@ -150,6 +150,21 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     expect(word).to_have_text("IN TUMOUR", timeout=30_000)
     expect(page.locator(".hold")).to_have_count(1)
     rearm_on(page)
+    request = page.locator("#request")
+    page.click("#margins summary")
+    stop_mm = float(page.input_value("#margins-stop"))
+    page.fill("#margins-stop", f"{stop_mm + 0.5:g}")
+    page.click("#margins-confirm")
+    expect(request).to_contain_text("set_margins from the page accepted: stop_mm")
+    page.fill("#note-text", "first cut")
+    page.click("#note-add")
+    expect(request).to_contain_text("note from the page accepted: first cut (step ")
+    expect(page.locator(".notes li")).to_contain_text("first cut")
+    count = page.locator("#contour-count")
+    while count.inner_text() == "no points":  # refused while a pose is late
+        page.click("#contour-tip")
+        page.wait_for_timeout(500)
+    expect(count).to_have_text(re.compile(r"^\d+ points?, \d+ at the tip$"))
     assert watched.external_requests() == []
     assert watched.errors == []
     live_server.process.send_signal(signal.SIGINT)
