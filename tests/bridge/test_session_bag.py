@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from app.bridge import session_bag
 from app.cli.main import main
 from app.runtime import ReplayRun, prepare_case
 from tests.cli.small_case import FRAMES, write_small_case
@@ -102,4 +103,11 @@ def test_a_replay_that_fails_leaves_no_bag(case, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(SessionBag, "publish", fail)
     assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "bag")]) == 2
     assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_replay_that_was_stopped_leaves_no_bag(case, tmp_path):
+    replay = ReplayRun(prepare_case(case), clock_ns=time.monotonic_ns)
+    with session_bag(replay, tmp_path / "bag", keep=lambda: False):
+        next(replay.steps())
     assert list(tmp_path.iterdir()) == []
