@@ -40,12 +40,14 @@ class PushingHand:
         self._seed = seed
         self._direction: FloatArray = np.array([0.0, 0.0, 1.0])
         self._since_ns = 0
+        self._push_s = PUSH_S
         self.phase = Phase.REST
         self.reached = False
         """True if the last push began beside the structure, in its direction."""
 
-    def begin(self, time_ns: int, number: int) -> None:
-        """Begin a push from the direction that seed and ``number`` give."""
+    def begin(self, time_ns: int, number: int, push_s: float = PUSH_S) -> None:
+        """Begin a push of ``push_s`` from the direction that seed and ``number`` give."""
+        self._push_s = push_s
         random = np.random.default_rng([self._seed, number])
         tilt = np.arccos(random.uniform(np.cos(MAX_TILT), 1.0))
         turn = random.uniform(-np.pi, np.pi)
@@ -82,7 +84,7 @@ class PushingHand:
                 self._next(Phase.PUSH, now_ns)
             elif spent_s > WAY_S:
                 self._next(Phase.REST, now_ns)
-        elif self.phase is Phase.PUSH and spent_s > PUSH_S:
+        elif self.phase is Phase.PUSH and spent_s > self._push_s:
             self._next(Phase.SLIDE, now_ns)
         elif self.phase is Phase.SLIDE and spent_s > SLIDE_S:
             self._next(Phase.RETREAT, now_ns)

@@ -1,7 +1,7 @@
 """Process of the physics: ``python -m benchmarks.closed_loop.physics SEED TRACKER_SEED FILE``.
 
 Reads lines of JSON: ``{"do": "push", "number": 3}`` begins a push from the direction of that
-number, ``{"do": "end"}`` ends the process. Prints
+number, for ``push_s`` if that is given; ``{"do": "end"}`` ends the process. Prints
 events as lines of JSON: ``ready``; ``mid`` where the tool approaches fast; ``pushed`` at the end of
 a push. At the end it writes the truth of every physics step to FILE (.npz).
 """
@@ -23,7 +23,7 @@ from app.files.shipped import shipped
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import Robot
 from app.simulation import World, WorldState, open_world
-from benchmarks.closed_loop.hand import Phase, PushingHand
+from benchmarks.closed_loop.hand import PUSH_S, Phase, PushingHand
 
 RAW_TOPIC = "/tracker/raw"
 """Where the tracker's samples are published; `tracker_relay` passes them on."""
@@ -38,7 +38,7 @@ class TruthShell:
 
     def __init__(self, node: SimulationNode, hand: PushingHand, tumor: str) -> None:
         self._node, self._hand, self._tumor = node, hand, tumor
-        self._pushes: deque[int] = deque()
+        self._pushes: deque[tuple[int, float]] = deque()
         self._poses: list[tuple[float, ...]] = []
         self._stamps: list[tuple[int, int, int]] = []
         self._last_phase, self._is_mid = Phase.REST, False
@@ -46,14 +46,14 @@ class TruthShell:
         self._first_row = 0
         self.lags = 0
 
-    def push(self, number: int) -> None:
-        """Begin the push ``number`` before the next step. Thread-safe."""
-        self._pushes.append(number)
+    def push(self, number: int, push_s: float) -> None:
+        """Begin the push ``number`` of ``push_s`` before the next step. Thread-safe."""
+        self._pushes.append((number, push_s))
 
     def step(self, world: World, now_ns: int) -> WorldState:
         """Take one step."""
         while self._pushes:
-            self._hand.begin(world.time_ns, self._pushes.popleft())
+            self._hand.begin(world.time_ns, *self._pushes.popleft())
             self._is_mid, self._first_row = False, len(self._stamps)
         return self._node.step(world, now_ns)
 
@@ -149,7 +149,7 @@ def _read(shell: TruthShell, stop: threading.Event) -> None:
         command = json.loads(line)
         if command["do"] == "end":
             break
-        shell.push(command["number"])
+        shell.push(command["number"], command.get("push_s", PUSH_S))
     stop.set()
 
 
