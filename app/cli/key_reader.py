@@ -9,14 +9,14 @@ import threading
 import tty
 from collections.abc import Callable, Iterator
 
-from app.geometry import InputError
-
 _POLL_S = 0.1
 
 
 def check_terminal() -> None:
     """Raise `InputError` where the standard input is no terminal."""
     if not sys.stdin.isatty():
+        from app.geometry import InputError
+
         raise InputError("--hand keyboard: the standard input is no terminal; expected one")
 
 

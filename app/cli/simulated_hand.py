@@ -5,7 +5,6 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from app.cli.key_reader import check_terminal, pressed_keys
-from app.geometry import InputError
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -23,6 +22,8 @@ def check_hand(kind: str, description: "WorldDescription") -> None:
         return
     entry = description.hand
     if entry is None or getattr(entry, kind, True) is None:
+        from app.geometry import InputError
+
         key = "hand" if entry is None else f"hand.{kind}"
         raise InputError(f"--hand {kind}: the world has no {key}; expected one")
     if kind == "keyboard":
