@@ -32,7 +32,8 @@ SHIPPED = {
 
 PAGE = (
     "page.html", "page.css", "main.js", "accessible.js", "keys.js", "alarm.js", "client.js",
-    "watch.js", "icon.svg", "ultrasound.js", "ultrasound.css",
+    "watch.js", "icon.svg", "ultrasound.js", "ultrasound.css", "contour.js", "contour.css",
+    "timeline.js", "operator.js",
 )  # fmt: skip
 
 

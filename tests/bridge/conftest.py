@@ -92,6 +92,10 @@ class Receiver:
         finally:
             self._process.send_signal(signal.SIGCONT)
 
+    def go_on(self) -> None:
+        """Let a process go on that waits for SIGUSR1."""
+        self._process.send_signal(signal.SIGUSR1)
+
     def close(self) -> None:
         self._deadline.cancel()
         if self._process.poll() is None:

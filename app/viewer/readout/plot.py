@@ -53,7 +53,7 @@ def plot(
     y = (high - mm) * scale
     return {
         "curve": _curve(x, y),
-        "bands": _bands(x, [point.state.name for point in points]),
+        "bands": _bands(x, [point.state for point in points]),
         "breaches": [
             {"x": round(per_ns * (first - begin_ns), 2), "w": round(per_ns * (last - first), 2)}
             for first, last in breaches
@@ -106,15 +106,18 @@ def _extremes(columns: FloatArray, y: FloatArray) -> list[int]:
     return sorted(kept)
 
 
-def _bands(x: FloatArray, names: list[str]) -> list[dict[str, Any]]:
-    """One band from each change of the state to the next."""
+def _bands(x: FloatArray, states: list[MarginState]) -> list[dict[str, Any]]:
+    """One band from each change of the state to the next, with the state's label."""
     bands: list[dict[str, Any]] = []
-    for index, name in enumerate(names):
-        if bands and bands[-1]["state"] == name:
+    for index, state in enumerate(states):
+        if bands and bands[-1]["state"] == state.name:
             continue
         if bands:
             bands[-1]["w"] = round(float(x[index]) - bands[-1]["x"], 2)
-        bands.append({"state": name, "x": round(float(x[index]), 2), "w": 0.0})
+        label = state.display.label.lower()
+        bands.append(
+            {"state": state.name, "label": label, "x": round(float(x[index]), 2), "w": 0.0}
+        )
     if bands:
         bands[-1]["w"] = round(float(x[-1]) - bands[-1]["x"], 2)
     return bands

@@ -2,7 +2,6 @@
 // the plot, which scrolls; while the shown moment is in view it is kept there.
 
 const MAX_ZOOM = 64;
-const LABELS = { NEGATIVE: "clear", WARNING: "close", POSITIVE: "in tumour", UNKNOWN: "unknown" };
 
 export function showTimeline(trame) {
   let zoom = 1;
@@ -61,7 +60,7 @@ export function showTimeline(trame) {
     const mm = distance(plot, share);
     const band = plot.bands.findLast((each) => each.x <= 1000 * share);
     const value = band?.state === "UNKNOWN" || mm === null ? "" : `: ${mm.toFixed(1)} mm`;
-    label.textContent = `${seconds.toFixed(2)} s${value}, ${LABELS[band?.state] ?? "unknown"}`;
+    label.textContent = `${seconds.toFixed(2)} s${value}, ${band?.label ?? "unknown"}`;
     const chart = track.closest(".chart").getBoundingClientRect();
     const half = label.offsetWidth / 2;
     label.style.left = `${Math.min(Math.max(event.clientX - chart.left, half), chart.width - half)}px`;

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.bridge import topics
 from app.bridge.control import TwistLimiter, allowed_twist
 from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
@@ -44,8 +45,11 @@ def buffer():
     return known
 
 
-def replies(start_receiver, *commands):
-    sender = start_receiver(*commands, script=SENDER)
+def replies(ros, start_receiver, *commands):
+    sender = start_receiver("held", *commands, script=SENDER)
+    # It has found the limiter; the limiter must have found it as well, or the first reply is lost.
+    assert ros.wait_for_subscribers(topics.ALLOWED_TWIST, 1, DEADLINE_S)
+    sender.go_on()
     return sender.take(len(commands) + 1)
 
 
@@ -60,6 +64,7 @@ def test_only_the_approach_is_limited_in_every_frame(ros, buffer, make_step, sta
     constraint = replace(step.decision.constraint, tumor_velocities_mm_s=still)
     limiter.allow(replace(step, decision=replace(step.decision, constraint=constraint)), LONG_NS)
     found = replies(
+        ros,
         start_receiver,
         command(0.01, 0.02, 0.03),
         command(0.01, 0.02, -1.0),
@@ -91,6 +96,7 @@ def test_invalid_commands_give_no_motion(ros, buffer, make_step, start_receiver)
     fresh = replace(make_step(0))
     limiter.allow(fresh, LONG_NS)
     found = replies(
+        ros,
         start_receiver,
         command(0.0, 0.0, math.nan),
         command(0.0, math.inf, 0.01),
@@ -111,7 +117,7 @@ def test_invalid_commands_give_no_motion(ros, buffer, make_step, start_receiver)
 def test_stale_frame_gives_no_motion(ros, buffer, make_step, start_receiver):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(make_step(0), 10**15)
-    found = replies(start_receiver, command(0.0, 0.0, 0.01, frame="old"))
+    found = replies(ros, start_receiver, command(0.0, 0.0, 0.01, frame="old"))
     assert is_zero(found[0])
 
 
@@ -125,7 +131,7 @@ def test_stale_constraint_gives_no_motion(
 ):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(make_step(0), stale_after_ns, spent_ns)
-    found = replies(start_receiver, command(0.0, 0.0, -0.01), command(0.01, 0.0, 0.02))
+    found = replies(ros, start_receiver, command(0.0, 0.0, -0.01), command(0.01, 0.0, 0.02))
     assert [is_zero(reply) for reply in found] == [True] * 3
     assert limiter.refused["the constraint is stale"] == 2
 
@@ -163,7 +169,7 @@ def test_planes_of_another_pose_give_no_motion(ros, buffer, make_step, start_rec
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(make_step(0), LONG_NS)
     limiter.allow(invalidate(make_step(0)), LONG_NS)
-    found = replies(start_receiver, command(0.0, 0.0, -0.01), command(0.0, 0.0, 0.01))
+    found = replies(ros, start_receiver, command(0.0, 0.0, -0.01), command(0.0, 0.0, 0.01))
     assert [is_zero(reply) for reply in found] == [True] * 3
     assert limiter.refused["no constraint of now is known"] == 2
 
@@ -171,7 +177,7 @@ def test_planes_of_another_pose_give_no_motion(ros, buffer, make_step, start_rec
 def test_hold_allows_retreat_and_no_approach(ros, buffer, make_step, start_receiver):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(faulty(make_step(0)), LONG_NS)
-    found = replies(start_receiver, command(0.0, 0.0, -0.01), command(0.01, 0.0, 0.02))
+    found = replies(ros, start_receiver, command(0.0, 0.0, -0.01), command(0.01, 0.0, 0.02))
     point_m = np.array([0.001, 0.002, 0.0175])
     linear, angular = np.array(found[0]["linear"]), np.array(found[0]["angular"])
     assert (linear + np.cross(angular, point_m))[2] >= -1e-9
@@ -197,7 +203,7 @@ def test_tool_beyond_the_tumor_can_leave_and_not_reenter(ros, buffer, start_rece
     assert abs(step.decision.proximity.on_tool_mm[0]) < 1.0  # the deepest pose of the path
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(step, LONG_NS)
-    found = replies(start_receiver, command(0.02, 0.0, 0.0), command(-0.01, 0.0, 0.0))
+    found = replies(ros, start_receiver, command(0.02, 0.0, 0.0), command(-0.01, 0.0, 0.0))
     out, back_in = found[0]["linear"], found[1]["linear"]
     # The tool is 0.51 mm away, 0.49 mm within the stop margin: it retreats by that in 100 s.
     assert out == pytest.approx([0.02, 0.0, 0.0])
@@ -245,7 +251,9 @@ def test_foreign_edges_do_not_turn_frames_that_the_session_knows(
     base, _ = step.edges.between("tumor", "robot_base")
     limiter.allow(faulty(step), LONG_NS)
     retreat, approach = base.rotation.T @ [0.0, 0.0, 0.03], base.rotation.T @ [0.0, 0.0, -0.03]
-    found = replies(start_receiver, command(*retreat, frame=frame), command(*approach, frame=frame))
+    found = replies(
+        ros, start_receiver, command(*retreat, frame=frame), command(*approach, frame=frame)
+    )
     assert found[0]["linear"] == pytest.approx(retreat)
     point_m = np.array([0.001, 0.002, 0.0175])
     linear = base.rotation @ np.array(found[1]["linear"])
@@ -264,6 +272,7 @@ def test_frame_between_two_known_ones_and_lost_frames_give_no_motion(
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(robot_step(make_step), LONG_NS)
     found = replies(
+        ros,
         start_receiver,
         *(command(0.0, 0.0, 0.01, frame=name) for name in ("world", "lost", "far", "reference")),
     )
@@ -280,6 +289,7 @@ def test_old_pose_on_the_way_to_a_frame_gives_no_motion(ros, buffer, make_step, 
     edges = replace(step.edges, measured={**step.edges.measured, edge: sample_of_old})
     limiter.allow(replace(step, edges=edges), LONG_NS)
     found = replies(
+        ros,
         start_receiver,
         command(0.0, 0.0, 0.01, frame="robot_base"),
         command(0.0, 0.0, 0.01, frame="needle"),
@@ -316,7 +326,7 @@ def test_stop_of_the_process_while_a_twist_is_computed_gives_no_motion(
     monkeypatch.setattr(allowed_twist, first, delayed)
     if stop == "while it is sent":
         monkeypatch.setattr(limiter._publisher, "publish", sent, raising=False)
-    found = replies(start_receiver, command(0.0, 0.0, 0.01))
+    found = replies(ros, start_receiver, command(0.0, 0.0, 0.01))
     if stop == "before the reply":
         assert is_zero(found[0])
         assert limiter.refused["the constraint is stale"] == 1
@@ -336,7 +346,7 @@ def test_revoked_allowance_is_not_used_by_a_twist_that_is_being_computed(
         return compute(*arguments)
 
     monkeypatch.setattr(allowed_twist, "limit_twist", revoked)
-    found = replies(start_receiver, command(0.0, 0.0, 0.01))
+    found = replies(ros, start_receiver, command(0.0, 0.0, 0.01))
     assert is_zero(found[0])
     assert limiter.refused["no constraint of now is known"] == 1
 
@@ -354,10 +364,10 @@ def test_transform_from_the_future_does_not_rotate_a_command(
     step, stale_after_ns = make_step(0), 60_000_000_000
     limiter.allow(step, stale_after_ns)
     commands = (command(0.0, 0.02, 0.01, frame=name) for name in ("far", "near"))
-    for reply in replies(start_receiver, *commands)[:2]:
+    for reply in replies(ros, start_receiver, *commands)[:2]:
         assert reply["linear"] == pytest.approx([0.0, 0.02, 0.01])
     buffer.insert("tumor", "later", oldest_ns + stale_after_ns + 1, around)
-    (later, _) = replies(start_receiver, command(0.0, 0.0, 0.01, frame="later"))
+    (later, _) = replies(ros, start_receiver, command(0.0, 0.0, 0.01, frame="later"))
     assert is_zero(later)
     assert limiter.refused["way to the frame of a command"] == 1
 
@@ -368,7 +378,7 @@ def test_long_frame_names_are_neither_stored_nor_logged(
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     limiter.allow(make_step(0), LONG_NS)
     names = [letter * length for length in (100_000, 257, 256) for letter in "abcd"]
-    found = replies(start_receiver, *(command(0.0, 0.0, 0.01, frame=name) for name in names))
+    found = replies(ros, start_receiver, *(command(0.0, 0.0, 0.01, frame=name) for name in names))
     assert all(is_zero(reply) for reply in found)
     assert [reply["frame"] for reply in found[:12]] == [""] * 8 + names[8:]
     assert limiter.refused["frame of a command"] == 12
@@ -380,7 +390,10 @@ def test_reply_is_limited_to_the_maximum_speed(ros, buffer, make_step, start_rec
     limiter = TwistLimiter(ros, buffer, parameters=limits, timeout_ns=10**9)
     limiter.allow(make_step(0), LONG_NS)
     found = replies(
-        start_receiver, command(0.0, 0.0, 1e9), command(0.0, 0.0, 0.01, angular=(0.0, 0.0, 1.0))
+        ros,
+        start_receiver,
+        command(0.0, 0.0, 1e9),
+        command(0.0, 0.0, 0.01, angular=(0.0, 0.0, 1.0)),
     )
     assert found[0]["linear"] == pytest.approx([0.0, 0.0, 0.1])
     assert found[1]["linear"] == pytest.approx([0.0, 0.0, 0.005])
@@ -411,6 +424,6 @@ def test_timeout_stops_motion_while_the_nodes_thread_is_blocked(
 
 def test_no_motion_before_the_first_step(ros, buffer, start_receiver):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
-    found = replies(start_receiver, command(0.0, 0.0, 0.01))
+    found = replies(ros, start_receiver, command(0.0, 0.0, 0.01))
     assert is_zero(found[0])
     assert limiter.refused["no constraint of now is known"] == 1

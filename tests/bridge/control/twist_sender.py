@@ -1,14 +1,17 @@
 """Independent ROS process that sends desired twists and prints the allowed ones, with plain rclpy.
 
-    twist_sender.py JSON ...
+    twist_sender.py [held] JSON ...
 
 Each JSON is {"frame", "late_s", "linear", "angular"}; ``late_s`` is the age of its stamp. Prints
-``ready`` when both topics are matched, then each reply as {"frame", "linear", "angular"}. At the
+``ready`` when both topics are matched here. With ``held`` it then waits for SIGUSR1, so that the
+other process can find it as well. Then prints each reply as {"frame", "linear", "angular"}. At the
 end it sends nothing and prints the reply of the timeout.
 """
 
 import json
+import signal
 import sys
+import threading
 
 import rclpy
 from geometry_msgs.msg import TwistStamped
@@ -17,6 +20,8 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 
 
 def main() -> int:
+    found = threading.Event()
+    signal.signal(signal.SIGUSR1, lambda *_: found.set())
     rclpy.init()
     node = rclpy.create_node("twist_sender")
     replies = []
@@ -37,7 +42,11 @@ def main() -> int:
     while len(matched) < 2:
         rclpy.spin_once(node, timeout_sec=30.0)
     print("ready", flush=True)
-    for argument in [*sys.argv[1:], "null"]:
+    arguments = sys.argv[1:]
+    if arguments[0] == "held":
+        arguments = arguments[1:]
+        found.wait()
+    for argument in [*arguments, "null"]:
         request = json.loads(argument)
         stamp = None
         if request is not None:
