@@ -59,12 +59,19 @@ def test_both_readers_receive_the_constraints_of_a_replay(start: Start) -> None:
     sequence = [int(line[0]) for line in received]
     assert sequence == sorted(set(sequence)), "each constraint once, in order"
     for _, state, distance_m, unit, hold, planes in received:
-        assert (state in "012", unit, hold) == (True, "m", "False")
+        assert unit == "m"
+        if state == "3":  # a lost sample of the case
+            assert hold == "True"
+            continue
+        assert state in "012"
         assert 0.0 < float(distance_m) < 0.2
         assert int(planes) >= 1
-    lines = re.findall(r"(\d+): (\w+) \+(\d+\.\d+) mm, approach (\d+\.\d) mm/s", printed)
-    assert len(lines) == 10
-    for _, state, distance_mm, approach_mm_s in lines:
+    assert any(hold == "False" for *_, hold, _ in received)
+    assert len(re.findall(r"^\d+: [A-Z]+\b", printed, re.MULTILINE)) == 10
+    lines = re.findall(r"\d+: (\w+) \+(\d+\.\d+) mm, approach (\d+\.\d) mm/s", printed)
+    assert len(lines) >= 8, "at most a lost sample or two"
+    for state, distance_mm, approach_mm_s in lines:
         assert state in ("NEGATIVE", "WARNING")
-        # Far from the tumour the hand is not limited.
-        assert float(distance_mm) < 10.0 or float(approach_mm_s) == 30.0
+        # Far from the tumour the hand is not limited, except on hold after a lost sample.
+        assert float(distance_mm) < 10.0 or float(approach_mm_s) in (0.0, 30.0)
+    assert any(float(approach_mm_s) == 30.0 for *_, approach_mm_s in lines)
