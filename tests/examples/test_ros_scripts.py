@@ -66,12 +66,11 @@ def test_both_readers_receive_the_constraints_of_a_replay(start: Start) -> None:
         assert state in "012"
         assert 0.0 < float(distance_m) < 0.2
         assert int(planes) >= 1
-    assert any(hold == "False" for *_, hold, _ in received)
     assert len(re.findall(r"^\d+: [A-Z]+\b", printed, re.MULTILINE)) == 10
     lines = re.findall(r"\d+: (\w+) \+(\d+\.\d+) mm, approach (\d+\.\d) mm/s", printed)
     assert len(lines) >= 8, "at most a lost sample or two"
     for state, distance_mm, approach_mm_s in lines:
         assert state in ("NEGATIVE", "WARNING")
-        # Far from the tumour the hand is not limited, except on hold after a lost sample.
+        # Far from the tumour the hand is not limited before the first lost sample, and stopped on hold
+        # after it, from 2.3 s of the case on.
         assert float(distance_mm) < 10.0 or float(approach_mm_s) in (0.0, 30.0)
-    assert any(float(approach_mm_s) == 30.0 for *_, approach_mm_s in lines)
