@@ -71,6 +71,6 @@ def test_both_readers_receive_the_constraints_of_a_replay(start: Start) -> None:
     assert len(lines) >= 8, "at most a lost sample or two"
     for state, distance_mm, approach_mm_s in lines:
         assert state in ("NEGATIVE", "WARNING")
-        # Far from the tumour the hand is not limited before the first lost sample, and stopped on hold
-        # after it, from 2.3 s of the case on.
+        # Far from the tumour the hand is not limited before the first lost sample; on hold
+        # after it, from 2.3 s of the case on, it may not approach.
         assert float(distance_mm) < 10.0 or float(approach_mm_s) in (0.0, 30.0)
