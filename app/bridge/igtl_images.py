@@ -10,7 +10,7 @@ from app.bridge.convert import image_message
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
 from app.geometry import ImageSample
-from app.igtl import Header, read_image
+from app.igtl import DeviceImages, Header
 from app.runtime import ImageIntake
 
 _FRAME = "image"
@@ -30,7 +30,7 @@ class IgtlImagePublisher:
         self, ros: RosNode, topic: str, device: str | None, report: Callable[[str], None]
     ) -> None:
         self._publisher = ros.publisher(Topic(topic, Image, NEWEST))
-        self._device, self._report = device, report
+        self._images, self._report = DeviceImages(device), report
         self._problem = ""
         self._counts: Counter[str] = Counter()
         self._intake = ImageIntake(self, self._decode)
@@ -69,10 +69,4 @@ class IgtlImagePublisher:
         self._intake.close()
 
     def _decode(self, received: tuple[Header, bytes]) -> ImageSample | None:
-        header, body = received
-        name = header.device.decode("ascii", "replace")
-        if self._device is not None and name != self._device:
-            return None
-        image = read_image(header, body).image
-        self._device = name
-        return image
+        return self._images.read(*received)

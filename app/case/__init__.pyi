@@ -10,7 +10,7 @@ from .frames.samples import JointSample, TrackingFrame
 from .frames.watchdog import with_watchdog
 from .images.calibration import read_image_calibration
 from .images.current import CurrentImage, ImagePose, ImageSource
-from .images.orientation import to_standard
+from .images.orientation import standard_image
 from .images.pose_history import PoseHistory
 from .images.sequence import ImageHeader, ImageSequence, read_image_header
 from .live_file import (
@@ -162,7 +162,7 @@ __all__ = [
     "recover_recording",
     "schema_text",
     "stale_after_ns",
-    "to_standard",
+    "standard_image",
     "tumor_from_contour",
     "tumor_from_segmentation",
     "values_reader",

@@ -8,6 +8,7 @@ from app.igtl.errors import IgtlError
 from app.igtl.image_link import receive_images, send_images
 from app.igtl.images import (
     MAX_IMAGE_BODY_BYTES,
+    DeviceImages,
     ImageReader,
     ReceivedImage,
     image_message,
@@ -21,6 +22,7 @@ from app.igtl.wire import Header
 __all__ = [
     "MAX_IMAGE_BODY_BYTES",
     "PORT",
+    "DeviceImages",
     "Header",
     "IgtlError",
     "IgtlSource",

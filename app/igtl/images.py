@@ -154,3 +154,19 @@ def _matrix(numbers: list[float], columns: int, rows: int, axes: int, name: str)
     if axes == _LPS:
         matrix[:2] *= -1.0
     return matrix
+
+
+class DeviceImages:
+    """Reads the IMAGE messages of one device; ``device`` None: that of the first image read."""
+
+    def __init__(self, device: str | None) -> None:
+        self._device = device
+
+    def read(self, header: Header, body: bytes) -> ImageSample | None:
+        """The image; None for one of another device. Raises as `read_image`."""
+        name = header.device.decode("ascii", "replace")
+        if self._device is not None and name != self._device:
+            return None
+        image = read_image(header, body).image
+        self._device = name
+        return image

@@ -6,9 +6,9 @@ from sensor_msgs.msg import Image
 
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING_IMAGE, Topic
-from app.case import LiveCase, read_image_message, to_standard
-from app.geometry import ImageSample, ImageStatus, InputError, TrackedTransform
-from app.igtl import Header, read_image
+from app.case import LiveCase, read_image_message, standard_image
+from app.geometry import ImageSample, InputError, TrackedTransform
+from app.igtl import DeviceImages, Header
 from app.runtime import Deliver, ImageIntake
 from app.session import LiveImages
 
@@ -46,7 +46,7 @@ class TopicImages:
             image = read_image_message(data, 0)
         except InputError as error:
             raise InputError(f"{self._topic}: {error}") from error
-        return _standard(image, self._orientation)
+        return standard_image(image, self._orientation)
 
 
 class IgtlImages:
@@ -56,7 +56,7 @@ class IgtlImages:
     """
 
     def __init__(self, device: str | None, orientation: str, images: LiveImages) -> None:
-        self._device, self._orientation = device, orientation
+        self._images, self._orientation = DeviceImages(device), orientation
         self._intake = ImageIntake(images, self._decode)
 
     def receive(self, header: Header, body: bytes) -> None:
@@ -72,13 +72,8 @@ class IgtlImages:
         self._intake.close()
 
     def _decode(self, received: tuple[Header, bytes]) -> ImageSample | None:
-        header, body = received
-        name = header.device.decode("ascii", "replace")
-        if self._device is not None and name != self._device:
-            return None
-        image = read_image(header, body).image
-        self._device = name
-        return _standard(image, self._orientation)
+        image = self._images.read(*received)
+        return None if image is None else standard_image(image, self._orientation)
 
 
 ImageInput = TopicImages | IgtlImages
@@ -111,11 +106,3 @@ def with_images(deliver: Deliver, images: LiveImages, refuses: Callable[[], bool
             images.add_poses(samples)
 
     return deliver_both
-
-
-def _standard(image: ImageSample, orientation: str) -> ImageSample:
-    """The image in MF."""
-    if image.pixels is None or orientation == "MF":
-        return image
-    pixels = to_standard(image.pixels, orientation)
-    return ImageSample(image.number, image.stamp, ImageStatus.OK, pixels)

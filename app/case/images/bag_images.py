@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.case.images.current import CurrentImage, ImagePose
-from app.case.images.orientation import to_standard
+from app.case.images.orientation import standard_image
 from app.case.images.pose_history import PoseHistory
 from app.case.messages.image_message import read_image_message
 from app.case.readers.rosbag2.bag import mcap_parts
@@ -19,7 +19,6 @@ from app.geometry import (
     FreshnessLimits,
     ImageCalibration,
     ImageSample,
-    ImageStatus,
     InputError,
     TrackedTransform,
     freshness_of,
@@ -105,7 +104,7 @@ class BagImages:
         if self._last is None or self._last.number != number:
             entry = self._entries[number]
             data = read_placed_message(entry.path, entry.place)
-            self._last = self._standard(read_image_message(data, number))
+            self._last = standard_image(read_image_message(data, number), self._orientation)
         return self._last
 
     def close(self) -> None:
@@ -115,7 +114,7 @@ class BagImages:
     def _indexed(self, part: Path) -> Iterable[_Entry]:
         for place, data in read_placed_messages(part, self._topic):
             try:
-                image = self._standard(read_image_message(data, 0))
+                image = standard_image(read_image_message(data, 0), self._orientation)
                 pixels, stamp = image.pixels, image.stamp
                 if pixels is None or stamp is None:
                     raise InputError("image has no pixels or no stamp; expected both")
@@ -130,12 +129,6 @@ class BagImages:
                 self._refused.append(str(error))
                 continue
             yield _Entry(stamp.ns, part, place)
-
-    def _standard(self, image: ImageSample) -> ImageSample:
-        if image.pixels is None:
-            return image
-        pixels = to_standard(image.pixels, self._orientation)
-        return ImageSample(image.number, image.stamp, ImageStatus.OK, pixels)
 
 
 def _parts(path: Path) -> list[Path]:

@@ -7,9 +7,11 @@ volume; for a single slice it has no meaning. PLUS converts every image to MF wh
 and ``ImageToProbe`` is for that orientation.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from app.geometry import InputError, Pixels
+from app.geometry import ImageSample, InputError, Pixels
 
 STANDARD = "MF"
 _SIDES = ("MF", "MN", "UF", "UN")
@@ -43,3 +45,10 @@ def to_standard(pixels: Pixels, orientation: str) -> Pixels:
     if orientation[1] == "N":
         pixels = pixels[::-1]
     return np.ascontiguousarray(pixels)
+
+
+def standard_image(image: ImageSample, orientation: str) -> ImageSample:
+    """Return ``image`` of a checked ``orientation`` in MF; one without pixels as it is."""
+    if image.pixels is None:
+        return image
+    return replace(image, pixels=to_standard(image.pixels, orientation))
