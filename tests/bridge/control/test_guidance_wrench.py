@@ -82,7 +82,7 @@ def test_force_fades_with_planes_of_an_earlier_pose(ros, make_step, start_receiv
 
 def test_rest_publishes_zero_force_and_restarts_the_ramp(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
-    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:4")
+    receiver = listening(ros, start_receiver, 4)
     guidance.stop()  # publishes nothing, because no force has been published
     for index in (1, 2):
         guidance.publish(make_step(index))
