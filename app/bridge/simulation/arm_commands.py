@@ -6,12 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from app.bridge.message_origin import Origin, ReceiveFrom
 from app.bridge.messages import MM_PER_M
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
-from app.bridge.sender_names import nodes_text
+from app.bridge.simulation.controller_binding import ControllerBinding
 from app.geometry import NS_PER_S
 from app.simulation import (
     ArmCommand,
@@ -28,7 +30,7 @@ MAX_AHEAD_NS = 5_000_000
 OTHER_MOTION = ("move_jp", "move_jr", "move_cp", "interpolate_jp", "interpolate_cp")
 """Motion topics of CRTK that a simulated arm does not follow; a sender on them is a second one."""
 
-_PARTICIPANT_BYTES = 12
+_MAX_BYTES = 1 << 20
 
 
 def _joint_velocity(stamp_ns: int, message: JointState) -> ArmCommand:
@@ -88,31 +90,30 @@ class ArmCommands:
         self._node = ros.node
         self._lock = threading.Lock()
         self._arrived: tuple[str, Any, int] | None = None
-        self._motion_topics = [f"/{name}/{each}" for each in (*READERS, *OTHER_MOTION)]
+        topics = [f"/{name}/{each}" for each in (*READERS, *OTHER_MOTION)]
+        self._binding = ControllerBinding(ros.node, topics)
+        self._problem = ""
         for topic, (kind, _) in READERS.items():
-            ros.subscribe(Topic(f"/{name}/{topic}", kind, NEWEST), self._taker(topic))
+            ros.subscribe_with_origin(
+                Topic(f"/{name}/{topic}", kind, NEWEST), self._taker(topic, kind)
+            )
 
-    def second_controller(self) -> str:
-        """Why motion of this arm has more than one source; empty if it has not.
+    @property
+    def is_check_due(self) -> bool:
+        """True if `other_controller` has to look at once."""
+        return self._binding.is_due
 
-        One node may publish on several topics.
-        """
-        counts = {name: self._node.count_publishers(name) for name in self._motion_topics}
-        for name, count in counts.items():
-            if count > 1:
-                return f"{name} has {count} publishers; expected 1"
-        used = [name for name, count in counts.items() if count]
-        if len(used) < 2:
-            return ""
-        infos = [each for name in used for each in self._node.get_publishers_info_by_topic(name)]
-        nodes = {
-            (bytes(each.endpoint_gid)[:_PARTICIPANT_BYTES], each.node_namespace, each.node_name)
-            for each in infos
-        }
-        if len(nodes) < 2:
-            return ""
-        names = nodes_text(name for _, _, name in sorted(nodes))
-        return f"{' and '.join(used)} have {len(nodes)} senders ({names}); expected 1"
+    def other_controller(self) -> str:
+        """Why motion of this arm may have another source than its controller; empty if not."""
+        problem = self._binding.problem()
+        self._problem = problem or self._problem
+        return problem
+
+    def enabled(self, fault: str) -> None:
+        """Accept the next controller if ``fault``, which has ended, was that of another one."""
+        if fault and fault == self._problem:
+            self._problem = ""
+            self._binding.release()
 
     def newest(self, host_ns: int, time_ns: int) -> ArmCommand | None:
         """The command that has arrived since the last call, on the simulation's clock.
@@ -134,10 +135,13 @@ class ArmCommands:
         _, read = READERS[topic]
         return read(time_ns - age_ns, message)
 
-    def _taker(self, topic: str) -> Callable[[Any], None]:
-        def take(message: Any) -> None:
-            """Keep a command. Runs in the node's thread."""
+    def _taker(self, topic: str, kind: type) -> ReceiveFrom:
+        def take(data: bytes, origin: Origin) -> None:
+            """Keep a command of the controller. Runs in the node's thread."""
             now_ns = self._node.get_clock().now().nanoseconds
+            if len(data) > _MAX_BYTES or not self._binding.accepts(origin.sender):
+                return
+            message = deserialize_message(data, kind)
             with self._lock:
                 self._arrived = topic, message, now_ns
 

@@ -43,6 +43,7 @@ from app.simulation import (
     ArmCommand,
     CommandError,
     ScriptedHand,
+    StateCommand,
     World,
     WorldDescription,
     WorldState,
@@ -143,16 +144,20 @@ class SimulationNode:
     def step(self, world: World, now_ns: int) -> WorldState:
         """Step with the newest commands and the hand; see `Shell`."""
         while self._enabled:
-            world.enable(self._enabled.popleft())
+            name = self._enabled.popleft()
+            fault = world.state().arms[name].fault
+            world.enable(name)
+            self._arms[name].commands.enabled(fault)
+            self._checked_ns = None
         for change in self._edits.apply(world, now_ns):
             for name in self._arms:
                 world.fail(name, change)
+        self._change_states(world)
         before = world.state()
         if self._state is not None and before.time_ns < self._state.time_ns:  # a reset
             self._tracker, self._checked_ns = self._new_tracker(), None
             self.idle()
         self._check_senders(world, before)
-        self._change_states(world)
         commands: dict[str, ArmCommand] = {}
         for name, arm in self._arms.items():
             command = arm.commands.newest(now_ns, world.time_ns)
@@ -233,20 +238,27 @@ class SimulationNode:
         """Do what has arrived on ``state_command``."""
         for name, arm in self._arms.items():
             for command in arm.operating.commands():
+                fault = world.state().arms[name].fault
                 try:
                     world.request(name, command)
                 except CommandError as error:
                     self._ros.node.get_logger().warning(str(error))
+                    continue
+                if command is StateCommand.ENABLE:
+                    arm.commands.enabled(fault)
+                    self._checked_ns = None
 
     def _check_senders(self, world: World, state: WorldState) -> None:
-        """Stop an arm that more than one node commands."""
+        """Stop an arm that another node commands than its controller."""
         last_ns = self._checked_ns
-        if last_ns is not None and 0 <= world.time_ns - last_ns < _SENDERS_PERIOD_NS:
-            return
-        self._checked_ns = world.time_ns
+        is_due = last_ns is None or not 0 <= world.time_ns - last_ns < _SENDERS_PERIOD_NS
+        if is_due:
+            self._checked_ns = world.time_ns
         for name, arm in self._arms.items():
-            problem = arm.commands.second_controller()
-            if problem and not state.arms[name].fault:
+            if state.arms[name].fault or not (is_due or arm.commands.is_check_due):
+                continue
+            problem = arm.commands.other_controller()
+            if problem:
                 world.fail(name, problem)
 
     def _on_host(self, sample: TrackedTransform, offset_ns: int) -> TrackedTransform:

@@ -3,11 +3,11 @@
 WORLD is a world.yaml or its folder. Each arm has the topics of CRTK in its namespace (measured_js,
 measured_cp, operating_state, ...); the tracker publishes on /tracked_transforms and /tf; true poses
 are on /tf as truth/NAME. An arm moves by servo_jv, servo_jp, servo_cp, servo_cv and servo_cf of one
-node alone, stops 30 ms after its last command, and is in FAULT after an invalid one, a second
-sender, or when the physics falls more than 30 ms behind real time, until its service enable is
-called. --with and --view start other commands with
-the live.yaml and control.yaml beside the world; the physics begins when all of them run, and all
-end with the first that ends. The hand on the tool is the script of the world, or a person (--hand):
+node alone, the first one, stops 30 ms after its last command, and is in FAULT after an invalid one,
+a command or publisher of another node, or when the physics falls more than 30 ms behind real time,
+until its service enable is called. --with and --view start other commands with the live.yaml and
+control.yaml beside the world; the physics begins when all of them run, and all end with the first
+that ends. The hand on the tool is the script of the world, or a person (--hand):
 the mouse on the page, which is the default with a page and a controller; the keys w, a, s, d
 (across) and r, f (up, down) of this terminal; a joystick or 3D mouse (sensor_msgs/Joy); or a haptic
 device (CRTK: measured_cp in, servo_cf out), whose spring is inside its passivity bound. Exit status

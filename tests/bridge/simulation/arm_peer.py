@@ -1,8 +1,9 @@
 """Independent ROS process: a controller that sends one velocity, and a judge of what it reads.
 
 Reads a line of JSON for each round: ``{"velocity": [...], "names": [...]}`` for ``servo_jv``, or a
-``topic`` with its values. Sends it with the present stamp, and prints the newest message of each
-topic as a line of JSON. It does not import the project.
+``topic`` with its values; with ``node`` as the topic, another node of that name sends from then on.
+Sends it with the present stamp, and prints the newest message of each topic as a line of JSON.
+Leaves the graph at the end of the input. It does not import the project.
 """
 
 import contextlib
@@ -110,22 +111,31 @@ def main() -> int:
         lambda m: newest.__setitem__("operating_state", m),
         latched,
     )
-    publishers = {}
+    publishers, sender = {}, node
     if "idle" not in sys.argv:
         publishers["servo_jv"] = node.create_publisher(JointState, "/arm/servo_jv", 1)
-    threading.Thread(target=spin, args=(node,), daemon=True).start()
+    spinning = threading.Thread(target=spin, args=(node,), daemon=True)
+    spinning.start()
     print("ready", flush=True)
     for line in sys.stdin:
         command = json.loads(line)
-        if command:
+        if command.get("topic") == "node":
+            for publisher in publishers.values():
+                sender.destroy_publisher(publisher)
+            publishers.clear()
+            sender = rclpy.create_node(command["values"])
+        elif command:
             topic = command.get("topic", "servo_jv")
             message = MESSAGES[topic](command)
             message.header.stamp = node.get_clock().now().to_msg()
             message.header.stamp.sec += command.get("ahead_s", 0)
             if topic not in publishers:
-                publishers[topic] = node.create_publisher(type(message), f"/arm/{topic}", 1)
+                publishers[topic] = sender.create_publisher(type(message), f"/arm/{topic}", 1)
             publishers[topic].publish(message)
         print(json.dumps({key: plain(value) for key, value in dict(newest).items()}), flush=True)
+    rclpy.shutdown()
+    spinning.join()
+    node.destroy_node()
     return 0
 
 
