@@ -38,19 +38,17 @@ def compute_here(function: Callable[..., _Value], /, *args: Any) -> _Value:
 class ComputeProcess:
     """A process that computes for this one. Ends with `close`, and when this process has ended.
 
-    It starts after ``delay_s`` or with the first call, to load what it needs, and again if it has
-    ended by itself. One call runs at a time; other threads wait. The function, its arguments and
-    its result are pickled; the arrays of the result are not copied here, but mapped.
+    It starts with the first call, and again if it has ended by itself: it takes half a second of a
+    processor to load, which a loop in real time on two cores does not have to spare. One call runs
+    at a time; other threads wait. The function, its arguments and its result are pickled; the
+    arrays of the result are not copied here, but mapped.
     """
 
-    def __init__(self, delay_s: float = 0.0) -> None:
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._closed = False
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
-        self._starter = threading.Timer(delay_s, self._start_early)
-        self._starter.daemon = True
-        self._starter.start()
 
     def call(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
         """Return ``function(*args)``, or raise its `MarginGuardError`.
@@ -70,7 +68,6 @@ class ComputeProcess:
     def close(self) -> None:
         """End the process, also during a call, which then raises `InputError`."""
         self._closed = True
-        self._starter.cancel()
         while not self._lock.acquire(timeout=_CLOSE_INTERVAL_S):
             if self._process is not None:
                 self._process.kill()  # so that a call ends, which holds the lock
@@ -93,11 +90,6 @@ class ComputeProcess:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
-
-    def _start_early(self) -> None:
-        with self._lock:
-            if not self._closed:
-                self._started()
 
     def _started(self) -> tuple["subprocess.Popen[bytes]", socket.socket]:
         """The running process and the connection to it. Called with the lock."""

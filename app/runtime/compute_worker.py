@@ -9,12 +9,8 @@ import sys
 from collections.abc import Callable
 from typing import cast
 
-import numpy as np
-
-from app.fixture import prepared_tumor
-from app.geometry import MarginGuardError, SurfaceMesh
+from app.geometry import MarginGuardError
 from app.runtime.compute import receive_object, send_object
-from app.session import tumor_change
 
 _LOG = logging.getLogger(__name__)
 
@@ -39,17 +35,8 @@ def serve(connection: socket.socket) -> None:
         gc.collect()
 
 
-def _warm_up() -> None:
-    """Load the compiled functions, which takes longer than the smallest tumour."""
-    vertices = np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]])
-    mesh = SurfaceMesh("tumor", vertices, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
-    prepared_tumor(mesh, 100)
-    tumor_change(mesh, mesh)
-
-
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the session ends this process
     os.nice(_NICENESS)
     with socket.socket(fileno=int(sys.argv[1])) as parent:
-        _warm_up()
         serve(parent)

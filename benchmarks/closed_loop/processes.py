@@ -19,9 +19,6 @@ from benchmarks.faults.child import Child, ChildError
 START_S = 300.0
 """A guard that compiles its kernels takes minutes to start."""
 
-IDLE_S = 0.05
-"""Processor time within 1 s of a process that waits."""
-
 POLL_S = 0.3
 """Time between two looks of the operator."""
 
@@ -51,23 +48,6 @@ class Loop:
     def cpu_s(self) -> dict[str, float]:
         """Processor time of each process since its start, in s; 0 for one that has ended."""
         return {name: _cpu_s(child.process.pid) for name, child in self.children.items()}
-
-    def wait_for_helper(self, timeout_s: float = START_S) -> None:
-        """Wait until the guard's computing process has loaded: it starts 5 s after the guard.
-
-        On two cores it competes with the loop meanwhile. Raises `ChildError` after ``timeout_s``.
-        """
-        guard = self.children["guard"].process.pid
-        end_s = time.monotonic() + timeout_s
-        before_s = None
-        while time.monotonic() < end_s:
-            helpers = _children_of(guard)
-            now_s = sum(_cpu_s(pid) for pid in helpers) if helpers else None
-            if before_s is not None and now_s is not None and now_s - before_s <= IDLE_S:
-                return
-            before_s = now_s
-            time.sleep(1.0)
-        raise ChildError("the guard's computing process does not become idle")
 
     def follows(self, timeout_s: float = START_S) -> bool:
         """Wait until the arm follows the hand."""
@@ -132,19 +112,6 @@ def write_control(folder: Path, base_error: bool, seed: int) -> Path:
     path = folder / "control.yaml"
     path.write_text(yaml.safe_dump(document))
     return path
-
-
-def _children_of(pid: int) -> list[int]:
-    """The child processes of a process (proc(5))."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue  # it has just ended
-        if int(fields[1]) == pid:
-            found.append(int(path.parent.name))
-    return found
 
 
 def _cpu_s(pid: int) -> float:

@@ -84,8 +84,6 @@ def run_pushes(
         tracker_seed=seed + first,
     ) as loop:
         loop.follows()
-        if fixture:
-            loop.wait_for_helper()
         began_s, began_cpu_s, lags = time.monotonic(), loop.cpu_s(), 0
         for number in range(first, first + count):
             for attempt in range(MAX_TRIES):

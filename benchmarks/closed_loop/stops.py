@@ -78,7 +78,6 @@ def _try_stop(
     with running_loop(folder, operator, seed=seed, fixture=True) as loop:
         if not loop.follows():
             return None
-        loop.wait_for_helper()
         loop.send(do="push", number=tries, push_s=LONG_PUSH_S)
         event = None
         while event is None:

@@ -78,6 +78,16 @@ def test_process_has_a_lower_priority(process):
     assert process.call(os.nice, 0) > os.nice(0)
 
 
+def test_process_starts_with_the_first_call():
+    before = children()
+    with ComputeProcess() as made:
+        assert children() == before
+
+        pid = made.call(os.getpid)
+
+        assert children() - before == {pid}
+
+
 def test_closed_process_refuses_calls():
     process = ComputeProcess()
     process.close()
@@ -113,3 +123,16 @@ def is_running(pid):
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
     except FileNotFoundError:
         return False
+
+
+def children():
+    """The processes that this one has started (proc(5))."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = path.read_text().rsplit(")", 1)[1].split()[1]
+        except OSError:
+            continue  # it has just ended
+        if int(parent) == os.getpid():
+            found.add(int(path.parent.name))
+    return found

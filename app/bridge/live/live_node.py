@@ -54,9 +54,6 @@ from app.session import (
     limiter_parameters,
 )
 
-_COMPUTE_DELAY_S = 5.0
-"""After the start of a session, when nothing competes with it, its computing process starts."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveNode:
@@ -182,7 +179,7 @@ def live_node(
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
             holds=StreamHolds(publisher.constraints),
-            compute=opened(ComputeProcess(_COMPUTE_DELAY_S)).call,
+            compute=opened(ComputeProcess()).call,
         )
         run.commands.requests.listen(log.request)
         margins = opened(served_operators(node, run, config, setup.margins))
