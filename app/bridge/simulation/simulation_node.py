@@ -6,6 +6,7 @@
                          TrackedTransform               ``tracker`` to ``NAME_sensor``
 ``/tf``                  tf2_msgs/TFMessage             the truth: ``world`` to ``truth/NAME`` of
                                                         every body, with one common stamp
+``/clock``               rosgraph_msgs/Clock            see `clock_topic`; only if asked for
 ``~/real_time_factor``   std_msgs/Float64               simulated seconds per second
 ``~/reset``, ``~/pause`` std_srvs/Trigger               begin again at 0; stand still
 ``~/resume``, ``~/step`` std_srvs/Trigger               go on; take one step and stand still
@@ -33,6 +34,7 @@ from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation.arm_endpoint import ArmEndpoint
 from app.bridge.simulation.body_edits import BodyEdits
+from app.bridge.simulation.clock_topic import ClockTopic
 from app.bridge.simulation.device_hand import DeviceHand
 from app.bridge.simulation.real_time import RealTime
 from app.bridge.tf.wire import write_tf_message
@@ -69,6 +71,7 @@ class Hand(Protocol):
 
 
 STATE_PERIOD_NS = 5 * NS_PER_MS
+CLOCK_PERIOD_NS = 10 * NS_PER_MS
 _SENDERS_PERIOD_NS = 50 * NS_PER_MS
 
 
@@ -77,7 +80,7 @@ class SimulationNode:
 
     ``send_poses`` receives the tracker's samples, with the names of the bodies, instead of
     ``/tracked_transforms`` and ``/tf``. ``use_hand`` false leaves out the scripted hand of the
-    world; ``hand`` is used instead of it.
+    world; ``hand`` is used instead of it. ``clock``: publish ``/clock`` (`ClockTopic`).
     """
 
     def __init__(
@@ -88,6 +91,7 @@ class SimulationNode:
         use_hand: bool = True,
         hand: Hand | None = None,
         send_poses: Callable[[Sequence[TrackedTransform]], None] | None = None,
+        clock: bool = False,
     ) -> None:
         self._tools = {each.name: each.tool.name for each in description.robots if each.tool}
         self._tf = ros.publisher(topics.TF)
@@ -111,6 +115,7 @@ class SimulationNode:
             for each in description.robots
         }
         self._edits = BodyEdits(ros)
+        self.clock = ClockTopic(ros) if clock else None
         self._wrench: Wrench | None = None
         self._checked_ns: int | None = None
         self._enabled: deque[str] = deque()
@@ -181,6 +186,8 @@ class SimulationNode:
                 self._send_poses(on_host)
         if state.time_ns % STATE_PERIOD_NS == 0:
             self._publish_state(state, Stamp(stamp_ns))
+        if self.clock is not None and state.time_ns % CLOCK_PERIOD_NS == 0:
+            self.clock.publish(stamp_ns)
         for name, arm_state in state.arms.items():
             self._arms[name].operating.publish(arm_state, Stamp(stamp_ns))
         statuses = tuple(each.fault or each.status for each in state.arms.values())

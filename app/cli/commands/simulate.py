@@ -49,6 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "instead of /tracked_transforms and /tf; 0 chooses a free port; without --with and --view",
     )
     parser.add_argument(
+        "--clock",
+        action="store_true",
+        help="publish the time of the states on /clock, 100 Hz, until a guard or another clock is "
+        "on the graph; without --with and --view",
+    )
+    parser.add_argument(
         "--with",
         dest="others",
         action="append",
@@ -81,6 +87,11 @@ def run(options: argparse.Namespace) -> int:
             commands = _commands(options)
             if options.igtl is not None and commands:
                 raise InputError("--igtl with --with or --view; expected one of them")
+            if options.clock and commands:
+                raise InputError(
+                    "--clock with --with or --view; expected one of them: guard and controller use "
+                    "the clock of the host"
+                )
             description = open_world(options.world)
             check_hand(_hand(options), description)
             check_names(options.igtl, description)
@@ -109,6 +120,7 @@ def run(options: argparse.Namespace) -> int:
                 use_hand=kind == "script",
                 hand=hand,
                 send_poses=None if server is None else server.send,
+                clock=options.clock,
             )
             pace = RealTime(
                 world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
