@@ -143,6 +143,10 @@ LONG = {
     "plays a recording to sessions that refuse it": (
         "tests/bridge/playback/test_refused_playback.py",
     ),
+    "records live sessions and servers in further processes": (
+        "tests/bridge/live/test_session_recording.py",
+        "tests/igtl/test_record_igtl.py",
+    ),
     "starts live sessions again and again": (
         "tests/bridge/live/test_restart.py",
         "tests/bridge/live/test_second_guard.py",
@@ -153,6 +157,7 @@ LONG = {
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_contour_page.py",
         "tests/viewer/test_live_ultrasound_page.py",
+        "tests/viewer/test_recording_page.py",
         "tests/viewer/test_ultrasound_page.py",
     ),
     "builds another version of the message package": (

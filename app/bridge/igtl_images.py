@@ -9,13 +9,24 @@ from sensor_msgs.msg import Image
 from app.bridge.convert import image_message
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
-from app.geometry import ImageSample
+from app.geometry import ImageSample, InputError
 from app.igtl import DeviceImages, Header
 from app.runtime import ImageIntake
 
 _FRAME = "image"
 _ENCODINGS = {("uint8", 2): "mono8", ("uint16", 2): "mono16", ("uint8", 3): "rgb8"}
 """Type of the values and number of dimensions: encoding."""
+
+
+def message_of_image(image: ImageSample) -> Image:
+    """``image`` with its own stamp; raises `InputError` for one that a message cannot hold."""
+    if image.pixels is None or image.stamp is None:
+        raise InputError("image has no pixels or no stamp; expected both")
+    kind = image.pixels.dtype.name, image.pixels.ndim
+    if kind not in _ENCODINGS:
+        raise InputError(f"image has pixels of {kind[0]}; expected uint8, uint16 or RGB of uint8")
+    pixels = np.ascontiguousarray(image.pixels)
+    return image_message(pixels, _ENCODINGS[kind], _FRAME, image.stamp)
 
 
 class IgtlImagePublisher:
@@ -41,17 +52,14 @@ class IgtlImagePublisher:
 
     def add(self, image: ImageSample) -> None:
         """Publish ``image``."""
-        if image.pixels is None or image.stamp is None:
-            self.refuse("image has no pixels or no stamp; expected both")
-            return
-        kind = image.pixels.dtype.name, image.pixels.ndim
-        if kind not in _ENCODINGS:
-            self.refuse(f"image has pixels of {kind[0]}; expected uint8, uint16 or RGB of uint8")
+        try:
+            message = message_of_image(image)
+        except InputError as error:
+            self.refuse(str(error))
             return
         self._counts["published"] += 1
         self._problem = ""
-        pixels = np.ascontiguousarray(image.pixels)
-        self._publisher.publish(image_message(pixels, _ENCODINGS[kind], _FRAME, image.stamp))
+        self._publisher.publish(message)
 
     def refuse(self, problem: str) -> None:
         """Count an image that is not published, and report a new reason."""

@@ -43,11 +43,14 @@ class Origin(NamedTuple):
 
     ``sender`` identifies the publisher; None if the middleware's interface is another one than
     that of ROS 2 Jazzy. ``sequence`` is the number of the message at its publisher; None with
-    Cyclone DDS.
+    Cyclone DDS. ``published_ns`` and ``received_ns`` are the middleware's times in ns since 1970, 0
+    where it gives none.
     """
 
     sender: bytes | None
     sequence: int | None
+    published_ns: int = 0
+    received_ns: int = 0
 
 
 ReceiveFrom = Callable[[bytes, Origin], None]
@@ -168,6 +171,8 @@ class MessageTaker:
         return data, Origin(
             bytes(self._info.gid) if is_known else None,
             _sequence(self._info.publication_sequence_number),
+            self._info.source_timestamp,
+            self._info.received_timestamp,
         )
 
     def _init_bytes(self) -> None:
@@ -226,7 +231,12 @@ def receiver(callback: ReceiveFrom) -> Callable[[bytes, Any], None]:
 
     def receive(data: bytes, info: Origin | Mapping[str, int]) -> None:
         if not isinstance(info, Origin):
-            info = Origin(None, info["publication_sequence_number"])
+            info = Origin(
+                None,
+                _sequence(info["publication_sequence_number"]),
+                info["source_timestamp"],
+                info["received_timestamp"],
+            )
         callback(data, info)
 
     return receive

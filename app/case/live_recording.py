@@ -18,6 +18,9 @@ from app.geometry import InputError
 
 RECORDING_FOLDER = "tracking"
 
+IGTL_IMAGES_TOPIC = "/marginguard/images"
+"""Topic in a recording of the images that came over the session's OpenIGTLink connection."""
+
 
 @dataclass(frozen=True, slots=True)
 class SessionChange:
@@ -46,11 +49,6 @@ def begin_case(live: LiveCase, folder: Path) -> None:
             f"{live.case.manifest.file}: source.tracked_transforms.topic is {source.topic!r}; "
             f"expected {TRACKED_TRANSFORMS_TOPIC}, the topic of a case"
         )
-    if isinstance(source, IgtlSourceEntry):
-        raise InputError(
-            f"{live.case.manifest.file}: source.igtl cannot be recorded; publish it with "
-            "'marginguard igtl' and use source.tracked_transforms"
-        )
     with new_folder(folder) as partial:
         _write(live, partial)
 
@@ -64,6 +62,8 @@ def _write(live: LiveCase, folder: Path) -> None:
         values.pop(name, None)
     if live.case.manifest.images is not None:
         values["images"].pop("device", None)
+        if isinstance(live.source, IgtlSourceEntry):
+            values["images"].setdefault("topic", IGTL_IMAGES_TOPIC)
     robot = live.case.manifest.robot
     if live.joints_of_host and not live.stamps_of_host and robot and robot.joint_states:
         values["clock"] = {"estimate": True}  # the offset of the two clocks is unknown

@@ -65,7 +65,7 @@ def live_page(
         feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
         images = prepared.live_images()
         title = Title(content.name, live=True, images=images)
-        operator_thread = ThreadPoolExecutor(max_workers=2)
+        operator_thread = ThreadPoolExecutor(max_workers=3)
         operator = LiveOperator(operator_thread)
         hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
         viewer = Viewer(
@@ -88,6 +88,7 @@ def live_page(
             constraint_hz=CONSTRAINT_HZ,
             outputs=(output,),
             audit=options.audit,
+            cases=options.cases,
             images=images,
         ) as node:
             node.commands.requests.listen(feed.list_request)

@@ -63,6 +63,17 @@ def add_audit(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_cases(parser: argparse.ArgumentParser) -> None:
+    """Add the folder of the recordings of a live session."""
+    parser.add_argument(
+        "--cases",
+        type=folder_path,
+        metavar="DIR",
+        help="folder of the recordings that an operator starts on the page or by ~/record; "
+        "default: $XDG_STATE_HOME/marginguard/cases",
+    )
+
+
 def output_path(text: str) -> Path:
     """Path of a file to be written."""
     _check_not_empty(text)

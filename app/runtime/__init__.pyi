@@ -1,4 +1,5 @@
 from .audit import AuditLog, AuditOutput
+from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
@@ -35,6 +36,7 @@ __all__ = [
     "AuditLog",
     "AuditOutput",
     "BetweenSteps",
+    "CaseRecorder",
     "Compute",
     "ComputeProcess",
     "Deliver",
@@ -57,6 +59,7 @@ __all__ = [
     "RearmRefusedError",
     "ReceivedConstraint",
     "RecordingExtent",
+    "RecordingStatus",
     "RegisteredCase",
     "ReplayRun",
     "RequestKind",

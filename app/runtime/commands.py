@@ -9,6 +9,7 @@ from dataclasses import replace
 from app.fixture import MarginParameters, ProximityEngine, TipProximity, prepared_tumor
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
+from app.runtime.case_recorder import CaseRecorder, RecordingStatus
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, SeenHold
@@ -33,14 +34,14 @@ _SHORT_WAIT_S = 0.05
 
 
 class OperatorCommands:
-    """Re-arm a session, or replace its margins, its tumour or the registration of its robot.
+    """Re-arm a session, record it, or replace its margins, tumour or the robot's registration.
 
     Slow work (distance field and surfaces of a new tumour) is done before the session is locked.
     A command that is refused raises before anything has changed. A change that loosens what the
     session permits latches a hold (`app.session.Session.use`), and every display shows its
     causes. Each command and its outcome is listed in ``requests``; ``origin`` is the interface on
     which it arrived. ``holds`` identifies the present hold. ``max_triangles`` limits a new tumour,
-    which ``compute`` prepares.
+    which ``compute`` prepares. ``recorder`` records the session; None for one that cannot be.
     """
 
     def __init__(
@@ -53,9 +54,11 @@ class OperatorCommands:
         max_triangles: int | None = None,
         requests: RequestLog | None = None,
         compute: Compute = compute_here,
+        recorder: CaseRecorder | None = None,
     ) -> None:
         self._between_steps = between_steps
         self._compute = compute
+        self._recorder = recorder
         self._content = content
         self._outputs = outputs
         self._changing = threading.Lock()
@@ -218,6 +221,34 @@ class OperatorCommands:
                 self._apply(session, setup, content, switches)
             done.append(self._content.registration_id)
         return self._content.registration_id
+
+    @property
+    def recording(self) -> RecordingStatus | None:
+        """What the last recording of the session has written; None before the first."""
+        return None if self._recorder is None else self._recorder.status
+
+    def start_recording(self, name: str = "", *, origin: str = THIS_PROCESS) -> RecordingStatus:
+        """Record the session as a new case called ``name``, or by date. Takes seconds.
+
+        Raises `InputError` as `CaseRecorder.start`; the session is not affected.
+        """
+        with self._listed(RequestKind.RECORD, origin) as done:
+            recorder = self._recording_by()
+            folder = recorder.start(name)
+            done.append(f"recording to {folder}")
+        return recorder.status or RecordingStatus(folder, active=True)
+
+    def stop_recording(self, *, origin: str = THIS_PROCESS) -> RecordingStatus:
+        """Finish the running recording. Raises `InputError` without one."""
+        with self._listed(RequestKind.RECORD, origin) as done:
+            status = self._recording_by().stop()
+            done.append(status.line)
+        return status
+
+    def _recording_by(self) -> CaseRecorder:
+        if self._recorder is None:
+            raise InputError("recording: the session has no recorder; expected a live session")
+        return self._recorder
 
     @contextmanager
     def _change_at_once(self) -> Iterator[None]:

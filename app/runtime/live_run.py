@@ -3,6 +3,7 @@
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 
+from app.runtime.case_recorder import CaseRecorder
 from app.runtime.commands import MAX_LIVE_TRIANGLES, OperatorCommands
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
@@ -19,8 +20,8 @@ class LiveRun:
     When an output reports that a step came too late, the session latches a hold and all outputs
     withdraw what they permitted. ``commands`` changes the session from any thread; ``holds``
     identifies the hold that an output publishes, by default that of the last step; ``requests``
-    lists what is requested; ``compute`` prepares a new tumour. ``keeper`` keeps the hold of each
-    step for the next run.
+    lists what is requested; ``compute`` prepares a new tumour; ``recorder`` records the session.
+    ``keeper`` keeps the hold of each step for the next run.
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class LiveRun:
         holds: Holds | None = None,
         requests: RequestLog | None = None,
         compute: Compute = compute_here,
+        recorder: CaseRecorder | None = None,
     ) -> None:
         self.live = live
         if holds is None:
@@ -48,6 +50,7 @@ class LiveRun:
             max_triangles=MAX_LIVE_TRIANGLES,
             requests=requests,
             compute=compute,
+            recorder=recorder,
         )
 
     def steps(self) -> Generator[StepResult]:

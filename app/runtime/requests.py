@@ -19,6 +19,7 @@ class RequestKind(StrEnum):
     MARGINS = "set_margins"
     TUMOR = "set_tumor"
     REGISTRATION = "register"
+    RECORD = "record"
     NOTE = "note"
     """A text on the present, which changes nothing."""
 
@@ -65,6 +66,7 @@ ADMITTED = {
     RequestKind.MARGINS: Allowed(per_s=2.0, burst=20.0),
     RequestKind.TUMOR: Allowed(per_s=0.2, burst=5.0),
     RequestKind.REGISTRATION: Allowed(per_s=0.5, burst=5.0),
+    RequestKind.RECORD: Allowed(per_s=0.5, burst=5.0),
 }
 """Requests of other processes that are processed. A re-arm is always checked, because a limit that
 others can use up would delay a valid one; the check of an invalid one costs microseconds."""

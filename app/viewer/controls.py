@@ -24,6 +24,7 @@ _MAX_STEP = 1000
 _MAX_SEQ = 2**53 - 1
 """Largest integer that JavaScript represents."""
 _MAX_NONCE = 2**64 - 1
+_MAX_RECORDING_NAME = 64
 _MAX_STOP_MM, _MAX_WARN_MM = (MarginParameters.ranges()[name][1] for name in ("stop_mm", "warn_mm"))
 
 
@@ -116,13 +117,20 @@ class ReplayControls:
 
 
 class LiveControls:
-    """Re-arms a live session, ending the hold whose causes the page shows; changes its margins."""
+    """Re-arms a live session, whose hold the page shows; changes its margins; records it."""
 
     def __init__(self, commands: Commands, operator: LiveOperator) -> None:
         self._operator = operator
         commands.add("rearm", self._rearm, integer(0, _MAX_SEQ), text(len(str(_MAX_NONCE))))
         stop, warn = number(0.0, _MAX_STOP_MM), number(0.0, _MAX_WARN_MM)
         commands.add("margins", self._set_margins, stop, warn, stop, warn)
+        commands.add("record", self._record, boolean, text(_MAX_RECORDING_NAME))
+
+    def _record(self, start: bool, name: str) -> None:
+        if not self._operator.record(start, name.strip()):
+            raise NotDoneError(
+                "recording: the session or the recorder is starting; expected the request later"
+            )
 
     def _set_margins(
         self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float

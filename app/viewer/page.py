@@ -1,9 +1,12 @@
 """Server side of the page: the scene view and the values beside the picture."""
 
+from collections.abc import Callable
+
 from trame_server.state import State
 
 from app.fixture import MarginState
 from app.geometry import FloatArray
+from app.runtime import RecordingStatus
 from app.session import BreachList
 from app.viewer.contour_part import ContourPart
 from app.viewer.drawing.area import PictureArea
@@ -17,6 +20,7 @@ from app.viewer.readout.breach_rows import breach_rows
 from app.viewer.readout.directions import Directions
 from app.viewer.readout.note_rows import note_rows
 from app.viewer.readout.readout import readout
+from app.viewer.readout.recording import recording_values
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
@@ -32,7 +36,8 @@ class Page:
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
-    ``notes`` are listed. All calls come from the page's thread.
+    ``notes`` are listed; ``recording`` is that of a live session. All calls come from the page's
+    thread.
     """
 
     def __init__(
@@ -47,6 +52,7 @@ class Page:
         hand: HandPart | None = None,
         contour: ContourPart | None = None,
         notes: EventNotes | None = None,
+        recording: Callable[[], RecordingStatus | None] = lambda: None,
     ) -> None:
         self.view = view
         self.area = area
@@ -61,6 +67,8 @@ class Page:
         self._notes = notes or EventNotes()
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
+        self._recording = recording
+        state.recording = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -127,6 +135,7 @@ class Page:
             state.update(self._timeline.new_plot())
             state.update(self._new_lists())
             state.notes = note_rows(self._notes.entries, self._timeline)
+            state.recording = recording_values(self._recording())
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
             if self._hand is not None:

@@ -114,6 +114,7 @@ class Viewer:
             self._hand,
             self._contour,
             title.notes,
+            _no_recording if operator is None else lambda: operator.recording,
         )
         state.rates = []
         self._commands = Commands()
@@ -222,6 +223,10 @@ class Viewer:
 
 def _ignore(_text: str) -> None:
     """A replay lists no requests."""
+
+
+def _no_recording() -> None:
+    """A replay is not recorded."""
 
 
 async def _state_css(request: web.Request) -> web.Response:

@@ -77,7 +77,12 @@ class PageReceiver(Receiver):
     def run(self, has_ended: Callable[[], bool]) -> None:
         """Serve the page until ``has_ended()``."""
         options = argparse.Namespace(
-            config=Path(CONFIG), package_dirs=(), tip_only=False, namespace="", audit=None
+            config=Path(CONFIG),
+            package_dirs=(),
+            tip_only=False,
+            namespace="",
+            audit=None,
+            cases=None,
         )
         with ExitStack() as stack:
             viewer = stack.enter_context(live_page(options, SignalState(), scheduler=self._loop))

@@ -175,6 +175,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
                 lambda logic: logic.set_margins(self.settings.stop_mm, self.settings.warn_mm),
             ),
             (ui.rearmButton, lambda logic: logic.rearm()),
+            (ui.recordButton, lambda logic: logic.start_recording()),
+            (ui.stopRecordingButton, self._stop_recording),
             (ui.anteriorViewButton, lambda logic: logic.view_from(Preset.ANTERIOR)),
             (ui.leftViewButton, lambda logic: logic.view_from(Preset.LEFT)),
             (ui.superiorViewButton, lambda logic: logic.view_from(Preset.SUPERIOR)),
@@ -205,6 +207,11 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             logic.register_case(Path(self.ui.registrationPathLineEdit.currentPath))
         else:
             logic.register_landmarks(self.settings.fixed_points, self.settings.moving_points)
+
+    def _stop_recording(self, logic):
+        """End the recording if the user confirms it."""
+        if slicer.util.confirmOkCancelDisplay("End the recording of this session?"):
+            logic.stop_recording()
 
     def _use_parameter_node(self):
         self.settings = self.logic.getParameterNode()
@@ -249,6 +256,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.reasonsLabel.setText(status.reasons)
         ui.messageLabel.setText(status.message)
         ui.requestLabel.setText(status.request)
+        ui.recordingLabel.setText(status.recording)
         ui.sessionLabel.setText(status.session)
         ui.trackersLabel.setText(status.trackers)
         ui.registrationLabel.setText(status.registration)
@@ -258,6 +266,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.acceptButton.setEnabled(status.can_accept)
         for button in (ui.setTumorButton, ui.applyMarginsButton, ui.rearmButton):
             button.setEnabled(status.has_session)
+        ui.recordButton.setEnabled(status.is_live and not status.is_recording)
+        ui.stopRecordingButton.setEnabled(status.is_recording)
         has_case = status.position_s is not None
         ui.playButton.setEnabled(has_case and not status.is_playing)
         ui.pauseButton.setEnabled(status.is_playing)

@@ -190,11 +190,14 @@ def test_a_live_case_has_no_recording(tmp_path, values):
         opened(tmp_path, values).case.recorded_frames()
 
 
-def test_igtl_source_cannot_be_recorded(tmp_path, values):
+def test_case_of_an_igtl_source_has_its_images_on_a_topic(tmp_path, values):
     values["source"] = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
-    with pytest.raises(InputError, match=r"source\.igtl cannot be recorded"):
-        begin_case(opened(tmp_path, values), tmp_path / "case")
-    assert not (tmp_path / "case").exists()
+    images = {"probe": "probe", "calibration": "probe.txt"}
+    values["images"] = {**images, "device": "Image_Probe"}
+    (tmp_path / "probe.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
+    begin_case(opened(tmp_path, values), tmp_path / "case")
+    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    assert written["images"] == {**images, "topic": "/marginguard/images"}
 
 
 def test_live_recording_starts_with_a_case_without_recording(tmp_path, values, project_root):

@@ -65,6 +65,19 @@ def errors(monkeypatch):
     return texts
 
 
+@pytest.fixture(autouse=True)
+def confirmed(monkeypatch):
+    """Questions of the windows, each of which is answered with OK."""
+    questions = []
+    monkeypatch.setattr(
+        slicer.util,
+        "confirmOkCancelDisplay",
+        lambda text: questions.append(text) or True,
+        raising=False,
+    )
+    return questions
+
+
 def in_slicer(monkeypatch, application):
     """Set ``slicer.mrmlScene``, and ``slicer.app`` to a TEST DOUBLE."""
     monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
@@ -109,6 +122,8 @@ EXPECTED_CALLS = {
     "setTumorButton": [("set_tumor", None, "Tumor")],
     "applyMarginsButton": [("set_margins", 1.5, 6.5)],
     "rearmButton": [("rearm",)],
+    "recordButton": [("start_recording",)],
+    "stopRecordingButton": [("stop_recording",)],
     "anteriorViewButton": [("view_from", Preset.ANTERIOR)],
     "leftViewButton": [("view_from", Preset.LEFT)],
     "superiorViewButton": [("view_from", Preset.SUPERIOR)],
@@ -135,6 +150,13 @@ def test_button_calls_its_command(panel, pressed, name):
     panel.ui.registrationPathLineEdit.setText("some_case")
     panel.ui.casePathLineEdit.setText("replayed")
     assert pressed(name) == EXPECTED_CALLS[name]
+
+
+def test_recording_is_ended_after_a_question_only(panel, pressed, confirmed, monkeypatch):
+    assert pressed("stopRecordingButton") == [("stop_recording",)]
+    assert confirmed == ["End the recording of this session?"]
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
+    assert pressed("stopRecordingButton") == []
 
 
 def test_landmarks_are_registered_from_chosen_lists(panel, pressed, application):
@@ -273,7 +295,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 7
+    assert len(messages) == 8
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -12,7 +12,12 @@ from app.bridge.control import GuidancePublisher, MarginParameterServer, TwistLi
 from app.bridge.live.guard_start import guard_start
 from app.bridge.live.image_input import IgtlImages, image_input, with_images
 from app.bridge.live.joints import listen_to_joints
-from app.bridge.live.operator_endpoints import audit_file, audit_log, served_operators
+from app.bridge.live.operator_endpoints import (
+    audit_file,
+    audit_log,
+    case_recorder,
+    served_operators,
+)
 from app.bridge.live.outputs import (
     FramesProblemLog,
     GuidanceOutput,
@@ -42,6 +47,7 @@ from app.runtime import (
     OperatorCommands,
     Output,
     PreparedLive,
+    RequestKind,
 )
 from app.runtime.commands import THIS_PROCESS
 from app.session import (
@@ -94,6 +100,7 @@ def live_node(
     outputs: Sequence[Output] = (),
     audit: Path | None = None,
     images: LiveImages | None = None,
+    cases: Path | None = None,
 ) -> Iterator[LiveNode]:
     """Join the ROS graph: subscribe to the source of ``prepared``, serve the operator.
 
@@ -102,7 +109,8 @@ def live_node(
     the file of the audit log, by default one below the state folder (`audit_file`). Raises
     `SecurityError` if the configuration requires ROS security that this process does not have.
     ``images`` (`PreparedLive.live_images`) receives the images of the session; they affect neither
-    the margin nor the constraint.
+    the margin nor the constraint. ``cases`` is the folder of the session's recordings, by default
+    one below the state folder (`case_recorder`).
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
     orderly way. Raises the errors of `guard_start`.
@@ -164,6 +172,7 @@ def live_node(
         TfListener(node, buffer, clock=False, qos=INCOMING)
         twists = TwistLimiter(node, buffer, parameters=limits)
         guidance = () if guides is None else (GuidanceOutput(GuidancePublisher(node, guides)),)
+        recorder = opened(case_recorder(config, namespace, cases))
         run = LiveRun(
             live,
             prepared.content,
@@ -180,8 +189,11 @@ def live_node(
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
             holds=StreamHolds(publisher.constraints),
             compute=opened(ComputeProcess()).call,
+            recorder=recorder,
         )
-        run.commands.requests.listen(log.request)
+        requests = run.commands.requests
+        recorder.ended = partial(requests.refused, RequestKind.RECORD, "the recorder")
+        requests.listen(log.request)
         margins = opened(served_operators(node, run, config, setup.margins))
         pictures = image_input(node, config, images)
         deliver = live.add if images is None else with_images(live.add, images, rule.refuses)

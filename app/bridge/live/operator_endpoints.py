@@ -5,20 +5,22 @@ import re
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from app.bridge.control import MarginParameterServer, OperatorServices
 from app.bridge.control.margin_parameters import OVER_ROS
 from app.bridge.control.operator_requests import OperatorRequests
 from app.bridge.control.operators import OperatorList
+from app.bridge.control.recording_service import RecordingService
 from app.bridge.live.rearming import RearmService
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.case import LiveCase
 from app.files.state_folder import state_folder
 from app.fixture import MarginParameters
-from app.runtime import AuditLog, LiveRun, RequestKind
+from app.geometry import InputError
+from app.runtime import AuditLog, CaseRecorder, LiveRun, RequestKind
 
 
 def audit_file(ros: RosNode) -> Path:
@@ -30,6 +32,27 @@ def audit_file(ros: RosNode) -> Path:
     parts = (socket.gethostname(), f"domain{domain}", namespace.strip("/"))
     name = "-".join(re.sub(r"[^A-Za-z0-9.]+", "_", part)[:60] for part in parts if part)
     return state_folder() / "audit" / f"{name}.jsonl"
+
+
+@contextmanager
+def case_recorder(config: LiveCase, namespace: str, cases: Path | None) -> Iterator[CaseRecorder]:
+    """Records the session of ``config`` below ``cases``, by default below the state folder.
+
+    A running recording is finished at the end of the context.
+    """
+    case = config.case
+    recorder = CaseRecorder(
+        case.folder / case.manifest.file,
+        cases or state_folder() / "cases",
+        title=case.manifest.name,
+        package_dirs=case.package_dirs,
+        namespace=namespace,
+    )
+    try:
+        yield recorder
+    finally:
+        with suppress(InputError):  # it has been listed with the requests
+            recorder.close()
 
 
 @contextmanager
@@ -52,7 +75,7 @@ def audit_log(ros: RosNode, constraints: ConstraintStream, path: Path) -> Iterat
 def served_operators(
     ros: RosNode, run: LiveRun, config: LiveCase, margins: MarginParameters
 ) -> Iterator[MarginParameterServer]:
-    """Serve ``~/rearm``, ``~/set_tumor``, ``~/register`` and the margins as parameters.
+    """Serve ``~/rearm``, ``~/set_tumor``, ``~/register``, ``~/record`` and margins as parameters.
 
     All of them change the session through the commands of ``run``. Yields the margins' server.
     """
@@ -70,6 +93,7 @@ def served_operators(
     RearmService(ros, commands, requests)
     server = MarginParameterServer(ros, margins, set_margins, refused)
     OperatorServices(ros, commands, requests)
+    RecordingService(ros, commands, requests)
     try:
         yield server
     finally:

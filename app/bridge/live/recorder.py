@@ -3,8 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from rclpy.qos import (
@@ -13,22 +12,21 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.bag_topics import offered, ros_prefixes
 from app.bridge.errors import BridgeError
 from app.bridge.message_definitions import are_named, foreign_endpoints
+from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
 from app.case import BagTopic, BagWriter, message_definition
 from app.geometry import InputError, MarginGuardError
 
 _DEPTH = 1000
-_MAX_AT_ONCE = 50
-"""Messages of a topic that are taken in one turn of the executor; other topics come next."""
-
 _MAX_REMEMBERED = 10_000
+
+_Key = tuple[int, int | None, int]
 
 
 class RosRecorder:
@@ -41,7 +39,7 @@ class RosRecorder:
 
     Each publisher is recorded with the reliability it offers, also one that joins later with a
     weaker policy. A topic has a subscription for each combination of policies, and a message that
-    arrives twice is written once.
+    arrives twice is written once. `lost` counts messages that never arrived.
     """
 
     def __init__(self, ros: RosNode, bag: BagWriter, topics: Sequence[str]) -> None:
@@ -52,6 +50,17 @@ class RosRecorder:
         self._lock = threading.Lock()
         self._error: MarginGuardError | None = None
         self.refused: dict[str, str] = {}
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """By topic, messages that are missing between those received from the same publisher."""
+        topics = list(self._recorded.values())
+        return {topic.name: topic.lost for topic in topics if topic.lost}
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Topics that have no publisher yet."""
+        return tuple(self._pending_topics)
 
     def discover(self) -> list[str]:
         """Start to record topics that have a publisher; returns the newly recorded ones."""
@@ -134,11 +143,17 @@ class RosRecorder:
                 continue
             recorded.qos_policies.add(policies)
             topic = Topic(recorded.name, recorded.message_class, _matching_qos(*policies))
-            subscriptions: list[Subscription] = []  # empty while the callback may already be called
-            take_all = partial(recorded.take_all, subscriptions)
-            # rclpy passes the times to a callback with two parameters.
-            subscription = self._ros.subscribe(topic, take_all, raw=True)
-            subscriptions.append(subscription)
+            self._ros.subscribe_with_origin(topic, recorded.take)
+
+    def add_own(self, topic: BagTopic) -> None:
+        """Declare a topic whose messages come by `write_own` instead of over ROS."""
+        with self._lock:
+            self._bag.add_topic(topic)
+
+    def write_own(self, name: str, data: bytes) -> None:
+        """Write a message of `add_own`, received now; from any thread."""
+        now_ns = time.time_ns()
+        self._write(name, data, now_ns, now_ns)
 
     def _write(self, name: str, data: bytes, received_ns: int, published_ns: int) -> None:
         with self._lock:
@@ -161,37 +176,37 @@ class _Recorded:
         self.qos_policies: set[tuple[ReliabilityPolicy, DurabilityPolicy]] = set()
         self.last: tuple[int, bytes] | None = None
         self._write = write
-        self._seen: set[tuple[int, int, int]] = set()
-        self._in_order: deque[tuple[int, int, int]] = deque()
+        self._seen: set[_Key] = set()
+        self._in_order: deque[_Key] = deque()
+        self._numbers: dict[bytes, tuple[int, int]] = {}
+        self.lost = 0
 
-    def take_all(
-        self, subscriptions: Sequence[Subscription], data: bytes, info: Mapping[str, int]
-    ) -> None:
-        """Write a message and those that wait behind it.
-
-        The executor takes one message per turn, and a turn takes longer than a message.
-        """
-        self.take(data, info)
-        for subscription in subscriptions:
-            for _ in range(_MAX_AT_ONCE):
-                with subscription.handle:
-                    taken = subscription.handle.take_message(subscription.msg_type, True)
-                if taken is None:
-                    return
-                self.take(*taken)
-
-    def take(self, data: bytes, info: Mapping[str, int]) -> None:
+    def take(self, data: bytes, origin: Origin) -> None:
         """Write a message unless it has already arrived by another subscription."""
-        key = (info["source_timestamp"], info["publication_sequence_number"], hash(data))
+        key = (origin.published_ns, origin.sequence, hash(data))
         if key in self._seen:
             return
         self._seen.add(key)
         self._in_order.append(key)
         if len(self._in_order) > _MAX_REMEMBERED:
             self._seen.remove(self._in_order.popleft())
-        received_ns = info["received_timestamp"] or time.time_ns()
+        if origin.sender is not None and origin.sequence is not None:
+            self._count(origin.sender, origin.sequence)
+        received_ns = origin.received_ns or time.time_ns()
         self.last = received_ns, data
-        self._write(self.name, data, received_ns, info["source_timestamp"] or received_ns)
+        self._write(self.name, data, received_ns, origin.published_ns or received_ns)
+
+    def _count(self, sender: bytes, number: int) -> None:
+        """Count the gap before message ``number``.
+
+        A number within a gap has come later, by another subscription.
+        """
+        first, last = self._numbers.get(sender, (number, number - 1))
+        if number > last:
+            self.lost += number - last - 1
+            self._numbers[sender] = first, number
+        elif number > first:
+            self.lost -= 1
 
 
 def _are_named(publishers: Sequence[TopicEndpointInfo]) -> bool:

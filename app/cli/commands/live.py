@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import (
     LIVE_EXAMPLE,
     add_audit,
+    add_cases,
     add_json,
     add_namespace,
     add_package_dirs,
@@ -59,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
     add_audit(parser)
+    add_cases(parser)
     parser.add_argument(
         "--lifecycle",
         action="store_true",
@@ -140,6 +142,7 @@ def _opened(
         constraint_hz=options.constraint_hz,
         ros=ros,
         audit=options.audit,
+        cases=options.cases,
     ) as node:
         shown.begin(node, stamps_of_host=prepared.config.stamps_of_host)
         yield node

@@ -1,21 +1,28 @@
 """Record ROS 2 topics into a case: a rosbag2 folder in MCAP, which 'replay' reads.
 
-The recording stays readable however it ends, also by SIGKILL or on a full disk. Runs until SIGINT
-(exit status 130) or SIGTERM (143); exit status 2 on bad input.
+With --config also what an OpenIGTLink source sends, images included. The recording stays readable
+however it ends, also by SIGKILL or on a full disk. Runs until SIGINT (exit status 130) or SIGTERM
+(143); exit status 2 on bad input.
 """
 
 import argparse
+import json
+import shutil
 import sys
 import threading
-from contextlib import closing
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_namespace, add_package_dirs, folder_path, input_argument
+from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
 if TYPE_CHECKING:
     from app.bridge import RosNode
+    from app.bridge.live.igtl_recorder import IgtlRecorder
+    from app.bridge.live.recorder import RosRecorder
     from app.case import BagWriter, LiveCase
 
 SUMMARY = "record a live case over ROS 2"
@@ -23,7 +30,8 @@ SUMMARY = "record a live case over ROS 2"
 PLAYBACK = "/marginguard_tracker/playback"
 """Announces that the poses are those of a recording: it stays visible in a new recording."""
 
-TOPICS = ("/tf", "/tf_static", "/tracked_transforms", "/joint_states", PLAYBACK)
+TRACKED = "/tracked_transforms"
+TOPICS = ("/tf", "/tf_static", TRACKED, "/joint_states", PLAYBACK)
 CONSTRAINT = "/marginguard/constraint"
 SESSION_TOPICS = (CONSTRAINT, "/marginguard/margin_mm")
 MARKERS = "/marginguard/markers"
@@ -31,6 +39,9 @@ MARKERS = "/marginguard/markers"
 
 _POLL_S = 0.1
 """Interval between looks at the graph for new topics and publishers."""
+
+_STATUS_POLLS = 5
+"""Looks between two lines of ``--json``."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,6 +68,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"record these instead of {', '.join(TOPICS + SESSION_TOPICS)}; full names",
     )
     add_namespace(parser)
+    parser.add_argument(
+        "--until-eof",
+        action="store_true",
+        help="also end, with exit status 0, when standard input ends: for the program that "
+        "started it",
+    )
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -64,30 +82,76 @@ def run(options: argparse.Namespace) -> int:
     with note_signals() as received:
         stop = threading.Event()
         received.stops(stop.set)
+        if options.until_eof:
+            threading.Thread(target=_stop_at_eof, args=(stop,), daemon=True).start()
         topics, live = _topics_and_case(options)
         load_bridge("which 'record' needs")
         print_reach()
         from app.bridge import RosNode
         from app.case import RECORDING_FOLDER, BagWriter, begin_case
+        from app.geometry import InputError
 
+        lines = _Lines(as_json=options.json)
         # Create the node first: where ROS refuses it, no folder is left.
         with RosNode("marginguard_recorder", namespace=options.namespace) as ros:
             if live is not None:
                 begin_case(live, options.output)
+            try:
+                bag = BagWriter(options.output / RECORDING_FOLDER)
+            except InputError:
+                # Nothing was there before: `_topics_and_case` has checked it.
+                shutil.rmtree(options.output, ignore_errors=True)
+                raise
             # The node is closed before the bag, so that no message arrives for a closed bag.
-            with closing(BagWriter(options.output / RECORDING_FOLDER)) as bag, ros:
-                of_patient = live is not None and live.case.manifest.provenance.kind == "recorded"
-                _record(ros, bag, topics, stop, options, of_patient=of_patient)
+            with closing(bag), ros:
+                _record(ros, bag, topics, stop, options, live, lines)
         counts = bag.counts
-        print(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
+        lines.note(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
         for topic, count in counts.items():
-            print(f"  {topic}: {count}")
+            lines.note(f"  {topic}: {count}")
     return received.exit_status
+
+
+def _stop_at_eof(stop: threading.Event) -> None:
+    while sys.stdin.buffer.read(1024):
+        pass
+    stop.set()
+
+
+class _Lines:
+    """Prints notes, and with ``as_json`` each as an object ``{"note": ...}`` and the status."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._as_json = as_json
+        self._begin_s = time.monotonic()
+
+    def note(self, text: str, *, problem: bool = False) -> None:
+        """Print one line; a ``problem`` without JSON on standard error."""
+        if self._as_json:
+            print(json.dumps({"note": text.strip()}), flush=True)
+        else:
+            print(text, file=sys.stderr if problem else sys.stdout, flush=True)
+
+    def status(self, recorder: "RosRecorder", bag: "BagWriter", problem: str) -> None:
+        """Print what was recorded so far, with ``as_json`` only."""
+        if not self._as_json:
+            return
+        counts = bag.counts
+        values = {
+            "duration_s": round(time.monotonic() - self._begin_s, 3),
+            "messages": sum(counts.values()),
+            "lost": recorder.lost,
+            "topics": counts,
+            "waiting": list(recorder.waiting),
+            "problem": problem,
+        }
+        print(json.dumps({"status": values}), flush=True)
 
 
 def _topics_and_case(options: argparse.Namespace) -> tuple[list[str], "LiveCase | None"]:
     """The topics to record, and the live case, None without ``--config``."""
     from app.case import check_topic, open_live
+    from app.case.live_file import IgtlSourceEntry
     from app.geometry import InputError
 
     topics = [check_topic(topic, "--topics") for topic in options.topics or ()]
@@ -98,6 +162,8 @@ def _topics_and_case(options: argparse.Namespace) -> tuple[list[str], "LiveCase 
     if options.config is None:
         return topics, None
     live = open_live(options.config, package_dirs=options.package_dirs)
+    if isinstance(live.source, IgtlSourceEntry):
+        topics = [each for each in topics if each != TRACKED]  # those of the server are written
     images = live.case.manifest.images
     if images is not None and images.topic is not None:
         topics.append(images.topic)
@@ -119,8 +185,8 @@ def _record(
     topics: list[str],
     stop: threading.Event,
     options: argparse.Namespace,
-    *,
-    of_patient: bool,
+    live: "LiveCase | None",
+    lines: _Lines,
 ) -> None:
     from app.bridge import BridgeError
     from app.bridge.live import RosRecorder, SessionWatch
@@ -129,10 +195,15 @@ def _record(
     from app.case.recorder.periodic_flush import PeriodicFlush
 
     constraint = _session_topic(CONSTRAINT, options)
+    of_patient = live is not None and live.case.manifest.provenance.kind == "recorded"
     session = SessionWatch()
     recorder = RosRecorder(ros, bag, topics)
-    with PeriodicFlush(recorder.flush, recorder.sync):
-        while not stop.wait(_POLL_S):
+    with PeriodicFlush(recorder.flush, recorder.sync), ExitStack() as stack:
+        server = _igtl_recorder(recorder, live, lines.note)
+        if server is not None:
+            stack.callback(server.close)
+        polls = 0
+        while not stop.wait(_POLL_S if polls else 0.0):
             if of_patient and ros.node.count_publishers(PLAYBACK):
                 raise BridgeError(
                     f"a recording is played on this graph; {options.output} is closed and may hold "
@@ -140,17 +211,33 @@ def _record(
                     f"{options.config}"
                 )
             for topic in recorder.discover():
-                print(f"recording {topic}", flush=True)
+                lines.note(f"recording {topic}")
             for topic in [*recorder.refused]:
-                print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
+                reason = recorder.refused.pop(topic)
+                lines.note(f"{topic} is not recorded: {reason}", problem=True)
             publishers = ros.node.count_publishers(constraint) if constraint in topics else 0
             if session.has_new_publisher(publishers):
-                print(
-                    f"{constraint} has {publishers} publishers; several sessions may be running",
-                    flush=True,
+                lines.note(
+                    f"{constraint} has {publishers} publishers; several sessions may be running"
                 )
             if session.has_changed(recorder.last(constraint)):
-                print("tumour or registration of the session were replaced", flush=True)
+                lines.note("tumour or registration of the session were replaced")
                 write_changes(session.changes, options.output / RECORDING_FOLDER)
                 recorder.add(_session_topic(MARKERS, options))
             recorder.flush()  # raises an error of the bag
+            if polls % _STATUS_POLLS == 0:
+                lines.status(recorder, bag, "" if server is None else server.problem)
+            polls += 1
+    lines.status(recorder, bag, "")
+
+
+def _igtl_recorder(
+    recorder: "RosRecorder", live: "LiveCase | None", report: Callable[[str], None]
+) -> "IgtlRecorder | None":
+    """Records the OpenIGTLink source of ``live``; None for another source."""
+    from app.bridge.live.igtl_recorder import IgtlRecorder
+    from app.case.live_file import IgtlSourceEntry
+
+    if live is None or not isinstance(live.source, IgtlSourceEntry):
+        return None
+    return IgtlRecorder(recorder, live, live.source, report)

@@ -14,6 +14,7 @@ from app.cli.options import (
     CASE_HELP,
     LIVE_EXAMPLE,
     add_audit,
+    add_cases,
     add_namespace,
     add_package_dirs,
     input_argument,
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_namespace(parser)
     add_audit(parser)
+    add_cases(parser)
     add_package_dirs(parser)
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -102,6 +104,8 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.audit is not None and not options.live:
         raise InputError("view: --audit is given without --live; expected a live session")
+    if options.cases is not None and not options.live:
+        raise InputError("view: --cases is given without --live; expected a live session")
     if options.hand is not None and (not options.live or options.render == "client"):
         raise InputError("view: --hand is given; expected --live with it, and no --render client")
     for name in ("token", "view_token"):

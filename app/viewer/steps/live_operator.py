@@ -1,4 +1,4 @@
-"""The operator of a live session's page: the hold that it shows, re-arm, margins, tumour, notes."""
+"""The operator of a live session's page: the hold that it shows, and what it may request."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 from app.geometry import MarginGuardError, SurfaceMesh, Transform
-from app.runtime import OperatorCommands, RequestKind, SeenHold
+from app.runtime import OperatorCommands, RecordingStatus, RequestKind, SeenHold
 
 _Value = TypeVar("_Value")
 UseMargins = Callable[[float, float, str], None]
@@ -19,8 +19,8 @@ class LiveOperator:
     """Sends requests of a page to a session. The page exists before the session: see `connect`.
 
     A request waits for the session's step, so it runs in ``workers`` and not in the page's thread;
-    with two workers a re-arm does not wait for a tumour. Its outcome is in the session's list of
-    requests, which the page shows.
+    with three workers a re-arm does not wait for a tumour or a recorder. Its outcome is in the
+    session's list of requests, which the page shows.
     """
 
     def __init__(self, workers: Executor) -> None:
@@ -29,6 +29,7 @@ class LiveOperator:
         self._use_margins: UseMargins | None = None
         self._rearming: Future[None] | None = None
         self._replacing: Future[None] | None = None
+        self._recording: Future[None] | None = None
 
     def connect(self, commands: OperatorCommands, use_margins: UseMargins | None = None) -> None:
         """Use the commands of a session from now on.
@@ -60,6 +61,18 @@ class LiveOperator:
         if self._commands is None or self._use_margins is None:
             return False
         self._workers.submit(_set_margins, self._commands, self._use_margins, stop_mm, warn_mm)
+        return True
+
+    @property
+    def recording(self) -> RecordingStatus | None:
+        """What the last recording has written; None before the first."""
+        return None if self._commands is None else self._commands.recording
+
+    def record(self, start: bool, name: str = "") -> bool:
+        """Begin to start or stop a recording; False while another such request runs."""
+        if self._commands is None or (self._recording is not None and not self._recording.done()):
+            return False
+        self._recording = self._workers.submit(_record, self._commands, start, name)
         return True
 
     def note(self, text: str) -> None:
@@ -102,6 +115,15 @@ def _set_tumor(
     with suppress(MarginGuardError):
         commands.requests.admit(RequestKind.TUMOR)
         commands.set_tumor(edge, tumor, sigma_mm=sigma_mm, origin=THE_PAGE)
+
+
+def _record(commands: OperatorCommands, start: bool, name: str) -> None:
+    # A refusal is in the list of requests.
+    with suppress(MarginGuardError):
+        if start:
+            commands.start_recording(name, origin=THE_PAGE)
+        else:
+            commands.stop_recording(origin=THE_PAGE)
 
 
 def _rearm(commands: OperatorCommands, seen: SeenHold) -> None:

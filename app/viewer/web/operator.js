@@ -1,4 +1,4 @@
-// What an operator types: event notes, and the margins of a live session. The fields keep what is being typed
+// What an operator types: event notes, the margins and the recording of a live session. The fields keep what is being typed
 // while the values of the page change.
 
 const NOTE = `
@@ -12,6 +12,13 @@ const MARGINS = `
     <p>Change the margins? Smaller ones hold the robot, and apply when an operator re-arms.</p>
     <button id="margins-confirm" type="button">Change the margins</button>
     <p class="answer" id="margins-answer" role="status"></p></details>`;
+const RECORD = `
+  <details id="record"><summary>Start or stop...</summary>
+    <label id="record-name-label">Name <input id="record-name" type="text" maxlength="64" pattern="[A-Za-z0-9][A-Za-z0-9_.\\-]*"
+      placeholder="case and time"></label>
+    <p id="record-question"></p>
+    <button id="record-confirm" type="button"></button>
+    <p class="answer" id="record-answer" role="status"></p></details>`;
 
 export function listenToOperator(trame) {
   const find = (id) => document.getElementById(id);
@@ -56,6 +63,28 @@ export function listenToOperator(trame) {
         if (!seen || !fields.every((field) => field.value !== "" && field.reportValidity())) return;
         const values = fields.map((field) => Number(field.value));
         if (await send("margins-answer", "margins", [...seen, ...values])) find("margins").open = false;
+      });
+    }
+    const record = document.querySelector(".record-tools");
+    if (record && !record.firstElementChild) {
+      record.innerHTML = RECORD;
+      let starts = true; // what the question was about when it was opened
+      find("record").addEventListener("toggle", () => {
+        starts = !trame.state.get("recording")?.active;
+        find("record-answer").textContent = "";
+        find("record-name-label").hidden = !starts;
+        find("record-question").textContent = starts
+          ? "Record every source of this session as a new case?"
+          : "End this recording? Its case is then complete.";
+        find("record-confirm").textContent = starts ? "Start recording" : "Stop recording";
+      });
+      find("record-confirm").addEventListener("click", async () => {
+        const name = find("record-name");
+        if (starts && !name.reportValidity()) return;
+        if (await send("record-answer", "record", [starts, starts ? name.value : ""])) {
+          name.value = "";
+          find("record").open = false;
+        }
       });
     }
   }

@@ -19,7 +19,7 @@ from slicer import (
 from app.fixture import MarginParameters
 from app.geometry import InputError, MarginGuardError
 from app.registration import RegistrationResult
-from app.runtime import PreparedCase, prepare_case
+from app.runtime import PreparedCase, RecordingStatus, prepare_case
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
@@ -118,6 +118,16 @@ class PanelLogic:
     def rearm(self) -> None:
         """End the hold of an earlier fault, based on the displayed step."""
         self.session.rearm()
+
+    def start_recording(self) -> None:
+        """Start to record the live session as a new case, in the background."""
+        commands = self.session.commands()
+        self._jobs.submit("starting the recording", commands.start_recording, _ignore)
+
+    def stop_recording(self) -> None:
+        """Finish the recording in the background."""
+        commands = self.session.commands()
+        self._jobs.submit("finishing the recording", commands.stop_recording, _ignore)
 
     def margins(self) -> MarginParameters | None:
         """The margins of the session; None without one."""
@@ -265,8 +275,13 @@ class PanelLogic:
         self.candidate = result
         self._message = ""
 
+    def _recording(self) -> RecordingStatus | None:
+        thread = self.session.thread
+        commands = None if thread is None else thread.run.commands
+        return None if commands is None else commands.recording
+
     def _status(self) -> PanelStatus:
-        session = self.session
+        session, recording = self.session, self._recording()
         state, banner = session.readout()
         return PanelStatus(
             state=state,
@@ -285,6 +300,8 @@ class PanelLogic:
             can_accept=session.is_running
             and self.candidate is not None
             and self.candidate.accepted,
+            recording="" if recording is None else recording.line,
+            is_recording=recording is not None and recording.active,
         )
 
     def _camera(self) -> vtkMRMLCameraNode:
@@ -292,6 +309,10 @@ class PanelLogic:
         if camera is None:
             raise InputError("the scene has no 3D view; expected one with a camera")
         return camera
+
+
+def _ignore(_result: object) -> None:
+    """The status shows what a recording has written."""
 
 
 def prepare_recorded(folder: Path) -> PreparedCase:

@@ -12,7 +12,7 @@ class PanelStatus:
     for each cause of a hold below those of the state.
 
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
-    transform.
+    transform. ``recording``: the last recording of the live session, empty before one.
     """
 
     state: MarginState
@@ -29,3 +29,5 @@ class PanelStatus:
     has_session: bool
     is_playing: bool
     can_accept: bool
+    recording: str
+    is_recording: bool

@@ -137,6 +137,43 @@ def test_margins_of_the_page_reach_the_session_with_their_origin(workers):
     assert used == [(2.0, 6.0, "the page")]
 
 
+def test_recording_of_the_page_reaches_the_session_one_request_at_a_time(workers):
+    class RecordingCommands(SessionCommands):
+        recording = None
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.called: list[tuple[str, ...]] = []
+
+        def start_recording(self, name: str, *, origin: str) -> None:
+            assert self.ready.wait(60.0)
+            self.called.append((name, origin))
+
+        def stop_recording(self, *, origin: str) -> None:
+            self.called.append((origin,))
+            raise InputError("none is running")  # listed by the session
+
+    session, operator, commands = RecordingCommands(), LiveOperator(workers), Commands()
+    LiveControls(commands, operator)
+    assert operator.recording is None
+    with pytest.raises(NotDoneError, match="recording: the session or the recorder is starting"):
+        commands.run("record", (True, ""), Role.OPERATE)
+    operator.connect(session)
+    for refused in ((True,), (True, 5), ("yes", ""), (True, "a" * 65)):
+        with pytest.raises(RefusedError):
+            commands.run("record", refused, Role.OPERATE)
+    with pytest.raises(RefusedError, match="role view; expected operate"):
+        commands.run("record", (True, ""), Role.VIEW)
+    commands.run("record", (True, " today "), Role.OPERATE)
+    with pytest.raises(NotDoneError, match="is starting; expected the request later"):
+        commands.run("record", (True, ""), Role.OPERATE)
+    session.ready.set()
+    workers.submit(lambda: None).result(60.0)
+    commands.run("record", (False, ""), Role.OPERATE)
+    workers.shutdown()
+    assert session.called == [("today", "the page"), ("the page",)]
+
+
 def test_margins_that_the_session_refuses_are_listed_once(workers):
     session, operator = MarginCommands(), LiveOperator(workers)
     listed = []

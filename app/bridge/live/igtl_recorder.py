@@ -1,0 +1,78 @@
+"""Record what an OpenIGTLink server sends, beside the ROS topics of a recording."""
+
+from collections.abc import Callable, Sequence
+
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Image
+
+from app.bridge.bag_topics import bag_topic
+from app.bridge.igtl_images import message_of_image
+from app.bridge.live.recorder import RosRecorder
+from app.bridge.qos import NEWEST, Topic
+from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, tracked_message
+from app.case import LiveCase
+from app.case.live_file import IgtlSourceEntry
+from app.case.live_recording import IGTL_IMAGES_TOPIC
+from app.geometry import MarginGuardError, TrackedTransform
+from app.igtl import DeviceImages, Header, IgtlSource
+
+_IMAGES = Topic(IGTL_IMAGES_TOPIC, Image, NEWEST)
+
+
+class IgtlRecorder:
+    """Writes the poses, and the images of ``live``, that its server sends to ``recorder``.
+
+    It is a client of the server of its own. Every pose is on ``/tracked_transforms``, with the
+    server's stamp and status, and every image of the session's device on `IGTL_IMAGES_TOPIC`.
+    ``report`` takes changes of the connection, and why an image is refused, until the reason
+    changes.
+    """
+
+    def __init__(
+        self,
+        recorder: RosRecorder,
+        live: LiveCase,
+        source: IgtlSourceEntry,
+        report: Callable[[str], None],
+    ) -> None:
+        self._recorder, self._report = recorder, report
+        self._problem = ""
+        recorder.add_own(bag_topic(TRACKED_TRANSFORMS.name, TRACKED_TRANSFORMS))
+        entry = live.case.manifest.images
+        images = None
+        if entry is not None and entry.topic is None:
+            recorder.add_own(bag_topic(_IMAGES.name, _IMAGES))
+            self._images = DeviceImages(live.image_device)
+            images = self._write_image
+        self._source = IgtlSource(
+            source.host, source.port, self._write_poses, changed=report, images=images
+        )
+
+    @property
+    def problem(self) -> str:
+        """Why the server sends nothing; empty while it is connected. Raises a failure of it."""
+        self._source.counts()
+        return self._source.problem
+
+    def close(self) -> None:
+        """Write nothing more."""
+        self._source.close()
+
+    def _write_poses(self, samples: Sequence[TrackedTransform]) -> None:
+        for sample in samples:
+            data = bytes(serialize_message(tracked_message(sample)))
+            self._recorder.write_own(TRACKED_TRANSFORMS.name, data)
+
+    def _write_image(self, header: Header, body: bytes) -> None:
+        try:
+            image = self._images.read(header, body)
+            if image is None:  # of another device
+                return
+            message = message_of_image(image)
+        except MarginGuardError as error:
+            if str(error) != self._problem:
+                self._problem = str(error)
+                self._report(f"image not recorded: {error}")
+            return
+        self._problem = ""
+        self._recorder.write_own(_IMAGES.name, bytes(serialize_message(message)))

@@ -1,0 +1,81 @@
+"""A live session is recorded from the page: a button with a question, its status, its case."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+pytest.importorskip("rclpy")
+
+from app.case import open_case
+from tests.bridge.live.conftest import Start
+from tests.bridge.live.conftest import breach as breach
+from tests.bridge.live.conftest import frames_file as frames_file
+from tests.bridge.live.conftest import live_yaml as live_yaml
+from tests.bridge.live.conftest import start as start
+from tests.bridge.live.test_record_command import SENDER, TRACKED
+from tests.ros_domain import domain_id as domain_id
+from tests.viewer.conftest import Server, Watched, watching
+from tests.viewer.test_accessibility import violations
+
+WAIT_MS = 90_000
+
+
+@pytest.fixture
+def cases(tmp_path: Path) -> Path:
+    return tmp_path / "cases"
+
+
+@pytest.fixture
+def live_server(
+    can_draw: None, domain_id: int, live_yaml: Any, cases: Path, tmp_path: Path
+) -> Iterator[Server]:
+    config = live_yaml(TRACKED)
+    arguments = ["--live", "--config", str(config), "--cases", str(cases)]
+    server = Server(arguments, tmp_path / "view.txt")
+    yield server
+    server.close()
+
+
+def test_session_is_recorded_from_the_page(
+    browser: Browser, live_server: Server, cases: Path, start: Start, frames_file: Path
+) -> None:
+    with watching(browser, live_server) as watched:
+        page, count = watched.page, watched.page.locator("#recording .count")
+        start(str(SENDER), str(frames_file), "tracked", "again")
+        expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
+        page.click("#record summary")
+        expect(page.locator("#record-question")).to_contain_text("Record every source")
+        page.fill("#record-name", "../up")
+        page.click("#record-confirm")
+        assert page.locator("#record-name:invalid").count() == 1
+        page.fill("#record-name", "today")
+        page.click("#record-confirm")
+        expect(page.locator("#recording-mark")).to_be_visible(timeout=WAIT_MS)
+        expect(page.locator("#recording-folder")).to_have_text(str(cases / "today"))
+        expect(page.locator("#recording-numbers")).not_to_contain_text(
+            " 0 messages", timeout=WAIT_MS
+        )
+        expect(page.locator("#request")).to_contain_text("record from the page accepted")
+        context = browser.new_context()
+        viewer = Watched(context.new_page(), live_server.host).open(live_server.view_url)
+        expect(viewer.locator("#recording-mark")).to_be_visible()
+        expect(viewer.locator("#record")).to_have_count(0)
+        context.close()
+        assert violations(page) == []
+        while not any(True for _ in open_case(cases / "today").recorded_frames()):
+            page.wait_for_timeout(200)
+        page.click("#record summary")
+        expect(page.locator("#record-name")).to_be_hidden()
+        page.click("#record-confirm")
+        expect(count).to_have_text("finished", timeout=WAIT_MS)
+        expect(page.locator("#recording-mark")).to_have_count(0)
+        page.click("#record summary")
+        page.fill("#record-name", "today")
+        page.click("#record-confirm")
+        expect(page.locator("#request")).to_contain_text("already exists; refusing to overwrite")
+        assert violations(page) == []
+        assert watched.errors == []
+    assert (cases / "today" / "tracking" / "metadata.yaml").exists()
