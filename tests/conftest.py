@@ -44,6 +44,7 @@ SLOW = {
         "tests/viewer/test_timeline_page.py",
         "tests/viewer/test_tls_proxy.py",
         "tests/viewer/steps/test_ultrasound.py",
+        "tests/viewer/test_calibration_part.py",
         "tests/viewer/test_contour_part.py",
         "tests/cli/test_render_warmup.py",
         "tests/cli/test_replay_scene.py",
@@ -155,6 +156,7 @@ LONG = {
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "serves a page of its own": (
         "tests/cli/test_view_hand.py",
+        "tests/viewer/test_calibration_page.py",
         "tests/viewer/test_contour_page.py",
         "tests/viewer/test_live_ultrasound_page.py",
         "tests/viewer/test_recording_page.py",

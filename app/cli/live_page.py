@@ -40,7 +40,7 @@ def live_page(
         load_bridge("which a live session needs")
         print_reach()
         from app.bridge.live import live_node
-        from app.runtime import SWITCH_INTERVAL_S, prepare_live
+        from app.runtime import SWITCH_INTERVAL_S, ToolCalibration, prepare_live
         from app.viewer import (
             LiveFeed,
             LiveOperator,
@@ -67,6 +67,7 @@ def live_page(
         title = Title(content.name, live=True, images=images)
         operator_thread = ThreadPoolExecutor(max_workers=3)
         operator = LiveOperator(operator_thread)
+        calibration = ToolCalibration(content)
         hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
         viewer = Viewer(
             SceneView(content),
@@ -77,11 +78,12 @@ def live_page(
             scheduler=scheduler,
             client=client,
             hand=hand,
+            calibration=calibration,
         )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
     with operator_thread, ThreadPoolExecutor(max_workers=1) as workers:
-        output = LiveOutput(feed, content, surface, workers, operator)
+        output = LiveOutput(feed, content, surface, workers, operator, calibration)
         with live_node(
             prepared,
             namespace=options.namespace,

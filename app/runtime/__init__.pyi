@@ -30,15 +30,28 @@ from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsE
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
 from .wakeup import Wakeup
+from .workflow.calibration_fit import (
+    CalibrationFit,
+    CalibrationKind,
+    CalibrationTask,
+    fit_calibration,
+)
+from .workflow.coverage import Coverage
+from .workflow.tool_calibration import CalibrationStatus, Phase, TipChange, ToolCalibration, UseTip
 
 __all__ = [
     "SWITCH_INTERVAL_S",
     "AuditLog",
     "AuditOutput",
     "BetweenSteps",
+    "CalibrationFit",
+    "CalibrationKind",
+    "CalibrationStatus",
+    "CalibrationTask",
     "CaseRecorder",
     "Compute",
     "ComputeProcess",
+    "Coverage",
     "Deliver",
     "DeliveredStep",
     "HoldKeeper",
@@ -53,6 +66,7 @@ __all__ = [
     "OperatorRequest",
     "Output",
     "PassiveOutput",
+    "Phase",
     "PreparedCase",
     "PreparedLive",
     "QtSpinner",
@@ -74,11 +88,15 @@ __all__ = [
     "StepThread",
     "StepTiming",
     "SwitchContent",
+    "TipChange",
     "TooManyRequestsError",
+    "ToolCalibration",
+    "UseTip",
     "Wakeup",
     "arm_name",
     "compute_here",
     "content_of",
+    "fit_calibration",
     "host_id",
     "live_state",
     "open_recording",

@@ -15,7 +15,14 @@ from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, SeenHold
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
-from app.session import ProximityModel, Session, SessionSetup, margin_changes, tumor_change
+from app.session import (
+    ProximityModel,
+    Session,
+    SessionSetup,
+    margin_changes,
+    tip_change_text,
+    tumor_change,
+)
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
 """Gives exclusive access to the session between two steps, as `LiveSession.between_steps` does."""
@@ -28,13 +35,17 @@ meanwhile."""
 MAX_TUMOR_SIGMA_MM = 10.0
 """Largest uncertainty of a tumour's surface, as in ``tumor.sigma_mm`` of a ``case.yaml``."""
 
+MAX_TIP_SIGMA_MM = 10.0
+"""Largest uncertainty of a calibrated tip."""
+
 THIS_PROCESS = "this process"
 
 _SHORT_WAIT_S = 0.05
+_SAME_AXIS_RAD = 1e-6
 
 
 class OperatorCommands:
-    """Re-arm a session, record it, or replace its margins, tumour or the robot's registration.
+    """Re-arm a session, record it, or replace its margins, tumour, tip or the robot's registration.
 
     Slow work (distance field and surfaces of a new tumour) is done before the session is locked.
     A command that is refused raises before anything has changed. A change that loosens what the
@@ -249,6 +260,49 @@ class OperatorCommands:
         if self._recorder is None:
             raise InputError("recording: the session has no recorder; expected a live session")
         return self._recorder
+
+    def set_tip(
+        self, tool_from_tip: Transform, *, sigma_mm: float = 0.0, origin: str = THIS_PROCESS
+    ) -> None:
+        """Use this tip of the tool; the tool's surface moves with its frame. Latches a hold.
+
+        ``sigma_mm``: standard deviation of the tip in its worst direction, 0 where it is not
+        stated. Raises `FrameError` for a tip between other frames, and `InputError` for an
+        uncertainty out of range, and for another axis of a tool whose mount on a robot was found
+        with the axis in use.
+        """
+        with self._listed(RequestKind.TIP, origin) as done, self._changing:
+            setup = self.setup
+            known, robot = setup.tool_from_tip, setup.robot
+            if (tool_from_tip.target, tool_from_tip.source) != (known.target, known.source):
+                raise FrameError(
+                    f"tip: is {tool_from_tip.target}_from_{tool_from_tip.source}; expected "
+                    f"{known.target}_from_{known.source}"
+                )
+            if not 0.0 <= sigma_mm <= MAX_TIP_SIGMA_MM:
+                raise InputError(
+                    f"uncertainty of the tip: is {sigma_mm:.6g} mm; expected 0 to "
+                    f"{MAX_TIP_SIGMA_MM:g} mm"
+                )
+            is_mounted = robot is not None and robot.link_from_tip is not None
+            if is_mounted and known.angle_to(tool_from_tip) > _SAME_AXIS_RAD:
+                raise InputError(
+                    "tip: has another axis than the one with which the robot was registered; "
+                    "expected the same axis, or a session that is registered with the new one"
+                )
+            edges = self._edges(tool_from_tip)
+            switches = self._prepare(
+                replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm)
+            )
+            with self._between_steps() as session:
+                self._apply(
+                    session,
+                    replace(session.requested, tool_from_tip=tool_from_tip, tip_sigma_mm=sigma_mm),
+                    replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm),
+                    switches,
+                )
+            change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
+            done.append(change if robot is None else f"{change}; register the robot again")
 
     @contextmanager
     def _change_at_once(self) -> Iterator[None]:

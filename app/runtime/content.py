@@ -27,10 +27,10 @@ class SessionContent:
 
     ``tumor`` is in the frame ``tumor.frame``; ``tool`` in ``tip_frame``, or None where only the
     tip is known. ``static_edges`` are the calibrations and the registration, each child frame
-    once. ``tumor_sigma_mm``: standard deviation of the tumour's surface, 0 where it is not stated.
-    ``robot`` is None for a tool that is held by hand. ``robot_file`` with ``package_dirs``
-    and ``xacro_args`` is where the robot's description is read from. ``simulated``: the poses are
-    not a patient's.
+    once. ``tumor_sigma_mm``: standard deviation of the tumour's surface, ``tip_sigma_mm`` that of
+    the calibrated tip; 0 where they are not stated. ``robot`` is None for a tool that is held by
+    hand. ``robot_file`` with ``package_dirs`` and ``xacro_args`` is where the robot's description
+    is read from. ``simulated``: the poses are not a patient's.
     """
 
     name: str
@@ -45,6 +45,7 @@ class SessionContent:
     xacro_args: Mapping[str, str] = field(default_factory=dict)
     simulated: bool = False
     tumor_sigma_mm: float = 0.0
+    tip_sigma_mm: float = 0.0
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -67,6 +68,14 @@ class SessionContent:
             return self.static_edges
         root = Transform.identity(self.robot.base_frame, self.robot.robot.root_link)
         return (*self.static_edges, root)
+
+    @property
+    def tool_from_tip(self) -> Transform:
+        """The tip in the tool's tracked frame. Raises `FrameError` if no edge places it."""
+        for edge in self.static_edges:
+            if edge.source == self.tip_frame:
+                return edge
+        raise FrameError(f"static transforms: none places {self.tip_frame!r}; expected one")
 
     @property
     def model_id(self) -> str:
@@ -103,6 +112,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         xacro_args={} if case.manifest.robot is None else case.manifest.robot.xacro_args,
         simulated=case.manifest.provenance.kind == "simulated",
         tumor_sigma_mm=setup.tumor_sigma_mm,
+        tip_sigma_mm=setup.tip_sigma_mm,
     )
 
 

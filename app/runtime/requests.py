@@ -20,6 +20,8 @@ class RequestKind(StrEnum):
     TUMOR = "set_tumor"
     REGISTRATION = "register"
     RECORD = "record"
+    TIP = "set_tip"
+    """The calibrated tip of the tool."""
     NOTE = "note"
     """A text on the present, which changes nothing."""
 
@@ -67,6 +69,7 @@ ADMITTED = {
     RequestKind.TUMOR: Allowed(per_s=0.2, burst=5.0),
     RequestKind.REGISTRATION: Allowed(per_s=0.5, burst=5.0),
     RequestKind.RECORD: Allowed(per_s=0.5, burst=5.0),
+    RequestKind.TIP: Allowed(per_s=0.5, burst=5.0),
 }
 """Requests of other processes that are processed. A re-arm is always checked, because a limit that
 others can use up would delay a valid one; the check of an invalid one costs microseconds."""

@@ -15,7 +15,12 @@ from .live_control import (
     tumor_motion_parameters,
 )
 from .live_images import LiveImages
-from .loosening import loosened_margins, margin_changes, tightest_margins
+from .loosening import (
+    loosened_margins,
+    margin_changes,
+    tightest_margins,
+    tip_change_text,
+)
 from .mesh_repair import with_repaired_meshes
 from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .plausibility.plausibility import SINGLE_SOURCE
@@ -84,6 +89,7 @@ __all__ = [
     "setup_from_case",
     "shown_state",
     "tightest_margins",
+    "tip_change_text",
     "tip_signals",
     "tumor_change",
     "tumor_motion_parameters",

@@ -7,7 +7,7 @@ operator who has seen the change re-arms. A change that only tightens takes effe
 import math
 
 from app.fixture import MarginParameters
-from app.geometry import NS_PER_MS
+from app.geometry import NS_PER_MS, Transform
 from app.registration import RegistrationResult
 from app.session.setup import RobotSetup, SessionSetup
 
@@ -37,7 +37,7 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
     )
     found = [", ".join(margins)] if margins else []
     if before.tool_from_tip != after.tool_from_tip:
-        found.append("calibration of the tool replaced")
+        found.append(_tip_change(before.tool_from_tip, after.tool_from_tip))
     if (before.proximity, before.frame_from_tumor) != (after.proximity, after.frame_from_tumor):
         found.append(tumor_change or "tumour replaced")
     elif after.tumor_sigma_mm < before.tumor_sigma_mm:
@@ -105,6 +105,18 @@ def change_text(name: str, old: float, new: float) -> str:
 def _number(value: float) -> str:
     """All digits of ``value``: two different numbers have different texts."""
     return repr(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def _tip_change(before: Transform, after: Transform) -> str:
+    if (before.target, before.source) != (after.target, after.source):
+        return "calibration of the tool replaced"
+    return f"calibration of the tool replaced: {tip_change_text(before, after)}"
+
+
+def tip_change_text(before: Transform, after: Transform) -> str:
+    """How far a tip is moved, and how far its frame is turned."""
+    shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
+    return f"the tip is moved by {shift_mm:.2f} mm and its axis turned by {turn_deg:.2f} degrees"
 
 
 def _robot_change(before: RobotSetup | None, after: RobotSetup | None) -> str:

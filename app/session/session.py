@@ -105,7 +105,8 @@ class Session:
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
         proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
         tracking_mm = self._tracking_sigma(proximity, tool.transform)
-        sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, self.setup.tumor_sigma_mm)
+        stated = self.setup.tumor_sigma_mm, self.setup.tip_sigma_mm
+        sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, *stated)
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
@@ -182,8 +183,7 @@ class Session:
         loosened = self._causes.change(self.setup, setup, tumor_change)
         if loosened:
             self._monitor.hold()
-        places = (setup.proximity, setup.frame_from_tumor, setup.robot)
-        if places != (self.setup.proximity, self.setup.frame_from_tumor, self.setup.robot):
+        if _places(setup) != _places(self.setup):
             # A retreat from a tumour that no operator has agreed to may approach the true one.
             self._doubt.begin()
         self.requested = setup
@@ -360,6 +360,11 @@ class Session:
             return self._follower.links(reference_from_tip), ""
         except UnreachableError as error:
             return {}, f"{OUT_OF_REACH}: {error}"
+
+
+def _places(setup: SessionSetup) -> tuple[object, ...]:
+    """What decides where tool, tumour and robot are."""
+    return setup.proximity, setup.tool_from_tip, setup.frame_from_tumor, setup.robot
 
 
 def _incomplete(robot: RobotSetup, frame: TrackingFrame) -> str:

@@ -97,7 +97,8 @@ class SessionSetup:
     ``motion_frame`` is the measured frame that it is relative to, None for the reference.
     ``plausibility``: limits and relations by which a wrong pose is found. ``tracking``: latency and
     errors of the tracker, for the margin. ``tumor_sigma_mm``: standard deviation of the tumour's
-    surface along its normal, 0 where it is not stated.
+    surface along its normal, ``tip_sigma_mm`` that of the calibrated tip in its worst direction; 0
+    where they are not stated.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop. Raises `InputError` for a
@@ -114,6 +115,7 @@ class SessionSetup:
     motion_frame: str | None = None
     tracking: TrackingError = NO_ERROR
     tumor_sigma_mm: float = 0.0
+    tip_sigma_mm: float = 0.0
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:

@@ -12,7 +12,14 @@ from statistics import median
 import numpy as np
 
 from app.fixture import MarginState
-from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, TrackedTransform, rotation_angle
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    FloatArray,
+    TrackedTransform,
+    Transform,
+    rotation_angle,
+)
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult
 
@@ -65,9 +72,8 @@ class SetupDoubts:
     def __init__(self, setup: SessionSetup) -> None:
         self.stale_after_ns = setup.margins.stale_after_ns
         self._tool = setup.tool_from_tip.target
-        self._tip_is_origin = bool(
-            np.abs(setup.tool_from_tip.translation_mm).max() < _TIP_MM
-        ) and not self._tool.lower().endswith("tip")
+        self._tip_is_origin = False
+        self.use_tip(setup.tool_from_tip)
         self._resting = {REFERENCE, setup.frame_from_tumor.target}
         self._watched = {self._tool, *self._resting}
         self._trails: dict[str, _SensorTrail] = {}
@@ -100,6 +106,11 @@ class SetupDoubts:
             self._renewed = self._steps
             self._texts = self.texts()
         return self._texts
+
+    def use_tip(self, tool_from_tip: Transform) -> None:
+        """Use this tip from now on; the doubts are renewed with the next ones."""
+        at_origin = float(np.abs(tool_from_tip.translation_mm).max()) < _TIP_MM
+        self._tip_is_origin = at_origin and not self._tool.lower().endswith("tip")
 
     def texts(self) -> tuple[str, ...]:
         """The doubts about all steps so far."""

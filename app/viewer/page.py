@@ -8,6 +8,7 @@ from app.fixture import MarginState
 from app.geometry import FloatArray
 from app.runtime import RecordingStatus
 from app.session import BreachList
+from app.viewer.calibration_part import CalibrationPart
 from app.viewer.contour_part import ContourPart
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController
@@ -36,8 +37,8 @@ class Page:
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
-    ``notes`` are listed; ``recording`` is that of a live session. All calls come from the page's
-    thread.
+    ``notes`` are listed; ``recording`` is that of a live session, ``calibration`` that of its tool,
+    None in a replay. All calls come from the page's thread.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class Page:
         contour: ContourPart | None = None,
         notes: EventNotes | None = None,
         recording: Callable[[], RecordingStatus | None] = lambda: None,
+        calibration: CalibrationPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -65,6 +67,8 @@ class Page:
         self._hand = hand
         self._contour = contour
         self._notes = notes or EventNotes()
+        self._calibration = calibration
+        state.calibration = state.calibration_map = None
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
         self._recording = recording
@@ -94,7 +98,8 @@ class Page:
             self.camera.reframe()
         moment = None if now is None else (now.step.index, now.silent, now.request)
         edited = None if self._contour is None else self._contour.revision
-        changed = self._timeline.revision(), edited, len(self._notes.entries)
+        calibrated = None if self._calibration is None else self._calibration.revision
+        changed = self._timeline.revision(), edited, calibrated, len(self._notes.entries)
         drawn, self._drawn = self._drawn, (moment, *changed)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
@@ -104,6 +109,8 @@ class Page:
                     state.update(self._ultrasound.values())
             if self._contour is not None:
                 self._contour.update(now, self.view, *self._image_place(now, self._contour))
+            if self._calibration is not None:
+                self._calibration.update(now.content)
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
@@ -142,6 +149,8 @@ class Page:
                 state.update(self._hand.values())
             if self._contour is not None:
                 state.update(self._contour.values())
+            if self._calibration is not None:
+                state.update(self._calibration.values())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

@@ -15,8 +15,10 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
-from app.runtime import compute_here
+from app.runtime import ToolCalibration, compute_here
 from app.viewer.address import Address
+from app.viewer.calibration_controls import CalibrationControls
+from app.viewer.calibration_part import CalibrationPart
 from app.viewer.contour_controls import ContourControls
 from app.viewer.contour_part import ContourPart
 from app.viewer.controls import LiveControls, NoteControls, ReplayControls, SceneControls
@@ -70,7 +72,7 @@ class Viewer:
     ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
-    known here.
+    known here. ``calibration``: that of the tool of a live session.
     """
 
     def __init__(
@@ -86,6 +88,7 @@ class Viewer:
         scheduler: MakeScheduler | None = None,
         client: bool = False,
         hand: MouseHand | None = None,
+        calibration: ToolCalibration | None = None,
     ) -> None:
         if client and hand is not None:
             raise ViewerError("page: drawn by the browser, with a hand; expected one of both")
@@ -103,6 +106,11 @@ class Viewer:
         self._ultrasound = None if title.images is None else UltrasoundPart(title.images)
         self._hand = None if hand is None else HandPart(view, hand)
         self._contour = self._contour_part(view, operator)
+        self._calibration = (
+            None
+            if calibration is None or operator is None
+            else CalibrationPart(calibration, operator.compute, self.wake, operator.set_tip)
+        )
         self._page = Page(
             state,
             view,
@@ -115,6 +123,7 @@ class Viewer:
             self._contour,
             title.notes,
             _no_recording if operator is None else lambda: operator.recording,
+            self._calibration,
         )
         state.rates = []
         self._commands = Commands()
@@ -127,6 +136,8 @@ class Viewer:
         NoteControls(self._commands, title.notes, lambda: self._page.shown, listed, self.redraw)
         if self._contour is not None:
             ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
+        if self._calibration is not None:
+            CalibrationControls(self._commands, self._calibration, self.redraw)
 
     def _contour_part(self, view: SceneView, operator: LiveOperator | None) -> ContourPart | None:
         """The contour of a live session, and of a replay with images."""
@@ -196,6 +207,8 @@ class Viewer:
         await self._server.stop()
         if self._contour is not None:
             self._contour.close()
+        if self._calibration is not None:
+            self._calibration.close()
         await asyncio.gather(state_server, return_exceptions=True)
         if drawing.done() and not drawing.cancelled():
             drawing.result()
@@ -213,6 +226,8 @@ class Viewer:
             handlers["/report.html"] = downloads.report
         if self._contour is not None:
             handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
+        if self._calibration is not None:
+            handlers["/tip.yaml"] = self._calibration.file
         return Content(handlers, {**folders, "/marginguard/": _WEB}, {"/paraview/": _session})
 
     def _screenshot(self) -> bytes:
@@ -252,6 +267,7 @@ def _server(title: Title, *, client: bool) -> Server:
                 "marginguard/page.css",
                 "marginguard/ultrasound.css",
                 "marginguard/contour.css",
+                "marginguard/calibration.css",
             ],
             "module_scripts": ["marginguard/main.js"],
         }

@@ -24,7 +24,8 @@ from app.geometry import (
 from app.registration import DriftBound, given_registration
 from app.runtime import OperatorCommands, RearmRefusedError, SeenHold, StepHolds
 from app.session import Session, SessionSetup
-from tests.doubles import PARAMETERS, AnalyticSphere
+from tests.doubles import PARAMETERS, AnalyticSphere, sample
+from tests.doubles import frame as frame_of
 from tests.session_content import FACES, TETRAHEDRON, one_link_content
 
 CONTENT = one_link_content()
@@ -35,6 +36,15 @@ MOVED_TUMOR = Transform("needle", "tumor", np.eye(3), [4.0, 5.0, 6.0])
 MOVED_BASE = Transform("reference", "robot_base", np.eye(3), [400.0, 0.0, -200.0])
 APPLIED = ["revoke first", "revoke second", "switch first", "switch second"]
 LATCHED = ["latch first", "latch second"]
+
+
+def tool_and_tumor(at_ms):
+    return (
+        sample("tracker", "needle", (0.0, 0.0, 0.001 * at_ms), at_ms),
+        sample("tracker", "cautery", (40.0, 0.001 * at_ms, -80.0), at_ms),
+    )
+
+
 PREPARED = ["prepare first", "prepare second"]
 
 
@@ -145,6 +155,62 @@ def test_uncertainty_of_a_tumour_out_of_range_changes_nothing(world, sigma_mm):
     with pytest.raises(InputError, match=r"uncertainty of the tumour: is .* expected 0 to 10 mm"):
         world.commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=sigma_mm)
     world.assert_unchanged()
+
+
+def test_tip_is_used_by_session_content_and_outputs_and_latches_a_hold(world):
+    tip = Transform("cautery", "cautery_tip", np.eye(3), [3.0, 0.0, 124.0])
+    world.commands.set_tip(tip, sigma_mm=0.2)
+    assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
+    assert world.session.setup.tool_from_tip is tip
+    assert world.session.setup.tip_sigma_mm == world.commands.content.tip_sigma_mm == 0.2
+    assert world.commands.content.tool_from_tip is tip
+    assert world.session.setup.proximity is world.setup.proximity
+    cause = "calibration of the tool replaced: the tip is moved by 5.00 mm"
+    assert world.session.hold_causes[0].startswith(cause)
+    request = world.commands.requests.last
+    assert (request.kind, request.accepted) == ("set_tip", True)
+    assert "register the robot again" in request.text
+
+
+def test_uncertainty_of_the_tip_enters_sigma_and_the_pose_is_doubted_until_the_rearm(world):
+    tip = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 120.0])
+    world = World(robot=None, content=replace(CONTENT, robot=None))
+    for at_ms in (0, 20):
+        known = world.session.step(frame_of(at_ms, *tool_and_tumor(at_ms))).decision
+    world.commands.set_tip(tip, sigma_mm=0.3)
+    held = world.session.step(frame_of(40, *tool_and_tumor(40))).decision
+    assert held.margin.tre_mm == pytest.approx(known.margin.tre_mm + PARAMETERS.k_tre * 0.3)
+    assert held.hold
+    assert not held.constraint_is_current
+
+
+@pytest.mark.parametrize(
+    ("tip", "sigma_mm", "error", "message"),
+    [
+        (Transform.identity("drill", "cautery_tip"), 0.1, FrameError, "expected cautery_from"),
+        (TOOL_EDGE, -0.1, InputError, r"uncertainty of the tip: is .* expected 0 to 10 mm"),
+        (TOOL_EDGE, float("nan"), InputError, "uncertainty of the tip"),
+    ],
+    ids=["other frame", "negative", "not a number"],
+)
+def test_refused_tip_changes_nothing(world, tip, sigma_mm, error, message):
+    with pytest.raises(error, match=message):
+        world.commands.set_tip(tip, sigma_mm=sigma_mm)
+    world.assert_unchanged()
+    assert world.output_events == []
+
+
+def test_other_axis_of_a_mounted_tool_is_refused_and_another_place_is_not():
+    mount = Transform.identity("base_link", "cautery_tip")
+    world = World(robot=replace(ROBOT, link_from_tip=mount))
+    turned = Transform.from_rotation_vector(
+        [0.01, 0.0, 0.0], TOOL_EDGE.translation_mm, target="cautery", source="cautery_tip"
+    )
+    with pytest.raises(InputError, match="has another axis than the one"):
+        world.commands.set_tip(turned)
+    world.assert_unchanged()
+    world.commands.set_tip(Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 119.0]))
+    assert world.session.hold_causes
 
 
 def test_tumour_of_tip_only_session_needs_no_tool():

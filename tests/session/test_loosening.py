@@ -93,7 +93,8 @@ def test_each_change_of_tumour_tool_and_robot_loosens():
     ]
     assert loosenings(SETUP, robot) == ["registration removed"]
     assert loosenings(SETUP, replace(SETUP, tool_from_tip=TOOL.inverse().inverse())) == [
-        "calibration of the tool replaced"
+        "calibration of the tool replaced: the tip is moved by 0.00 mm and its axis turned by "
+        "0.00 degrees"
     ]
     stated = replace(SETUP, tumor_sigma_mm=0.6)
     assert loosenings(SETUP, stated) == []

@@ -100,6 +100,7 @@ class SetupDoubtLog(PassiveOutput):
 
     def _use(self, content: SessionContent) -> None:
         self._doubts.stale_after_ns = content.margins.stale_after_ns
+        self._doubts.use_tip(content.tool_from_tip)
 
 
 class PlaybackLog(PassiveOutput):

@@ -147,10 +147,16 @@ def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, st
 
 
 def _tre(tre_mm: float, content: SessionContent) -> str:
-    """What registration and tumour add to the margins; a number only for a known uncertainty."""
-    if content.tumor_sigma_mm > 0.0:
-        tumor = f"tumour \N{GREEK SMALL LETTER SIGMA} {content.tumor_sigma_mm:.2f} mm"
-        return f"k\N{MIDDLE DOT}\N{GREEK SMALL LETTER SIGMA} at the tip {tre_mm:.2f} mm ({tumor})"
+    """What registration, tumour and tip add to the margins; only known uncertainties."""
+    sigmas = {"tumour": content.tumor_sigma_mm, "calibration": content.tip_sigma_mm}
+    stated = [
+        f"{name} \N{GREEK SMALL LETTER SIGMA} {sigma:.2f} mm"
+        for name, sigma in sigmas.items()
+        if sigma > 0.0
+    ]
+    if stated:
+        sigma_at_tip = f"k\N{MIDDLE DOT}\N{GREEK SMALL LETTER SIGMA} at the tip {tre_mm:.2f} mm"
+        return f"{sigma_at_tip} ({', '.join(stated)})"
     if content.registration is None:
         return ""
     if content.registration.covariance is None:

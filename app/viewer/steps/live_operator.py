@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 from app.geometry import MarginGuardError, SurfaceMesh, Transform
-from app.runtime import OperatorCommands, RecordingStatus, RequestKind, SeenHold
+from app.runtime import OperatorCommands, RecordingStatus, RequestKind, SeenHold, TipChange
 
 _Value = TypeVar("_Value")
 UseMargins = Callable[[float, float, str], None]
@@ -30,6 +30,7 @@ class LiveOperator:
         self._rearming: Future[None] | None = None
         self._replacing: Future[None] | None = None
         self._recording: Future[None] | None = None
+        self._calibrating: Future[None] | None = None
 
     def connect(self, commands: OperatorCommands, use_margins: UseMargins | None = None) -> None:
         """Use the commands of a session from now on.
@@ -95,6 +96,14 @@ class LiveOperator:
         )
         return True
 
+    def set_tip(self, change: TipChange) -> bool:
+        """Begin to use a tip; False before `connect` and while an earlier request runs."""
+        running = self._calibrating is not None and not self._calibrating.done()
+        if self._commands is None or running:
+            return False
+        self._calibrating = self._workers.submit(_set_tip, self._commands, change)
+        return True
+
 
 def _set_margins(
     commands: OperatorCommands, use: UseMargins, stop_mm: float, warn_mm: float
@@ -124,6 +133,12 @@ def _record(commands: OperatorCommands, start: bool, name: str) -> None:
             commands.start_recording(name, origin=THE_PAGE)
         else:
             commands.stop_recording(origin=THE_PAGE)
+
+
+def _set_tip(commands: OperatorCommands, change: TipChange) -> None:
+    with suppress(MarginGuardError):
+        commands.requests.admit(RequestKind.TIP)
+        commands.set_tip(change.tool_from_tip, sigma_mm=change.sigma_mm, origin=THE_PAGE)
 
 
 def _rearm(commands: OperatorCommands, seen: SeenHold) -> None:

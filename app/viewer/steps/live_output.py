@@ -4,7 +4,13 @@ import sys
 from concurrent.futures import Executor, Future
 
 from app.geometry import MarginGuardError, SurfaceMesh
-from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
+from app.runtime import (
+    PassiveOutput,
+    SessionContent,
+    StepTiming,
+    SwitchContent,
+    ToolCalibration,
+)
 from app.session import StepResult
 from app.viewer.steps.feeds import LiveFeed
 from app.viewer.steps.live_operator import LiveOperator
@@ -16,6 +22,7 @@ class LiveOutput(PassiveOutput):
 
     The margin surface of a new content takes a second to compute in ``workers``; until then there
     is none, never that of the content before. ``operator`` identifies the hold of each step.
+    ``calibration`` records the poses of all steps, also of those that the page leaves out.
     """
 
     def __init__(
@@ -25,12 +32,14 @@ class LiveOutput(PassiveOutput):
         margin_surface: SurfaceMesh | None,
         workers: Executor,
         operator: LiveOperator,
+        calibration: ToolCalibration | None = None,
     ) -> None:
         self._feed = feed
         self._content = content
         self._margin_surface = margin_surface
         self._workers = workers
         self._operator = operator
+        self._calibration = calibration
         self._computing: Future[SurfaceMesh | None] | None = None
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
@@ -38,6 +47,8 @@ class LiveOutput(PassiveOutput):
         if self._computing is not None and self._computing.done():
             self._margin_surface = _result(self._computing)
             self._computing = None
+        if self._calibration is not None:
+            self._calibration.observe(step)
         self._feed.put(step, self._content, self._margin_surface, self._operator.seen())
         return True
 

@@ -111,6 +111,8 @@ class ViewStateBuilder:
             self._marks = []
         self._breach_log.use(content.tumor, content.margins.stale_after_ns)
         self._doubts.stale_after_ns = content.margins.stale_after_ns
+        if content.tool_from_tip is not self._content.tool_from_tip:
+            self._doubts.use_tip(content.tool_from_tip)
         self._content, self._margin_surface = content, margin_surface
 
     def observe(self, step: StepResult) -> ViewState:

@@ -8,6 +8,7 @@ import { showUltrasound } from "./ultrasound.js";
 import { showTimeline } from "./timeline.js";
 import { listenToOperator } from "./operator.js";
 import { editContour } from "./contour.js";
+import { calibrateTool } from "./calibration.js";
 
 const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
@@ -16,5 +17,6 @@ listenToKeys(window.trame);
 if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);
 if (window.trame.state.get("title").contour) editContour(window.trame);
 showTimeline(window.trame);
+if (window.trame.state.get("title").live) calibrateTool(window.trame);
 if (window.trame.state.get("role") === "operate") listenToOperator(window.trame);
 makeAccessible();

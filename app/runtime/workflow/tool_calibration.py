@@ -1,0 +1,257 @@
+"""Guided calibration of the session's tool: record poses, see what is missing, accept, undo."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from app.geometry import InputError, Transform
+from app.runtime.content import SessionContent
+from app.runtime.workflow.calibration_fit import (
+    CalibrationFit,
+    CalibrationKind,
+    CalibrationTask,
+)
+from app.runtime.workflow.tool_samples import ToolSamples
+from app.session import StepResult
+
+_NEW_POSES = 5
+"""Poses after which a fit is computed again."""
+_MAX_UNDO = 50
+
+
+class Phase(StrEnum):
+    """State of a guided calibration."""
+
+    IDLE = "idle"
+    RECORDING = "recording"
+    STOPPED = "stopped"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TipChange:
+    """A tip to be used by the session, with its standard deviation in the worst direction."""
+
+    tool_from_tip: Transform
+    sigma_mm: float
+
+
+UseTip = Callable[[TipChange], bool]
+"""Begins to use a tip in the session; False while that is not possible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationStatus:
+    """A calibration as it is now.
+
+    ``revision`` counts the changes by operators. ``samples`` poses are recorded; ``problem``: why
+    no further one is, empty while they come. ``fit`` is the newest one of this recording, None
+    before the first. ``can_accept``: the fit is that of all poses, and accepted.
+    """
+
+    revision: int
+    kind: CalibrationKind
+    phase: Phase
+    samples: int
+    problem: str
+    fit: CalibrationFit | None
+    can_accept: bool
+
+
+class ToolCalibration:
+    """Records poses of the tool of ``content``, one calibration at a time, for all operators.
+
+    `observe` is called with each step, in the session's thread; all other methods in any thread.
+    The poses are fitted elsewhere: `task` returns those that are due, `use_fit` takes the result.
+    A change names the ``revision`` that its operator has seen, and is refused with `InputError` if
+    another operator has changed the calibration since.
+    """
+
+    def __init__(self, content: SessionContent) -> None:
+        self._lock = threading.Lock()
+        self._known = content.tool_from_tip
+        self._sigma_mm = content.tip_sigma_mm
+        self._revision = self._run = 0
+        self._kind = CalibrationKind.PIVOT
+        self._phase = Phase.IDLE
+        self._samples = ToolSamples(self._known.target)
+        self._fit: CalibrationFit | None = None
+        self._requested: tuple[TipChange, TipChange] | None = None
+        """Tip before and new tip of the last request; the session may still refuse it."""
+        self._used: list[tuple[TipChange, TipChange]] = []
+        """Those that the session has used."""
+
+    def observe(self, step: StepResult) -> None:
+        """Record the pose of ``step`` while a calibration is recording."""
+        if self._phase is not Phase.RECORDING:
+            return
+        with self._lock:
+            if self._phase is Phase.RECORDING:
+                self._samples.observe(step)
+
+    def use_content(self, content: SessionContent) -> None:
+        """Use the tip of ``content``, that of the session now.
+
+        A calibration whose tip the session has begun to use ends with it.
+        """
+        with self._lock:
+            self._known, self._sigma_mm = content.tool_from_tip, content.tip_sigma_mm
+            requested = self._requested
+            if requested is not None and requested[1].tool_from_tip is self._known:
+                self._used = [*self._used[-_MAX_UNDO + 1 :], requested]
+                self._begin(self._kind, Phase.IDLE)
+
+    def status(self) -> CalibrationStatus:
+        """What to show now."""
+        with self._lock:
+            problem = self._samples.problem if self._phase is Phase.RECORDING else ""
+            if self._samples.is_full and not problem:
+                problem = f"{len(self._samples)} poses are recorded, and no more are: stop"
+            return CalibrationStatus(
+                revision=self._revision,
+                kind=self._kind,
+                phase=self._phase,
+                samples=len(self._samples),
+                problem=problem,
+                fit=self._fit,
+                can_accept=self._refusal() == "",
+            )
+
+    @property
+    def in_use(self) -> TipChange:
+        """The tip that the session uses, by the last `use_content`."""
+        with self._lock:
+            return TipChange(self._known, self._sigma_mm)
+
+    @property
+    def can_undo(self) -> bool:
+        """True if the tip in use is the one that was accepted last."""
+        with self._lock:
+            return self._undoable() is not None
+
+    def start(self, seen: int, kind: CalibrationKind) -> None:
+        """Begin to record; drops what was recorded before.
+
+        Raises `InputError` for the spin of a tool without a tip: its axis would have no sign.
+        """
+        with self._lock:
+            self._check(seen)
+            if kind is CalibrationKind.SPIN and not self._known.translation_mm.any():
+                raise InputError(
+                    f"spin: the tip of {self._known.target!r} is at the sensor's origin; expected "
+                    "a pivot calibration before"
+                )
+            self._begin(kind, Phase.RECORDING)
+
+    def stop(self, seen: int) -> None:
+        """End the recording; the fit of all its poses follows."""
+        with self._lock:
+            self._check(seen)
+            if self._phase is not Phase.RECORDING:
+                raise InputError("calibration: nothing is recorded; expected a recording")
+            self._phase = Phase.STOPPED
+            self._revision += 1
+
+    def discard(self, seen: int) -> None:
+        """Drop the recording and its result; the tip in use stays."""
+        with self._lock:
+            self._check(seen)
+            self._begin(self._kind, Phase.IDLE)
+
+    def task(self) -> CalibrationTask | None:
+        """The poses to be fitted now; None while the newest fit is that of nearly all."""
+        with self._lock:
+            known = 0 if self._fit is None else self._fit.samples
+            new = len(self._samples) - known
+            if self._phase is Phase.IDLE or new < (_NEW_POSES if self._is_recording else 1):
+                return None
+            rotations, translations_mm = self._samples.arrays()
+            return CalibrationTask(
+                self._kind,
+                self._run,
+                self._samples.reference,
+                rotations,
+                translations_mm,
+                self._known,
+            )
+
+    def use_fit(self, fit: CalibrationFit) -> None:
+        """Show ``fit``; one of an earlier recording is dropped."""
+        with self._lock:
+            if fit.run == self._run and self._phase is not Phase.IDLE:
+                self._fit = fit
+
+    def accept(self, seen: int, use: UseTip) -> None:
+        """Request by ``use`` that the session uses the tip. Raises `InputError` with why not.
+
+        The result stays until `use_content` has shown that the session uses it, because the session
+        may refuse it.
+        """
+        with self._lock:
+            self._check(seen)
+            refusal = self._refusal()
+            fit = self._fit
+            if refusal or fit is None or fit.tool_from_tip is None:
+                raise InputError(refusal or "calibration: there is no result; expected one")
+            sigma_mm = self._sigma_mm if fit.sigma_mm is None else fit.sigma_mm
+            before = TipChange(self._known, self._sigma_mm)
+            after = TipChange(fit.tool_from_tip, sigma_mm)
+            self._request(use, after)
+            self._requested = before, after
+
+    def undo(self, seen: int, use: UseTip) -> None:
+        """Request by ``use`` the tip before the one that was accepted last.
+
+        Raises `InputError` if there is none.
+        """
+        with self._lock:
+            self._check(seen)
+            before = self._undoable()
+            if before is None:
+                raise InputError(
+                    "calibration: the tip in use was not accepted here; expected one to undo"
+                )
+            self._request(use, before)
+
+    @property
+    def _is_recording(self) -> bool:
+        return self._phase is Phase.RECORDING
+
+    def _undoable(self) -> TipChange | None:
+        # Another program may have replaced the tip, and one that was undone is no longer in use.
+        for before, after in reversed(self._used):
+            if after.tool_from_tip is self._known:
+                return before
+        return None
+
+    def _request(self, use: UseTip, change: TipChange) -> None:
+        if not use(change):
+            raise InputError(
+                "calibration: the session is not ready for another tip; expected the same request "
+                "later"
+            )
+
+    def _check(self, seen: int) -> None:
+        if seen != self._revision:
+            raise InputError(
+                "calibration: another page has changed it meanwhile, and nothing was done here; "
+                "expected the same request again, after a look at it"
+            )
+
+    def _refusal(self) -> str:
+        """Why there is nothing to accept; empty if there is."""
+        if self._phase is not Phase.STOPPED:
+            return "calibration: no recording has been stopped; expected one"
+        if self._fit is None or self._fit.samples < len(self._samples):
+            if not len(self._samples):
+                why = self._samples.problem or "the recording was stopped at once"
+                return f"calibration: no pose was recorded, {why}; expected 10 or more"
+            return "calibration: it is being computed; expected the same request in a moment"
+        return "" if self._fit.accepted else f"calibration: {self._fit.reason}"
+
+    def _begin(self, kind: CalibrationKind, phase: Phase) -> None:
+        self._kind, self._phase = kind, phase
+        self._samples = ToolSamples(self._known.target)
+        self._fit = self._requested = None
+        self._revision += 1
+        self._run += 1

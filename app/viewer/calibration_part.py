@@ -1,0 +1,105 @@
+"""The part of the page on which operators calibrate the tool: one calibration, which all show."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from aiohttp import web
+
+from app.files import write_transform
+from app.geometry import MarginGuardError, Transform
+from app.runtime import (
+    CalibrationFit,
+    Compute,
+    SessionContent,
+    ToolCalibration,
+    UseTip,
+    fit_calibration,
+)
+from app.viewer.access.auth import ROLE
+from app.viewer.access.role import Role
+from app.viewer.log import log
+from app.viewer.readout.calibration import calibration_map, calibration_values
+
+
+class CalibrationPart:
+    """Fits the poses of ``guide`` while they are recorded. The page's thread owns it.
+
+    ``compute`` calls the computation in a thread of this part, ``on_computed`` is called from that
+    thread. ``use`` replaces the tip of the session.
+    """
+
+    def __init__(
+        self,
+        guide: ToolCalibration,
+        compute: Compute,
+        on_computed: Callable[[], None],
+        use: UseTip,
+    ) -> None:
+        self.guide = guide
+        self.use = use
+        self._compute = compute
+        self._on_computed = on_computed
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="calibration")
+        self._computing: Future[CalibrationFit] | None = None
+        self._map: tuple[CalibrationFit | None, dict[str, Any] | None] = None, None
+
+    @property
+    def revision(self) -> object:
+        """A value that changes when the page needs an update without a new step."""
+        return self.guide.status().revision, self._computing is not None and self._computing.done()
+
+    def update(self, content: SessionContent) -> None:
+        """Use the session's present tip, take a fit that is done, and begin the next one."""
+        self.guide.use_content(content)
+        if self._computing is not None and self._computing.done():
+            done, self._computing = self._computing, None
+            try:
+                self.guide.use_fit(done.result())
+            except MarginGuardError:
+                # The computing process has ended; the next poses are fitted by another one.
+                log.exception("calibration")
+        task = None if self._computing is not None else self.guide.task()
+        if task is not None:
+            self._computing = self._worker.submit(self._compute, fit_calibration, task)
+            self._computing.add_done_callback(lambda _: self._on_computed())
+
+    def values(self) -> dict[str, Any]:
+        """The values of the page that belong to the last `update`."""
+        status = self.guide.status()
+        if self._map[0] is not status.fit:
+            made = None if status.fit is None else calibration_map(status.fit.coverage, status.kind)
+            self._map = status.fit, made
+        return {
+            "calibration": calibration_values(status, can_undo=self.guide.can_undo),
+            "calibration_map": self._map[1],
+        }
+
+    async def file(self, request: web.Request) -> web.Response:
+        """The tip that the session uses, as YAML for ``tool.tip_from`` and ``--tip-from``."""
+        if not request[ROLE].may(Role.OPERATE):
+            raise web.HTTPForbidden
+        change = self.guide.in_use
+        loop = asyncio.get_running_loop()
+        content = await loop.run_in_executor(
+            None, _file_content, change.tool_from_tip, f"sigma {change.sigma_mm:.3f} mm"
+        )
+        return web.Response(
+            body=content,
+            content_type="application/yaml",
+            headers={"Content-Disposition": 'attachment; filename="tip.yaml"'},
+        )
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+
+def _file_content(tool_from_tip: Transform, note: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "tip.yaml"
+        write_transform(path, tool_from_tip, note)
+        return path.read_bytes()
