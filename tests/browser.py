@@ -3,9 +3,12 @@
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, expect, sync_playwright
 
 from benchmarks.view.chromium import CHROMIUM, launch
+
+# Time limit of an expectation; the 5 s of Playwright are too short on a busy machine.
+expect.set_options(timeout=60_000)
 
 
 # Playwright occupies the thread's event loop while it is open. With module scope at most one

@@ -15,6 +15,7 @@ from playwright.sync_api import (
     Browser,
     ConsoleMessage,
     Error,
+    Locator,
     Page,
     Request,
     Route,
@@ -118,6 +119,20 @@ def reset(page: Page) -> None:
         page.keyboard.press(key)
 
 
+def wait_until_uncovered(page: Page) -> None:
+    """Wait for the heartbeat of a busy server, without which the page covers itself."""
+    page.wait_for_selector("body:not([data-lost])")
+
+
+def screenshot(part: Locator) -> bytes:
+    """Picture of ``part`` without the page's cover."""
+    while True:
+        wait_until_uncovered(part.page)
+        content = part.screenshot()
+        if part.page.evaluate("!document.body.dataset.lost"):
+            return content
+
+
 @pytest.fixture(scope="session")
 def can_draw() -> None:
     try:
@@ -163,6 +178,7 @@ def server(serve: Serve, viewed_case: Path) -> Server:
 def watching(browser: Browser, server: Server) -> Iterator[Watched]:
     """Open the page in a new browser context of `SIZE`."""
     context = browser.new_context(viewport=SIZE, accept_downloads=True)
+    context.set_default_timeout(1000.0 * DEADLINE_S)
     watched = Watched(context.new_page(), server.host)
     try:
         watched.open(server.url)

@@ -14,7 +14,7 @@ from playwright.sync_api import expect
 
 from app.files.shipped import shipped
 from benchmarks.view.chromium import launch_webgl
-from tests.viewer.conftest import watching
+from tests.viewer.conftest import screenshot, watching
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
@@ -44,7 +44,7 @@ def shown(page, frame, label):
     expect(page.locator("#frame")).to_have_text(str(frame))
     expect(page.locator("#state-label")).to_have_text(label)
     page.wait_for_timeout(600)  # the smooth picture of a scene at rest
-    content = page.locator("main.view").screenshot()
+    content = screenshot(page.locator("main.view"))
     image = Image.open(io.BytesIO(content)).convert("RGB")
     size = (image.width // 8, image.height // 8)
     return np.asarray(image.resize(size, Image.Resampling.BOX)).astype(float)

@@ -14,7 +14,7 @@ from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import SurfaceMesh, weld_vertices
 from tests.contour.phantom import clicks_on, dice, is_inside, slice_of, tumor_from_image, tumour
 from tests.contour.phantom_case import CLICKED, offset_mm, write_phantom_case
-from tests.viewer.conftest import Serve, Server, Watched, watching
+from tests.viewer.conftest import Serve, Server, Watched, wait_until_uncovered, watching
 from tests.viewer.test_accessibility import violations
 
 TO_SCREEN = """([column, row]) => {
@@ -72,6 +72,7 @@ def place(page: Page, column: float, row: float) -> tuple[float, float]:
 
 
 def click(page: Page, column: float, row: float) -> None:
+    wait_until_uncovered(page)
     page.mouse.click(*place(page, column, row))
 
 
@@ -141,6 +142,7 @@ def test_drag_erase_undo_and_the_tip(watched: Watched) -> None:
     for column, row in ((60, 60), (140, 60), (140, 120)):
         click(page, column, row)
     has_points(page, 3)
+    wait_until_uncovered(page)
     page.mouse.move(*place(page, 140, 120))
     page.mouse.down()
     page.mouse.move(*place(page, 90, 110), steps=4)

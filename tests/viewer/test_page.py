@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Position, expect
 
 from app.cli.main import main
 from app.fixture import MarginState
-from tests.viewer.conftest import Watched, reset
+from tests.viewer.conftest import Watched, reset, screenshot, wait_until_uncovered
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MINUS = "\N{MINUS SIGN}"
@@ -43,7 +43,8 @@ def go_to(page: Page, frame: int, frames: int = 40) -> None:
     else:
         box = page.locator("#timeline").bounding_box()
         across = box["width"] * (frame + 0.4) / (frames - 1)
-        page.mouse.click(box["x"] + across, box["y"] + box["height"] / 2)
+        place = Position(x=across, y=box["height"] / 2)
+        page.locator("#timeline").click(position=place)  # waits while the page is covered
     expect(page.locator("#frame")).to_have_text(str(frame))
 
 
@@ -57,7 +58,7 @@ def picture(page: Page) -> np.ndarray:
     """The pixels of the newest picture on the page."""
     number = page.evaluate("trame.state.get('now').number")
     page.wait_for_function("number => Number(document.body.dataset.picture) >= number", arg=number)
-    shot = page.locator("main.view img").screenshot()
+    shot = screenshot(page.locator("main.view img"))
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
@@ -238,6 +239,7 @@ def test_camera_is_selected_by_key_and_button_and_released_by_the_mouse(page):
     page.get_by_role("button", name="Overview").click()
     expect(bullseye).to_have_attribute("aria-pressed", "false")
     box = page.locator("main.view").bounding_box()
+    wait_until_uncovered(page)
     page.mouse.move(box["x"] + 300, box["y"] + 200)
     page.mouse.down()
     page.mouse.move(box["x"] + 360, box["y"] + 220, steps=4)

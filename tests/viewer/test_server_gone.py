@@ -13,7 +13,7 @@ GREY = f"rgb({', '.join(str(round(255 * part)) for part in MarginState.UNKNOWN.c
 
 def check_lost(page: Page) -> None:
     """Check that the grey cover lies over picture, banner and distance, with its message."""
-    expect(page.locator("#lost")).to_be_visible(timeout=3000)
+    expect(page.locator("#lost")).to_be_visible()
     expect(page.locator("#lost strong")).to_have_text("CONNECTION LOST")
     at = "[[100, 300], [innerWidth - 100, 80], [innerWidth - 200, 200], [innerWidth / 2, 600]]"
     assert page.evaluate(

@@ -5,7 +5,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.viewer.conftest import Watched, reset
+from tests.viewer.conftest import Watched, reset, wait_until_uncovered
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 
@@ -21,6 +21,7 @@ def page(watched: Watched) -> Page:
 def hover(page: Page, frame: float) -> None:
     box = page.locator(".track").bounding_box()
     assert box is not None
+    wait_until_uncovered(page)
     page.mouse.move(box["x"] + box["width"] * frame / 39.0, box["y"] + box["height"] / 2.0)
 
 
@@ -52,6 +53,7 @@ def test_zoom_shows_the_present_larger_and_a_click_still_seeks(page: Page) -> No
     assert track["width"] == pytest.approx(4.0 * plot["width"], rel=0.01)
     cursor = track["x"] + track["width"] * BREACH_FRAME / 39.0
     assert cursor == pytest.approx(plot["x"] + plot["width"] / 2.0, abs=2.0)
+    wait_until_uncovered(page)
     page.mouse.click(track["x"] + track["width"] * 22.3 / 39.0, plot["y"] + plot["height"] / 2.0)
     expect(page.locator("#frame")).to_have_text("22")
     page.evaluate("document.activeElement.blur()")

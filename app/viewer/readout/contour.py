@@ -37,6 +37,7 @@ def contour_values(
         else f"{uncertainty.sigma_mm:.2f} mm: calibration {uncertainty.calibration_mm:.2f}, "
         f"pixel {uncertainty.pixel_mm:.2f}, spacing of the points {uncertainty.spacing_mm:.2f}",
         "sigma_mm": "" if uncertainty is None else f"{uncertainty.sigma_mm:.2f}",
+        "computed": is_computed,
         "ready": is_computed and uncertainty is not None,
     }
 

@@ -211,7 +211,7 @@ export function editContour(trame) {
     if (tools) {
       find("contour-tip").disabled = !contour.tip;
       find("contour-undo").disabled = !contour.undo;
-      for (const id of ["contour-stl", "contour-ply"]) find(id).disabled = !contour.points.length && !contour.text;
+      for (const id of ["contour-stl", "contour-ply"]) find(id).disabled = !contour.computed || (!contour.points.length && !contour.text);
       show("contour-dilation", contour.dilation);
       show("contour-calibration", contour.calibration);
     }
