@@ -1,5 +1,6 @@
 """A monopolar cautery as one closed surface: spatula blade, thin shaft, handle."""
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -34,6 +35,7 @@ RING_SPACING_MM = 2.6
 NEAR_PART_MM = 66.0
 
 
+@cache
 def cautery_mesh() -> SurfaceMesh:
     """The tool in ``cautery_tip``: tip at the origin, +z forward, the handle along -z."""
     behind_mm, half_x_mm, half_y_mm = _rings()

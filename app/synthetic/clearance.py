@@ -4,11 +4,16 @@ The sign comes from the tumour's radius function and the size from a dense sampl
 surface: neither from the mesh nor from a collision library.
 """
 
+from functools import lru_cache
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.synthetic.cautery import NEAR_PART_MM
+from app.synthetic.height_kernel import heights_of_tool
 from app.synthetic.tumour import Tumour, icosphere
 
 NEAR_SPACING_MM = 0.4
@@ -23,8 +28,9 @@ SURFACE_SUBDIVISIONS = 6
 _SLOPE_SAFETY = 0.95
 _MAX_UNSAMPLED_MM = 0.05
 """How far a lobe can rise between samples that are 0.3 mm apart."""
-_COARSE = 32
+_BLOCK = 64
 _BATCH = 16
+_ROUNDING_MM = 1e-9
 
 
 class Clearance:
@@ -42,13 +48,7 @@ class Clearance:
         self._surface_mm = tumour.surface_mm(directions)
         self._normals = tumour.normals(self._surface_mm)
         self._tree = cKDTree(self._surface_mm)
-        handle = (tool.triangles_mm[:, :, 2] < -NEAR_PART_MM).all(axis=1)
-        self._tool_mm = np.concatenate(
-            [
-                dense_surface(tool.triangles_mm[~handle], NEAR_SPACING_MM),
-                dense_surface(tool.triangles_mm[handle], HANDLE_SPACING_MM),
-            ]
-        )
+        self._tool, self._tool_mm = tool, _tool_points(tool)
         self.tool_length_mm = -float(tool.bounds_mm[0][2])
         radii = np.linalg.norm(self._surface_mm, axis=1)
         self._max_radius_mm = float(radii.max()) + _MAX_UNSAMPLED_MM
@@ -58,49 +58,110 @@ class Clearance:
 
     def height_mm(self, tumor_from_tip: Transform) -> float:
         """The minimum height over the tool: negative exactly when the tool is in the tumour."""
-        return float(self._tumour.height_mm(self._lowest_points(tumor_from_tip)).min())
+        return self._heights(tumor_from_tip, for_distance=False)[0]
 
     def distance_mm(self, tumor_from_tip: Transform) -> float:
         """The minimum signed distance over the tool."""
-        points = self._lowest_points(tumor_from_tip)
-        heights = self._tumour.height_mm(points)
+        _, heights = self._heights(tumor_from_tip, for_distance=True)
+        near = np.isfinite(heights)
+        points, heights = tumor_from_tip.apply(self._tool_mm[near]), heights[near]
         lower_bounds = np.where(heights > 0.0, self.distance_per_height * heights, heights)
-        order = np.argsort(lower_bounds)
-        best = np.inf
+        best, size = np.inf, _BATCH
         # In ascending order of the bounds, until no other point can be deeper or nearer.
-        for first in range(0, len(order), _BATCH):
-            batch = order[first : first + _BATCH]
-            if lower_bounds[batch[0]] > best:
-                break
+        while len(points):
+            count, size = min(size, len(points)), 2 * size
+            order = np.argpartition(lower_bounds, count - 1)
+            batch, rest = order[:count], order[count:]
             # Outside, the search of a point stops at the distance of the best one.
             bound_mm = best if best > 0.0 else np.inf
-            distances = self.point_distances_mm(points[batch], bound_mm)
+            distances, samples = self._point_distances_mm(points[batch], heights[batch], bound_mm)
             best = min(best, float(distances.min()))
+            points, heights, lower_bounds = points[rest], heights[rest], lower_bounds[rest]
+            if best < 0.0 and len(points):
+                # A point is no deeper than its distance to any sample of the surface.
+                depths = cdist(points, self._surface_mm[samples]).min(axis=1)
+                lower_bounds = np.maximum(lower_bounds, -depths - _ROUNDING_MM)
+            possible = lower_bounds <= best
+            points, heights = points[possible], heights[possible]
+            lower_bounds = lower_bounds[possible]
         return best
 
-    def point_distances_mm(self, points_mm: FloatArray, bound_mm: float = np.inf) -> FloatArray:
-        """The signed distance (n,) of points (n, 3) in the tumour's frame.
+    def point_distances_mm(self, points_mm: FloatArray) -> FloatArray:
+        """The signed distance (n,) of points (n, 3) in the tumour's frame."""
+        heights = self._tumour.height_mm(points_mm)
+        return self._point_distances_mm(points_mm, heights, np.inf)[0]
 
-        It is infinite for points without a sample of the surface within ``bound_mm``.
+    def _point_distances_mm(
+        self, points_mm: FloatArray, heights_mm: FloatArray, bound_mm: float
+    ) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Signed distances (n,) of points (n, 3) with these heights, and the samples (k,) used.
+
+        The distance is infinite for points without a sample of the surface within ``bound_mm``.
         """
-        to_sample, samples = self._tree.query(points_mm, distance_upper_bound=bound_mm)
-        known, nearest = np.isfinite(to_sample), np.asarray(samples)
+        to_sample, nearest = self._tree.query(points_mm, distance_upper_bound=bound_mm)
+        known = np.isfinite(to_sample)
+        samples = np.asarray(nearest, dtype=np.intp)[known]
         distances = np.full(len(points_mm), np.inf)
-        offset = points_mm[known] - self._surface_mm[nearest[known]]
-        size = np.abs(np.einsum("ij,ij->i", offset, self._normals[nearest[known]]))
-        distances[known] = np.copysign(size, self._tumour.height_mm(points_mm[known]))
-        return distances
+        offset = points_mm[known] - self._surface_mm[samples]
+        size = np.abs(np.einsum("ij,ij->i", offset, self._normals[samples]))
+        distances[known] = np.copysign(size, heights_mm[known])
+        return distances, samples
 
-    def _lowest_points(self, tumor_from_tip: Transform) -> FloatArray:
-        """Points of the tool, in the tumour's frame, that include the lowest and the nearest one.
+    def _heights(
+        self, tumor_from_tip: Transform, *, for_distance: bool
+    ) -> tuple[float, FloatArray]:
+        """The minimum height over the tool, and the heights (n,) of its points.
 
-        Heights and distances are at least the distance to the origin minus the maximum radius, and
-        the minimum of either is at most the height of any point.
+        Those are infinite for most points that cannot be the lowest nor, ``for_distance``, the
+        nearest one.
         """
-        points = tumor_from_tip.apply(self._tool_mm)
-        upper_mm = float(self._tumour.height_mm(points[::_COARSE]).min())
-        beyond_mm = np.linalg.norm(points, axis=1) - self._max_radius_mm
-        return np.asarray(points[beyond_mm <= max(upper_mm, 0.0)])
+        heights = np.empty(len(self._tool_mm))
+        tumour = self._tumour
+        lowest = heights_of_tool(
+            self._tool_mm,
+            tumor_from_tip.rotation,
+            tumor_from_tip.translation_mm,
+            tumour.semi_axes_mm,
+            tumour.lobe_centres,
+            tumour.lobe_heights,
+            tumour.lobe_sharpness,
+            self._max_radius_mm,
+            *_blocks(self._tool),
+            self.distance_per_height,
+            for_distance,
+            heights,
+        )
+        return float(lowest), heights
+
+
+@lru_cache(maxsize=1)
+def _tool_points(tool: SurfaceMesh) -> FloatArray:
+    """Samples (n, 3) of the tool's surface, in an order in which neighbours follow each other."""
+    handle = (tool.triangles_mm[:, :, 2] < -NEAR_PART_MM).all(axis=1)
+    points = [
+        dense_surface(tool.triangles_mm[~handle], NEAR_SPACING_MM),
+        dense_surface(tool.triangles_mm[handle], HANDLE_SPACING_MM),
+    ]
+    samples = np.concatenate(points)
+    return samples[cKDTree(samples, leafsize=_BLOCK).indices]
+
+
+@lru_cache(maxsize=1)
+def _blocks(tool: SurfaceMesh) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+    """Blocks of successive samples of the tool: size, spheres, distance to the first sample.
+
+    The spheres are centres (k, 3) and radii (k,); the largest distances are (k,).
+    """
+    samples = _tool_points(tool)
+    blocks = [samples[first : first + _BLOCK] for first in range(0, len(samples), _BLOCK)]
+    centres = np.array([0.5 * (each.min(axis=0) + each.max(axis=0)) for each in blocks])
+    radii, reaches = (
+        np.array(
+            [cdist(each, place[None]).max() for each, place in zip(blocks, places, strict=True)]
+        )
+        for places in (centres, [each[0] for each in blocks])
+    )
+    return _BLOCK, centres, radii + _ROUNDING_MM, reaches + _ROUNDING_MM
 
 
 def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:

@@ -9,6 +9,7 @@ from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
+from app.geometry.rotation_vectors import rotation_of_vector
 
 MAX_TURN_RAD = 2.5
 """Rotation vectors are smooth below pi; this leaves a margin."""
@@ -76,7 +77,7 @@ class Path:
     def at(self, time_s: float) -> Transform:
         """The pose at ``time_s``, constant before the first and after the last waypoint."""
         time_s = min(max(time_s, self.start_s), self.end_s)
-        turn = Rotation.from_rotvec(self._turns(time_s)).as_matrix()
+        turn = rotation_of_vector(self._turns(time_s))
         rotation = self._first.rotation @ turn
         return Transform(self._first.target, self._first.source, rotation, self._positions(time_s))
 
@@ -101,15 +102,19 @@ class JointMotion:
                 joints, reached = arm.joints_for(pose, joints), pose
             knots[row] = [joints[name] for name in self.joint_names]
         self._positions = PchipInterpolator(times_s, knots)
+        self._last: tuple[float, Transform] | None = None
 
     def positions(self, time_s: float) -> FloatArray:
         """Joint positions (n,) in the order of ``joint_names``, constant beyond both ends."""
-        return np.asarray(self._positions(np.clip(time_s, *self._span_s)), dtype=np.float64)
+        start_s, end_s = self._span_s
+        return np.asarray(self._positions(min(max(time_s, start_s), end_s)), dtype=np.float64)
 
     def base_from_tool(self, time_s: float) -> Transform:
         """The true pose of the tool."""
-        joints = dict(zip(self.joint_names, self.positions(time_s).tolist(), strict=True))
-        return self._arm.base_from_tool(joints)
+        if self._last is None or self._last[0] != time_s:
+            joints = dict(zip(self.joint_names, self.positions(time_s).tolist(), strict=True))
+            self._last = time_s, self._arm.base_from_tool(joints)
+        return self._last[1]
 
 
 def _same(one: Transform, other: Transform) -> bool:

@@ -7,9 +7,9 @@ body is at its rest pose; then breathing starts.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, Transform
+from app.geometry.rotation_vectors import rotation_of_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class BreathingBody:
 
     def at(self, depth: float) -> Transform:
         """The pose at a depth of breath of 0 to 1."""
-        turn = Rotation.from_rotvec(depth * self.turn_rad).as_matrix()
+        turn = rotation_of_vector(depth * self.turn_rad)
         return Transform(
             self.rest.target,
             self.rest.source,

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from app.geometry import TrackedTransform, TrackingStatus, Transform
+from app.geometry.rotation_vectors import rotation_of_vector
 
 DropoutKind = Literal["invalid", "missing"]
 
@@ -29,7 +29,7 @@ class Jitter:
         return Transform(
             truth.target,
             truth.source,
-            truth.rotation @ Rotation.from_rotvec(turn).as_matrix(),
+            truth.rotation @ rotation_of_vector(turn),
             truth.translation_mm + shift,
         )
 

@@ -1,6 +1,7 @@
 """An irregular tumour with an exact inside test: a radius for every direction."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,10 +105,11 @@ class Tumour:
         return SurfaceMesh(TUMOR_FRAME, self.surface_mm(directions), faces.astype(np.int32))
 
 
+@cache
 def icosphere(subdivisions: int) -> tuple[FloatArray, IndexArray]:
     """Evenly spread unit directions (n, 3), and triangles (20 * 4**subdivisions, 3) over them.
 
-    Every triangle of an icosahedron is split into four, ``subdivisions`` times.
+    Every triangle of an icosahedron is split into four, ``subdivisions`` times. Both are read-only.
     """
     golden = (1.0 + 5.0**0.5) / 2.0
     rectangle = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
@@ -128,6 +130,8 @@ def icosphere(subdivisions: int) -> tuple[FloatArray, IndexArray]:
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     for _ in range(subdivisions):
         vertices, faces = _subdivided(vertices, faces)
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
     return vertices, faces
 
 

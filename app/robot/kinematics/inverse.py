@@ -10,15 +10,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from app.geometry import FloatArray, Transform
+from app.geometry.rotation_vectors import vector_of_rotation
 from app.robot.errors import JointError, UnreachableError
 from app.robot.kinematics.joint import Joint
 from app.robot.kinematics.tree import KinematicTree
 
 MM_PER_RAD = 100.0
 """Weight of angles against lengths in the minimised error: 1 rad counts as 100 mm."""
+
+_WEIGHTS = np.repeat([1.0, MM_PER_RAD], 3)[:, None]
 
 MIN_COST_DROP = 1e-4
 """A step that lowers the squared error by a smaller fraction is at a local minimum that is not a
@@ -59,11 +61,11 @@ class _Attempt:
 
     @property
     def residual_mm(self) -> float:
-        return float(np.linalg.norm(self.error[:3]))
+        return math.sqrt(float(self.error[:3] @ self.error[:3]))
 
     @property
     def residual_rad(self) -> float:
-        return float(np.linalg.norm(self.error[3:])) / MM_PER_RAD
+        return math.sqrt(float(self.error[3:] @ self.error[3:])) / MM_PER_RAD
 
     @property
     def cost(self) -> float:
@@ -123,10 +125,7 @@ class _Problem:
                 raise
             return _Attempt(positions, np.empty((0, 4, 4)), np.full(6, math.inf))
         reached = matrices[self.tree.link_rows[self.link]]
-        turn = scipy.spatial.transform.Rotation.from_matrix(
-            self.goal.rotation @ reached[:3, :3].T,
-            assume_valid=True,  # checked rotations: a third of the time
-        ).as_rotvec()
+        turn = vector_of_rotation(self.goal.rotation @ reached[:3, :3].T)
         shift = self.goal.translation_mm - reached[:3, 3]
         return _Attempt(positions, matrices, np.concatenate([shift, MM_PER_RAD * turn]))
 
@@ -147,12 +146,11 @@ class _Problem:
 
     def minimise(self, start: FloatArray, options: IkOptions) -> _Attempt:
         """Descend from ``start`` to a local minimum of the error within the limits."""
-        weights = np.repeat([1.0, MM_PER_RAD], 3)[:, None]
         best, damping = self.attempt(start), 1e-2
         for _ in range(options.max_iterations):
             if best.is_solution(options) or damping > 1e8 or math.isinf(best.cost):
                 break
-            jacobian = weights * self.tree.jacobian(self.link, self.names, best.matrices)
+            jacobian = _WEIGHTS * self.tree.jacobian(self.link, self.names, best.matrices)
             gradient = jacobian.T @ best.error
             # A joint at a limit, with a step beyond it, is held in this step.
             at_limit = ((best.positions <= self.lower) & (gradient < 0.0)) | (
@@ -162,12 +160,15 @@ class _Problem:
             if not free.any():
                 break
             normal = jacobian[:, free].T @ jacobian[:, free]
-            scale = np.diag(normal) + 1e-9 * max(float(np.trace(normal)), 1e-12)
+            diagonal = normal.diagonal()
+            scale = diagonal + 1e-9 * max(float(diagonal.sum()), 1e-12)
+            np.fill_diagonal(normal, diagonal + damping * scale)
             step = np.zeros(len(self.names))
-            step[free] = np.linalg.solve(normal + damping * np.diag(scale), gradient[free])
+            step[free] = np.linalg.solve(normal, gradient[free])
             # At most half a turn: the linear model is not valid beyond it.
             step *= min(1.0, math.pi / max(float(np.abs(step).max()), 1e-300))
-            trial = self.attempt(np.clip(best.positions + step, self.lower, self.upper))
+            reached = np.minimum(np.maximum(best.positions + step, self.lower), self.upper)
+            trial = self.attempt(reached)
             if trial.cost < best.cost:
                 stalled = trial.cost > (1.0 - MIN_COST_DROP) * best.cost
                 best, damping = trial, max(damping * 0.1, 1e-15)
@@ -205,8 +206,9 @@ def inverse_kinematics(
     problem = _Problem(tree, link, root_from_link, {name: positions[name] for name in known})
     starts = problem.starts(seed, options.restarts)
     best = problem.minimise(next(starts), options)
-    for other in starts:
-        if best.is_solution(options):
+    while not best.is_solution(options):
+        other = next(starts, None)  # the first of these computes the whole sequence
+        if other is None:
             break
         best = min(best, problem.minimise(other, options), key=lambda attempt: attempt.cost)
     if not best.is_solution(options):

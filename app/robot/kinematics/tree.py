@@ -10,6 +10,9 @@ from app.geometry import FloatArray
 from app.robot.errors import JointError, UrdfError
 from app.robot.kinematics.joint import MM_PER_M, Joint
 
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+"""The axes that follow each axis, for the components of a cross product."""
+
 
 class KinematicTree:
     """Joints, sorted from root to leaves, that form one tree over ``link_names``.
@@ -38,6 +41,9 @@ class KinematicTree:
         )
         self._moving = frozenset(name for name, _ in self._leaders_first)
         self._drivers_of: dict[str, frozenset[str]] = {}
+        self._in_jacobian: dict[
+            tuple[str, tuple[str, ...]], list[tuple[Joint, int, int, float, bool]]
+        ] = {}
         self.dependent: frozenset[str] = frozenset()
 
     def joint(self, name: str) -> Joint:
@@ -171,30 +177,42 @@ class KinematicTree:
         is part of their driver's column. ``matrices`` are those of `link_matrices`.
         """
         jacobian = np.zeros((6, len(drivers)))
-        column_of = {name: column for column, name in enumerate(drivers)}
         origin = matrices[self.link_rows[link]][:3, 3]
         columns: list[int] = []
-        turns: list[tuple[FloatArray, FloatArray]] = []
-        for joint in self.path_to(link):
-            if not joint.moves:
-                continue
-            driver, gain = self.driver_of(joint)
-            column = column_of.get(driver)
-            if column is None:
-                continue
+        axes: list[FloatArray] = []
+        levers: list[FloatArray] = []
+        for joint, row, column, gain, slides in self._joints_in_jacobian(link, tuple(drivers)):
             # The motion of a joint leaves its axis in place: the child's frame gives the axis.
-            child = matrices[self.link_rows[joint.child]]
-            axis = child[:3, :3] @ joint.axis
-            if joint.slides:
+            child = matrices[row]
+            axis = child[:3, :3].dot(joint.axis)
+            if slides:
                 jacobian[:3, column] += gain * MM_PER_M * axis
             else:
-                lever = origin - (child[:3, :3] @ joint.pivot_mm + child[:3, 3])
                 columns.append(column)
-                turns.append((gain * axis, lever))
-        if turns:  # one call of `numpy.cross`, which takes as long for one pair as for all
-            axes, levers = np.array(turns).transpose(1, 0, 2)
-            np.add.at(jacobian.T, columns, np.hstack([np.cross(axes, levers), axes]))
+                axes.append(gain * axis)
+                levers.append(origin - (child[:3, :3].dot(joint.pivot_mm) + child[:3, 3]))
+        if columns:
+            turns, ways = np.array(axes), np.array(levers)
+            # As `numpy.cross`, in a fourth of its time for so few.
+            speeds = turns[:, _NEXT] * ways[:, _AFTER] - turns[:, _AFTER] * ways[:, _NEXT]
+            np.add.at(jacobian.T, columns, np.concatenate([speeds, turns], axis=1))
         return jacobian
+
+    def _joints_in_jacobian(
+        self, link: str, drivers: tuple[str, ...]
+    ) -> list[tuple[Joint, int, int, float, bool]]:
+        """Joints that move ``link``: joint, row of its child, column, gain, and `slides`."""
+        found = self._in_jacobian.get((link, drivers))
+        if found is None:
+            found = []
+            for joint in self.path_to(link):
+                if joint.moves:
+                    driver, gain = self.driver_of(joint)
+                    if driver in drivers:
+                        row = self.link_rows[joint.child]
+                        found.append((joint, row, drivers.index(driver), gain, joint.slides))
+            self._in_jacobian[link, drivers] = found
+        return found
 
 
 @cache
