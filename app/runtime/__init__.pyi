@@ -37,6 +37,13 @@ from .workflow.calibration_fit import (
     fit_calibration,
 )
 from .workflow.coverage import Coverage
+from .workflow.steps import (
+    WorkflowName,
+    WorkflowState,
+    WorkflowStep,
+    next_step,
+    workflow_steps,
+)
 from .workflow.tool_calibration import CalibrationStatus, Phase, TipChange, ToolCalibration, UseTip
 
 __all__ = [
@@ -93,16 +100,21 @@ __all__ = [
     "ToolCalibration",
     "UseTip",
     "Wakeup",
+    "WorkflowName",
+    "WorkflowState",
+    "WorkflowStep",
     "arm_name",
     "compute_here",
     "content_of",
     "fit_calibration",
     "host_id",
     "live_state",
+    "next_step",
     "open_recording",
     "playback_of",
     "prepare_case",
     "prepare_live",
     "refuse_beside_guard",
     "register_case",
+    "workflow_steps",
 ]

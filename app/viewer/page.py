@@ -23,6 +23,7 @@ from app.viewer.readout.note_rows import note_rows
 from app.viewer.readout.readout import readout
 from app.viewer.readout.recording import recording_values
 from app.viewer.readout.timeline import Timeline
+from app.viewer.readout.workflow import workflow_values
 from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
@@ -72,7 +73,7 @@ class Page:
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
         self._recording = recording
-        state.recording = None
+        state.recording = state.workflow = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -143,6 +144,7 @@ class Page:
             state.update(self._new_lists())
             state.notes = note_rows(self._notes.entries, self._timeline)
             state.recording = recording_values(self._recording())
+            state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
             if self._hand is not None:
@@ -155,6 +157,15 @@ class Page:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()
                 state.camera = self._client_scene.camera()
+
+    def _workflow(self) -> dict[str, object] | None:
+        calibration = self._calibration
+        return workflow_values(
+            self._now,
+            is_live=calibration is not None,
+            calibration=None if calibration is None else calibration.guide.status(),
+            recording=self._recording(),
+        )
 
     def _new_lists(self) -> dict[str, object]:
         """The lists of breaches and of doubts, the first only if it has changed."""

@@ -259,6 +259,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.recordingLabel.setText(status.recording)
         ui.sessionLabel.setText(status.session)
         ui.trackersLabel.setText(status.trackers)
+        ui.workflowLabel.setText(status.workflow)
         ui.registrationLabel.setText(status.registration)
         for button in (ui.connectButton, ui.loadButton):
             button.setEnabled(not status.is_live)

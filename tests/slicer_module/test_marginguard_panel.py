@@ -268,6 +268,12 @@ def test_replayed_case_is_shown(panel, desktop, monkeypatch):
     assert re.search(r", -\d\.\d mm$", ui.bannerLabel.text())
     assert "inside" in ui.reasonsLabel.text()
     assert ui.trackersLabel.text().count("valid") == 3
+    workflow = ui.workflowLabel.text().splitlines()
+    assert workflow[0] == "\N{CHECK MARK} connect: 3 of 3 tracked frames"
+    assert [line.split()[1] for line in workflow] == [
+        "connect:", "calibrate:", "contour:", "register:", "navigate:", "review:"
+    ]  # fmt: skip
+    assert "IN TUMOUR" in workflow[4]
     assert desktop.qt.QApplication.beeps > 0
     beeps = desktop.qt.QApplication.beeps
     ui.stepButton.click()
@@ -295,7 +301,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 8
+    assert len(messages) == 9
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -32,11 +32,11 @@ def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Serv
     server.close()
 
 
-def look(page: Page, name: str) -> None:
+def look(page: Page, name: str, part: str = "#calibration") -> None:
     """No violation at either size."""
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
-        page.locator("#calibration").scroll_into_view_if_needed()
+        page.locator(part).scroll_into_view_if_needed()
         assert violations(page) == [], (name, size)
     page.set_viewport_size({"width": 1280, "height": 720})
 
@@ -78,6 +78,13 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(
         verdict = page.locator("#calibration-verdict")
         expect(verdict).to_contain_text("Not yet: the poses of a pivot rotate", timeout=WAIT_MS)
         expect(page.locator("#calibration-advice")).to_contain_text("tilt the tool slowly")
+        expect(page.locator("#workflow-next")).to_contain_text("calibrate: a pivot is being")
+        page.click("#workflow summary")
+        states = page.locator("#workflow li").evaluate_all("all => all.map((e) => e.dataset.state)")
+        expected = ["done", "not done", "done", "not needed", "done", "not done"]
+        assert states == expected
+        look(page, "workflow", "#workflow")
+        page.click("#workflow summary")
         look(page, "not yet")
 
         move(motion, "pivot")

@@ -19,7 +19,7 @@ from slicer import (
 from app.fixture import MarginParameters
 from app.geometry import InputError, MarginGuardError
 from app.registration import RegistrationResult
-from app.runtime import PreparedCase, RecordingStatus, prepare_case
+from app.runtime import PreparedCase, RecordingStatus, prepare_case, workflow_steps
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
@@ -275,6 +275,23 @@ class PanelLogic:
         self.candidate = result
         self._message = ""
 
+    def _workflow(self) -> str:
+        """The steps of the case, one line each; empty before a session shows something."""
+        session = self.session
+        shown, thread = session.shown_step, session.thread
+        commands = None if thread is None else thread.run.commands
+        if shown is None or commands is None:
+            return ""
+        is_stale = session.readout()[0] is not shown.decision.state
+        steps = workflow_steps(
+            shown,
+            commands.content,
+            is_live=session.opened is None,
+            silent="" if session.is_running and not is_stale else "no step has followed",
+            recording=self._recording(),
+        )
+        return "\n".join(each.line for each in steps)
+
     def _recording(self) -> RecordingStatus | None:
         thread = self.session.thread
         commands = None if thread is None else thread.run.commands
@@ -302,6 +319,7 @@ class PanelLogic:
             and self.candidate.accepted,
             recording="" if recording is None else recording.line,
             is_recording=recording is not None and recording.active,
+            workflow=self._workflow(),
         )
 
     def _camera(self) -> vtkMRMLCameraNode:

@@ -13,6 +13,7 @@ class PanelStatus:
 
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
     transform. ``recording``: the last recording of the live session, empty before one.
+    ``workflow``: one line for each step of the case, with what it has and why it is not done.
     """
 
     state: MarginState
@@ -31,3 +32,4 @@ class PanelStatus:
     can_accept: bool
     recording: str
     is_recording: bool
+    workflow: str
