@@ -155,6 +155,7 @@ LONG = {
     "applies the rules of axe-core to pages in a browser": ("tests/viewer/test_accessibility.py",),
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "serves a page of its own": (
+        "tests/cli/test_page_push.py",
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_calibration_page.py",
         "tests/viewer/test_contour_page.py",
