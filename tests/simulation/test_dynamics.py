@@ -9,6 +9,7 @@ import pytest
 
 from app.robot import load_robot
 from app.simulation import World
+from benchmarks.closed_loop.dynamics import largest_difference
 from tests.simulation.conftest import arm, world_of
 
 TOLERANCE = 1e-6
@@ -50,6 +51,10 @@ def test_joint_accelerations(example_robots: Path, path: str) -> None:
         )
         scale = max(1.0, float(np.abs(expected).max()))
         assert np.abs(data.qacc[order] - expected).max() <= TOLERANCE * scale
+
+
+def test_accelerations_of_random_arms(tmp_path: Path) -> None:
+    assert 0.0 < largest_difference(tmp_path, seed=4) <= 1.0  # of the tolerance
 
 
 def _configuration(model, angles):
