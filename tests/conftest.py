@@ -156,6 +156,7 @@ LONG = {
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "serves a page of its own": (
         "tests/cli/test_page_push.py",
+        "tests/cli/test_library.py",
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_calibration_page.py",
         "tests/viewer/test_contour_page.py",

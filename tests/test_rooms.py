@@ -118,6 +118,7 @@ SUB_PACKAGES_MAY_IMPORT = {
         "readout": {"steps"},
         "access": set(),
         "messages": {"access"},
+        "library": {"access"},
     },
 }
 """Package -> sub-package -> sub-packages that it may import."""

@@ -1,4 +1,4 @@
-"""Files that MarginGuard keeps on disk between runs: kernels, distance fields, convex parts.
+"""Files that MarginGuard keeps on disk between runs: kernels, distance fields, parts, results.
 
 Only files with the names that MarginGuard writes count, and only regular ones: symbolic links are
 neither followed nor removed, and other files stay.
@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 KERNELS, FIELDS, PARTS = "compiled kernels", "distance fields", "convex parts"
+RESULTS, RESULTS_FOLDER = "results of cases", "library"
 _KERNEL_FILES = ("*.nbi", "*.nbc")
 _FIELD_FILES = ("*.field", "*.part")
 _PARTS_FILES = ("*.parts",)
+_RESULT_FILES = ("*.json", "*.png")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,7 @@ def cache_folders() -> list[CacheFolder]:
     found = [
         *_kernel_folders(),
         CacheFolder(PARTS, cache_folder() / PARTS_FOLDER, _PARTS_FILES, True),
+        CacheFolder(RESULTS, cache_folder() / RESULTS_FOLDER, _RESULT_FILES, True),
         CacheFolder(FIELDS, cache_folder(), _FIELD_FILES, True),
     ]
     return [folder for folder in found if os.path.lexists(folder.path)]

@@ -19,6 +19,7 @@ from app.cli.options import (
     add_package_dirs,
     input_argument,
 )
+from app.cli.page_address import add_address, checked_address, print_urls
 from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
@@ -46,30 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
-    parser.add_argument(
-        "--host", default="127.0.0.1", help="address to serve at; default: this machine only"
-    )
-    parser.add_argument(
-        "--port",
-        type=int,
-        default=0,
-        metavar="N",
-        help="port to serve at; default: 0, a free one",
-    )
-    parser.add_argument(
-        "--token", help="token that opens the page with its controls; default: a random one"
-    )
-    parser.add_argument(
-        "--view-token", help="token that opens the page without controls; default: a random one"
-    )
-    parser.add_argument(
-        "--allow-host",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="host name under which the page may be opened, besides localhost and addresses in "
-        "digits; once for each name, e.g. that of a proxy",
-    )
+    add_address(parser)
     parser.add_argument(
         "--render",
         choices=("server", "client"),
@@ -83,12 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --live: the mouse drags the tool; its force, at most 10 N, and 0 when released, "
         "is published on TOPIC (geometry_msgs/WrenchStamped, along the axes of the tool), for "
         "'marginguard control'",
-    )
-    parser.add_argument(
-        "--browser",
-        action=argparse.BooleanOptionalAction,
-        default=False,
-        help="open the page at once",
     )
 
 
@@ -108,24 +80,10 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("view: --cases is given without --live; expected a live session")
     if options.hand is not None and (not options.live or options.render == "client"):
         raise InputError("view: --hand is given; expected --live with it, and no --render client")
-    for name in ("token", "view_token"):
-        if getattr(options, name) == "":
-            raise InputError(
-                f"--{name.replace('_', '-')} is empty; "
-                "expected a text, because anybody could open the page"
-            )
     with note_signals() as received:
         from app.files.extras import check_installed
-        from app.viewer import Address, Role, new_token
 
-        address = Address(
-            options.host,
-            options.port,
-            options.token or new_token(),
-            options.view_token or new_token(),
-            tuple(options.allow_host),
-        )
-        address.check()
+        address = checked_address(options)
         # Before the case is stepped through, which takes a while.
         check_installed("slicer", "trame_slicer")
         with _viewer(options, received) as viewer:
@@ -134,12 +92,7 @@ def run(options: argparse.Namespace) -> int:
 
             def ready(port: int) -> None:
                 received.stops(viewer.stop)
-                url = address.url(port)
-                print(url, f"view only: {address.url(port, Role.VIEW)}", sep="\n", flush=True)
-                if options.browser:
-                    import webbrowser
-
-                    webbrowser.open(url)
+                print_urls(options, address, port)
 
             asyncio.run(viewer.serve(address, ready))
     return received.exit_status
