@@ -44,7 +44,7 @@ class BreathingBody:
     def at(self, depth: float) -> Transform:
         """The pose at a depth of breath of 0 to 1."""
         turn = rotation_of_vector(depth * self.turn_rad)
-        return Transform(
+        return Transform.unchecked(
             self.rest.target,
             self.rest.source,
             self.rest.rotation @ turn,

@@ -165,6 +165,6 @@ def _multiple(values: FloatArray, quantum: float) -> FloatArray:
 def _moved(pose: Transform, error: FloatArray) -> Transform:
     """``pose`` displaced by ``error[:3]`` (mm), and turned about the sensor by ``error[3:]``."""
     turn = rotation_of_vector(error[3:])
-    return Transform(
+    return Transform.unchecked(
         pose.target, pose.source, pose.rotation @ turn, pose.translation_mm + error[:3]
     )

@@ -26,7 +26,7 @@ class Jitter:
         """``truth`` with noise: displaced, and rotated about the sensor."""
         shift = random.normal(scale=self.position_rms_mm / np.sqrt(3.0), size=3)
         turn = random.normal(scale=self.angle_rms_rad / np.sqrt(3.0), size=3)
-        return Transform(
+        return Transform.unchecked(
             truth.target,
             truth.source,
             truth.rotation @ rotation_of_vector(turn),
