@@ -1,4 +1,4 @@
-from .analysed import analysed_replay
+from .analysed import analysed_case, analysed_replay
 from .analysis_html import AnalysedCase, analysis_page
 from .checks import Check, check_expected
 from .errors import ReportError
@@ -18,6 +18,7 @@ __all__ = [
     "ReportError",
     "ReportRow",
     "all_passed",
+    "analysed_case",
     "analysed_replay",
     "analysis_page",
     "check_expected",

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from app.analysis.coverage import WITHIN_MM
 from app.geometry import ANATOMICAL_WORDS
+from app.report.case_plots import analysed_distance_plot, probability_plot
 from app.report.coverage_svg import coverage_svg
 from app.report.distance_svg import distance_svg
 from app.report.methods import methods_text
 from app.report.page import NOT_A_DEVICE, document, length, table, time_text
+from app.report.time_plot import TimePlot
+from app.report.time_svg import time_svg
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
@@ -48,10 +51,13 @@ class AnalysedCase:
 
 
 def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
-    """A page of the analysis alone: no script, no links, figures in it."""
+    """A page of the analysis alone: figures in it, no links."""
     name = case.analysis.name
     head = f'<h1>{escape(name)}</h1>\n<p class="device">{escape(NOT_A_DEVICE)}</p>'
-    return document(f"{name}: analysis", [head, *analysis_sections(case, figures)])
+    plot = analysed_distance_plot(case.analysis, case.margins)
+    over_time = f"<h2>Distance over time</h2>\n{_plot(plot, 'Signed distance over time')}"
+    sections = [head, over_time, *analysis_sections(case, figures)]
+    return document(f"{name}: analysis", sections, plots=True)
 
 
 def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterable[str]:
@@ -191,7 +197,16 @@ def _what_if(found: "CaseAnalysis") -> str:
         *("share of variance", "held by the fixture"),
     )
     title = "What if: constant errors and other stop margins"
-    return f'<div class="wide">{table(title, header, rows)}</div>'
+    moments = probability_plot(found)
+    assert moments is not None  # there is a probability
+    return (
+        f'<div class="wide">{table(title, header, rows)}</div>\n'
+        f"{_plot(moments, 'Probability of a breach over time')}"
+    )
+
+
+def _plot(plot: TimePlot, title: str) -> str:
+    return plot.html(time_svg(plot, title).replace(_NAMESPACE, "").strip(), title)
 
 
 def _outcome(outcome: "Outcome") -> tuple[str, str, str]:

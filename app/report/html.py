@@ -7,6 +7,7 @@ from typing import Any
 
 from app.report.page import NOT_A_DEVICE, document, length, table, text_of, time_text
 from app.report.reasons import ReasonCount
+from app.report.time_plot import TimePlot
 from app.session import SINGLE_SOURCE
 
 
@@ -17,15 +18,20 @@ def report_html(
     scene_png: bytes | None,
     version: str,
     analysis: Iterable[str] = (),
+    distances: TimePlot | None = None,
 ) -> str:
-    """Return the page: values are escaped, pictures embedded; it has no script and no links.
+    """Return the page: values are escaped, pictures embedded; it has no links.
 
-    ``analysis`` are the sections of `analysis_sections`.
+    ``analysis`` are the sections of `analysis_sections`. ``distances`` is the plot whose static
+    picture is ``margin_png``; without it the page has no script.
     """
+    picture = _image(margin_png, "Signed distance over time")
+    if distances is not None:
+        picture = distances.html(picture, "Signed distance over time")
     case = str(summary["case"])
     sections = (
         _head(case, summary),
-        _picture("Distance over time", margin_png, "Signed distance over time"),
+        f"<h2>Distance over time</h2>\n{picture}",
         "" if scene_png is None else _deepest(summary, scene_png),
         _breaches(summary["breaches"]),
         *analysis,
@@ -38,7 +44,7 @@ def report_html(
         _notes(summary["notes"]),
         _foot(version),
     )
-    return document(f"{case}: margin report", sections)
+    return document(f"{case}: margin report", sections, plots=distances is not None)
 
 
 def _head(case: str, summary: dict[str, Any]) -> str:
@@ -76,8 +82,12 @@ def _deepest(summary: dict[str, Any], scene_png: bytes) -> str:
 
 
 def _picture(title: str, png: bytes, alt: str) -> str:
+    return f"<h2>{escape(title)}</h2>\n{_image(png, alt)}"
+
+
+def _image(png: bytes, alt: str) -> str:
     data = base64.b64encode(png).decode("ascii")
-    return f'<h2>{escape(title)}</h2>\n<img alt="{escape(alt)}" src="data:image/png;base64,{data}">'
+    return f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">'
 
 
 def _breaches(breaches: Sequence[dict[str, Any]]) -> str:

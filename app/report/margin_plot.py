@@ -3,9 +3,8 @@
 Uses matplotlib's objects on an Agg canvas instead of pyplot, which would change global state.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from io import BytesIO
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,8 @@ from matplotlib.patches import Patch
 
 from app.analysis.breaches import Breach
 from app.fixture import MarginParameters, MarginState
-from app.geometry import NS_PER_S, FloatArray
-from app.report.rows import ReportRow
+from app.geometry import FloatArray
+from app.report.rows import ReportRow, played_seconds, state_bands
 
 _INK = "#1c2733"
 
@@ -68,12 +67,6 @@ def margin_figure(
     return figure
 
 
-def played_seconds(rows: Sequence[ReportRow]) -> FloatArray:
-    """Seconds since the first row (n,), non-decreasing: a jump back of the clock counts as 0 s."""
-    steps_ns = np.diff(np.array([row.stamp_ns for row in rows], dtype=np.int64))
-    return np.concatenate([[0], np.cumsum(np.maximum(steps_ns, 0))]) / NS_PER_S
-
-
 def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
     whole_s = float(seconds[-1] - seconds[0])
     spans: dict[MarginState, list[tuple[float, float]]] = {}
@@ -101,16 +94,6 @@ def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: Fl
     strip.set_ylabel("state", rotation=0, ha="right", va="center", color=_INK)
     for side in strip.spines.values():
         side.set_visible(False)
-
-
-def state_bands(
-    rows: Sequence[ReportRow], seconds: FloatArray
-) -> Iterator[tuple[MarginState, float, float]]:
-    """Yield runs of one state with start and end in seconds; a state holds until the next row."""
-    for state, run in groupby(range(len(rows)), key=lambda index: rows[index].state):
-        indices = list(run)
-        after = min(indices[-1] + 1, len(rows) - 1)
-        yield state, float(seconds[indices[0]]), float(seconds[after])
 
 
 def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from app.report.time_plot import csp_source, plot_scripts, plot_style
+
 NOT_A_DEVICE = (
     "MarginGuard is research software. It is not a medical device and must not be used to treat "
     "or diagnose a patient."
@@ -47,13 +49,27 @@ img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
 Cell = str | int | float | None
 
 
-def document(title: str, sections: Iterable[str]) -> str:
-    """A page of ``sections``, without the empty ones; they are HTML, ``title`` is text."""
+def document(title: str, sections: Iterable[str], *, plots: bool = False) -> str:
+    """A page of ``sections``, without the empty ones; they are HTML, ``title`` is text.
+
+    With ``plots`` the sections have figures of `TimePlot.html`, and the page the scripts that draw
+    them. The page's policy allows these scripts alone, by their hashes, and no other resources.
+    """
+    style = PAGE_STYLE + (plot_style() if plots else "")
+    scripts = plot_scripts() if plots else ()
+    allowed = " ".join(map(csp_source, scripts)) or "'none'"
+    policy = (
+        f"default-src 'none'; img-src data:; style-src {csp_source(style)}; "
+        f"script-src {allowed}; base-uri 'none'; form-action 'none'"
+    )
+    body = [*(section for section in sections if section)]
+    body += [f"<script>{script}</script>" for script in scripts]
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
-        "<body>\n" + "\n".join(section for section in sections if section) + "\n</body>\n</html>\n"
+        f"<title>{escape(title)}</title>\n<style>{style}</style>\n</head>\n"
+        "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
     )
 
 

@@ -1,12 +1,16 @@
 """One row of the report per step: plain numbers, to keep a long replay small in memory."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from typing import TYPE_CHECKING, Self
 
+import numpy as np
+
 from app.fixture import MarginState, Reason
-from app.geometry import NS_PER_S
+from app.geometry import NS_PER_S, FloatArray
 from app.report.errors import ReportError
 
 if TYPE_CHECKING:
@@ -76,6 +80,22 @@ class ReportRow:
 def seconds_since(first_ns: int, stamp_ns: int) -> float:
     """Seconds between two stamps of one clock."""
     return (stamp_ns - first_ns) / NS_PER_S
+
+
+def played_seconds(rows: Sequence[ReportRow]) -> FloatArray:
+    """Seconds since the first row (n,), non-decreasing: a jump back of the clock counts as 0 s."""
+    steps_ns = np.diff(np.array([row.stamp_ns for row in rows], dtype=np.int64))
+    return np.concatenate([[0], np.cumsum(np.maximum(steps_ns, 0))]) / NS_PER_S
+
+
+def state_bands(
+    rows: Sequence[ReportRow], seconds: FloatArray
+) -> Iterator[tuple[MarginState, float, float]]:
+    """Yield runs of one state with start and end in seconds; a state holds until the next row."""
+    for state, run in groupby(range(len(rows)), key=lambda index: rows[index].state):
+        indices = list(run)
+        after = min(indices[-1] + 1, len(rows) - 1)
+        yield state, float(seconds[indices[0]]), float(seconds[after])
 
 
 @lru_cache(maxsize=256)  # a replay has few sets of reasons, which its rows share

@@ -10,6 +10,7 @@ from app.analysis.breaches import find_breaches
 from app.files.atomic_io import write_files
 from app.report.analysis_files import analysis_document
 from app.report.analysis_html import AnalysedCase, analysis_sections
+from app.report.case_plots import distance_plot
 from app.report.errors import ReportError
 from app.report.html import report_html
 from app.report.margin_csv import margin_csv
@@ -103,7 +104,9 @@ def _contents(
     scene = scene_png()
     if scene is not None:
         contents["scene.png"] = scene
-    page = report_html(summary, count_reasons(record.rows), plot, scene, version, sections)
+    distances = distance_plot(record.rows, breaches, record.margins)
+    reasons = count_reasons(record.rows)
+    page = report_html(summary, reasons, plot, scene, version, sections, distances)
     return summary, {**contents, "report.html": page.encode()}
 
 

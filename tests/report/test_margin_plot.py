@@ -10,7 +10,8 @@ from app.analysis import find_breaches
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
 from app.report import ReportRow
-from app.report.margin_plot import margin_png, played_seconds, state_bands
+from app.report.margin_plot import margin_png
+from app.report.rows import played_seconds, state_bands
 
 Rows = Callable[..., tuple[ReportRow, ...]]
 

@@ -110,18 +110,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case, analyse its steps, print and write the results."""
-    import numpy as np
-
     from app import __version__
-    from app.analysis import CaseSamples, analyse_case
+    from app.analysis import CaseSamples
     from app.files import check_output_path, write_file
     from app.files.atomic_io import write_files
     from app.files.extras import check_installed
     from app.geometry import NS_PER_S, InputError
-    from app.report import AnalysedCase, analysis_page
+    from app.report import analysed_case, analysis_page
     from app.report.analysis_files import analysis_csv, analysis_document
     from app.report.frames_table import FramesTable
-    from app.report.methods import methods_of
     from app.runtime import ReplayRun, prepare_case
     from app.session import checked_axes
 
@@ -149,26 +146,18 @@ def run(options: argparse.Namespace) -> int:
         if options.parquet is not None:
             steps = frames.observing(steps)
         samples = CaseSamples.from_steps(steps)
-        analysis = analyse_case(
+        case = analysed_case(
+            prepared,
             samples,
-            name=content.name,
-            margins=content.margins,
-            tumor=content.tumor,
-            tool=content.tool,
+            __version__,
+            cutting_mm=options.cutting_mm,
             ras_from_tumor=rows,
             bias_sigma_mm=options.bias_mm,
-            covariances_mm2={name: sigma**2 * np.eye(3) for name, sigma in options.error},
+            error_sigmas_mm=dict(options.error),
             stops_mm=tuple(options.stop),
-            cutting_mm=options.cutting_mm,
         )
-    methods = methods_of(
-        prepared,
-        int(samples.stamps_ns[0]),
-        __version__,
-        bias_sigma_mm=options.bias_mm,
-        error_sigmas_mm=dict(options.error),
-    )
-    document = analysis_document(analysis, methods)
+    analysis = case.analysis
+    document = analysis_document(analysis, case.methods)
     text = json.dumps(document, indent=2, allow_nan=False)
     if options.csv is not None:
         try:
@@ -176,7 +165,6 @@ def run(options: argparse.Namespace) -> int:
         except OSError as error:
             raise InputError(f"{options.csv} cannot be written: {error.strerror}") from error
     if options.html is not None:
-        case = AnalysedCase(analysis, methods, content.margins, content.tumor, checked_axes(rows))
         write_file(options.html, analysis_page(case, case.figures()).encode())
     if options.parquet is not None:
         write_file(options.parquet, frames.parquet())

@@ -1,0 +1,171 @@
+// Plots of a report: zoom by dragging, the wheel or keys, values at the cursor. Without it, and on
+// paper, each figure shows its static picture.
+"use strict";
+
+(() => {
+  const INK = "#1c2733";
+  const HEIGHT = 380;
+  const STRIP = 16; // height of the band of states, in CSS pixels
+  const SMALLEST_S = 0.05;
+
+  const figures = document.querySelectorAll("figure.plot");
+  for (const figure of figures) show(figure);
+
+  function show(figure) {
+    const plot = JSON.parse(figure.querySelector("script").textContent);
+    const times = running(plot.times_ms).map((ms) => ms / 1000);
+    const columns = plot.series.map((each) =>
+      each.values.map((value) => (value === null ? null : value / plot.scale)),
+    );
+    const first = times[0];
+    const last = times[times.length - 1];
+    const chart = figure.querySelector(".chart");
+    const state = {
+      label: "state",
+      stroke: "transparent",
+      points: { show: false },
+      value: (u, value, series, index) => (index === null ? "" : bandAt(plot.bands, times[index])),
+    };
+    const options = {
+      width: chart.clientWidth || figure.clientWidth - 20,
+      height: HEIGHT,
+      padding: [STRIP + 6, 12, 0, 0],
+      cursor: { sync: { key: "report" }, drag: { x: true, y: false } },
+      scales: { x: { time: false }, y: { range: (u, low, high) => limits(plot, low, high) } },
+      axes: [
+        { label: plot.x_label, stroke: INK, grid: { show: false } },
+        { label: plot.y_label, stroke: INK, size: 60, grid: { stroke: "rgba(28, 39, 51, .1)" } },
+      ],
+      series: [
+        { label: "time", value: (u, value) => (value === null ? "" : `${value.toFixed(3)} s`) },
+        ...plot.series.map((each) => ({
+          label: each.label,
+          stroke: each.color,
+          width: each.width,
+          dash: each.dash || undefined,
+          points: { show: false },
+          value: (u, value) => (value === null ? "-" : value.toFixed(plot.digits) + plot.unit),
+        })),
+        ...(plot.bands.length ? [state] : []),
+      ],
+      hooks: {
+        drawClear: [(u) => drawBands(u, plot.bands)],
+        draw: [(u) => drawLines(u, plot.lines)],
+      },
+    };
+    figure.classList.add("live");
+    options.width = chart.clientWidth;
+    const data = [times, ...columns];
+    if (plot.bands.length) data.push(times.map(() => null));
+    const u = new uPlot(options, data, chart);
+    u.over.addEventListener("wheel", (event) => wheel(u, event, first, last), { passive: false });
+    tools(figure.querySelector(".tools"), u, plot.marks, first, last);
+    new ResizeObserver(() => {
+      if (chart.clientWidth) u.setSize({ width: chart.clientWidth, height: HEIGHT });
+    }).observe(chart);
+  }
+
+  function running(steps) {
+    let sum = 0;
+    return steps.map((step) => (sum += step));
+  }
+
+  function limits(plot, low, high) {
+    if (plot.y_limits) return plot.y_limits;
+    if (low === null) return [0, plot.y_top];
+    const top = Math.min(high, plot.y_top);
+    const bottom = Math.min(low, plot.lines.length ? 0 : low);
+    const room = 0.06 * Math.max(top - bottom, 0.1);
+    return [bottom - room, Math.max(top, bottom + 0.1) + room];
+  }
+
+  function bandAt(bands, time) {
+    const found = bands.find((band) => band.from <= time && time < band.to);
+    return found ? found.label : bands[bands.length - 1].label;
+  }
+
+  function drawBands(u, bands) {
+    const { ctx } = u;
+    const ratio = devicePixelRatio;
+    const { left, top, width, height } = u.bbox;
+    ctx.save();
+    ctx.font = `bold ${11 * ratio}px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    for (const band of bands) {
+      const start = Math.max(u.valToPos(band.from, "x", true), left);
+      const end = Math.min(u.valToPos(band.to, "x", true), left + width);
+      if (end <= start) continue;
+      ctx.fillStyle = band.color;
+      ctx.globalAlpha = 0.16;
+      ctx.fillRect(start, top, end - start, height);
+      ctx.globalAlpha = 1;
+      ctx.fillRect(start, top - (STRIP + 2) * ratio, end - start, STRIP * ratio);
+      if (ctx.measureText(band.label).width + 6 * ratio < end - start) {
+        ctx.fillStyle = band.text_color;
+        ctx.fillText(band.label, (start + end) / 2, top - (STRIP / 2 + 2) * ratio);
+      }
+    }
+    ctx.restore();
+  }
+
+  function drawLines(u, lines) {
+    const { ctx } = u;
+    const ratio = devicePixelRatio;
+    const { left, top, width, height } = u.bbox;
+    ctx.save();
+    ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+    ctx.textAlign = "right";
+    ctx.textBaseline = "bottom";
+    ctx.lineWidth = 1.2 * ratio;
+    for (const line of lines) {
+      const y = u.valToPos(line.value, "y", true);
+      if (y < top || y > top + height) continue;
+      ctx.strokeStyle = ctx.fillStyle = line.color;
+      ctx.setLineDash(line.value === 0 ? [] : [6 * ratio, 4 * ratio]);
+      ctx.beginPath();
+      ctx.moveTo(left, y);
+      ctx.lineTo(left + width, y);
+      ctx.stroke();
+      ctx.fillText(line.label, left + width - 4 * ratio, y - 2 * ratio);
+    }
+    ctx.restore();
+  }
+
+  function zoom(u, from, to, first, last) {
+    const span = Math.min(Math.max(to - from, SMALLEST_S), last - first);
+    const start = Math.min(Math.max(from, first), last - span);
+    u.setScale("x", { min: start, max: start + span });
+  }
+
+  function wheel(u, event, first, last) {
+    event.preventDefault();
+    const { min, max } = u.scales.x;
+    const factor = event.deltaY < 0 ? 0.8 : 1.25;
+    const at = u.posToVal(event.offsetX, "x");
+    zoom(u, at - (at - min) * factor, at + (max - at) * factor, first, last);
+  }
+
+  function tools(place, u, marks, first, last) {
+    const button = (text, action) => {
+      const made = document.createElement("button");
+      made.type = "button";
+      made.textContent = text;
+      made.addEventListener("click", action);
+      place.append(made);
+    };
+    const around = (factor) => {
+      const { min, max } = u.scales.x;
+      const middle = (min + max) / 2;
+      const half = ((max - min) / 2) * factor;
+      zoom(u, middle - half, middle + half, first, last);
+    };
+    button("whole case", () => zoom(u, first, last, first, last));
+    button("+", () => around(0.5));
+    button("\u2212", () => around(2));
+    for (const mark of marks) {
+      button(mark.label, () => zoom(u, mark.from - 1, mark.to + 1, first, last));
+    }
+    place.append("Drag or turn the wheel to zoom, double-click for the whole case.");
+  }
+})();

@@ -1,0 +1,53 @@
+"""The plot of a report in Chromium: zoom, values at the cursor, paper, and no script."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from app.report import write_report
+
+DISTANCES = [12.0] * 100 + [-2.0] * 10 + [12.0] * 100
+
+
+@pytest.fixture
+def report(tmp_path, record_of):
+    write_report(tmp_path, record_of(DISTANCES), scene_png=lambda: None, version="1")
+    return (tmp_path / "report.html").as_uri()
+
+
+def test_plot_zooms_and_shows_values(browser, report):
+    page = browser.new_page()
+    problems, requests = [], []
+    page.on("console", lambda message: problems.append(message.text))
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto(report)
+    figure = page.locator("figure.plot")
+    expect(figure.locator(".u-over")).to_be_visible()
+    expect(figure.locator(".static")).to_be_hidden()
+    figure.get_by_role("button", name="breach 1").click()
+    area = figure.locator(".u-over").bounding_box()
+    page.mouse.move(area["x"] + 0.5 * area["width"], area["y"] + 20)
+    legend = figure.locator(".u-legend")
+    expect(legend).to_contain_text("-2.00 mm")
+    expect(legend).to_contain_text("POSITIVE")
+    page.mouse.wheel(0, -200)
+    figure.get_by_role("button", name="whole case").click()
+    page.mouse.move(area["x"] + 0.1 * area["width"], area["y"] + 20)
+    expect(legend).to_contain_text(re.compile("12.00 mm"))
+    page.emulate_media(media="print")
+    expect(figure.locator(".static")).to_be_visible()
+    expect(figure.locator(".chart")).to_be_hidden()
+    assert problems == []
+    assert [url for url in requests if not url.startswith("data:")] == [report]
+    page.close()
+
+
+def test_page_without_scripts_shows_the_picture(browser, report):
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(report)
+    expect(page.locator("figure.plot .static img")).to_be_visible()
+    expect(page.locator("figure.plot .chart")).to_be_hidden()
+    context.close()

@@ -1,0 +1,113 @@
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from app.analysis.breaches import find_breaches
+from app.report import write_report
+from app.report.case_plots import distance_plot
+from app.report.page import document
+from app.report.time_plot import MAX_POINTS, Series, TimePlot, csp_source, extremes, plot_scripts
+from app.report.time_svg import time_svg
+
+DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]
+
+
+class Parts(HTMLParser):
+    """The content of scripts and styles, and the page's policy."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.contents, self.policy, self._type = [], "", None
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if values.get("http-equiv") == "Content-Security-Policy":
+            self.policy = values["content"]
+        self._type = values.get("type", tag) if tag in ("script", "style") else None
+
+    def handle_data(self, data):
+        if self._type is not None:
+            self.contents.append((self._type, data))
+            self._type = None
+
+
+@pytest.fixture
+def plot(rows_of, margins):
+    rows = rows_of(DISTANCES)
+    return distance_plot(rows, find_breaches(rows, margins.stale_after_ns), margins)
+
+
+def without_scripts(page):
+    """``page`` without what is shipped with this project: uPlot, its style and ours."""
+    for script in plot_scripts():
+        assert page.count(f"<script>{script}</script>") == 1
+        page = page.replace(f"<script>{script}</script>", "")
+    return page
+
+
+def test_data_of_a_page_are_the_distances_states_and_breaches(plot):
+    found = json.loads(dict(Parts(plot.html("", "x")).contents)["application/json"])
+    assert np.cumsum(found["times_ms"]).tolist() == [0, 20, 40, 60, 80, 100]
+    curves = {each["label"]: each["values"] for each in found["series"]}
+    assert curves["signed distance"] == [600, 312, -100, -200, None, 600]
+    assert curves["lower bound"] == [575, 288, -125, -225, None, 575]
+    assert curves["applied stop"] == [150, 150, 150, 150, None, 150]
+    states = [(band["from"], band["to"], band["label"].split()[-1]) for band in found["bands"]]
+    assert states == [
+        (0.0, 0.02, "NEGATIVE"),
+        (0.02, 0.04, "WARNING"),
+        (0.04, 0.08, "POSITIVE"),
+        (0.08, 0.1, "UNKNOWN"),
+        (0.1, 0.1, "NEGATIVE"),
+    ]
+    assert [(mark["from"], mark["to"]) for mark in found["marks"]] == [(0.04, 0.06)]
+
+
+def test_policy_allows_the_two_scripts_and_the_style_alone():
+    parts = Parts(document("a page", ["<p>x</p>"], plots=True))
+    scripts = [text for kind, text in parts.contents if kind == "script"]
+    assert tuple(scripts) == plot_scripts()
+    (style,) = [text for kind, text in parts.contents if kind == "style"]
+    directives = dict(each.split(" ", 1) for each in parts.policy.split("; "))
+    assert directives["script-src"] == " ".join(map(csp_source, scripts))
+    assert directives["style-src"] == csp_source(style)
+    assert directives["default-src"] == "'none'" and directives["img-src"] == "data:"
+    plain = Parts(document("a page", ["<p>x</p>"]))
+    assert "script-src 'none'" in plain.policy
+    assert [kind for kind, _ in plain.contents] == ["style"]
+
+
+def test_text_of_the_data_cannot_end_its_element():
+    evil = "</script><script>alert(1)</script>"
+    plot = TimePlot(np.arange(2.0), (Series(evil, "#000", np.zeros(2)),), evil)
+    page = plot.html("", evil)
+    assert page.count("</script>") == 1
+    (data,) = [text for kind, text in Parts(page).contents if kind == "application/json"]
+    assert json.loads(data)["series"][0]["label"] == evil
+
+
+def test_long_recording_keeps_its_extremes():
+    values = np.sin(np.arange(5.0 * MAX_POINTS) / 900.0)
+    values[12_345], values[77_777], values[400:2000] = -9.0, 9.0, np.nan
+    chosen = extremes(values, MAX_POINTS)
+    assert len(chosen) <= MAX_POINTS + 4 and (np.diff(chosen) > 0).all()
+    assert {0, 12_345, 77_777, len(values) - 1} <= set(chosen.tolist())
+    assert np.isnan(values[chosen]).any()  # the gap stays a gap
+
+
+def test_static_picture_has_each_run_of_known_values(plot):
+    svg = time_svg(plot, "a <title>")
+    assert "a &lt;title&gt;" in svg and "NaN" not in svg and "nan" not in svg
+    assert svg.count('stroke-width="1.5"') == 2  # the distance before and after the gap
+
+
+def test_report_shows_the_plot_and_no_external_resource(tmp_path, record_of):
+    write_report(tmp_path, record_of(DISTANCES), scene_png=lambda: None, version="1")
+    page = without_scripts((tmp_path / "report.html").read_text())
+    assert page.count('<figure class="plot"') == 1
+    assert '<div class="static"><img' in page
+    assert not re.search(r"https?:|url\(|@import|<link|<iframe", page)
