@@ -24,6 +24,11 @@ def mark(node: vtkMRMLNode, role: str) -> None:
         node.SetAttribute(_ROLE, role)
 
 
+def is_marked(node: vtkMRMLNode) -> bool:
+    """True if ``node`` is one of ours."""
+    return node.GetAttribute(_ROLE) is not None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AdoptedNodes:
     """Nodes to reuse, by name, so that nodes of others that refer to them keep doing so.

@@ -15,6 +15,7 @@ from ROS2Lib.service_server import Handler, vtkMRMLROS2ServiceServerNode
 from ROS2Lib.simulated_world import vtkMRMLROS2SimulatedWorldNode
 from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
 from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
+from ROS2Lib.tf2_hierarchy import vtkMRMLROS2Tf2HierarchyNode
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
 
 special_class(
@@ -223,7 +224,19 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Remove the robot with its lookups and models; False if there is none."""
         return self.remove(self.GetRobotNodeByName(robotName), f"robot {robotName!r}")
 
-    # Simulated worlds, which SlicerROS2 does not have.
+    # Hierarchies of transforms and simulated worlds, which SlicerROS2 does not have.
+
+    def CreateAndAddTf2HierarchyNode(self, parent: str) -> vtkMRMLROS2Tf2HierarchyNode | None:
+        """Broadcast a transform in the frame ``parent``, and all below it; None if it exists."""
+        return self.create(vtkMRMLROS2Tf2HierarchyNode, parent)
+
+    def GetTf2HierarchyNode(self, parent: str) -> vtkMRMLROS2Tf2HierarchyNode | None:
+        """The member; None if there is none."""
+        return self.find(vtkMRMLROS2Tf2HierarchyNode, parent)
+
+    def RemoveAndDeleteTf2HierarchyNode(self, parent: str) -> bool:
+        """Remove it; False if there is none. Its transforms stay in the scene."""
+        return self.remove(self.GetTf2HierarchyNode(parent), f"hierarchy {parent!r}")
 
     def CreateAndAddSimulatedWorldNode(
         self, simulation: str = SIMULATION
