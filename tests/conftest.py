@@ -161,6 +161,7 @@ LONG = {
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_calibration_page.py",
         "tests/viewer/test_contour_page.py",
+        "tests/viewer/test_exports.py",
         "tests/viewer/test_live_ultrasound_page.py",
         "tests/viewer/test_recording_page.py",
         "tests/viewer/test_ultrasound_page.py",

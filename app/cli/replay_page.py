@@ -2,20 +2,24 @@
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from app.cli.progress import with_progress
-from app.cli.scene_picture import ScenePainter
+from app.cli.scene_picture import MOVIE, SCENE, ScenePainter
 from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
-    from app.report import ReplayLog
+    from app.cli.scene_log import SceneLog
+    from app.report import ReplayLog, ReplayRecord
     from app.runtime import ReplayRun, SessionContent
     from app.viewer import EventNotes, ReplayFeed, ReplayTimeline, Viewer
+
+MOVIE_S = 10.0
+"""Longest duration of the exported movie, to which time is compressed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +31,7 @@ class ReplayParts:
     feed: "ReplayFeed"
     timeline: "ReplayTimeline"
     notes: "EventNotes"
+    scene_log: "SceneLog"
     _engine: threading.Lock = field(default_factory=threading.Lock)
     """Held while the proximity engine is used, which is not thread-safe."""
 
@@ -35,26 +40,62 @@ class ReplayParts:
         """The content of the session."""
         return self.run.prepared.content
 
-    def report(self) -> bytes:
-        """The ``report.html`` of these steps, as ``replay --report`` writes it."""
-        from app import __version__
-        from app.report import analysed_replay, record_of, write_report
+    @property
+    def exports(self) -> "dict[str, Callable[[], bytes]]":
+        """By file name, what makes a file of these steps, as ``marginguard replay`` writes it."""
+        return {
+            "report.html": lambda: self._report_file("report.html"),
+            "report.pdf": self._pdf,
+            "margin.csv": self._margin_csv,
+            "scene.mrb": lambda: self._drawn(SCENE),
+            "movie.gif": lambda: self._drawn(MOVIE),
+        }
+
+    def _record(self) -> "ReplayRecord":
+        """The record of the steps, with the notes of operators."""
+        from app.report import record_of
 
         with self._engine:
             record = record_of(self.run, self.log)
         events = (note.line for note in self.notes.entries)
-        record = replace(record, notes=(*record.notes, *events))
+        return replace(record, notes=(*record.notes, *events))
+
+    def _report_file(self, name: str) -> bytes:
+        from app import __version__
+        from app.report import analysed_replay, write_report
+
         with ScenePainter() as painter, TemporaryDirectory() as folder:
             if self.log.deepest is not None:
                 painter.begin(self.content, self.log.deepest)
             write_report(
                 Path(folder),
-                record,
+                self._record(),
                 scene_png=painter.picture,
                 version=__version__,
                 analysed=analysed_replay(self.run, self.log, __version__),
             )
-            return (Path(folder) / "report.html").read_bytes()
+            return (Path(folder) / name).read_bytes()
+
+    def _pdf(self) -> bytes:
+        from app.cli.report_pdf import pdf_of
+        from app.report import summarise
+
+        record = self._record()
+        with ScenePainter() as painter:
+            if self.log.deepest is not None:
+                painter.begin(self.content, self.log.deepest)
+            return pdf_of(self.run.prepared, record, summarise(record), painter.picture())
+
+    def _margin_csv(self) -> bytes:
+        from app.report import margin_csv
+
+        return margin_csv(self.log.rows).encode()
+
+    def _drawn(self, output: str) -> bytes:
+        with ScenePainter() as painter:
+            if self.log.deepest is not None:
+                painter.begin(self.content, self.log.deepest, outputs=(output,), log=self.scene_log)
+            return painter.content(output)
 
 
 def replay_parts(
@@ -63,6 +104,8 @@ def replay_parts(
     """Step through the case in ``folder``; None when a signal came before its last step."""
     with received.ends_at_once():
         from app.analysis import find_breaches
+        from app.cli.keyframes import PICTURES_PER_S
+        from app.cli.scene_log import SceneLog
         from app.report import ReplayLog
         from app.runtime import ReplayRun, prepare_case
         from app.viewer import (
@@ -75,12 +118,13 @@ def replay_parts(
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
     setup, log = prepared.setup, ReplayLog()
+    scene_log = SceneLog(recording=True, max_keyframes=round(PICTURES_PER_S * MOVIE_S))
     builder = ViewStateBuilder(setup, prepared.content, stop_surface(prepared.content))
     run = ReplayRun(
         prepared,
         clock_ns=time.monotonic_ns,
         stopwatch_ns=time.perf_counter_ns,
-        outputs=(log,),
+        outputs=(log, scene_log),
     )
     received.stops(run.stop)
     steps = with_progress(run.steps(), "stepping through frame")
@@ -90,7 +134,7 @@ def replay_parts(
     feed = ReplayFeed(shown, time.monotonic_ns)
     breaches = find_breaches(log.rows, setup.margins.stale_after_ns)
     timeline = ReplayTimeline(feed, [(breach.first, breach.last) for breach in breaches])
-    return ReplayParts(run, log, feed, timeline, EventNotes())
+    return ReplayParts(run, log, feed, timeline, EventNotes(), scene_log)
 
 
 def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
@@ -100,7 +144,7 @@ def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
 
     images = open_case_images(parts.run.prepared.case)
     title = Title(
-        parts.content.name, live=False, report=parts.report, images=images, notes=parts.notes
+        parts.content.name, live=False, exports=parts.exports, images=images, notes=parts.notes
     )
     return Viewer(
         SceneView(parts.content),

@@ -1,35 +1,47 @@
-"""Files that the page offers: the present picture, and the report of a replay."""
+"""Files that the page offers: the present picture, and the report and exports of a replay."""
 
 import asyncio
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Mapping
 from time import monotonic_ns
 
 from aiohttp import web
 
+from app.geometry import MarginGuardError
 from app.runtime.rate_limit import RateLimit
 
 _PICTURES_PER_S, _PICTURE_BURST = 2.0, 4.0
 
 
-class Downloads:
-    """Handlers of downloads. ``report`` makes its file, None for no report.
+KINDS = {
+    ".csv": "text/csv",
+    ".gif": "image/gif",
+    ".html": "text/html",
+    ".mrb": "application/zip",
+    ".pdf": "application/pdf",
+}
+"""Ending of an export: its type."""
 
-    A picture is drawn in the page's thread, so their rate is limited for all pages together. The
-    report is computed once for each ``version`` of what is in it.
+
+class Downloads:
+    """Handlers of downloads. ``exports``: by file name, what makes the file of a replay.
+
+    A picture is drawn in the page's thread, so their rate is limited for all pages together. An
+    export is computed once for each ``version`` of what is in it, one at a time.
     """
 
     def __init__(
         self,
         screenshot: Callable[[], bytes],
-        report: Callable[[], bytes] | None,
+        exports: Mapping[str, Callable[[], bytes]],
         version: Callable[[], object] = lambda: None,
     ) -> None:
         self._screenshot = screenshot
-        self._report = report
+        self._exports = dict(exports)
         self._version = version
-        self._computed: object = None
         self._pictures = RateLimit(_PICTURES_PER_S, _PICTURE_BURST)
-        self._computing: asyncio.Future[bytes] | None = None
+        self._one_at_a_time = threading.Lock()
+        self._computing: dict[str, tuple[object, asyncio.Future[bytes]]] = {}
 
     async def screenshot(self, request: web.Request) -> web.Response:
         """The present picture as PNG."""
@@ -37,17 +49,25 @@ class Downloads:
             return web.Response(status=429)
         return _download(self._screenshot(), "image/png", "marginguard.png")
 
-    async def report(self, request: web.Request) -> web.Response:
-        """The report as HTML."""
-        if self._report is None:
+    async def export(self, request: web.Request) -> web.Response:
+        """The file that the last part of the path names; status 409 and why it cannot be made."""
+        name = request.path.rpartition("/")[2]
+        make = self._exports.get(name)
+        if make is None:
             raise web.HTTPNotFound
-        version = self._version()
-        if self._computing is None or version != self._computed:
-            self._computed = version
-            loop = asyncio.get_running_loop()
-            self._computing = loop.run_in_executor(None, self._report)
-        content = await asyncio.shield(self._computing)
-        return _download(content, "text/html", "report.html")
+        version, computing = self._version(), self._computing.get(name)
+        if computing is None or computing[0] != version:
+            future = asyncio.get_running_loop().run_in_executor(None, self._made, make)
+            computing = self._computing[name] = (version, future)
+        try:
+            content = await asyncio.shield(computing[1])
+        except MarginGuardError as error:
+            return web.Response(status=409, text=" ".join(str(error).split()))
+        return _download(content, KINDS[f".{name.rpartition('.')[2]}"], name)
+
+    def _made(self, make: Callable[[], bytes]) -> bytes:
+        with self._one_at_a_time:
+            return make()
 
 
 def _download(content: bytes, kind: str, name: str) -> web.Response:

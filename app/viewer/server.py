@@ -1,7 +1,7 @@
 """Serves the page: trame keeps its values, `WebServer` and `PageSocket` connect browsers."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -54,14 +54,14 @@ _MAX_PIXELS = 1920 * 1200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Title:
-    """The case in the page's title; ``report`` makes its ``report.html``, ``images`` are shown.
+    """The case in the page's title; ``exports`` makes its files by name, ``images`` are shown.
 
     ``notes``: those of operators, which the page lists and adds to.
     """
 
     case: str
     live: bool
-    report: Callable[[], bytes] | None = None
+    exports: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     images: ImageSource | None = None
     notes: EventNotes = field(default_factory=EventNotes)
 
@@ -215,15 +215,14 @@ class Viewer:
 
     def _content(self, sockets: PageSocket, folders: dict[str, Path]) -> Content:
         downloads = Downloads(
-            self._screenshot, self._title.report, lambda: len(self._title.notes.entries)
+            self._screenshot, self._title.exports, lambda: len(self._title.notes.entries)
         )
         handlers = {
             "/ws": sockets.handle,
             "/marginguard/states.css": _state_css,
             "/screenshot.png": downloads.screenshot,
         }
-        if self._title.report is not None:
-            handlers["/report.html"] = downloads.report
+        handlers |= {f"/{name}": downloads.export for name in self._title.exports}
         if self._contour is not None:
             handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
         if self._calibration is not None:
@@ -284,7 +283,7 @@ def _server(title: Title, *, client: bool) -> Server:
     state.title = {
         "case": title.case,
         "live": title.live,
-        "report": title.report is not None,
+        "exports": list(title.exports),
         "client": client,
         "ultrasound": title.images is not None,
         "contour": title.live or title.images is not None,

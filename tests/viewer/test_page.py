@@ -312,8 +312,10 @@ def test_picture_of_a_huge_page_has_a_limited_size(page):
 
 
 def test_report_can_be_downloaded(page):
+    page.locator("#export summary").click()
     with page.expect_download() as waiting:
-        page.locator("#report").click()
+        page.locator("#export-report-html").click()
+    page.locator("#export summary").click()
     text = Path(waiting.value.path()).read_text()
     assert waiting.value.suggested_filename == "report.html"
     assert "small: margin report" in text
@@ -333,7 +335,7 @@ def test_all_controls_are_reachable_by_keyboard_and_have_a_name(page):
         outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
         assert outline != "none" or page.evaluate("document.activeElement === document.body")
     assert {"Play", "One frame back", "One frame on", "Rate", "Time in the recording"} <= names
-    assert {"Tumour", "Opacity of Tumour", "Report", "Screenshot"} <= names
+    assert {"Tumour", "Opacity of Tumour", "Export", "Screenshot"} <= names
 
 
 def test_sections_do_not_overlap_and_are_not_cut_off(page):
@@ -364,7 +366,7 @@ def test_small_page_shows_picture_state_and_distance(page, width, height):
     page.wait_for_timeout(150)
     boxes = page.evaluate(
         """() => Object.fromEntries(['.view', '#state-label', '#distance', '#play', '#timeline',
-            '#sound', '#report', '.note', '.looks button:last-child'].map(name => {
+            '#sound', '#export', '.note', '.looks button:last-child'].map(name => {
           const box = document.querySelector(name).getBoundingClientRect();
           const visible = [0.03, 0.5, 0.97].every(share => document.elementFromPoint(
             box.left + share * box.width, box.top + 0.5 * box.height)?.closest(name));

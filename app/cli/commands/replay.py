@@ -11,7 +11,7 @@ import sys
 import time
 from contextlib import nullcontext
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
@@ -23,13 +23,9 @@ from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
 
 if TYPE_CHECKING:
-    from app.report import ReplayRecord
-    from app.runtime import PreparedCase, ReplayRun
+    from app.runtime import ReplayRun
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
-
-PICTURES_PER_S = 12.5
-"""Pictures of a movie per second."""
 
 _MAX_MOVIE_S = 60.0
 
@@ -112,6 +108,8 @@ def _replay(
     watch = Stopwatch()
     with received.ends_at_once():
         from app import __version__
+        from app.cli.keyframes import PICTURES_PER_S
+        from app.cli.report_pdf import pdf_of
         from app.cli.scene_log import SceneLog
         from app.files import write_file
         from app.report import (
@@ -173,7 +171,7 @@ def _replay(
         )
     watch.lap("write the report")
     if options.pdf is not None:
-        write_file(options.pdf, _pdf(prepared, record, summary, picture()))
+        write_file(options.pdf, pdf_of(prepared, record, summary, picture()))
         watch.lap("write the PDF")
     if painter is not None:
         for name, path in ((SCENE, options.save_scene), (MOVIE, options.movie)):
@@ -184,19 +182,6 @@ def _replay(
         watch.print_laps()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
-
-
-def _pdf(
-    prepared: "PreparedCase", record: "ReplayRecord", summary: dict[str, Any], scene: bytes | None
-) -> bytes:
-    """The report as PDF, with the digests of the case's files."""
-    from app import __version__
-    from app.files.paths import sha256_of
-    from app.report.pdf import report_pdf
-
-    files = (prepared.case.folder / "case.yaml", prepared.case.recording_path)
-    digests = {path.name: sha256_of(path) for path in files if path is not None and path.is_file()}
-    return report_pdf(record, summary, scene, version=__version__, inputs_sha256=digests)
 
 
 def _picture(painter: ScenePainter | None, watch: Stopwatch) -> bytes | None:

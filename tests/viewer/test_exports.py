@@ -1,0 +1,59 @@
+"""Every file that the page of a replay exports is that of ``marginguard replay``."""
+
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page, expect
+
+from app.cli.main import main
+from tests.viewer.conftest import Serve, Watched, watching
+from tests.viewer.test_accessibility import violations
+
+WAIT_MS = 120_000
+NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif"]
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, serve: Serve, viewed_case: Path) -> Iterator[Page]:
+    with watching(browser, serve(str(viewed_case))) as watched:
+        yield watched.page
+        assert watched.errors == []
+
+
+def downloaded(page: Page, name: str) -> bytes:
+    with page.expect_download(timeout=WAIT_MS) as waiting:
+        page.click(f"#export-{name.replace('.', '-')}")
+    assert waiting.value.suggested_filename == name
+    return Path(waiting.value.path()).read_bytes()
+
+
+def test_files_are_those_of_a_replay(page: Page, viewed_case: Path, tmp_path: Path) -> None:
+    assert main(["replay", str(viewed_case), "--no-ros", "--report", str(tmp_path)]) == 0
+    page.click("#export summary")
+    assert page.locator("#export a").all_inner_texts() == NAMES
+    for width, height in ((1280, 720), (1920, 1080), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        assert violations(page) == []
+        box = page.locator("#export ul").bounding_box()
+        assert box is not None and box["x"] >= 0 and box["x"] + box["width"] <= width
+    assert downloaded(page, "margin.csv") == (tmp_path / "margin.csv").read_bytes()
+    assert downloaded(page, "report.pdf").startswith(b"%PDF-")
+    with zipfile.ZipFile(io.BytesIO(downloaded(page, "scene.mrb"))) as bundle:
+        assert bundle.testzip() is None
+        assert any(name.endswith(".mrml") for name in bundle.namelist())
+    with Image.open(io.BytesIO(downloaded(page, "movie.gif"))) as movie:
+        assert movie.format == "GIF" and getattr(movie, "n_frames", 1) > 10
+
+
+def test_viewer_may_export(browser: Browser, serve: Serve, viewed_case: Path) -> None:
+    server = serve(str(viewed_case))
+    context = browser.new_context(accept_downloads=True)
+    page = Watched(context.new_page(), server.host).open(server.view_url)
+    page.click("#export summary")
+    expect(page.locator("#export a")).to_have_count(len(NAMES))
+    assert downloaded(page, "margin.csv").startswith(b"t_s,stamp_ns,")
+    context.close()
