@@ -83,15 +83,19 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
     areas = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
-    points = np.zeros((1, 3)) if tool is None else surface_points(tool)
-    tree = cKDTree(points)
     limit = max(WITHIN_MM)
+    frames = _near(samples, limit)
     nearest = np.full(len(centres), np.inf)
+    if tool is None:  # the nearest of the places of one point
+        if len(frames):
+            tips = cKDTree(samples.tips_mm[frames])
+            nearest, _ = tips.query(centres, distance_upper_bound=limit)
+        return Coverage(faces, nearest, areas, len(frames))
+    tree = cKDTree(surface_points(tool))
     # A face is queried again only if it may have become nearer since its last query: first by the
     # sum of the motions of all faces, then by its own motion since then.
     at_query, distance_then = np.zeros_like(centres), np.full(len(centres), -np.inf)
     bound, sought = distance_then.copy(), np.full(len(centres), limit)
-    frames = _near(samples, limit)
     moved = _largest_motions(samples.tips_mm[frames], samples.rotations[frames], centres)
     for index, motion in zip(frames.tolist(), moved.tolist(), strict=True):
         bound -= motion

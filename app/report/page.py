@@ -43,7 +43,13 @@ div.figure svg { display: block; margin: 0 auto; min-width: 34rem; max-width: 56
                  width: 100%; height: auto; }
 img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
       border-radius: 6px; }
-@media print { body { max-width: none; padding: 0; } h2 { break-after: avoid; } }
+@media print {
+  body { max-width: none; padding: 0; }
+  h2 { break-after: avoid; }
+  div.wide { overflow-x: visible; }
+  div.wide table { font-size: .75em; }
+  div.wide th, div.wide td { padding: .2rem .3rem; white-space: normal; }
+}
 """
 
 Cell = str | int | float | None

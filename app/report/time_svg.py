@@ -1,5 +1,6 @@
 """A plot over time as SVG, without a script: the static picture of a `TimePlot`."""
 
+import math
 from html import escape
 
 import numpy as np
@@ -8,7 +9,7 @@ from app.report.time_plot import TimePlot, extremes
 
 MAX_POINTS = 2000
 _WIDTH, _HEIGHT = 900.0, 300.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 12.0, 14.0, 46.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 12.0, 20.0, 46.0
 _INK = "#1c2733"
 
 
@@ -30,12 +31,12 @@ def time_svg(plot: TimePlot, title: str) -> str:
         f'font-family="system-ui, sans-serif" font-size="13" fill="{_INK}">\n'
         f"<title>{escape(title)}</title>"
     ]
-    for value in np.linspace(low, high, 5).tolist():
+    for value in _ticks(low, high):
         parts.append(_line(y(value), "#d5dce3"))
-        parts.append(_text(_LEFT - 6.0, y(value) + 4.0, f"{value:.3g}", "end"))
+        parts.append(_text(_LEFT - 6.0, y(value) + 4.0, f"{value:g}", "end"))
     parts.extend(
-        _text(x(time_s), _HEIGHT - _BOTTOM + 18.0, f"{time_s:.0f}", "middle")
-        for time_s in np.linspace(first, last, 6).tolist()
+        _text(x(time_s), _HEIGHT - _BOTTOM + 18.0, f"{time_s:g}", "middle")
+        for time_s in _ticks(first, last)
     )
     for line in plot.lines:
         if low <= line.value <= high:
@@ -55,7 +56,7 @@ def time_svg(plot: TimePlot, title: str) -> str:
                 )
     middle = (_LEFT + _WIDTH - _RIGHT) / 2.0
     parts.append(_text(middle, _HEIGHT - 8.0, "time from the first frame, s", "middle"))
-    parts.append(_text(4.0, _TOP - 3.0, plot.label, "start"))
+    parts.append(_text(_LEFT, _TOP - 4.0, plot.label, "start"))
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
@@ -64,6 +65,15 @@ def _limits(plot: TimePlot) -> tuple[float, float]:
     known = values[np.isfinite(values)]
     low = min(0.0, float(known.min(initial=0.0)))
     return low - 0.06 * (plot.top - low), plot.top
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten, 9 at most."""
+    power = 10.0 ** math.floor(math.log10((high - low) / 8.0))
+    shares = (1.0, 2.0, 5.0, 10.0, 20.0)
+    step = next(share * power for share in shares if high - low <= 8.0 * share * power)
+    first, last = math.ceil(low / step), math.floor(high / step)
+    return [round(count * step, 9) for count in range(first, last + 1)]
 
 
 def _line(y: float, color: str, *, dash: str = "") -> str:

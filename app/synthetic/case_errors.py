@@ -119,7 +119,7 @@ class Encoders:
         self._offsets = errors.encoder_offset_rad * random.choice([-1.0, 1.0], size=count)
 
     def read(self, positions: FloatArray) -> FloatArray:
-        """The reported positions (n,) of true ``positions`` (n,)."""
+        """The reported positions (..., n) of true ``positions`` (..., n)."""
         reported = positions + self._offsets
         if self._step:
             reported = np.round(reported / self._step) * self._step

@@ -79,7 +79,8 @@ class Path:
         time_s = min(max(time_s, self.start_s), self.end_s)
         turn = rotation_of_vector(self._turns(time_s))
         rotation = self._first.rotation @ turn
-        return Transform(self._first.target, self._first.source, rotation, self._positions(time_s))
+        position = np.array(self._positions(time_s))
+        return Transform.unchecked(self._first.target, self._first.source, rotation, position)
 
 
 class JointMotion:
@@ -104,10 +105,13 @@ class JointMotion:
         self._positions = PchipInterpolator(times_s, knots)
         self._last: tuple[float, Transform] | None = None
 
-    def positions(self, time_s: float) -> FloatArray:
-        """Joint positions (n,) in the order of ``joint_names``, constant beyond both ends."""
-        start_s, end_s = self._span_s
-        return np.asarray(self._positions(min(max(time_s, start_s), end_s)), dtype=np.float64)
+    def positions(self, time_s: float | FloatArray) -> FloatArray:
+        """Joint positions (n,) in the order of ``joint_names``, constant beyond both ends.
+
+        (k, n) for times (k,).
+        """
+        within = np.minimum(np.maximum(time_s, self._span_s[0]), self._span_s[1])
+        return np.asarray(self._positions(within), dtype=np.float64)
 
     def base_from_tool(self, time_s: float) -> Transform:
         """The true pose of the tool."""

@@ -1,6 +1,8 @@
 """What is recorded of a simulation: frames with the tracker's errors, joints, and what was lost."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.case.manifest.expected import DropoutKind, ExpectedDropout
@@ -50,9 +52,9 @@ class Recording:
             if self._first_ns is None:
                 self._first_ns = stamp.ns
                 joint_ns = (stamp.ns - self._offset_ns) // JOINT_PERIOD_NS * JOINT_PERIOD_NS
-            while joint_ns + self._offset_ns <= stamp.ns:
-                joints.append(self._joint_sample(joint_ns))
-                joint_ns += JOINT_PERIOD_NS
+            read_ns = range(joint_ns, stamp.ns - self._offset_ns + 1, JOINT_PERIOD_NS)
+            joints.extend(self._joint_samples(read_ns))
+            joint_ns += len(read_ns) * JOINT_PERIOD_NS
             poses = self._measure(reading, stamp)
             if poses:
                 yield TrackingFrame(stamp, poses, tuple(joints))
@@ -108,13 +110,15 @@ class Recording:
                 arrived.append(received)
         return tuple(arrived)
 
-    def _joint_sample(self, robot_ns: int) -> JointSample:
-        time_s = (robot_ns + ROBOT_TO_TRACKER_OFFSET_NS - FIRST_STAMP_NS) / NS_PER_S
+    def _joint_samples(self, robot_ns: Sequence[int]) -> Iterator[JointSample]:
+        """The samples at these times of the robot's clock."""
         motion = self._simulation.arm_motion
-        positions = motion.positions(time_s)
+        late_ns = ROBOT_TO_TRACKER_OFFSET_NS - FIRST_STAMP_NS
+        positions = motion.positions(np.array([(ns + late_ns) / NS_PER_S for ns in robot_ns]))
         if self._encoders is not None:
             positions = self._encoders.read(positions)
-        return JointSample(motion.joint_names, tuple(positions.tolist()), Stamp(robot_ns, "robot"))
+        for ns, row in zip(robot_ns, positions.tolist(), strict=True):
+            yield JointSample(motion.joint_names, tuple(row), Stamp(ns, "robot"))
 
 
 class _Losses:

@@ -10,7 +10,7 @@ from app.report import write_report
 from app.report.case_plots import distance_plot
 from app.report.page import document
 from app.report.time_plot import MAX_POINTS, Series, TimePlot, csp_source, extremes, plot_scripts
-from app.report.time_svg import time_svg
+from app.report.time_svg import _ticks, time_svg
 
 DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]
 
@@ -111,3 +111,9 @@ def test_report_shows_the_plot_and_no_external_resource(tmp_path, record_of):
     assert page.count('<figure class="plot"') == 1
     assert '<div class="static"><img' in page
     assert not re.search(r"https?:|url\(|@import|<link|<iframe", page)
+
+
+@pytest.mark.parametrize("high", [0.001, 0.08, 1.02, 8.0, 79.0, 80.0, 81.0, 5400.0])
+def test_axes_have_a_few_round_numbers(high):
+    found = _ticks(0.0, high)
+    assert 3 <= len(found) <= 9 and found[0] == 0.0 and found[-1] <= high

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app import __version__
+from app.cli.gc_control import GcPause
 from app.cohort import CohortCase, failed, fetch, finished, identity_of, is_url
 from app.cohort.columns import FAILED, LOST, Row
 from app.geometry import InputError, MarginGuardError
@@ -94,13 +95,17 @@ def _results(folder: Path) -> tuple[dict[str, object], dict[str, object]]:
     from app.runtime import ReplayRun, prepare_case
 
     log = ReplayLog()
-    prepared = prepare_case(folder)
-    replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=(log,))
-    content = prepared.content
-    analysis = analyse_case(
-        replay.steps(), name=content.name, margins=content.margins, tumor=content.tumor
-    )
-    return summarise(record_of(replay, log)), dict(analysis.flat())
+    with GcPause() as memory:
+        prepared = prepare_case(folder)
+        memory.settle()
+        replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=(log,))
+        for _ in replay.steps():
+            pass
+        content = prepared.content
+        analysis = analyse_case(
+            log.samples(), name=content.name, margins=content.margins, tumor=content.tumor
+        )
+        return summarise(record_of(replay, log)), dict(analysis.flat())
 
 
 @cache
