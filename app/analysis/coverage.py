@@ -89,7 +89,8 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
     if tool is None:  # the nearest of the places of one point
         if len(frames):
             tips = cKDTree(samples.tips_mm[frames])
-            nearest, _ = tips.query(centres, distance_upper_bound=limit)
+            found, _ = tips.query(centres, distance_upper_bound=limit)
+            nearest = np.asarray(found, dtype=np.float64)
         return Coverage(faces, nearest, areas, len(frames))
     tree = cKDTree(surface_points(tool))
     # A face is queried again only if it may have become nearer since its last query: first by the
