@@ -40,7 +40,7 @@ def live_page(
         load_bridge("which a live session needs")
         print_reach()
         from app.bridge.live import live_node
-        from app.runtime import SWITCH_INTERVAL_S, ToolCalibration, prepare_live
+        from app.runtime import SWITCH_INTERVAL_S, RobotRegistration, ToolCalibration, prepare_live
         from app.viewer import (
             LiveFeed,
             LiveOperator,
@@ -68,6 +68,7 @@ def live_page(
         operator_thread = ThreadPoolExecutor(max_workers=3)
         operator = LiveOperator(operator_thread)
         calibration = ToolCalibration(content)
+        registration = None if content.robot is None else RobotRegistration(content)
         hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
         viewer = Viewer(
             SceneView(content),
@@ -79,11 +80,13 @@ def live_page(
             client=client,
             hand=hand,
             calibration=calibration,
+            registration=registration,
         )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
     with operator_thread, ThreadPoolExecutor(max_workers=1) as workers:
-        output = LiveOutput(feed, content, surface, workers, operator, calibration)
+        guides = [each for each in (calibration, registration) if each is not None]
+        output = LiveOutput(feed, content, surface, workers, operator, guides)
         with live_node(
             prepared,
             namespace=options.namespace,

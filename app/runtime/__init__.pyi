@@ -37,6 +37,13 @@ from .workflow.calibration_fit import (
     fit_calibration,
 )
 from .workflow.coverage import Coverage
+from .workflow.guided_recording import Phase
+from .workflow.registration_fit import RegistrationFit, RegistrationTask, fit_registration
+from .workflow.robot_registration import (
+    RegistrationStatus,
+    RobotRegistration,
+    UseRegistration,
+)
 from .workflow.steps import (
     WorkflowName,
     WorkflowState,
@@ -44,7 +51,7 @@ from .workflow.steps import (
     next_step,
     workflow_steps,
 )
-from .workflow.tool_calibration import CalibrationStatus, Phase, TipChange, ToolCalibration, UseTip
+from .workflow.tool_calibration import CalibrationStatus, TipChange, ToolCalibration, UseTip
 
 __all__ = [
     "SWITCH_INTERVAL_S",
@@ -82,9 +89,13 @@ __all__ = [
     "RecordingExtent",
     "RecordingStatus",
     "RegisteredCase",
+    "RegistrationFit",
+    "RegistrationStatus",
+    "RegistrationTask",
     "ReplayRun",
     "RequestKind",
     "RequestLog",
+    "RobotRegistration",
     "SecondInstanceError",
     "SeenHold",
     "SessionContent",
@@ -98,6 +109,7 @@ __all__ = [
     "TipChange",
     "TooManyRequestsError",
     "ToolCalibration",
+    "UseRegistration",
     "UseTip",
     "Wakeup",
     "WorkflowName",
@@ -107,6 +119,7 @@ __all__ = [
     "compute_here",
     "content_of",
     "fit_calibration",
+    "fit_registration",
     "host_id",
     "live_state",
     "next_step",

@@ -3,6 +3,7 @@ from .axis_distances import AxisDistances
 from .breach_log import BreachEntry, BreachList, BreachLog
 from .breach_place import checked_axes, is_tip, place_letters
 from .case_robot import load_case_robot
+from .dwelling import mean_dwell_pose
 from .frame_senders import FrameSenders, SenderConflict
 from .from_case import margin_parameters, robot_from_case, setup_from_case
 from .inside_runs import InsideRun, InsideRuns
@@ -26,6 +27,7 @@ from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .plausibility.plausibility import SINGLE_SOURCE
 from .playback_rule import PlaybackRule
 from .pose_tree import MeasuredPose, PoseTree
+from .registering import box_corners
 from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
 from .sequence_trail import SequenceTrail
 from .session import Session
@@ -74,6 +76,7 @@ __all__ = [
     "TrackingError",
     "TumorChange",
     "advice_text",
+    "box_corners",
     "checked_axes",
     "deepest_on_path",
     "guidance_parameters",
@@ -84,6 +87,7 @@ __all__ = [
     "loosened_margins",
     "margin_changes",
     "margin_parameters",
+    "mean_dwell_pose",
     "place_letters",
     "robot_from_case",
     "setup_from_case",

@@ -69,7 +69,8 @@ def dwell_poses(
             for index in _dwells_at(dwells, joints.stamp.ns - start_ns):
                 found[index].link.append(_base_from_link(robot, joints))
     return tuple(
-        _dwell_pose(samples, number, tool_from_tip) for number, samples in enumerate(found, start=1)
+        mean_dwell_pose(samples.tool, samples.link, f"dwell {number}", tool_from_tip)
+        for number, samples in enumerate(found, start=1)
     )
 
 
@@ -84,26 +85,35 @@ def _base_from_link(robot: RobotSetup, joints: JointSample) -> Transform:
     return root_from_link.renamed(target=robot.base_frame)
 
 
-def _dwell_pose(samples: _Samples, number: int, tool_from_tip: Transform) -> DwellPose:
+def mean_dwell_pose(
+    reference_from_tool: Sequence[Transform],
+    base_from_link: Sequence[Transform],
+    dwell: str,
+    tool_from_tip: Transform,
+) -> DwellPose:
+    """Mean poses of a dwell. Raises `InputError`, with its name, for few samples or motion."""
     tracked = f"{tool_from_tip.target!r} in {REFERENCE!r}"
-    for transforms, what in ((samples.tool, tracked), (samples.link, "the robot's joints")):
+    for transforms, what in (
+        (reference_from_tool, tracked),
+        (base_from_link, "the robot's joints"),
+    ):
         if len(transforms) < MIN_SAMPLES:
             raise InputError(
-                f"registration: dwell {number} has {len(transforms)} good samples of {what}; "
+                f"registration: {dwell} has {len(transforms)} good samples of {what}; "
                 f"expected at least {MIN_SAMPLES}"
             )
-    tracked_tips = [transform @ tool_from_tip for transform in samples.tool]
+    tracked_tips = [transform @ tool_from_tip for transform in reference_from_tool]
     for tips, what, max_mm in (
-        (samples.link, "the robot's tip", MAX_MOTION_MM),
+        (base_from_link, "the robot's tip", MAX_MOTION_MM),
         (tracked_tips, f"the tip of {tracked}", MAX_TRACKED_MOTION_MM),
     ):
         motion_mm = _motion_mm(tips)
         if motion_mm > max_mm:
             raise InputError(
-                f"registration: {what} moved by {motion_mm:.2f} mm RMS in dwell {number}; "
+                f"registration: {what} moved by {motion_mm:.2f} mm RMS in {dwell}; "
                 f"expected at most {max_mm}"
             )
-    return DwellPose(mean_transform(samples.tool), mean_transform(samples.link))
+    return DwellPose(mean_transform(reference_from_tool), mean_transform(base_from_link))
 
 
 def _motion_mm(transforms: Sequence[Transform]) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from app.case import Case, RegistrationEntry
 from app.fixture import MarginParameters
-from app.geometry import FloatArray, InputError, Transform, mean_transform
+from app.geometry import FloatArray, InputError, SurfaceMesh, Transform, mean_transform
 from app.registration import (
     RegistrationResult,
     given_registration,
@@ -81,8 +81,12 @@ def _tumor_mm(case: Case, poses: PoseTree) -> FloatArray | None:
     reference_from_frame = poses.pose(REFERENCE, tumor.frame).transform
     if reference_from_frame is None:
         return None
-    corners = np.array(list(product(*zip(*case.tumor_mesh().bounds_mm, strict=True))))
-    return (reference_from_frame @ tumor.frame_from_tumor).apply(corners)
+    return (reference_from_frame @ tumor.frame_from_tumor).apply(box_corners(case.tumor_mesh()))
+
+
+def box_corners(mesh: SurfaceMesh) -> FloatArray:
+    """Corners (8, 3) in mm of the bounding box of ``mesh``, in its frame."""
+    return np.array(list(product(*zip(*mesh.bounds_mm, strict=True))))
 
 
 def _mount(

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from aiohttp import web
 
 from app.files import write_transform
-from app.geometry import MarginGuardError, Transform
+from app.geometry import Transform
 from app.runtime import (
     CalibrationFit,
     Compute,
@@ -21,15 +20,14 @@ from app.runtime import (
 )
 from app.viewer.access.auth import ROLE
 from app.viewer.access.role import Role
-from app.viewer.log import log
+from app.viewer.guided_fits import GuidedFits
 from app.viewer.readout.calibration import calibration_map, calibration_values
 
 
 class CalibrationPart:
     """Fits the poses of ``guide`` while they are recorded. The page's thread owns it.
 
-    ``compute`` calls the computation in a thread of this part, ``on_computed`` is called from that
-    thread. ``use`` replaces the tip of the session.
+    ``use`` replaces the tip of the session.
     """
 
     def __init__(
@@ -41,31 +39,18 @@ class CalibrationPart:
     ) -> None:
         self.guide = guide
         self.use = use
-        self._compute = compute
-        self._on_computed = on_computed
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="calibration")
-        self._computing: Future[CalibrationFit] | None = None
+        self._fits = GuidedFits(guide, fit_calibration, compute, on_computed)
         self._map: tuple[CalibrationFit | None, dict[str, Any] | None] = None, None
 
     @property
     def revision(self) -> object:
         """A value that changes when the page needs an update without a new step."""
-        return self.guide.status().revision, self._computing is not None and self._computing.done()
+        return self.guide.status().revision, self._fits.is_done
 
     def update(self, content: SessionContent) -> None:
         """Use the session's present tip, take a fit that is done, and begin the next one."""
         self.guide.use_content(content)
-        if self._computing is not None and self._computing.done():
-            done, self._computing = self._computing, None
-            try:
-                self.guide.use_fit(done.result())
-            except MarginGuardError:
-                # The computing process has ended; the next poses are fitted by another one.
-                log.exception("calibration")
-        task = None if self._computing is not None else self.guide.task()
-        if task is not None:
-            self._computing = self._worker.submit(self._compute, fit_calibration, task)
-            self._computing.add_done_callback(lambda _: self._on_computed())
+        self._fits.follow()
 
     def values(self) -> dict[str, Any]:
         """The values of the page that belong to the last `update`."""
@@ -95,7 +80,7 @@ class CalibrationPart:
 
     def close(self) -> None:
         """End the thread."""
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        self._fits.close()
 
 
 def _file_content(tool_from_tip: Transform, note: str) -> bytes:

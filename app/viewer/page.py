@@ -24,6 +24,7 @@ from app.viewer.readout.readout import readout
 from app.viewer.readout.recording import recording_values
 from app.viewer.readout.timeline import Timeline
 from app.viewer.readout.workflow import workflow_values
+from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
@@ -38,8 +39,8 @@ class Page:
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
-    ``notes`` are listed; ``recording`` is that of a live session, ``calibration`` that of its tool,
-    None in a replay. All calls come from the page's thread.
+    ``notes`` are listed; ``recording`` is that of a live session, ``calibration`` that of its tool
+    and ``registration`` that of its robot, None in a replay. All calls come from the page's thread.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class Page:
         notes: EventNotes | None = None,
         recording: Callable[[], RecordingStatus | None] = lambda: None,
         calibration: CalibrationPart | None = None,
+        registration: RegistrationPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -69,6 +71,8 @@ class Page:
         self._contour = contour
         self._notes = notes or EventNotes()
         self._calibration = calibration
+        self._registration = registration
+        state.registration = None
         state.calibration = state.calibration_map = None
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
@@ -99,8 +103,9 @@ class Page:
             self.camera.reframe()
         moment = None if now is None else (now.step.index, now.silent, now.request)
         edited = None if self._contour is None else self._contour.revision
-        calibrated = None if self._calibration is None else self._calibration.revision
-        changed = self._timeline.revision(), edited, calibrated, len(self._notes.entries)
+        guides = [each for each in (self._calibration, self._registration) if each is not None]
+        guided = tuple(each.revision for each in guides)
+        changed = self._timeline.revision(), edited, guided, len(self._notes.entries)
         drawn, self._drawn = self._drawn, (moment, *changed)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
@@ -110,8 +115,8 @@ class Page:
                     state.update(self._ultrasound.values())
             if self._contour is not None:
                 self._contour.update(now, self.view, *self._image_place(now, self._contour))
-            if self._calibration is not None:
-                self._calibration.update(now.content)
+            for guide in guides:
+                guide.update(now.content)
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
@@ -151,8 +156,9 @@ class Page:
                 state.update(self._hand.values())
             if self._contour is not None:
                 state.update(self._contour.values())
-            if self._calibration is not None:
-                state.update(self._calibration.values())
+            for guide in (self._calibration, self._registration):
+                if guide is not None:
+                    state.update(guide.values())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

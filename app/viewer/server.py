@@ -15,7 +15,7 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
-from app.runtime import ToolCalibration, compute_here
+from app.runtime import RobotRegistration, ToolCalibration, compute_here
 from app.viewer.address import Address
 from app.viewer.calibration_controls import CalibrationControls
 from app.viewer.calibration_part import CalibrationPart
@@ -38,6 +38,8 @@ from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
+from app.viewer.registration_controls import RegistrationControls
+from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
@@ -72,7 +74,8 @@ class Viewer:
     ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
-    known here. ``calibration``: that of the tool of a live session.
+    known here. ``calibration`` is that of the tool of a live session, ``registration`` that of
+    its robot.
     """
 
     def __init__(
@@ -89,6 +92,7 @@ class Viewer:
         client: bool = False,
         hand: MouseHand | None = None,
         calibration: ToolCalibration | None = None,
+        registration: RobotRegistration | None = None,
     ) -> None:
         if client and hand is not None:
             raise ViewerError("page: drawn by the browser, with a hand; expected one of both")
@@ -111,6 +115,13 @@ class Viewer:
             if calibration is None or operator is None
             else CalibrationPart(calibration, operator.compute, self.wake, operator.set_tip)
         )
+        self._registration = (
+            None
+            if registration is None or operator is None
+            else RegistrationPart(
+                registration, operator.compute, self.wake, operator.set_registration
+            )
+        )
         self._page = Page(
             state,
             view,
@@ -124,6 +135,7 @@ class Viewer:
             title.notes,
             _no_recording if operator is None else lambda: operator.recording,
             self._calibration,
+            self._registration,
         )
         state.rates = []
         self._commands = Commands()
@@ -138,6 +150,8 @@ class Viewer:
             ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
         if self._calibration is not None:
             CalibrationControls(self._commands, self._calibration, self.redraw)
+        if self._registration is not None:
+            RegistrationControls(self._commands, self._registration, self.redraw)
 
     def _contour_part(self, view: SceneView, operator: LiveOperator | None) -> ContourPart | None:
         """The contour of a live session, and of a replay with images."""
@@ -209,6 +223,8 @@ class Viewer:
             self._contour.close()
         if self._calibration is not None:
             self._calibration.close()
+        if self._registration is not None:
+            self._registration.close()
         await asyncio.gather(state_server, return_exceptions=True)
         if drawing.done() and not drawing.cancelled():
             drawing.result()

@@ -21,7 +21,7 @@ from tests.slicer_module import qt_double, slicer_double
 from tests.slicer_module.marginguard_module import CASE, FOLDER
 
 BREACH_S = middle_s(DEEP)
-SIZE = (430, 1120)
+SIZE = (430, 1250)
 
 
 def main(path: str) -> None:

@@ -15,7 +15,8 @@ from app.fixture import MarginState
 from app.geometry import SurfaceMesh
 from app.runtime.case_recorder import RecordingStatus
 from app.runtime.content import SessionContent
-from app.runtime.workflow.tool_calibration import CalibrationStatus, Phase
+from app.runtime.workflow.guided_recording import Phase
+from app.runtime.workflow.tool_calibration import CalibrationStatus
 from app.session import REFERENCE, StepResult
 
 _NO_TIP_MM = 1e-3

@@ -1,9 +1,7 @@
 """Guided calibration of the session's tool: record poses, see what is missing, accept, undo."""
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 
 from app.geometry import InputError, Transform
 from app.runtime.content import SessionContent
@@ -12,20 +10,13 @@ from app.runtime.workflow.calibration_fit import (
     CalibrationKind,
     CalibrationTask,
 )
+from app.runtime.workflow.guided_recording import GuidedRecording, Phase
 from app.runtime.workflow.tool_samples import ToolSamples
 from app.session import StepResult
 
 _NEW_POSES = 5
 """Poses after which a fit is computed again."""
 _MAX_UNDO = 50
-
-
-class Phase(StrEnum):
-    """State of a guided calibration."""
-
-    IDLE = "idle"
-    RECORDING = "recording"
-    STOPPED = "stopped"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +49,7 @@ class CalibrationStatus:
     can_accept: bool
 
 
-class ToolCalibration:
+class ToolCalibration(GuidedRecording):
     """Records poses of the tool of ``content``, one calibration at a time, for all operators.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
@@ -68,12 +59,10 @@ class ToolCalibration:
     """
 
     def __init__(self, content: SessionContent) -> None:
-        self._lock = threading.Lock()
+        super().__init__("calibration")
         self._known = content.tool_from_tip
         self._sigma_mm = content.tip_sigma_mm
-        self._revision = self._run = 0
         self._kind = CalibrationKind.PIVOT
-        self._phase = Phase.IDLE
         self._samples = ToolSamples(self._known.target)
         self._fit: CalibrationFit | None = None
         self._requested: tuple[TipChange, TipChange] | None = None
@@ -99,7 +88,7 @@ class ToolCalibration:
             requested = self._requested
             if requested is not None and requested[1].tool_from_tip is self._known:
                 self._used = [*self._used[-_MAX_UNDO + 1 :], requested]
-                self._begin(self._kind, Phase.IDLE)
+                self._begin(Phase.IDLE)
 
     def status(self) -> CalibrationStatus:
         """What to show now."""
@@ -141,22 +130,8 @@ class ToolCalibration:
                     f"spin: the tip of {self._known.target!r} is at the sensor's origin; expected "
                     "a pivot calibration before"
                 )
-            self._begin(kind, Phase.RECORDING)
-
-    def stop(self, seen: int) -> None:
-        """End the recording; the fit of all its poses follows."""
-        with self._lock:
-            self._check(seen)
-            if self._phase is not Phase.RECORDING:
-                raise InputError("calibration: nothing is recorded; expected a recording")
-            self._phase = Phase.STOPPED
-            self._revision += 1
-
-    def discard(self, seen: int) -> None:
-        """Drop the recording and its result; the tip in use stays."""
-        with self._lock:
-            self._check(seen)
-            self._begin(self._kind, Phase.IDLE)
+            self._kind = kind
+            self._begin(Phase.RECORDING)
 
     def task(self) -> CalibrationTask | None:
         """The poses to be fitted now; None while the newest fit is that of nearly all."""
@@ -231,13 +206,6 @@ class ToolCalibration:
                 "later"
             )
 
-    def _check(self, seen: int) -> None:
-        if seen != self._revision:
-            raise InputError(
-                "calibration: another page has changed it meanwhile, and nothing was done here; "
-                "expected the same request again, after a look at it"
-            )
-
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""
         if self._phase is not Phase.STOPPED:
@@ -249,9 +217,6 @@ class ToolCalibration:
             return "calibration: it is being computed; expected the same request in a moment"
         return "" if self._fit.accepted else f"calibration: {self._fit.reason}"
 
-    def _begin(self, kind: CalibrationKind, phase: Phase) -> None:
-        self._kind, self._phase = kind, phase
+    def _clear(self) -> None:
         self._samples = ToolSamples(self._known.target)
         self._fit = self._requested = None
-        self._revision += 1
-        self._run += 1

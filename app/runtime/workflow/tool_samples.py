@@ -12,7 +12,7 @@ MAX_POSES = 6000
 MIN_INTERVAL_NS = 15 * NS_PER_MS
 """Shortest time between two poses that are kept: a tracker of 1 kHz fills no list in seconds."""
 
-_REFUSED = frozenset({Reason.SECOND_SENDER, Reason.IMPLAUSIBLE})
+REFUSED = frozenset({Reason.SECOND_SENDER, Reason.IMPLAUSIBLE})
 """Faults with which a pose may not be the tool's."""
 
 
@@ -48,7 +48,7 @@ class ToolSamples:
         return np.array(self._rotations), np.array(self._translations_mm)
 
     def _keep(self, step: StepResult) -> str:
-        refused = _REFUSED.intersection(step.decision.reasons)
+        refused = REFUSED.intersection(step.decision.reasons)
         if refused:
             return ", ".join(sorted(reason.text for reason in refused))
         if not self.reference:

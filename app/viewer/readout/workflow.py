@@ -11,6 +11,8 @@ from app.runtime import (
 )
 from app.viewer.steps.view_state import ViewState
 
+_MAX_CHARS = 140
+
 
 def workflow_values(
     shown: ViewState | None,
@@ -35,7 +37,7 @@ def workflow_values(
     done = sum(each.state is WorkflowState.DONE for each in needed)
     return {
         "count": f"{done} of {len(needed)} done",
-        "next": "" if following is None else f"{following.name}: {following.problem}",
+        "next": "" if following is None else _shortened(f"{following.name}: {following.problem}"),
         "rows": [
             {
                 "name": each.name.value,
@@ -48,3 +50,7 @@ def workflow_values(
             for each in steps
         ],
     }
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]} ..."

@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 from app.geometry import MarginGuardError, SurfaceMesh, Transform
+from app.registration import RegistrationResult
 from app.runtime import OperatorCommands, RecordingStatus, RequestKind, SeenHold, TipChange
 
 _Value = TypeVar("_Value")
@@ -31,6 +32,7 @@ class LiveOperator:
         self._replacing: Future[None] | None = None
         self._recording: Future[None] | None = None
         self._calibrating: Future[None] | None = None
+        self._registering: Future[None] | None = None
 
     def connect(self, commands: OperatorCommands, use_margins: UseMargins | None = None) -> None:
         """Use the commands of a session from now on.
@@ -104,6 +106,14 @@ class LiveOperator:
         self._calibrating = self._workers.submit(_set_tip, self._commands, change)
         return True
 
+    def set_registration(self, result: RegistrationResult) -> bool:
+        """Begin to use a registration; False before `connect` and while an earlier request runs."""
+        running = self._registering is not None and not self._registering.done()
+        if self._commands is None or running:
+            return False
+        self._registering = self._workers.submit(_set_registration, self._commands, result)
+        return True
+
 
 def _set_margins(
     commands: OperatorCommands, use: UseMargins, stop_mm: float, warn_mm: float
@@ -139,6 +149,12 @@ def _set_tip(commands: OperatorCommands, change: TipChange) -> None:
     with suppress(MarginGuardError):
         commands.requests.admit(RequestKind.TIP)
         commands.set_tip(change.tool_from_tip, sigma_mm=change.sigma_mm, origin=THE_PAGE)
+
+
+def _set_registration(commands: OperatorCommands, result: RegistrationResult) -> None:
+    with suppress(MarginGuardError):
+        commands.requests.admit(RequestKind.REGISTRATION)
+        commands.set_registration(result, origin=THE_PAGE)
 
 
 def _rearm(commands: OperatorCommands, seen: SeenHold) -> None:

@@ -1,11 +1,13 @@
 """The page as an output of a live run: every step with the content that it was taken with."""
 
 import sys
+from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 
 from app.geometry import MarginGuardError, SurfaceMesh
 from app.runtime import (
     PassiveOutput,
+    RobotRegistration,
     SessionContent,
     StepTiming,
     SwitchContent,
@@ -22,7 +24,7 @@ class LiveOutput(PassiveOutput):
 
     The margin surface of a new content takes a second to compute in ``workers``; until then there
     is none, never that of the content before. ``operator`` identifies the hold of each step.
-    ``calibration`` records the poses of all steps, also of those that the page leaves out.
+    ``guides`` record the poses of all steps, also of those that the page leaves out.
     """
 
     def __init__(
@@ -32,14 +34,14 @@ class LiveOutput(PassiveOutput):
         margin_surface: SurfaceMesh | None,
         workers: Executor,
         operator: LiveOperator,
-        calibration: ToolCalibration | None = None,
+        guides: Sequence[ToolCalibration | RobotRegistration] = (),
     ) -> None:
         self._feed = feed
         self._content = content
         self._margin_surface = margin_surface
         self._workers = workers
         self._operator = operator
-        self._calibration = calibration
+        self._guides = tuple(guides)
         self._computing: Future[SurfaceMesh | None] | None = None
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
@@ -47,8 +49,8 @@ class LiveOutput(PassiveOutput):
         if self._computing is not None and self._computing.done():
             self._margin_surface = _result(self._computing)
             self._computing = None
-        if self._calibration is not None:
-            self._calibration.observe(step)
+        for guide in self._guides:
+            guide.observe(step)
         self._feed.put(step, self._content, self._margin_surface, self._operator.seen())
         return True
 

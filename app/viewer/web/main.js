@@ -9,6 +9,7 @@ import { showTimeline } from "./timeline.js";
 import { listenToOperator } from "./operator.js";
 import { editContour } from "./contour.js";
 import { calibrateTool } from "./calibration.js";
+import { registerRobot } from "./registration.js";
 
 const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
@@ -18,5 +19,6 @@ if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);
 if (window.trame.state.get("title").contour) editContour(window.trame);
 showTimeline(window.trame);
 if (window.trame.state.get("title").live) calibrateTool(window.trame);
+if (window.trame.state.get("title").live) registerRobot(window.trame);
 if (window.trame.state.get("role") === "operate") listenToOperator(window.trame);
 makeAccessible();

@@ -1,0 +1,194 @@
+"""Guided registration of the session's robot: touch points, see residuals, remove, accept, undo."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from app.geometry import InputError
+from app.registration import RegistrationResult
+from app.runtime.content import SessionContent
+from app.runtime.workflow.guided_recording import GuidedRecording, Phase
+from app.runtime.workflow.registration_fit import Interval, RegistrationFit, RegistrationTask
+from app.runtime.workflow.robot_samples import RobotSamples
+from app.session import StepResult
+
+_NEW_SAMPLES = 15
+_MAX_UNDO = 50
+
+UseRegistration = Callable[[RegistrationResult], bool]
+"""Begins to use a registration in the session; False while that is not possible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegistrationStatus:
+    """A guided registration as it is now.
+
+    ``revision`` counts the changes by operators. ``problem``: why no sample is recorded, empty
+    while they come. ``fit`` is the newest one of this recording. ``can_accept``: it is that of all
+    samples, and accepted. ``can_restore``: a removed point can come back.
+    """
+
+    revision: int
+    phase: Phase
+    samples: int
+    problem: str
+    fit: RegistrationFit | None
+    can_accept: bool
+    can_restore: bool
+
+
+class RobotRegistration(GuidedRecording):
+    """Detects where the tool on the robot of ``content`` rests, and registers from these points.
+
+    `observe` is called with each step, in the session's thread; all other methods in any thread.
+    The samples are fitted elsewhere: `task` returns those that are due, `use_fit` takes the result.
+    Raises `InputError` for a content without a robot.
+    """
+
+    def __init__(self, content: SessionContent) -> None:
+        super().__init__("registration")
+        if content.robot is None:
+            raise InputError("registration: the session has no robot; expected one")
+        self._robot = content.robot
+        self._content = content
+        self._requested: tuple[RegistrationResult | None, RegistrationResult] | None = None
+        self._used: list[tuple[RegistrationResult | None, RegistrationResult]] = []
+        self._samples = RobotSamples()
+        self._fit: RegistrationFit | None = None
+        self._excluded: tuple[Interval, ...] = ()
+
+    def observe(self, step: StepResult) -> None:
+        """Record the poses of ``step`` while a registration is recording."""
+        if self._phase is not Phase.RECORDING:
+            return
+        with self._lock:
+            if self._phase is Phase.RECORDING:
+                self._samples.observe(step, self._content, self._robot)
+
+    def use_content(self, content: SessionContent) -> None:
+        """Use the tip, the tumour and the registration of ``content``, those of the session now.
+
+        A registration that the session has begun to use ends with it.
+        """
+        with self._lock:
+            self._content = content
+            requested = self._requested
+            if requested is not None and requested[1] is content.registration:
+                self._used = [*self._used[-_MAX_UNDO + 1 :], requested]
+                self._begin(Phase.IDLE)
+
+    def status(self) -> RegistrationStatus:
+        """What to show now."""
+        with self._lock:
+            is_recording = self._phase is Phase.RECORDING
+            return RegistrationStatus(
+                revision=self._revision,
+                phase=self._phase,
+                samples=len(self._samples),
+                problem=self._samples.problem if is_recording else "",
+                fit=self._fit,
+                can_accept=self._refusal() == "",
+                can_restore=bool(self._excluded),
+            )
+
+    @property
+    def can_undo(self) -> bool:
+        """True if the registration in use was accepted here and replaced another one."""
+        with self._lock:
+            return self._undoable() is not None
+
+    def start(self, seen: int) -> None:
+        """Begin to record; drops the points before."""
+        with self._lock:
+            self._check(seen)
+            self._begin(Phase.RECORDING)
+
+    def remove(self, seen: int, first_ns: int) -> None:
+        """Remove the point that begins at ``first_ns``; the same place may be touched again."""
+        with self._lock:
+            self._check(seen)
+            points = () if self._fit is None else self._fit.points
+            found = next((each for each in points if each.interval[0] == first_ns), None)
+            if found is None:
+                raise InputError("registration: that point does not exist; expected a shown one")
+            self._excluded = (*self._excluded, found.interval)
+            self._revision += 1
+
+    def restore(self, seen: int) -> None:
+        """Use the point again that was removed last."""
+        with self._lock:
+            self._check(seen)
+            if not self._excluded:
+                raise InputError("registration: no point was removed; expected one to restore")
+            self._excluded = self._excluded[:-1]
+            self._revision += 1
+
+    def task(self) -> RegistrationTask | None:
+        """The samples to be fitted now; None while the newest fit is that of nearly all."""
+        with self._lock:
+            if self._phase is Phase.IDLE or not len(self._samples):
+                return None
+            fit = self._fit
+            new = len(self._samples) - (0 if fit is None else fit.samples)
+            is_same = fit is not None and fit.excluded == self._excluded
+            if is_same and new < (_NEW_SAMPLES if self._phase is Phase.RECORDING else 1):
+                return None
+            return self._samples.task(self._run, self._content, self._robot, self._excluded)
+
+    def use_fit(self, fit: RegistrationFit) -> None:
+        """Show ``fit``; one of an earlier recording is dropped."""
+        with self._lock:
+            if fit.run == self._run and self._phase is not Phase.IDLE:
+                self._fit = fit
+
+    def accept(self, seen: int, use: UseRegistration) -> None:
+        """Request by ``use`` that the session uses the result. Raises `InputError` with why not."""
+        with self._lock:
+            self._check(seen)
+            refusal = self._refusal()
+            result = None if self._fit is None else self._fit.result
+            if refusal or result is None:
+                raise InputError(refusal or "registration: there is no result; expected one")
+            self._request(use, result)
+            self._requested = self._content.registration, result
+
+    def undo(self, seen: int, use: UseRegistration) -> None:
+        """Request by ``use`` the registration before the one that was accepted last."""
+        with self._lock:
+            self._check(seen)
+            before = self._undoable()
+            if before is None:
+                raise InputError(
+                    "registration: the one in use did not replace another one here; expected one "
+                    "to undo"
+                )
+            self._request(use, before)
+
+    def _undoable(self) -> RegistrationResult | None:
+        for before, after in reversed(self._used):
+            if after is self._content.registration:
+                return before
+        return None
+
+    def _request(self, use: UseRegistration, result: RegistrationResult) -> None:
+        if not use(result):
+            raise InputError(
+                "registration: the session is not ready for another one; expected the same request "
+                "later"
+            )
+
+    def _refusal(self) -> str:
+        """Why there is nothing to accept; empty if there is."""
+        if self._phase is not Phase.STOPPED:
+            return "registration: no recording has been stopped; expected one"
+        if not len(self._samples):
+            why = self._samples.problem or "the recording was stopped at once"
+            return f"registration: nothing was recorded, {why}; expected some points"
+        fit = self._fit
+        if fit is None or fit.samples < len(self._samples) or fit.excluded != self._excluded:
+            return "registration: it is being computed; expected the same request in a moment"
+        return "" if fit.accepted else f"registration: {fit.reason}"
+
+    def _clear(self) -> None:
+        self._samples = RobotSamples()
+        self._fit = self._requested = None
+        self._excluded = ()

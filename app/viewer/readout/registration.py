@@ -1,0 +1,55 @@
+"""A guided registration of the robot as values of the page."""
+
+from typing import Any
+
+from app.runtime import Phase, RegistrationFit, RegistrationStatus
+
+
+def registration_values(status: RegistrationStatus, *, can_undo: bool) -> dict[str, Any]:
+    """Phase, points with their errors, and verdict; ``can_undo``: the one before can return."""
+    fit, is_idle = status.fit, status.phase is Phase.IDLE
+    verdict, advice = _verdict(status)
+    points = () if fit is None else fit.points
+    return {
+        "revision": status.revision,
+        "phase": status.phase.value,
+        "count": ""
+        if is_idle
+        else f"{status.phase.value}, {len(points)} point{'s' * (len(points) != 1)}",
+        "points": [
+            {
+                "n": number,
+                "id": str(each.interval[0]),  # JavaScript's numbers have 53 bits
+                "residual": "" if each.residual_mm is None else f"{each.residual_mm:.2f}",
+                "left_out": "" if each.leave_one_out_mm is None else f"{each.leave_one_out_mm:.2f}",
+                "problem": each.problem,
+            }
+            for number, each in enumerate(points, start=1)
+        ],
+        "problem": status.problem,
+        "verdict": verdict,
+        "ok": fit is not None and fit.accepted,
+        "advice": advice,
+        "ready": status.can_accept,
+        "restore": status.can_restore,
+        "undo": can_undo,
+    }
+
+
+def _verdict(status: RegistrationStatus) -> tuple[str, str]:
+    """Whether the points are good enough, or why not yet; and what to do."""
+    fit = status.fit
+    if status.phase is Phase.IDLE or fit is None:
+        return "", ""
+    advice = _sentence(fit)
+    if status.phase is Phase.RECORDING:
+        if fit.accepted:
+            return f"Good enough: {fit.reason}", "Touch more points, or stop and use it."
+        return f"Not yet: {fit.reason}", advice
+    if fit.accepted:
+        return f"Good enough: {fit.reason}", ""
+    return f"Not accepted: {fit.reason}", advice
+
+
+def _sentence(fit: RegistrationFit) -> str:
+    return f"{fit.advice[:1].upper()}{fit.advice[1:]}." if fit.advice else ""

@@ -1,0 +1,216 @@
+"""Guided registration of the robot: points from dwells, residuals, removal, acceptance, undo."""
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from app.case import open_case
+from app.geometry import FrameError, InputError
+from app.runtime import Phase, RobotRegistration, content_of, fit_registration
+from app.runtime.workflow.robot_samples import RobotSamples
+from app.session import Session, setup_from_case
+from tests.session_content import one_link_content
+
+FRAMES = 760
+"""Up to the end of the last of 8 dwells of the shipped case."""
+
+
+@pytest.fixture(scope="module")
+def case(project_root):
+    return open_case(project_root / "data" / "recorded_case")
+
+
+@pytest.fixture(scope="module")
+def setup(case):
+    return setup_from_case(case, tip_only=True)
+
+
+@pytest.fixture(scope="module")
+def content(case, setup):
+    return content_of(case, setup, tip_only=True)
+
+
+@pytest.fixture(scope="module")
+def steps(case, setup):
+    session = Session(setup)
+    return [session.step(frame) for frame in islice(case.frames(), FRAMES)]
+
+
+class Guided:
+    """A registration with its fits, and the session's use of one."""
+
+    def __init__(self, content):
+        self.content = content
+        self.guide = RobotRegistration(content)
+        self.uses = True
+
+    @property
+    def seen(self):
+        return self.guide.status().revision
+
+    def record(self, steps):
+        self.guide.start(self.seen)
+        for step in steps:
+            self.guide.observe(step)
+        self.guide.stop(self.seen)
+        return self.fit()
+
+    def fit(self):
+        while (task := self.guide.task()) is not None:
+            self.guide.use_fit(fit_registration(task))
+        return self.guide.status().fit
+
+    def use(self, result):
+        if self.uses:
+            robot = replace(self.content.robot, registration=result)
+            self.content = replace(self.content, robot=robot)
+        return self.uses
+
+    def accept(self):
+        self.guide.accept(self.seen, self.use)
+        self.guide.use_content(self.content)
+
+
+@pytest.fixture
+def guided(content):
+    return Guided(content)
+
+
+def test_touched_points_register_as_the_command_does(guided, steps, setup):
+    before = guided.content.registration
+    fit = guided.record(steps)
+    assert [each.problem for each in fit.points] == [""] * 8
+    assert fit.accepted
+    known = setup.robot.registration  # by the intervals that the case names
+    assert fit.result.transform.distance_mm_to(known.transform) < 0.2
+    assert np.degrees(fit.result.transform.angle_to(known.transform)) < 0.1
+    errors = [each.residual_mm for each in fit.points]
+    np.testing.assert_allclose(errors, fit.result.residuals_mm)
+    assert all(each.leave_one_out_mm >= each.residual_mm for each in fit.points)
+    guided.accept()
+    assert guided.content.registration is fit.result
+    assert guided.guide.status().phase is Phase.IDLE
+    guided.guide.undo(guided.seen, guided.use)
+    guided.guide.use_content(guided.content)
+    assert guided.content.registration is before
+    assert not guided.guide.can_undo
+
+
+def test_removed_point_is_not_used_and_is_restored(guided, steps):
+    fit = guided.record(steps)
+    first = fit.points[0].interval
+    guided.guide.remove(guided.seen, first[0])
+    with pytest.raises(InputError, match="it is being computed"):
+        guided.accept()
+    less = guided.fit()
+    assert [each.interval for each in less.points] == [each.interval for each in fit.points[1:]]
+    assert len(less.result.residuals_mm) == 7
+    with pytest.raises(InputError, match="that point does not exist"):
+        guided.guide.remove(guided.seen, first[0])
+    guided.guide.restore(guided.seen)
+    assert guided.fit().points == fit.points
+    with pytest.raises(InputError, match="no point was removed"):
+        guided.guide.restore(guided.seen)
+
+
+def test_place_of_a_removed_point_may_be_touched_again(guided, steps):
+    """The same samples, some later: as a second touch of each landmark."""
+    guided.guide.start(guided.seen)
+    for step in steps[:140]:
+        guided.guide.observe(step)
+    once = guided.fit()
+    assert len(once.points) == 2
+    task = guided.guide.task() or guided.guide._samples.task(
+        once.run, guided.content, guided.content.robot, ()
+    )
+    later = [each + 60_000_000_000 for each in task.times_ns]
+    arrays = {
+        name: np.concatenate([getattr(task, name)] * 2)
+        for name in (
+            "tool_rotations", "tool_translations_mm", "link_rotations", "link_translations_mm"
+        )
+    }  # fmt: skip
+    twice = replace(task, times_ns=(*task.times_ns, *later), **arrays)
+    assert len(fit_registration(twice).points) == 2
+    again = fit_registration(replace(twice, excluded=(once.points[0].interval,)))
+    assert len(again.points) == 2
+    assert again.points[-1].interval[0] > task.times_ns[-1]
+
+
+def test_few_points_and_no_points_are_refused_with_the_reason(guided, steps):
+    fit = guided.record(steps[:60])
+    assert (len(fit.points), fit.result) == (1, None)
+    assert fit.reason == "1 points; expected at least 4"
+    with pytest.raises(InputError, match="registration: 1 points; expected at least 4"):
+        guided.accept()
+    guided.guide.discard(guided.seen)
+    guided.guide.start(guided.seen)
+    guided.guide.stop(guided.seen)
+    with pytest.raises(InputError, match="nothing was recorded"):
+        guided.accept()
+    with pytest.raises(InputError, match="nothing is recorded"):
+        guided.guide.stop(guided.seen)
+
+
+def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
+    guided.guide.start(guided.seen)
+    guided.guide.observe(replace(steps[0], edges=replace(steps[40].edges, links={})))
+    status = guided.guide.status()
+    assert status.samples == 0
+    assert "is not known now" in status.problem
+    guided.guide.observe(steps[50])
+    guided.guide.observe(steps[40])
+    assert "clock went back" in guided.guide.status().problem
+    assert guided.guide.status().samples == 1
+
+
+def test_recording_is_bounded(content, steps, monkeypatch):
+    monkeypatch.setattr("app.runtime.workflow.robot_samples.MAX_SAMPLES", 5)
+    samples = RobotSamples()
+    for step in steps[40:60]:
+        samples.observe(step, content, content.robot)
+    assert len(samples) == 5
+    assert samples.problem == "5 samples are recorded, and no more are: stop"
+
+
+def test_change_of_another_page_is_refused_and_loses_nothing(guided, steps):
+    fit = guided.record(steps)
+    old = guided.seen - 1
+    for change in (
+        lambda: guided.guide.start(old),
+        lambda: guided.guide.stop(old),
+        lambda: guided.guide.discard(old),
+        lambda: guided.guide.remove(old, fit.points[0].interval[0]),
+        lambda: guided.guide.restore(old),
+        lambda: guided.guide.accept(old, guided.use),
+        lambda: guided.guide.undo(old, guided.use),
+    ):
+        with pytest.raises(InputError, match="another page has changed it meanwhile"):
+            change()
+    assert guided.guide.status().can_accept
+
+
+def test_registration_that_the_session_refuses_stays_to_be_accepted_again(guided, steps):
+    guided.record(steps)
+    guided.uses = False
+    with pytest.raises(InputError, match="the session is not ready"):
+        guided.accept()
+    assert guided.guide.status().can_accept
+    guided.uses = True
+    guided.accept()
+    assert guided.guide.can_undo
+
+
+def test_session_without_a_robot_has_none():
+    with pytest.raises(InputError, match="the session has no robot"):
+        RobotRegistration(replace(one_link_content(), robot=None))
+
+
+def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):
+    guided.guide.start(guided.seen)
+    guided.guide.observe(replace(steps[40], edges=replace(steps[40].edges, measured={})))
+    assert guided.guide.status().problem
+    with pytest.raises(FrameError):
+        replace(steps[40].edges, measured={}).between("reference", "cautery")

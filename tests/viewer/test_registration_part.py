@@ -1,0 +1,128 @@
+"""The registration on the page: from touched points to the session's registration, by commands."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
+
+import pytest
+
+from app.case import open_case
+from app.runtime import RobotRegistration, compute_here, content_of
+from app.session import Session, setup_from_case
+from app.viewer import LiveOperator
+from app.viewer.access.role import Role
+from app.viewer.messages.commands import Commands
+from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.registration_controls import RegistrationControls
+from app.viewer.registration_part import RegistrationPart
+from tests.runtime.test_operator_commands import World
+
+FRAMES = 760
+"""Up to the end of the last of 8 dwells of the shipped case."""
+
+
+@pytest.fixture(scope="module")
+def case(project_root):
+    return open_case(project_root / "data" / "recorded_case")
+
+
+class Registering:
+    """A registration part with its commands, and the waiting for its fits."""
+
+    def __init__(self, case, use) -> None:
+        self.computed = threading.Semaphore(0)
+        self.case = case
+        self.setup = setup_from_case(case, tip_only=True)
+        self.content = content_of(case, self.setup, tip_only=True)
+        guide = RobotRegistration(self.content)
+        self.part = RegistrationPart(guide, compute_here, self.computed.release, use)
+        self.commands = Commands()
+        RegistrationControls(self.commands, self.part, lambda: None)
+
+    @property
+    def values(self):
+        return self.part.values()["registration"]
+
+    def run(self, name, *args, role=Role.OPERATE):
+        self.commands.run(f"registration_{name}", [self.values["revision"], *args], role)
+
+    def observe(self, frames=FRAMES):
+        session = Session(self.setup)
+        for frame in islice(self.case.frames(), frames):
+            self.part.guide.observe(session.step(frame))
+
+    def finish(self):
+        """Wait until the present samples are fitted."""
+        self.part.update(self.content)
+        for _ in range(3):
+            if self.part.guide.task() is None:
+                return
+            assert self.computed.acquire(timeout=60.0)
+            self.part.update(self.content)
+        raise AssertionError("not computed")
+
+
+def test_points_with_their_errors_become_the_registration(case):
+    used = []
+    registering = Registering(case, lambda result: used.append(result) or True)
+    assert registering.values["count"] == ""
+    registering.run("start")
+    registering.observe()
+    registering.finish()
+    values = registering.values
+    assert values["count"] == "recording, 8 points"
+    assert values["verdict"].startswith("Good enough: predicted TRE")
+    assert [each["n"] for each in values["points"]] == list(range(1, 9))
+    assert all(0.0 < float(each["residual"]) < 0.5 for each in values["points"])
+    registering.run("stop")
+    registering.finish()
+    registering.run("remove", registering.values["points"][2]["id"])
+    registering.finish()
+    assert len(registering.values["points"]) == 7
+    assert registering.values["restore"]
+    registering.run("restore")
+    registering.finish()
+    registering.run("use")
+    assert len(used) == 1
+    assert used[0].accepted
+    assert len(used[0].residuals_mm) == 8
+
+
+def test_few_points_are_not_used_and_say_why(case):
+    registering = Registering(case, lambda result: pytest.fail("must not be used"))
+    registering.run("start")
+    registering.observe(100)
+    registering.run("stop")
+    registering.finish()
+    assert registering.values["verdict"] == "Not accepted: 1 points; expected at least 4"
+    assert registering.values["advice"].startswith("Hold the tip still for 1 s at each point")
+    with pytest.raises(NotDoneError, match="1 points; expected at least 4"):
+        registering.run("use")
+    registering.run("discard")
+    assert registering.values["points"] == []
+
+
+def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):
+    registering = Registering(case, lambda result: pytest.fail("must not be used"))
+    for name in ("start", "stop", "discard", "remove", "restore", "use", "undo"):
+        args = ["12"] if name == "remove" else []
+        with pytest.raises(RefusedError, match="role view; expected operate"):
+            registering.run(name, *args, role=Role.VIEW)
+        with pytest.raises(NotDoneError, match="another page has changed it meanwhile"):
+            registering.commands.run(f"registration_{name}", [77, *args], Role.OPERATE)
+    for point in ("-1", "1e9", "", "\u0661"):
+        with pytest.raises(RefusedError, match="expected its decimal number"):
+            registering.run("remove", point)
+    assert registering.values["revision"] == 0
+
+
+def test_operator_sends_a_registration_to_the_session():
+    world = World()
+    result = world.commands.content.registration
+    with ThreadPoolExecutor(2) as workers:
+        operator = LiveOperator(workers)
+        assert not operator.set_registration(result)
+        operator.connect(world.commands)
+        assert operator.set_registration(result)
+    request = world.commands.requests.last
+    assert (request.kind, request.accepted, request.origin) == ("register", True, "the page")
