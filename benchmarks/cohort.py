@@ -2,7 +2,7 @@
 
 Each number of workers runs the whole cohort into a folder of its own, with the command of a user.
 Then the same command runs again, which has nothing to do, and the cohort runs once more while two
-workers are killed. Cases are made by the workers and not stored. Takes about 12 s of processor time
+workers are killed. Cases are made by the workers and not stored. Takes about 6 s of processor time
 for each case and number of workers. Exit status: 1 when a goal is missed.
 """
 
