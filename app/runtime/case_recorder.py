@@ -215,6 +215,9 @@ class _Recording:
                 self._began.set()
         errors.join()
         code = self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
         if code != 0 and not self._error:
             self._error = f"the recorder ended with status {code}"
         self.status = replace(self.status, active=False, problem=self._error)

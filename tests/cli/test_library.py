@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import signal
 import socket
 import zipfile
@@ -13,6 +14,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from app.fixture import MarginState
 from tests.cli.small_case import write_small_case
 from tests.viewer.attacks.raw_page import cookie
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN, Server
@@ -104,6 +106,10 @@ def test_cases_are_listed_and_two_are_compared(page: Page) -> None:
     assert {"Folder", "Stop margin"} <= set(differs) <= {"Folder", "Stop margin", "Changed"}
     expect(page.locator("#comparison tr", has_text="Stop margin")).to_have_text(
         "Stop margin1.00 mm2.00 mm"
+    )
+    label = MarginState.POSITIVE.display.label
+    expect(page.locator("#comparison tr", has_text=f"Time {label}")).to_have_text(
+        re.compile(rf"Time {label}\d\.\d s\d\.\d s")
     )
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})

@@ -7,11 +7,14 @@ import tempfile
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
+from time import monotonic_ns
 
 from aiohttp import web
 
 from app.files.zip_folder import unpack_folder
+from app.fixture import MarginState
 from app.geometry import InputError, MarginGuardError
+from app.runtime.rate_limit import RateLimit
 from app.viewer.access.auth import ROLE
 from app.viewer.access.role import Role
 from app.viewer.address import Address
@@ -43,6 +46,7 @@ class LibraryServer:
         self._max_bytes = max_upload_bytes
         self._opened: tuple[str, dict[Role, str]] | None = None
         self._opening, self._uploading = asyncio.Lock(), asyncio.Lock()
+        self._refreshes = RateLimit(per_s=1.0, burst=2.0)
         self._stopped = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -78,11 +82,13 @@ class LibraryServer:
         return web.FileResponse(_WEB / "library.html")
 
     async def _list(self, request: web.Request) -> web.Response:
-        loop = asyncio.get_running_loop()
-        try:
-            await loop.run_in_executor(None, self._library.refresh)
-        except InputError as error:
-            return _refusal(error)
+        # Pages together read the files of all cases once a second at most.
+        if self._refreshes.take(monotonic_ns()):
+            loop = asyncio.get_running_loop()
+            try:
+                await loop.run_in_executor(None, self._library.refresh)
+            except InputError as error:
+                return _refusal(error)
         role = request[ROLE]
         opened = None
         if self._opened is not None:
@@ -92,6 +98,7 @@ class LibraryServer:
                 "cases": self._library.rows(),
                 "operates": role is Role.OPERATE,
                 "opened": opened,
+                "labels": {state.name: state.display.label for state in MarginState},
                 "max_upload_bytes": self._max_bytes if role is Role.OPERATE else 0,
             }
         )

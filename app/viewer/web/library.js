@@ -9,7 +9,7 @@ const duration = (value) => (known(value) ? `${Math.floor(value / 60)}:${String(
 const share = (row) => (row.frames ? `${((100 * row.valid_frames) / row.frames).toFixed(1)} %` : "unknown");
 const registration = (row) => (row.registration === null ? "none" : row.registration ? `accepted, FRE ${mm(row.fre_mm)}` : "refused");
 
-// Label, text of a case.
+// Label or what returns it, text of a case.
 const ROWS = [
   ["Folder", (row) => row.folder],
   ["Changed", (row) => date(row)],
@@ -22,16 +22,16 @@ const ROWS = [
   ["Lowest distance", (row) => mm(row.min_signed_distance_mm)],
   ["Stop margin", (row) => mm(row.stop_mm)],
   ["Warning distance", (row) => mm(row.warn_mm)],
-  ["Clear", (row) => seconds(row.state_seconds.NEGATIVE)],
-  ["Close", (row) => seconds(row.state_seconds.WARNING)],
-  ["In tumour", (row) => seconds(row.state_seconds.POSITIVE)],
-  ["Unknown", (row) => seconds(row.state_seconds.UNKNOWN)],
+  ...["NEGATIVE", "WARNING", "POSITIVE", "UNKNOWN"].map((state) => [
+    () => `Time ${listed.labels[state]}`,
+    (row) => seconds(row.state_seconds[state]),
+  ]),
   ["Registration", registration],
   ["As expected", (row) => (row.as_expected === null ? "nothing expected" : row.as_expected ? "yes" : "NO")],
   ["Notes", (row) => String(row.notes)],
 ];
 
-let listed = { cases: [], operates: false, opened: null, max_upload_bytes: 0 };
+let listed = { cases: [], operates: false, opened: null, labels: {}, max_upload_bytes: 0 };
 let drawn = "", busy = "";
 const chosen = new Set();
 
@@ -146,7 +146,7 @@ function compare() {
     const line = element("tr");
     const values = rows.map(text);
     if (values[0] !== values[1]) line.dataset.differs = "true";
-    line.append(element("th", label, { scope: "row" }), ...values.map((value) => element("td", value)));
+    line.append(element("th", typeof label === "function" ? label() : label, { scope: "row" }), ...values.map((value) => element("td", value)));
     return line;
   });
   const section = find("comparison");
