@@ -53,6 +53,7 @@ READS_OWN_FILES = {
     "report/time_plot.py": "scripts and styles of this project",
     "robot/description/xacro_child.py": "a table of the kernel",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
+    "viewer/calibration_part.py": "the tip that this process wrote",
     "viewer/contour_part.py": "the surface that this process wrote",
     "runtime/persistence/instance_key.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
