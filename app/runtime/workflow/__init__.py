@@ -1,1 +1,1 @@
-"""Guided calibration of a session's tool. Reads no clock: the steps carry the time."""
+"""Guided calibration and registration, and the steps of a case. Reads no clock."""
