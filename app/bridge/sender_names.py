@@ -81,6 +81,13 @@ def nodes_text(names: Iterable[str], unknown: int = 0) -> str:
     return f"{'nodes' if len(known) + unknown > 1 else 'node'} {' and '.join(shown)}"
 
 
+def publishers_text(infos: Iterable[TopicEndpointInfo]) -> str:
+    """The nodes of publishers, as `nodes_text`; the name of a node may follow its publisher."""
+    listed = list(infos)
+    known = [node_name(each) for each in listed if each.node_name != UNKNOWN_NODE]
+    return nodes_text(known, len(listed) - len(known))
+
+
 def node_name(endpoint: TopicEndpointInfo) -> str:
     """Full name of the node of ``endpoint``, shortened and printable."""
     name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"

@@ -6,7 +6,7 @@ from typing import Final
 from app.bridge import topics
 from app.bridge.messages import clock_message
 from app.bridge.node import RosNode
-from app.bridge.sender_names import node_name, nodes_text
+from app.bridge.sender_names import publishers_text
 from app.geometry import Stamp
 
 CONSTRAINT_TYPE: Final = "marginguard_msgs/msg/FixtureConstraint"
@@ -52,11 +52,10 @@ class ClockTopic:
         node = self._ros.node
         if node.count_publishers(topics.CLOCK.name) > 1:
             infos = node.get_publishers_info_by_topic(topics.CLOCK.name)
-            names = nodes_text(node_name(each) for each in infos)
-            return f"{names} publish it; expected one node"
+            return f"{publishers_text(infos)} publish it; expected one node"
         for name, types in node.get_topic_names_and_types():
             if CONSTRAINT_TYPE in types:
-                guards = [node_name(each) for each in node.get_publishers_info_by_topic(name)]
-                if guards:
-                    return f"{nodes_text(guards)} guards with {name}; expected no guard"
+                infos = node.get_publishers_info_by_topic(name)
+                if infos:
+                    return f"{publishers_text(infos)} guards with {name}; expected no guard"
         return ""

@@ -7,7 +7,7 @@ from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.message_definitions import UNKNOWN_NODE
-from app.bridge.sender_names import node_name, nodes_text
+from app.bridge.sender_names import nodes_text, publishers_text
 
 _PARTICIPANT_BYTES = 12
 """The part of a publisher's identifier that the publishers of one process have in common."""
@@ -63,7 +63,7 @@ class ControllerBinding:
         infos = [each for name in used for each in self._node.get_publishers_info_by_topic(name)]
         nodes = _distinct(infos)
         if len(nodes) > 1:
-            names = nodes_text(node_name(each) for each in infos)
+            names = publishers_text(infos)
             return f"{' and '.join(used)} have {len(nodes)} senders ({names}); expected 1"
         with self._lock:
             if self._other is not None:
@@ -82,8 +82,8 @@ class ControllerBinding:
 
     def _text(self, infos: Iterable[TopicEndpointInfo], sender: bytes | None) -> str:
         others = [each for each in infos if sender is None or _gid(each) == sender]
-        other = nodes_text([node_name(each) for each in others], 0 if others else 1)
-        bound = nodes_text([node_name(self._bound)] if self._bound else [], not self._bound)
+        other = publishers_text(others) if others else nodes_text([], 1)
+        bound = publishers_text([self._bound]) if self._bound else nodes_text([], 1)
         return f"another controller commands the arm ({other}); expected {bound}, its first one"
 
 
