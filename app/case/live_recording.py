@@ -24,11 +24,15 @@ IGTL_IMAGES_TOPIC = "/marginguard/images"
 
 @dataclass(frozen=True, slots=True)
 class SessionChange:
-    """Tumour and registration of a session from the time ``received_ns`` (since 1970) on."""
+    """Tumour and registration of a session from the time ``received_ns`` (since 1970) on.
+
+    ``replaced`` names the parts that are not those of the case.
+    """
 
     received_ns: int
     model_id: str
     registration_id: str
+    replaced: str
 
 
 def write_changes(changes: Sequence[SessionChange], recording: Path) -> None:

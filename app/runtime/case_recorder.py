@@ -126,6 +126,12 @@ class CaseRecorder:
             self._running = recording
             return recording.folder
 
+    def note_replaced(self, parts: Sequence[str]) -> None:
+        """Note in a running recording that ``parts`` of the session are not those of its case."""
+        with self._lock:
+            if parts and self._running is not None and self._running.status.active:
+                self._running.note_replaced(parts)
+
     def stop(self) -> RecordingStatus:
         """Finish the running recording and return its last status.
 
@@ -184,6 +190,16 @@ class _Recording:
             )
         if not self._has_begun:
             raise InputError(f"recording: {self._error}")
+
+    def note_replaced(self, parts: Sequence[str]) -> None:
+        """Send the names of the replaced parts to the recorder."""
+        stdin = self._process.stdin
+        try:
+            if stdin is not None:
+                stdin.write(json.dumps({"replaced": list(parts)}).encode() + b"\n")
+                stdin.flush()
+        except (OSError, ValueError):
+            return  # the recorder has ended; its status says why
 
     def stop(self) -> RecordingStatus:
         """Let the recorder finish its files, and wait for it."""

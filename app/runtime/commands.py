@@ -70,7 +70,7 @@ class OperatorCommands:
         self._between_steps = between_steps
         self._compute = compute
         self._recorder = recorder
-        self._content = content
+        self._content = self._initial = content
         self._outputs = outputs
         self._changing = threading.Lock()
         """One change at a time: its outputs prepare before the session is locked. A re-arm does not
@@ -246,6 +246,7 @@ class OperatorCommands:
         with self._listed(RequestKind.RECORD, origin) as done:
             recorder = self._recording_by()
             folder = recorder.start(name)
+            recorder.note_replaced(self._content.replaced_since(self._initial))
             done.append(f"recording to {folder}")
         return recorder.status or RecordingStatus(folder, active=True)
 
@@ -301,6 +302,8 @@ class OperatorCommands:
                     replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm),
                     switches,
                 )
+            if self._recorder is not None:
+                self._recorder.note_replaced(("tip",))
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 

@@ -88,6 +88,15 @@ class SessionContent:
         registration = self.registration
         return "" if registration is None else _digest(registration.transform.matrix)
 
+    def replaced_since(self, before: "SessionContent") -> tuple[str, ...]:
+        """Which of tumour, registration and tip are others than those of ``before``."""
+        parts = {
+            "tumour": self.model_id != before.model_id,
+            "registration": self.registration_id != before.registration_id,
+            "tip": self.tool_from_tip != before.tool_from_tip,
+        }
+        return tuple(name for name, differs in parts.items() if differs)
+
     def robot_description(self) -> str | None:
         """Read the robot's URDF; None without a robot. Raises `UrdfError` for a broken file."""
         if self.robot_file is None:

@@ -23,7 +23,7 @@ print("[INFO] not an object")
 status(1, {})
 (folder / "arguments").write_text(" ".join(sys.argv[1:]))
 FAILS
-sys.stdin.read()
+(folder / "input").write_text(sys.stdin.read())
 status(7, {"/tf": 2})
 """
 """TEST DOUBLE of ``marginguard record --json --until-eof``."""
@@ -66,7 +66,11 @@ def test_recording_is_named_by_case_and_time_and_reports_what_it_wrote(
     assert running == RecordingStatus(folder, True, 65.0, 1, {}, ("/tf",))
     with pytest.raises(InputError, match="one is running"):
         found.start("another")
+    found.note_replaced(())
+    found.note_replaced(("tumour", "tip"))
     ended = found.stop()
+    found.note_replaced(("tip",))  # without effect: nothing is recorded
+    assert (folder / "input").read_text() == '{"replaced": ["tumour", "tip"]}\n'
     assert ended == RecordingStatus(folder, False, 65.0, 7, {"/tf": 2}, ("/tf",))
     assert ended.line == f"recorded in {folder}: 65 s, 7 messages, 2 lost (/tf 2)"
     arguments = (folder / "arguments").read_text()

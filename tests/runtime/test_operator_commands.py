@@ -4,6 +4,7 @@ import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count, islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -182,6 +183,34 @@ def test_uncertainty_of_the_tip_enters_sigma_and_the_pose_is_doubted_until_the_r
     assert held.margin.tre_mm == pytest.approx(known.margin.tre_mm + PARAMETERS.k_tre * 0.3)
     assert held.hold
     assert not held.constraint_is_current
+
+
+class RecorderDouble:
+    """TEST DOUBLE of `CaseRecorder`: keeps what it has to note."""
+
+    status = None
+
+    def __init__(self):
+        self.noted = []
+
+    def start(self, name):
+        return Path("cases", name)
+
+    def note_replaced(self, parts):
+        self.noted.append(parts)
+
+
+def test_recording_notes_what_was_replaced_before_and_a_tip_that_is_replaced_later(world):
+    recorder = RecorderDouble()
+    world.commands = commands = OperatorCommands(
+        world.between_steps, world.content, world.outputs, holds=world.holds, recorder=recorder
+    )
+    commands.start_recording("a")
+    commands.set_tumor(TUMOR_EDGE, LARGER)
+    commands.start_recording("b")
+    commands.set_tip(Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 119.0]))
+    commands.start_recording("c")
+    assert recorder.noted == [(), ("tumour",), ("tip",), ("tumour", "tip")]
 
 
 @pytest.mark.parametrize(

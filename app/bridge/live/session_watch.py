@@ -43,5 +43,11 @@ class SessionWatch:
         self._ids[message.instance_id] = self._last = ids
         if before is None or before == ids:
             return False
-        self.changes.append(SessionChange(at_ns, *ids))
+        parts = zip(("tumour", "registration"), before, ids, strict=True)
+        replaced = ", ".join(name for name, known, now in parts if known != now)
+        self.changes.append(SessionChange(at_ns, *ids, replaced))
         return True
+
+    def note_replaced(self, at_ns: int, parts: str) -> None:
+        """List a change that the session itself has reported at ``at_ns``."""
+        self.changes.append(SessionChange(at_ns, *(self._last or ("", "")), parts))

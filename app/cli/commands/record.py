@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
@@ -39,6 +40,9 @@ MARKERS = "/marginguard/markers"
 
 _POLL_S = 0.1
 """Interval between looks at the graph for new topics and publishers."""
+
+_MAX_INPUT_BYTES = 4096
+"""Longest line of standard input."""
 
 _STATUS_POLLS = 5
 """Looks between two lines of ``--json``."""
@@ -71,8 +75,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--until-eof",
         action="store_true",
-        help="also end, with exit status 0, when standard input ends: for the program that "
-        "started it",
+        help="for the program that starts it: also end, with exit status 0, when standard input "
+        'ends; a line {"replaced": ["tip"]} of it is noted in the recording',
     )
     add_json(parser)
 
@@ -80,10 +84,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Record until a signal arrives."""
     with note_signals() as received:
-        stop = threading.Event()
+        stop, replaced = threading.Event(), SimpleQueue[str]()
         received.stops(stop.set)
         if options.until_eof:
-            threading.Thread(target=_stop_at_eof, args=(stop,), daemon=True).start()
+            threading.Thread(target=_read_input, args=(stop, replaced), daemon=True).start()
         topics, live = _topics_and_case(options)
         load_bridge("which 'record' needs")
         print_reach()
@@ -104,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
                 raise
             # The node is closed before the bag, so that no message arrives for a closed bag.
             with closing(bag), ros:
-                _record(ros, bag, topics, stop, options, live, lines)
+                _record(ros, bag, topics, stop, replaced, options, live, lines)
         counts = bag.counts
         lines.note(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
         for topic, count in counts.items():
@@ -112,9 +116,14 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
-def _stop_at_eof(stop: threading.Event) -> None:
-    while sys.stdin.buffer.read(1024):
-        pass
+def _read_input(stop: threading.Event, replaced: "SimpleQueue[str]") -> None:
+    """Pass on the names of replaced parts in each line of standard input, until its end."""
+    while line := sys.stdin.buffer.readline(_MAX_INPUT_BYTES):
+        try:
+            parts = json.loads(line)["replaced"]
+            replaced.put(", ".join(str(each) for each in parts))
+        except (ValueError, KeyError, TypeError):
+            continue
     stop.set()
 
 
@@ -184,6 +193,7 @@ def _record(
     bag: "BagWriter",
     topics: list[str],
     stop: threading.Event,
+    replaced: "SimpleQueue[str]",
     options: argparse.Namespace,
     live: "LiveCase | None",
     lines: _Lines,
@@ -198,6 +208,15 @@ def _record(
     of_patient = live is not None and live.case.manifest.provenance.kind == "recorded"
     session = SessionWatch()
     recorder = RosRecorder(ros, bag, topics)
+
+    def note_replaced() -> None:
+        while not replaced.empty():
+            parts = replaced.get()
+            lines.note(f"replaced in the session: {parts}")
+            session.note_replaced(time.time_ns(), parts)
+            write_changes(session.changes, options.output / RECORDING_FOLDER)
+            recorder.add(_session_topic(MARKERS, options))
+
     with PeriodicFlush(recorder.flush, recorder.sync), ExitStack() as stack:
         server = _igtl_recorder(recorder, live, lines.note)
         if server is not None:
@@ -224,10 +243,12 @@ def _record(
                 lines.note("tumour or registration of the session were replaced")
                 write_changes(session.changes, options.output / RECORDING_FOLDER)
                 recorder.add(_session_topic(MARKERS, options))
+            note_replaced()
             recorder.flush()  # raises an error of the bag
             if polls % _STATUS_POLLS == 0:
                 lines.status(recorder, bag, "" if server is None else server.problem)
             polls += 1
+        note_replaced()
     lines.status(recorder, bag, "")
 
 

@@ -252,6 +252,7 @@ def test_replaced_tumour_is_noted_in_the_recording(
 
     (change,) = yaml.safe_load((case / "tracking" / "changes.yaml").read_text())["changes"]
     assert change["model_id"] == reply.model_id
+    assert change["replaced"] == "tumour"
     surfaces = [
         marker
         for message in messages_of(case, "/site_1/marginguard/markers")
@@ -262,4 +263,5 @@ def test_replaced_tumour_is_noted_in_the_recording(
     assert corners == {(0, 0, 0), (0.02, 0, 0), (0, 0.02, 0), (0, 0, 0.02)}
     opened = open_case(case)
     assert any(opened.recorded_frames())
-    assert any("changes.yaml: tumour or registration were replaced" in n for n in opened.notes())
+    note = "changes.yaml: tumour, registration or tip were replaced"
+    assert any(note in each for each in opened.notes())

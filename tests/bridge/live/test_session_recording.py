@@ -3,11 +3,14 @@
 import json
 import signal
 
+import yaml
+from marginguard_msgs.srv import SetTumor
 from std_srvs.srv import SetBool
 
 from app.bridge.calls import ServiceClient
 from app.bridge.node import RosNode
 from app.case import open_case
+from tests.bridge.control.operator_caller import tumor
 from tests.bridge.live.test_record_command import SENDER, TRACKED, samples_of
 
 TIMEOUT_S = 90.0
@@ -65,7 +68,7 @@ def test_session_is_recorded_between_two_requests(
     ]
 
 
-def test_end_of_the_session_finishes_its_recording(
+def test_end_of_the_session_finishes_its_recording_which_notes_an_earlier_tumour(
     start, live_yaml, frames_file, domain_id, tmp_path
 ):
     cases = tmp_path / "cases"
@@ -74,8 +77,13 @@ def test_end_of_the_session_finishes_its_recording(
     )
     live.line(lambda line: line.startswith("UNKNOWN"))
     with RosNode("operator", domain_id=domain_id) as ros:
+        client = ServiceClient(ros, SetTumor, "/marginguard/set_tumor")
+        replaced = client.call(tumor(0.02, "needle", is_open=False), TIMEOUT_S)
+        assert replaced.success, replaced.message
         record = ServiceClient(ros, SetBool, "/marginguard/record")
         assert record.call(SetBool.Request(data=True), timeout_s=TIMEOUT_S).success
     assert live.end(signal.SIGINT) == 130
     (case,) = cases.iterdir()
     assert (case / "tracking" / "metadata.yaml").exists()
+    (change,) = yaml.safe_load((case / "tracking" / "changes.yaml").read_text())["changes"]
+    assert change["replaced"] == "tumour"

@@ -59,3 +59,11 @@ def test_invalid_bytes_are_no_change(watch):
     assert not watch.has_changed((7, b"no constraint"))
     assert not watch.has_changed(None)
     assert watch.changes == []
+
+
+def test_change_that_the_session_reports_has_the_ids_of_the_last_constraint(watch):
+    watch.note_replaced(5, "tip")
+    changes_of(watch, "1a", "1b")
+    watch.note_replaced(9, "tip")
+    found = [(each.received_ns, each.model_id, each.replaced) for each in watch.changes]
+    assert found == [(5, "", "tip"), (1, "b", "tumour"), (9, "b", "tip")]
