@@ -13,6 +13,10 @@ MAX_UNPACKED_BYTES = 2 << 30
 MAX_FILES = 2000
 _MAX_NAME, _MAX_DEPTH = 200, 8
 _CHUNK_BYTES = 1 << 20
+_MAX_DIRECTORY_BYTES = 2 << 20
+"""`zipfile` makes an object of each entry of the directory before it can be asked how many."""
+_END, _END_BYTES, _LONGEST_COMMENT = b"PK\5\6", 22, (1 << 16) - 1
+_END_64, _END_64_BYTES = b"PK\6\7", 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
 """What `zipfile` raises for damaged bytes, passwords and unknown compression methods."""
@@ -28,6 +32,7 @@ def unpack_folder(
     archive states. Raises `InputError`; then nothing is left.
     """
     what = "archive"
+    _check_directory(archive, what)
     try:
         with zipfile.ZipFile(archive) as opened:
             entries = _entries(opened, what)
@@ -41,6 +46,24 @@ def unpack_folder(
                     left = _write(opened, entry, partial / relative, left, what)
     except _DAMAGE as error:
         raise InputError(f"{what}: damaged ({error}); expected a zip file") from error
+
+
+def _check_directory(archive: Path, what: str) -> None:
+    """Read the size of the directory from the record at the end, as `zipfile` finds it."""
+    with archive.open("rb") as file:
+        size = file.seek(0, 2)
+        file.seek(max(0, size - _END_BYTES - _LONGEST_COMMENT - _END_64_BYTES))
+        tail = file.read()
+    at = tail.rfind(_END)
+    if at < 0 or at + _END_BYTES > len(tail):
+        raise InputError(f"{what}: damaged (no directory at its end); expected a zip file")
+    if tail[max(0, at - _END_64_BYTES) :].startswith(_END_64):
+        raise InputError(f"{what}: in the format zip64; expected a zip file of less than 4 GiB")
+    (directory,) = struct.unpack_from("<L", tail, at + 12)
+    if directory > _MAX_DIRECTORY_BYTES:
+        raise InputError(
+            f"{what}: its directory has {directory} bytes; expected at most {MAX_FILES} files"
+        )
 
 
 def _entries(opened: zipfile.ZipFile, what: str) -> dict[PurePosixPath, zipfile.ZipInfo]:

@@ -117,3 +117,18 @@ def test_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="already exists; refusing to overwrite it"):
         unpack_folder(archive(tmp_path, CASE), tmp_path / "case", "case.yaml")
     assert list((tmp_path / "case").iterdir()) == []
+
+
+def test_directory_that_zipfile_would_read_as_a_million_objects_is_refused(tmp_path: Path) -> None:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as opened:
+        opened.writestr("case.yaml", b"")
+    content = bytearray(made.getvalue())
+    at = content.rfind(b"PK\5\6")
+    path = tmp_path / "a.zip"
+    path.write_bytes(content[: at + 12] + (1 << 28).to_bytes(4, "little") + content[at + 16 :])
+    refused(tmp_path, path, f"directory has 268435456 bytes; expected at most {MAX_FILES} files")
+    path.write_bytes(content[:at] + b"PK\6\7" + bytes(16) + content[at:])
+    refused(tmp_path, path, "in the format zip64; expected")
+    path.write_bytes(content[: at + 20])
+    refused(tmp_path, path, "no directory at its end")
