@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.cli.commands.replay import PICTURES_PER_S
+from app.cli.keyframes import PICTURES_PER_S
 from app.fixture import MarginState
 from app.geometry import Transform
 from app.runtime import SessionContent
