@@ -78,7 +78,7 @@ OPENS_FILES = {
     "case/readers/mrml/files.py": {"zipfile.ZipFile", "self._files.open"},
     "case/tumor/nrrd_file.py": {"nrrd.read_header"},
     # An archive that a page has received under a limit, and its members under another.
-    "files/zip_folder.py": {"zipfile.ZipFile", "opened.open", "target.open"},
+    "files/zip_folder.py": {"archive.open", "zipfile.ZipFile", "opened.open", "target.open"},
     # Writers.
     "viewer/library/library_server.py": {"archive.open"},
     "case/copying.py": {"path.open"},

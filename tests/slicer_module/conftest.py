@@ -16,7 +16,7 @@ from tests.ros_domain import environment_of, reserved_domain
 PEER = Path(__file__).resolve().parent / "ros2_peer.py"
 DEADLINE_S = 30.0
 """Timeout of a reply of the peer process, which takes less than a second."""
-WAIT_S = 15.0
+WAIT_S = 60.0
 TICK_S = 0.005
 
 

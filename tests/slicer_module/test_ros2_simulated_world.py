@@ -35,6 +35,7 @@ class Physics:
         description = WorldDescription("boxes", 1, gravity_m_s2=0.0, bodies=bodies)
         self.world = World(description)
         self.node = SimulationNode(ros, description)
+        self.ros = ros
         self.pace = RealTime(
             self.world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
         )
@@ -42,6 +43,11 @@ class Physics:
     def step(self):
         state = self.node.step(self.world, time.time_ns())
         self.node.publish(state, time.time_ns())
+
+    def refusals_are_received(self):
+        """True once the simulation has found a subscriber of its refusals."""
+        refusals = [each for each in self.ros.node.publishers if "refused" in each.topic_name]
+        return min(each.get_subscription_count() for each in refusals) > 0
 
     def x(self, body):
         return float(self.world.state().bodies[body].translation_mm[0])
@@ -75,7 +81,7 @@ def shown(node, physics, wait_until, logic):
         wait_until(ready, meanwhile)
 
     until(lambda: member.GetBodies() == ["ball", "wall"])
-    until(lambda: member._editor.is_connected())
+    until(lambda: member._editor.is_connected() and physics.refusals_are_received())
     yield member, until
     node.RemoveAndDeleteSimulatedWorldNode()
 

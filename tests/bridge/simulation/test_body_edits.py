@@ -52,7 +52,9 @@ class Edited:
             self.truth |= {each.child: each.pose for each in read(data)}
 
         scene.subscribe(Topic("/tf", TFMessage, STREAM), take, raw=True)
+        refusals = [each for each in ros.node.publishers if "refused" in each.topic_name]
         self.until(self.editor.is_connected)
+        self.until(lambda: min(each.get_subscription_count() for each in refusals) > 0)
         self.until(lambda: f"{TRUTH}tumor" in self.truth)
 
     def until(self, condition):

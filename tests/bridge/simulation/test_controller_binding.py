@@ -25,10 +25,17 @@ def move(simulated):
 
 
 def stands(simulated, peer):
-    """True if the arm stands while ``peer`` commands it on."""
+    """True if the arm comes to a stop, and stands while ``peer`` commands it on."""
+
+    def speed():
+        return np.abs(simulated.arm.velocities).max()
+
+    simulated.round_until(lambda _: speed() < 1e-3, simulated.velocity(0.3))
+    speeds = []
     for _ in range(20):
         simulated.round(simulated.velocity(0.3), peer=peer)
-    return np.abs(simulated.arm.velocities).max() < 1e-3
+        speeds.append(speed())
+    return max(speeds) < 1e-3
 
 
 def enable(simulated):
