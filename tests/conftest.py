@@ -11,9 +11,11 @@ from tests.opened_documents import (
     opened_documents_agree_with_their_schema as opened_documents_agree_with_their_schema,
 )
 
-# No deadline per example: compilation or a busy machine would fail it.
-settings.register_profile("no_deadline", deadline=None)
-settings.load_profile("no_deadline")
+# No deadline per example: compilation or a busy machine would fail it. The suite draws the same
+# examples in each run; --hypothesis-profile random draws new ones.
+settings.register_profile("suite", deadline=None, derandomize=True)
+settings.register_profile("random", deadline=None)
+settings.load_profile("suite")
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
