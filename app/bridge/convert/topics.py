@@ -33,15 +33,16 @@ class TopicPublisher:
         self._publisher = create_endpoint(lambda: ros.publisher(self.topic), name)
 
     def publish(self, values: Mapping[str, Any] | Any) -> int:
-        """Publish plain values or a message; returns the number of subscribers.
+        """Publish plain values or a message; returns the number of subscribers before.
 
         Raises `ConversionError` and publishes nothing if a value does not fit its field.
         """
         if not isinstance(values, self.topic.type):
             values = from_plain(self.topic.type, values)
+        subscribers = int(self._publisher.get_subscription_count())
         self._publisher.publish(values)
         self.count += 1
-        return int(self._publisher.get_subscription_count())
+        return subscribers
 
     def close(self) -> None:
         """Destroy the publisher. Closing the node does this as well."""
