@@ -64,8 +64,8 @@ def test_export_is_computed_again_for_new_notes_one_at_a_time():
     names = ("margin.csv", "scene.mrb", "movie.gif", "report.pdf")
     downloads = Downloads(bytes, {n: partial(make, n) for n in names}, lambda: notes[0])
 
-    async def ask(*wanted: str) -> list[tuple[bytes, str, str]]:
-        requests = [make_mocked_request("GET", f"/{name}") for name in wanted]
+    async def ask(*names: str) -> list[tuple[bytes, str, str]]:
+        requests = [make_mocked_request("GET", f"/{name}") for name in names]
         found = await asyncio.gather(*(downloads.export(each) for each in requests))
         headers = [each.headers["Content-Disposition"] for each in found]
         return [

@@ -10,6 +10,7 @@ from app.runtime import (
     Coverage,
     Phase,
 )
+from app.viewer.readout.guided_verdict import verdict_of
 
 _RADIUS = 50.0
 _MAX_POINTS = 120
@@ -98,11 +99,4 @@ def _verdict(status: CalibrationStatus) -> tuple[str, str]:
         return "", ""
     if fit is None:
         return ("computing ..." if status.samples else ""), ""
-    advice = f"{fit.advice[:1].upper()}{fit.advice[1:]}." if fit.advice else ""
-    if status.phase is Phase.RECORDING:
-        if fit.accepted:
-            return f"Good enough: {fit.reason}", "Stop, then use it."
-        return f"Not yet: {fit.reason}", advice
-    if fit.accepted:
-        return f"Good enough: {fit.reason}", ""
-    return f"Not accepted: {fit.reason}", advice
+    return verdict_of(fit, status.phase, "Stop, then use it.")

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from app.runtime import Phase, RegistrationFit, RegistrationStatus
+from app.runtime import Phase, RegistrationStatus
+from app.viewer.readout.guided_verdict import verdict_of
 
 
 def registration_values(status: RegistrationStatus, *, can_undo: bool) -> dict[str, Any]:
@@ -41,15 +42,4 @@ def _verdict(status: RegistrationStatus) -> tuple[str, str]:
     fit = status.fit
     if status.phase is Phase.IDLE or fit is None:
         return "", ""
-    advice = _sentence(fit)
-    if status.phase is Phase.RECORDING:
-        if fit.accepted:
-            return f"Good enough: {fit.reason}", "Touch more points, or stop and use it."
-        return f"Not yet: {fit.reason}", advice
-    if fit.accepted:
-        return f"Good enough: {fit.reason}", ""
-    return f"Not accepted: {fit.reason}", advice
-
-
-def _sentence(fit: RegistrationFit) -> str:
-    return f"{fit.advice[:1].upper()}{fit.advice[1:]}." if fit.advice else ""
+    return verdict_of(fit, status.phase, "Touch more points, or stop and use it.")

@@ -1,5 +1,6 @@
-// Buttons of the calibration of the tool. Each command names the revision that this page shows: a change of
-// what another page has changed meanwhile is refused, and its reason is shown here alone.
+// Buttons of the calibration of the tool.
+
+import { guide } from "./guided.js";
 
 const TOOLS = `
   <div>
@@ -18,55 +19,14 @@ const TOOLS = `
   <p id="calibration-answer" role="status"></p>`;
 
 export function calibrateTool(trame) {
-  const values = () => trame.state.get("calibration");
-  const find = (id) => document.getElementById(id);
-
-  async function send(name, ...args) {
-    let answer = "";
-    try {
-      await trame.trigger(name, [values().revision, ...args]);
-    } catch (error) {
-      answer = error?.data?.exception ?? error?.message ?? String(error);
-    }
-    if (find("calibration-answer")) find("calibration-answer").textContent = answer;
-  }
-
-  function connect(tools) {
-    tools.innerHTML = TOOLS;
-    for (const kind of ["pivot", "spin"]) {
-      find(`calibration-${kind}`).addEventListener("click", () => send("calibration_start", kind));
-    }
-    for (const name of ["stop", "discard"]) {
-      find(`calibration-${name}`).addEventListener("click", () => send(`calibration_${name}`));
-    }
-    for (const name of ["use", "undo"]) {
-      find(`calibration-${name}-confirm`).addEventListener("click", () => {
-        find(`calibration-${name}`).open = false;
-        send(`calibration_${name}`);
-      });
-    }
-  }
-
-  function update() {
-    const tools = document.querySelector(".calibration-tools");
-    const calibration = values();
-    if (!tools || !calibration) return;
-    if (!tools.firstElementChild) connect(tools);
-    const { phase } = calibration;
-    for (const kind of ["pivot", "spin"]) find(`calibration-${kind}`).hidden = phase === "recording";
-    find("calibration-stop").hidden = phase !== "recording";
-    find("calibration-discard").hidden = phase === "idle";
-    const shown = { use: calibration.ready, undo: calibration.undo && phase === "idle" };
-    for (const [name, is] of Object.entries(shown)) {
-      const part = find(`calibration-${name}`);
-      if (part.hidden === is) part.hidden = !is;
-      if (!is) part.open = false;
-    }
-  }
-
-  trame.state.addListener(({ type, keys }) => {
-    if (type === "dirty-state" && keys.includes("calibration")) queueMicrotask(update);
-  });
-  // The section may come later than its values.
-  new MutationObserver(update).observe(document.body, { childList: true, subtree: true });
+  const kinds = ["pivot", "spin"];
+  guide(
+    trame,
+    "calibration",
+    TOOLS,
+    (find, send) => {
+      for (const kind of kinds) find(kind).addEventListener("click", () => send("start", kind));
+    },
+    ({ phase }) => Object.fromEntries(kinds.map((kind) => [kind, phase !== "recording"])),
+  );
 }
