@@ -6,10 +6,13 @@ A module of its own, so that the compiler is loaded only when a case is simulate
 import math
 
 from numba import njit
+from numba.core.runtime.nrt import rtsys
 
 from app.geometry import FloatArray
+from app.geometry.jit_cache import load_without_declarations
 
 
+@load_without_declarations(rtsys)
 @njit(cache=True, error_model="numpy")
 def heights_of_tool(
     points_mm: FloatArray,

@@ -7,11 +7,14 @@ import math
 
 import numpy as np
 from numba import njit
+from numba.core.runtime.nrt import rtsys
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray
+from app.geometry.jit_cache import load_without_declarations
 
 
+@load_without_declarations(rtsys)
 @njit(cache=True, error_model="numpy")
 def compute_link_poses(
     positions: FloatArray,
