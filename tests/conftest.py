@@ -113,6 +113,7 @@ SLOW = {
         "tests/registration/tool/test_pivot_selection.py",
         "tests/registration/tool/test_spin.py",
         "tests/report/test_margin_plot.py",
+        "tests/report/test_plot_process.py",
         "tests/session/test_from_case.py",
         "tests/session/test_recent_samples.py",
         "tests/session/test_setup_doubts.py",

@@ -3,6 +3,7 @@ from .analysis_html import AnalysedCase, analysis_page
 from .checks import Check, check_expected
 from .errors import ReportError
 from .margin_csv import margin_csv
+from .plot_process import draw_margin_plot, margin_plot_process
 from .record import ReplayLog, ReplayRecord, record_of
 from .rows import ReportRow
 from .summary import all_passed, summarise
@@ -23,7 +24,9 @@ __all__ = [
     "analysis_page",
     "check_expected",
     "check_writable",
+    "draw_margin_plot",
     "margin_csv",
+    "margin_plot_process",
     "record_of",
     "summarise",
     "write_report",

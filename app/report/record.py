@@ -9,6 +9,7 @@ from app.case import Expected
 from app.fixture import MarginParameters, MarginState
 from app.registration import RegistrationResult
 from app.report.breach_paths import BreachPaths, breach_depths
+from app.report.errors import ReportError
 from app.report.rows import ReportRow
 from app.runtime import PassiveOutput, ReplayRun, StepTiming
 from app.session import PathDepth, StepResult
@@ -67,6 +68,11 @@ class ReplayRecord:
     tip_only: bool = False
     single_source: bool = True
     depths: Mapping[int, PathDepth] = field(default_factory=dict)
+
+    def require_frames(self) -> None:
+        """Raise `ReportError` for a replay without frames."""
+        if not self.rows:
+            raise ReportError(f"case {self.case!r}: 0 frames; expected at least 1 for a report")
 
 
 def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:

@@ -14,6 +14,7 @@ from app.report.case_plots import distance_plot
 from app.report.errors import ReportError
 from app.report.html import report_html
 from app.report.margin_csv import margin_csv
+from app.report.plot_process import draw_margin_plot
 from app.report.reasons import count_reasons
 from app.report.record import ReplayRecord
 from app.report.summary import summarise
@@ -55,19 +56,20 @@ def write_report(
     scene_png: Callable[[], bytes | None],
     version: str,
     analysed: AnalysedCase | None = None,
+    margin_plot: Callable[[], bytes] | None = None,
 ) -> dict[str, Any]:
     """Write the files of `REPORT_FILES` into ``folder`` and return the summary.
 
     ``scene_png`` returns the picture of the deepest point. It is called last, because another
     process may still draw it. If it returns None, no ``scene.png`` is written and an earlier one is
     removed. ``analysed`` adds the sections and files of the analysis; None removes earlier files.
+    ``margin_plot`` returns the PNG of `draw_margin_plot`; None draws it here.
     Earlier report files are replaced after all new ones are complete; other files in the folder are
     kept. Raises `ReportError` for a folder that cannot be written and for a replay without frames.
     """
-    if not record.rows:
-        raise ReportError(f"case {record.case!r}: 0 frames; expected at least 1 for a report")
+    record.require_frames()
     check_writable(folder)
-    summary, contents = _contents(record, scene_png, version, analysed)
+    summary, contents = _contents(record, scene_png, version, analysed, margin_plot)
     try:
         write_files(folder, contents)
         for name in set(_ALL_FILES) - set(contents):
@@ -82,18 +84,11 @@ def _contents(
     scene_png: Callable[[], bytes | None],
     version: str,
     analysed: AnalysedCase | None,
+    margin_plot: Callable[[], bytes] | None,
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
-    # Loading matplotlib is slow: do it while another process draws scene.png.
-    from app.report.margin_plot import margin_png
-
+    rows, margins = record.rows, record.margins
     summary = summarise(record)
-    breaches = find_breaches(record.rows, record.margins.stale_after_ns)
-    plot = margin_png(record.rows, breaches, record.margins, record.case)
-    contents = {
-        "summary.json": _json(summary),
-        "margin.csv": margin_csv(record.rows).encode(),
-        "margin.png": plot,
-    }
+    contents = {"summary.json": _json(summary), "margin.csv": margin_csv(rows).encode()}
     sections: tuple[str, ...] = ()
     if analysed is not None:
         figures = analysed.figures()
@@ -101,11 +96,14 @@ def _contents(
         document = analysis_document(analysed.analysis, analysed.methods)
         contents["analysis.json"] = _json(document)
         contents |= {name: figure.encode() for name, figure in figures.items()}
+    distances = distance_plot(rows, find_breaches(rows, margins.stale_after_ns), margins)
+    reasons = count_reasons(rows)
+    # Last, because other processes may still draw them.
+    plot = margin_plot() if margin_plot else draw_margin_plot(rows, margins, record.case)
+    contents["margin.png"] = plot
     scene = scene_png()
     if scene is not None:
         contents["scene.png"] = scene
-    distances = distance_plot(record.rows, breaches, record.margins)
-    reasons = count_reasons(record.rows)
     page = report_html(summary, reasons, plot, scene, version, sections, distances)
     return summary, {**contents, "report.html": page.encode()}
 

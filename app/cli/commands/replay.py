@@ -116,6 +116,7 @@ def _replay(
             ReplayLog,
             all_passed,
             analysed_replay,
+            margin_plot_process,
             record_of,
             summarise,
             write_report,
@@ -164,11 +165,17 @@ def _replay(
     if options.report is None:
         summary = summarise(record)
     else:
-        analysed = analysed_replay(replay, log, __version__)
-        watch.lap("analyse the steps")
-        summary = write_report(
-            options.report, record, scene_png=picture, version=__version__, analysed=analysed
-        )
+        with margin_plot_process(record) as margin_plot:
+            analysed = analysed_replay(replay, log, __version__)
+            watch.lap("analyse the steps")
+            summary = write_report(
+                options.report,
+                record,
+                scene_png=picture,
+                version=__version__,
+                analysed=analysed,
+                margin_plot=margin_plot,
+            )
     watch.lap("write the report")
     if options.pdf is not None:
         write_file(options.pdf, pdf_of(prepared, record, summary, picture()))
