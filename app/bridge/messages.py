@@ -15,7 +15,7 @@ Marker.color, ColorRGBA                  0 to 1       0 to 1
 are in mm.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -31,6 +31,7 @@ from app.case.frames.samples import JointSample
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform, quaternion_of_rotation
 
 MM_PER_M = 1000.0
+TRANSFORM_NUMBERS = 7
 _LAST_SECOND = 2**31 - 1
 
 
@@ -51,12 +52,17 @@ def time_message(stamp: Stamp) -> Time:
 
 def set_time(message: Time, stamp: Stamp) -> None:
     """Fill in ``message`` as `time_message`; quicker for a part of a message that exists."""
+    message.sec, message.nanosec = time_parts(stamp)
+
+
+def time_parts(stamp: Stamp) -> tuple[int, int]:
+    """Seconds and nanoseconds of `time_message`; raises `BridgeError` as it does."""
     seconds, nanoseconds = divmod(stamp.ns, NS_PER_S)
     if abs(seconds) > _LAST_SECOND:
         raise BridgeError(
             f"stamp {stamp.ns} ns does not fit a ROS time; expected at most {_LAST_SECOND} s"
         )
-    message.sec, message.nanosec = seconds, nanoseconds
+    return seconds, nanoseconds
 
 
 def header_message(frame: str, stamp: Stamp) -> Header:
@@ -86,19 +92,27 @@ def quaternion_message(transform: Transform) -> Quaternion:
 
 def transform_message(transform: Transform, stamp: Stamp) -> TransformStamped:
     """Convert ``target_from_source`` to tf: the target is the parent, the source the child."""
-    message = TransformStamped(child_frame_id=transform.source)
-    message.header.frame_id = transform.target
-    set_transform(message, transform, stamp)
+    numbers = transform_numbers(transform)
+    return transform_of(transform.target, transform.source, time_parts(stamp), numbers)
+
+
+def transform_of(
+    parent: str, child: str, time: tuple[int, int], numbers: Sequence[float]
+) -> TransformStamped:
+    """Message of the parts of a transform: `time_parts` and `transform_numbers`."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id = parent
+    message.header.stamp.sec, message.header.stamp.nanosec = time
+    place, turn = message.transform.translation, message.transform.rotation
+    place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = numbers
     return message
 
 
-def set_transform(message: TransformStamped, transform: Transform, stamp: Stamp) -> None:
-    """Fill in the numbers of ``message``, which has the frames of ``transform`` already."""
-    set_time(message.header.stamp, stamp)
-    place, turn = message.transform.translation, message.transform.rotation
+def transform_numbers(transform: Transform) -> tuple[float, ...]:
+    """The `TRANSFORM_NUMBERS` numbers of the message: x, y, z in m and a quaternion xyzw."""
     x, y, z = transform.translation_mm.tolist()
-    place.x, place.y, place.z = x / MM_PER_M, y / MM_PER_M, z / MM_PER_M
-    turn.x, turn.y, turn.z, turn.w = quaternion_of_rotation(transform.rotation)
+    turn = quaternion_of_rotation(transform.rotation)
+    return (x / MM_PER_M, y / MM_PER_M, z / MM_PER_M, *turn)
 
 
 def joint_state_message(sample: JointSample) -> JointState:

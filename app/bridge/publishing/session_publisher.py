@@ -18,9 +18,10 @@ from app.bridge.publishing.constraint_stream import ConstraintStream, RandomBits
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.serialized import SerializedJoints, SerializedTransforms
 from app.bridge.qos import Topic
 from app.bridge.steady_clock import steady_ns
-from app.bridge.tf.broadcaster import TransformMessages, tf_message
+from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
 from app.runtime import SessionContent, StepTiming, SwitchContent
@@ -116,7 +117,7 @@ class SessionPublisher:
             self._surfaces_publisher = self._publisher(topics.MARKERS)
             self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
-            self._transforms = TransformMessages()
+            self._transforms, self._joints = SerializedTransforms(), SerializedJoints()
             self._diagnostics = Diagnostics(counts, lambda: self._endpoints.definition_problems)
             self._constraint_builder = ConstraintBuilder(content)
             self._shapes = PreparedShapes(content)
@@ -143,7 +144,7 @@ class SessionPublisher:
             self._send(topics.CLOCK, messages.clock_message(step.frame.stamp))
         self._publish_frames(step)
         for sample in step.frame.joints if self._policy.robot else ():
-            self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
+            self._send(topics.JOINT_STATES, self._joints.message(sample))
         message = self._constraint_builder.message(
             step.decision,
             hold_causes=step.hold_causes,

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 
-from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages, topics
@@ -42,30 +41,6 @@ class StaticTfBroadcaster:
         """Add ``transforms``, replacing those with the same child, and publish all of them."""
         self._by_child.update((transform.source, transform) for transform in transforms)
         self._publisher.publish(tf_message((each, _ALWAYS) for each in self._by_child.values()))
-
-
-class TransformMessages:
-    """Converts the transforms of one step after the other, each to one message.
-
-    The message of an edge is filled in again at each step, which takes a third of the time of a new
-    one: publish it before the next call.
-    """
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[str, str], TransformStamped] = {}
-
-    def message(self, samples: Iterable[tuple[Transform, Stamp]]) -> TFMessage:
-        """Convert ``samples`` as `tf_message`; each edge occurs once."""
-        return TFMessage(transforms=[self._filled(*sample) for sample in samples])
-
-    def _filled(self, transform: Transform, stamp: Stamp) -> TransformStamped:
-        edge = (transform.target, transform.source)
-        known = self._known.get(edge)
-        if known is None:
-            known = self._known[edge] = messages.transform_message(transform, stamp)
-        else:
-            messages.set_transform(known, transform, stamp)
-        return known
 
 
 def tf_message(samples: Iterable[tuple[Transform, Stamp]]) -> TFMessage:

@@ -1,0 +1,89 @@
+"""Bytes of transforms and joints, against the messages that rclpy serialises."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PointStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from app.bridge.errors import BridgeError
+from app.bridge.messages import joint_state_message
+from app.bridge.number_template import Block, NumberTemplate
+from app.bridge.publishing.serialized import SerializedJoints, SerializedTransforms
+from app.bridge.tf.broadcaster import tf_message
+from app.case.frames.samples import JointSample
+from app.geometry import Stamp, Transform
+
+EDGES = (("reference", "needle"), ("reference", "cautery_of_the_robot"), ("base", "link/1"))
+
+
+def samples(
+    edges: Sequence[tuple[str, str]], generator: np.random.Generator
+) -> list[tuple[Transform, Stamp]]:
+    return [
+        (
+            Transform.from_rotation_vector(
+                generator.normal(size=3), generator.normal(size=3), target=target, source=source
+            ),
+            Stamp(int(generator.integers(-(10**18), 10**18))),
+        )
+        for target, source in edges
+    ]
+
+
+def test_transforms_are_those_of_the_message() -> None:
+    generator = np.random.default_rng(3)
+    serialized = SerializedTransforms()
+    for edges in (EDGES, EDGES[:1], EDGES, EDGES[1:], EDGES[::-1], EDGES):
+        given = samples(edges, generator)
+        assert deserialize_message(serialized.message(given), TFMessage) == tf_message(given)
+
+
+def test_more_sets_of_edges_than_are_kept() -> None:
+    generator = np.random.default_rng(4)
+    serialized = SerializedTransforms()
+    for number in range(70):
+        given = samples((("map", f"frame_{number}"),), generator)
+        assert deserialize_message(serialized.message(given), TFMessage) == tf_message(given)
+
+
+@pytest.mark.parametrize("names", [(), ("turn",), ("first", "second joint", "third")])
+def test_joints_are_those_of_the_message(names: tuple[str, ...]) -> None:
+    serialized = SerializedJoints()
+    for step in range(3):
+        positions = tuple(-0.5 * step + 0.1 * index for index in range(len(names)))
+        sample = JointSample(names, positions, Stamp(7 + 10**9 * step))
+        found = deserialize_message(serialized.message(sample), JointState)
+        assert found == joint_state_message(sample)
+
+
+def test_stamp_beyond_a_ros_time_raises() -> None:
+    with pytest.raises(BridgeError, match="does not fit a ROS time"):
+        SerializedJoints().message(JointSample(("turn",), (0.0,), Stamp(2**62)))
+
+
+def point_of(numbers: Sequence[float], block: Block, frame: str = "") -> PointStamped:
+    message = PointStamped(header=Header(frame_id=frame))
+    message.header.stamp.sec, message.header.stamp.nanosec = block[0]
+    message.point.x, message.point.y, message.point.z = numbers
+    return message
+
+
+def test_text_that_depends_on_the_numbers_raises() -> None:
+    with pytest.raises(BridgeError, match="other fields depend"):
+        NumberTemplate(lambda b: point_of(b[0][1], b[0], f"{b[0][1][0] < 1.5e100:d}"), [3])
+
+
+@pytest.mark.parametrize("order", [(2, 1, 0), (0, 0, 1)])
+def test_numbers_that_are_not_adjacent_raise(order: tuple[int, int, int]) -> None:
+    with pytest.raises(BridgeError, match="a mark occurs 0 times"):
+        NumberTemplate(lambda b: point_of([b[0][1][k] for k in order], b[0]), [3])
+
+
+def test_numbers_that_occur_twice_raise() -> None:
+    with pytest.raises(BridgeError, match="a mark occurs 3 times"):
+        NumberTemplate(lambda b: point_of([b[0][1][0]] * 3, b[0]), [1])
