@@ -372,7 +372,12 @@ def _unchecked(
     """
     rotation.setflags(False)  # type: ignore[call-arg]
     translation_mm.setflags(False)  # type: ignore[call-arg]
-    return Transform.of_read_only(target, source, rotation, translation_mm)
+    made = object.__new__(Transform)
+    _set_target(made, target)
+    _set_source(made, source)
+    _set_rotation(made, rotation)
+    _set_translation(made, translation_mm)
+    return made
 
 
 _set_target, _set_source, _set_rotation, _set_translation = slot_setters(Transform)

@@ -80,7 +80,7 @@ class _EdgeState:
         if sample.transform is None:
             self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
-        if max(map(abs, sample.transform.translation_mm.tolist())) > MAX_TRANSLATION_MM:
+        if is_too_far(sample.transform):
             self.bad = _TOO_FAR
             return False
         self.bad = _NOTHING
@@ -262,6 +262,13 @@ class PoseTree:
         if ends not in self._paths:
             self._paths[ends] = shortest_path(tuple(self._edges), target, source)
         return self._paths[ends]
+
+
+def is_too_far(pose: Transform) -> bool:
+    """True for a position beyond `MAX_TRANSLATION_MM`, which no tracker has measured."""
+    x, y, z = pose.translation_mm.tolist()
+    limit = MAX_TRANSLATION_MM
+    return not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit)
 
 
 def is_sampled(name: str, frame: TrackingFrame) -> bool:

@@ -86,9 +86,10 @@ class Session:
         if problems:  # the clock went back: no sweep from the pose before the jump
             self._last = None
         tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
-        tumor_from_tip = None
+        tumor_from_tool = tumor_from_tip = None
         if tool.transform is not None:
-            tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
+            tumor_from_tool = self._tumor_from_frame @ tool.transform
+            tumor_from_tip = tumor_from_tool @ self.setup.tool_from_tip
         in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
         reference_from_tip = None
         if in_reference.transform is not None:
@@ -104,7 +105,7 @@ class Session:
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
         proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
-        tracking_mm = self._tracking_sigma(proximity, tool.transform)
+        tracking_mm = self._tracking_sigma(proximity, tumor_from_tool)
         stated = self.setup.tumor_sigma_mm, self.setup.tip_sigma_mm
         sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, *stated)
         decision = self._monitor.update(
@@ -259,14 +260,12 @@ class Session:
         return self._velocity.twist(fixed_from_frame, now, self._poses.limits)
 
     def _tracking_sigma(
-        self, proximity: Proximity | None, frame_from_tool: Transform | None
+        self, proximity: Proximity | None, tumor_from_tool: Transform | None
     ) -> float:
         """Standard deviation in mm of the tracked tool beside the tumour; 0 without a pose."""
-        if proximity is None or frame_from_tool is None:
+        if proximity is None or tumor_from_tool is None:
             return 0.0
-        return self.setup.tracking.sigma_of(
-            proximity, self._tumor_from_frame @ frame_from_tool, self._tumor_from_frame
-        )
+        return self.setup.tracking.sigma_of(proximity, tumor_from_tool, self._tumor_from_frame)
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp

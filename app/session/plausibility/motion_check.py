@@ -7,7 +7,7 @@ from app.case import TrackingFrame
 from app.geometry import Stamp, TrackedTransform
 from app.session.plausibility.limits import MotionLimits
 from app.session.plausibility.sensor_motion import SensorMotion
-from app.session.pose_tree import MAX_TRANSLATION_MM, Edge
+from app.session.pose_tree import Edge, is_too_far
 
 
 class MotionCheck:
@@ -61,7 +61,7 @@ class MotionCheck:
         self._newest_ns[edge] = ns
         pose = sample.transform
         # Drivers send large numbers for a missing pose.
-        if pose is None or max(map(abs, pose.translation_mm.tolist())) > MAX_TRANSLATION_MM:
+        if pose is None or is_too_far(pose):
             return True
         sensor = self._sensors.get(edge)
         if sensor is None:

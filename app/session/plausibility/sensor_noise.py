@@ -14,14 +14,10 @@ class SensorNoise:
 
     def __init__(self, min_sigma: float, max_sigma: float) -> None:
         self._min, self._max = min_sigma * min_sigma, max_sigma * max_sigma
-        self._variance = self._max
-
-    @property
-    def variance(self) -> float:
+        self.variance = self._max
         """Variance of one axis."""
-        return self._variance
 
     def update(self, squared: float, factor: float) -> None:
         """Add a squared length of a difference whose variance is ``factor`` times the noise's."""
         variance = min(squared / (3.0 * factor), self._max)
-        self._variance = max(self._variance + SHARE * (variance - self._variance), self._min)
+        self.variance = max(self.variance + SHARE * (variance - self.variance), self._min)

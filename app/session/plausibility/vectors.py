@@ -16,7 +16,11 @@ def distance_to_path(at: Vector, velocity: Vector, start_s: float, end_s: float)
     square = u * u + v * v + w * w
     if square == 0.0:
         return math.sqrt(x * x + y * y + z * z)
-    time_s = min(max((x * u + y * v + z * w) / square, start_s), end_s)
+    time_s = (x * u + y * v + z * w) / square
+    if time_s < start_s:  # comparisons: `min` and `max` take longer than the rest
+        time_s = start_s
+    if time_s > end_s:
+        time_s = end_s
     x, y, z = x - time_s * u, y - time_s * v, z - time_s * w
     return math.sqrt(x * x + y * y + z * z)
 
