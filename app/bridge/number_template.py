@@ -1,7 +1,7 @@
 """Serialised messages that differ in stamps and numbers only: the rest is serialised once.
 
 rclpy converts a message field by field, which takes 33 us for the ten transforms of a step; to
-replace the numbers in the bytes of an equal message takes 4 us.
+replace the numbers in the bytes of an equal message takes 5 us.
 """
 
 import struct
