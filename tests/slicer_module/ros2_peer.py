@@ -189,6 +189,13 @@ def endpoints(topic):
     return [node.count_publishers(topic), node.count_subscribers(topic)]
 
 
+def qualities(topic):
+    """Reliability and durability of the endpoints, publishers first."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    infos = [*publishers, *node.get_subscriptions_info_by_topic(topic)]
+    return [[i.qos_profile.reliability.name, i.qos_profile.durability.name] for i in infos]
+
+
 def spawn(request, response):
     if isinstance(response, Trigger.Response):
         response.success, response.message = True, "turtle2"
@@ -315,6 +322,7 @@ COMMANDS = {
         send_tf,
         set_parameter,
         endpoints,
+        qualities,
         has_node,
         start_turtlesim,
         stop_turtlesim,

@@ -128,18 +128,22 @@ def test_parameters_come_into_output_arguments(node, peer, spin_until):
     assert node.RemoveAndDeleteParameterNodeByNodeID(parameters.GetID()) is False
 
 
-def test_service_client_tells_its_types_and_whether_it_may_send(logic, made, node, peer):
-    client = made("vtkMRMLROS2ServiceClientSetBoolNode")
+def test_service_client_tells_its_types_and_whether_it_may_send(
+    logic, made, node, peer, wait_until
+):
+    absent, client = (made("vtkMRMLROS2ServiceClientSetBoolNode") for _ in range(2))
+    assert absent.AddToROS2Node(node.GetID(), "/peer/absent")
     assert client.PreRequestCheck() is False
     client.AddToROS2Node(node.GetID(), "/peer/echo")
     assert node.GetServiceClientNodeByTopic("/peer/echo") is client
     assert client.GetSlicerTypeIn() == type(client.CreateBlankRequest()).__name__
-    assert client.PreRequestCheck() is True
+    wait_until(client.PreRequestCheck)
+    assert absent.PreRequestCheck() is False  # nothing serves it
     client.SendAsyncRequest({"data": True})
     assert client.PreRequestCheck() is False
     assert logic.WaitForServiceResponse(client, 10.0)
     assert client.GetSlicerTypeOut() == type(client.GetLastResponse()).__name__
-    assert client.PreRequestCheck() is True
+    wait_until(client.PreRequestCheck)
 
 
 def test_robot_is_added_with_the_name_set_before(logic, made, node, peer, spin_until):

@@ -64,8 +64,11 @@ def test_reply_that_cannot_be_converted_is_reported(logic, node, peer):
 def test_missing_server_is_reported(logic, node):
     client = node.CreateAndAddServiceClientNode("Trigger", "/missing")
     client.SetTimeoutSeconds(0.1)
+    responses = []
+    client.AddObserver(client.ResponseReceivedEvent, lambda *_: responses.append(1))
     client.SendAsyncRequest({})
     assert logic.WaitForServiceResponse(client, 5.0) is False
+    assert responses == []
     assert client.GetLastError() == "service /missing: no server found within 0.1 s"
     assert node.RemoveAndDeleteServiceClientNode("/missing")
 
@@ -112,7 +115,7 @@ def test_messages_of_set_bool_string_have_its_accessors(logic, node, peer):
     assert (response.GetResult(), response.GetSuccess()) == (True, True)
     assert (response.GetMessage(), response.GetClassName()) == ("echoed", "vtkBoolString")
     assert events == ["echoed"]
-    assert client.ServiceModifiedEvent == 1054
+    assert client.ServiceModifiedEvent == client.ResponseReceivedEvent == 1054
     assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 

@@ -12,11 +12,15 @@ _SOURCE = "source"
 class vtkMRMLROS2PublisherCollisionObjectNode(vtkMRMLROS2PublisherNode):
     """Publishes a model's surface in m, at the model's pose in the scene's world.
 
-    `SetFrameId` names the ROS frame that coincides with the scene's world (RAS). Publishing again
-    replaces the object in MoveIt's planning scene.
+    `SetFrameId` names the ROS frame that coincides with the scene's world (RAS), by default
+    ``world``. Publishing again replaces the object in MoveIt's planning scene.
     """
 
     KIND = "CollisionObject"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._frame_id = "world"
 
     def SetSourceNodeID(self, modelID: str | None) -> None:
         """Set the model that `Publish` without an argument publishes; None for no model."""

@@ -13,15 +13,15 @@ from ROS2Lib.member import Member, Owner
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
 from ROS2Lib.robot_goal import create_goal, remove_goal
 from ROS2Lib.robot_joints import JointLinks
-from ROS2Lib.robot_kinematics import RobotKinematics
 from ROS2Lib.robot_links import TfLinks
+from ROS2Lib.robot_moveit import RobotMoveIt
 from ROS2Lib.robot_sources import PARAMETER, SOURCES, Description, description
 
 _ORDER = ("robot", "node", "parameter", "frame", "prefix")
 _OLD_ORDER = ("node", "parameter", "robot", "frame", "prefix")
 
 
-class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
+class vtkMRMLROS2RobotNode(RobotMoveIt, Member, vtkMRMLScriptedModuleNode):
     """One model ``<link>_model`` per link, below its lookup ``ros2:tf2lookup:<parent>To<child>``.
 
     Links stand at their zero pose until tf (or joint states, see `JointLinks`) provides one, and
@@ -214,6 +214,7 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
         if self._description is not None:
             self._description.close()
             self._description = None
+        self.close_moveit()
         self.RemoveGoalStateRobot()
         self._clear()
         self._robot = None

@@ -52,6 +52,10 @@ class RobotKinematics:
         """Upper limits in the order of `GetJoints`; inf for continuous joints."""
         return tuple(joint.upper for joint in self._moving())
 
+    def GetJointVelocityLimits(self) -> tuple[float, ...]:
+        """Largest velocities in rad/s (m/s) in the order of `GetJoints`; 0 where none is given."""
+        return tuple(joint.dynamics.velocity or 0.0 for joint in self._moving())
+
     def ComputeKDLFK(
         self, jointValues: Sequence[float], outTransform: vtkMatrix4x4, linkName: str = ""
     ) -> vtkMatrix4x4 | None:
@@ -110,6 +114,10 @@ class RobotKinematics:
             return ()
         return tuple(self._value(joint, found) for joint in self._moving())
 
+    def FindKDLIK(self, targetPose: vtkMatrix4x4, seedJointValues: Sequence[float] = ()) -> str:
+        """As `ComputeKDLIK` in older versions: the values as text, separated by commas."""
+        return joined(self.ComputeKDLIK(targetPose, seedJointValues))
+
     def _value(self, joint: Joint, found: dict[str, float]) -> float:
         if joint.mimic is None:
             return found[joint.name]
@@ -135,6 +143,11 @@ class RobotKinematics:
         if self._robot is None:
             raise Ros2Error("the robot has no description yet")
         return self._robot, self._robot.forward_kinematics(self._positions(values))
+
+
+def joined(values: Sequence[float]) -> str:
+    """Joint values as text, separated by commas; empty without values."""
+    return ",".join(map(str, values))
 
 
 def _longest_chain(robot: Robot) -> list[Joint]:

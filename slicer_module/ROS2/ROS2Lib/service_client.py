@@ -45,14 +45,15 @@ class _Call:
 
 
 class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
-    """Service client. `Spin` invokes the events when a request is answered or fails.
+    """Service client. `Spin` invokes ``ModifiedEvent`` when a request is answered or fails.
 
-    These are ``ModifiedEvent`` and ``ServiceModifiedEvent`` (1054).
+    It invokes ``ResponseReceivedEvent`` (1054, in older versions ``ServiceModifiedEvent``) after
+    it, if there is a response.
     """
 
     ROLE = "service client"
     KIND = ""
-    ServiceModifiedEvent = _USER_EVENT + 54
+    ResponseReceivedEvent = ServiceModifiedEvent = _USER_EVENT + 54
 
     def __init__(self) -> None:
         self._type = service_kind(self.KIND)
@@ -83,17 +84,19 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         return self._response_class.GetClassName()
 
     def PreRequestCheck(self) -> bool:
-        """True if a request can be sent now: it is on a ROS node and none is under way."""
-        return self._client is not None and self._call is None
+        """True if a request is sent at once: there is a server, and no request is under way."""
+        client = self._client
+        return client is not None and self._call is None and client.is_available
 
     def CreateBlankRequest(self) -> Any:
         """An empty request to fill in and send."""
         return self._request_class()
 
     def SendAsyncRequest(self, request: Any) -> int:
-        """Send a request; returns 1, or 0 with a log line if `PreRequestCheck` is false.
+        """Send a request; returns 1, or 0 with a log line off a ROS node or while one is under way.
 
-        Raises `MarginGuardError` and sends nothing for a request of another type.
+        A request waits for a server, up to the timeout. Raises `MarginGuardError` and sends
+        nothing for a request of another type.
         """
         self._calls += 1
         message = message_of(request, self._type.Request)
@@ -174,7 +177,8 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
                 except MarginGuardError as error:
                     self._response, self._error = None, str(error)
             self.Modified()
-            self.InvokeEvent(self.ServiceModifiedEvent)
+            if not self._error:
+                self.InvokeEvent(self.ResponseReceivedEvent)
 
     def _start(self, owner: Owner, service: str) -> None:
         self._client = ServiceClient(owner.ros, self._type, service)

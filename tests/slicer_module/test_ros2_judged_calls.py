@@ -1,0 +1,161 @@
+"""SlicerROS2's names of parameters, services, tf and robots, against a process with rclpy alone."""
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+import vtk
+
+from app.bridge.calls import waiting
+from tests.slicer_module.test_ros2_robots import URDF
+
+
+def test_parameters_of_every_type(node, peer, spin_until):
+    parameters = node.CreateAndAddParameterNode("/peer")
+    for name in ("flag", "count", "gain", "text", "flags", "counts", "gains", "texts"):
+        assert parameters.AddParameter(name) is True
+    spin_until(lambda: all(map(parameters.ParameterSet, parameters.GetMonitoredParameters())))
+    for name, get, expected in [
+        ("flag", parameters.GetParameterAsBool, True),
+        ("count", parameters.GetParameterAsInteger, 7),
+        ("gain", parameters.GetParameterAsDouble, 1.5),
+        ("text", parameters.GetParameterAsString, "ü"),
+        ("flags", parameters.GetParameterAsVectorOfBools, (True, False)),
+        ("counts", parameters.GetParameterAsVectorOfIntegers, (1, -2, 3)),
+        ("gains", parameters.GetParameterAsVectorOfDoubles, (0.5, 2.5)),
+        ("texts", parameters.GetParameterAsVectorOfStrings, ("a", "b")),
+    ]:
+        assert get(name) == expected
+        output = vtk.reference(expected)
+        assert get(name, output) is True
+        assert output.get() == expected
+        assert get("missing", output) is False
+    kind = vtk.reference("")
+    assert parameters.GetParameterType("gains", kind) is True
+    assert kind.get() == parameters.GetParameterType("gains") == "double_array"
+    assert node.RemoveAndDeleteParameterNode("/peer")
+
+
+class RecordingEvent(threading.Event):
+    """Event of a wait for a server; records that it pauses."""
+
+    records: list[str]
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.records.append("pause")
+        return super().wait(timeout)
+
+
+def test_new_client_pauses_only_until_its_server_is_known(logic, node, peer, monkeypatch):
+    RecordingEvent.records = []
+    monkeypatch.setattr(waiting, "threading", SimpleNamespace(Event=RecordingEvent))
+    for value in (True, False, True):
+        client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
+        ready, send = client._client._server._ready, client._client._client.call_async
+
+        def is_ready(ready=ready):
+            found = ready()
+            RecordingEvent.records.append("ready" if found else "not ready")
+            return found
+
+        def call(request, send=send):
+            RecordingEvent.records.append("sent")
+            return send(request)
+
+        monkeypatch.setattr(client._client._server, "_ready", is_ready)
+        monkeypatch.setattr(client._client._client, "call_async", call)
+        RecordingEvent.records.clear()
+        assert client.SendAsyncRequest({"data": value}) == 1
+        assert logic.WaitForServiceResponse(client, 60.0), client.GetLastError()
+        assert client.GetLastResponse().GetSuccess() is value
+        records = RecordingEvent.records
+        assert records[-2:] == ["ready", "sent"]
+        assert records[:-2] == ["not ready", "pause"] * (len(records) // 2 - 1)
+        assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
+
+
+def test_lookup_and_broadcaster_added_by_their_own_frames(logic, node, peer, spin_until):
+    broadcaster = logic.AddNewNodeByClass("vtkMRMLROS2Tf2BroadcasterNode")
+    lookup = logic.AddNewNodeByClass("vtkMRMLROS2Tf2LookupNode")
+    for each, child in ((broadcaster, "sent"), (lookup, "seen")):
+        assert each.IsParentAndChildSet() is False
+        assert (each.SetParentID("judged"), each.SetChildID(child)) == (True, True)
+        assert (each.GetParentID(), each.GetChildID()) == ("judged", child)
+        assert each.IsParentAndChildSet() is True
+        assert each.AddToROS2Node(node.GetID()) is True
+    assert node.GetTf2BroadcasterNodeByID(broadcaster.GetID()) is broadcaster
+    assert node.GetTf2LookupNodeByID(lookup.GetID()) is lookup
+    peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")
+    pose = vtk.vtkMatrix4x4()
+    pose.SetElement(0, 3, 66.0)
+    spin_until(lambda: broadcaster.Broadcast(pose) and peer("has_edge", child="sent", x=0.066))
+    different = []
+    for x in (0.1, 0.2):
+
+        def arrived(x=x):
+            peer("send_tf", edges=[["judged", "seen", [x, 0.0, 0.0]]])
+            lookup.GetMatrixTransformToParent(pose)
+            return pose.GetElement(0, 3) == pytest.approx(1000 * x)
+
+        spin_until(arrived)
+        stamp = divmod(lookup.GetStampNanoseconds(), 10**9)
+        different += [lookup.IsDifferentFromLast(*stamp), lookup.IsDifferentFromLast(*stamp)]
+    assert different == [True, False, True, False]
+    assert node.RemoveAndDeleteTf2LookupNode(lookup.GetID())
+    assert node.RemoveAndDeleteTf2BroadcasterNode(broadcaster.GetID())
+
+
+@pytest.fixture
+def robot(node, peer, spin_until):
+    """A robot whose description is a parameter of the peer."""
+    assert peer("set_parameter", name="robot_description", value=URDF, of="robot")
+    made = node.CreateAndAddRobotNode("judged", "/robot_state_publisher", tfPrefix="left")
+    spin_until(made.GetLinkNames)
+    yield made
+    assert node.RemoveAndDeleteRobotNode("judged")
+
+
+def test_robot_described_by_the_peer(node, robot, spin_until):
+    parameters = node.CreateAndAddParameterNode("/robot_state_publisher")
+    parameters.AddParameter("robot_description")
+    robot.ObserveParameterNode(parameters)
+    assert robot.GetNodeReference("parameter") is parameters
+    spin_until(lambda: parameters.ParameterSet("robot_description"))
+    assert robot.SetupKDLIKWithLimits() is True
+    assert robot.GetJointVelocityLimits() == (1.0,)
+    pose = vtk.vtkMatrix4x4()
+    assert robot.ComputeKDLFK((0.5,), pose) is pose
+    assert float(robot.FindKDLIK(pose, (0.0,))) == pytest.approx(0.5)
+    pose.SetElement(2, 3, 900.0)
+    assert robot.FindKDLIK(pose) == ""
+    assert node.RemoveAndDeleteParameterNode("/robot_state_publisher")
+
+
+def test_inverse_kinematics_of_moveit(robot, peer, caplog, monkeypatch):
+    pytest.importorskip("moveit_msgs", reason="pip install ./interfaces_extra")
+    name = "/judged/compute_ik"  # another test's server has the real name
+    monkeypatch.setattr("ROS2Lib.robot_moveit.SERVICE", name)
+    pose = vtk.vtkMatrix4x4()
+    pose.SetElement(0, 3, 300.0)
+    assert robot.ComputeMoveItIK(pose) == ()
+    assert "call SetupIKMoveIt first" in caplog.text
+    joints = {"name": ["other", "turn"], "position": [9.0, 0.25]}
+    reply = {"solution": {"joint_state": joints}, "error_code": {"val": 1}}
+    peer("serve", name=name, type="moveit_msgs/srv/GetPositionIK", reply=reply)
+    assert robot.SetupIKMoveIt("") is False
+    assert robot.SetupIKMoveIt("arm") is True
+    assert robot.setupIKmoveit("arm") is True
+    assert robot.ComputeMoveItIK(pose, "tip", (0.5,), 2.5, True) == (0.25,)
+    assert robot.FindIKmoveit(pose, "tip", (0.5,)) == "0.25"
+    asked = peer("requests", name=name)[0]["ik_request"]
+    assert (asked["group_name"], asked["ik_link_name"]) == ("arm", "tip")
+    assert asked["avoid_collisions"] is True
+    assert asked["timeout"] == {"sec": 2, "nanosec": 500_000_000}
+    assert asked["pose_stamped"]["header"]["frame_id"] == "left/base"
+    assert asked["pose_stamped"]["pose"]["position"] == {"x": 0.3, "y": 0.0, "z": 0.0}
+    assert asked["robot_state"]["joint_state"]["name"] == ["turn"]
+    assert asked["robot_state"]["joint_state"]["position"] == [0.5]
+    assert robot.ComputeMoveItIK(pose, "tip", (0.5, 0.5)) == ()
+    assert "there are 2 joint values; expected 1" in caplog.text
+    assert robot.ComputeMoveItIK(pose, timeout=0.0) == ()
+    assert "timeout is 0.0 s; expected more than 0" in caplog.text
