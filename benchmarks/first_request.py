@@ -150,13 +150,14 @@ def measure_pairs(pairs: int, *, new_nodes: bool) -> dict[str, list[float | None
 
 
 def report(name: str, times: list[float | None], plain: list[float | None]) -> str:
-    """One line: percentiles in ms, the median of the differences to plain rclpy, lost replies."""
+    """One line: percentiles in ms, median ratio and difference to plain rclpy, lost replies."""
     taken_ms = 1e3 * np.array([each for each in times if each is not None])
     pairs = [(a, b) for a, b in zip(times, plain, strict=True) if a is not None and b is not None]
     more_ms = 1e3 * np.median([a - b for a, b in pairs])
+    ratio = np.median([a for a, _ in pairs]) / np.median([b for _, b in pairs])
     return (
         f"{name:14} p50 {np.median(taken_ms):7.2f} ms   p90 {np.percentile(taken_ms, 90):7.2f} ms"
-        f"   max {taken_ms.max():7.2f} ms   more than rclpy {more_ms:+6.2f} ms"
+        f"   max {taken_ms.max():7.2f} ms   {ratio:5.2f} x rclpy, {more_ms:+6.2f} ms"
         f"   lost {times.count(None)} of {len(times)}"
     )
 

@@ -10,8 +10,9 @@ from app.bridge.calls import waiting
 from tests.slicer_module.test_ros2_robots import URDF
 
 
-def test_parameters_of_every_type(node, peer, spin_until):
-    parameters = node.CreateAndAddParameterNode("/peer")
+def test_parameters_of_every_type(logic, node, peer, spin_until):
+    parameters = logic.AddNewNodeByClass("vtkMRMLROS2ParameterNode")
+    assert parameters.AddToROS2Node(node.GetID(), "/peer") is True
     for name in ("flag", "count", "gain", "text", "flags", "counts", "gains", "texts"):
         assert parameters.AddParameter(name) is True
     spin_until(lambda: all(map(parameters.ParameterSet, parameters.GetMonitoredParameters())))
@@ -83,6 +84,7 @@ def test_lookup_and_broadcaster_added_by_their_own_frames(logic, node, peer, spi
         assert (each.GetParentID(), each.GetChildID()) == ("judged", child)
         assert each.IsParentAndChildSet() is True
         assert each.AddToROS2Node(node.GetID()) is True
+        assert each.IsAddedToROS2Node() is True
     assert node.GetTf2BroadcasterNodeByID(broadcaster.GetID()) is broadcaster
     assert node.GetTf2LookupNodeByID(lookup.GetID()) is lookup
     peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")

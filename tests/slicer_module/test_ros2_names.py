@@ -35,7 +35,8 @@ NAMES = {
     "vtkMRMLROS2ServiceClientNode": """
         AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node GetService GetROSType GetSlicerTypeIn
         GetSlicerTypeOut CreateBlankRequest PreRequestCheck SendAsyncRequest GetLastResponse
-        GetLastResponseStatus GetNumberOfCalls GetNumberOfRequestsSent ServiceModifiedEvent""",
+        GetLastResponseStatus GetNumberOfCalls GetNumberOfRequestsSent ServiceModifiedEvent
+        ResponseReceivedEvent""",
     "vtkMRMLROS2ParameterNode": """
         AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node IsMonitoredNodeReady
         GetMonitoredNodeName AddParameter RemoveParameter IsParameterSet ParameterSet
@@ -55,7 +56,8 @@ NAMES = {
         ObserveParameterNode ParseRobotDescription SetupRobotVisualization
         RemoveRobotVisualization CreateGoalStateRobot RemoveGoalStateRobot SetupKDLIKWithLimits
         FindRootAndTipLinks GetSegments GetJoints GetJointTypes GetJointLowerPositionLimits
-        GetJointUpperPositionLimits ComputeKDLFK ComputeKDLIK ComputeLocalTransform""",
+        GetJointUpperPositionLimits GetJointVelocityLimits ComputeKDLFK ComputeKDLIK FindKDLIK
+        ComputeLocalTransform SetupIKMoveIt ComputeMoveItIK setupIKmoveit FindIKmoveit""",
 }
 KINDS = [
     "Empty",
@@ -112,6 +114,13 @@ def test_every_kind_has_a_class_below_the_base_class(namespace, node, role):
         assert made.GetNodeTagName() == f"ROS2{role}{kind}"
     with pytest.raises(MarginGuardError):
         base()  # abstract: it has no kind
+
+
+def test_registered_classes_are_one_per_line(node):
+    publishers = node.RegisteredROS2PublisherNodes().split("\n")
+    subscribers = node.RegisteredROS2SubscriberNodes().split("\n")
+    assert "vtkMRMLROS2PublisherPoseNode" in publishers
+    assert [each.replace("Publisher", "Subscriber") for each in publishers] == subscribers
 
 
 def test_messages_have_constructors_and_constants(namespace):
