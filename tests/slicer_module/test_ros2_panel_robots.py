@@ -81,3 +81,19 @@ def test_topics_are_listed_with_types_and_counts(panel):
     other.Destroy()
     panel._list()
     assert len(cells(panel.ui.subscribersTableWidget)) == 1
+
+
+def test_tables_count_what_another_process_receives_and_sends(panel, peer, wait_until):
+    node = panel.logic.GetDefaultROS2Node()
+    publisher = node.CreateAndAddPublisherNode("String", "/panel/text")
+    subscriber = node.CreateAndAddSubscriberNode("Int", "/panel/number")
+    peer("listen", topic="/panel/text", type="std_msgs/msg/String")
+    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 60.0)
+    publisher.Publish("x")
+    assert peer("take", topic="/panel/text") == [{"data": "x"}]
+    messages = [{"data": 1}, {"data": 2}]
+    peer("publish", topic="/panel/number", type="std_msgs/msg/Int64", messages=messages)
+    wait_until(lambda: subscriber.GetNumberOfMessages() == 2, panel.spin)
+    panel._list()
+    assert cells(panel.ui.publishersTableWidget) == [["/panel/text", "std_msgs/msg/String", "1"]]
+    assert cells(panel.ui.subscribersTableWidget) == [["/panel/number", "std_msgs/msg/Int64", "2"]]
