@@ -15,8 +15,8 @@ from app.cli.signals import SignalState
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
     from app.report import ReplayLog, ReplayRecord
-    from app.runtime import ReplayRun, SessionContent
-    from app.viewer import EventNotes, ReplayFeed, ReplayTimeline, Viewer
+    from app.runtime import EventNotes, ReplayRun, SessionContent
+    from app.viewer import ReplayFeed, ReplayTimeline, Viewer
 
 MOVIE_S = 10.0
 """Longest duration of the exported movie, to which time is compressed."""
@@ -107,9 +107,8 @@ def replay_parts(
         from app.cli.keyframes import PICTURES_PER_S
         from app.cli.scene_log import SceneLog
         from app.report import ReplayLog
-        from app.runtime import ReplayRun, prepare_case
+        from app.runtime import EventNotes, ReplayRun, prepare_case
         from app.viewer import (
-            EventNotes,
             ReplayFeed,
             ReplayTimeline,
             ViewStateBuilder,

@@ -37,7 +37,17 @@ from .workflow.calibration_fit import (
     fit_calibration,
 )
 from .workflow.coverage import Coverage
+from .workflow.event_notes import EventNote, EventNotes
+from .workflow.guided_fits import GuidedFits
 from .workflow.guided_recording import Phase
+from .workflow.guided_text import (
+    calibration_count,
+    calibration_numbers,
+    calibration_verdict,
+    coverage_text,
+    registration_count,
+    registration_verdict,
+)
 from .workflow.registration_fit import RegistrationFit, RegistrationTask, fit_registration
 from .workflow.robot_registration import (
     RegistrationStatus,
@@ -52,6 +62,7 @@ from .workflow.steps import (
     workflow_steps,
 )
 from .workflow.tool_calibration import CalibrationStatus, TipChange, ToolCalibration, UseTip
+from .workflow.workflow_output import WorkflowOutput
 
 __all__ = [
     "SWITCH_INTERVAL_S",
@@ -68,6 +79,9 @@ __all__ = [
     "Coverage",
     "Deliver",
     "DeliveredStep",
+    "EventNote",
+    "EventNotes",
+    "GuidedFits",
     "HoldKeeper",
     "Holds",
     "ImageIntake",
@@ -113,11 +127,16 @@ __all__ = [
     "UseTip",
     "Wakeup",
     "WorkflowName",
+    "WorkflowOutput",
     "WorkflowState",
     "WorkflowStep",
     "arm_name",
+    "calibration_count",
+    "calibration_numbers",
+    "calibration_verdict",
     "compute_here",
     "content_of",
+    "coverage_text",
     "fit_calibration",
     "fit_registration",
     "host_id",
@@ -129,5 +148,7 @@ __all__ = [
     "prepare_live",
     "refuse_beside_guard",
     "register_case",
+    "registration_count",
+    "registration_verdict",
     "workflow_steps",
 ]

@@ -4,7 +4,6 @@ from .drawing.scene_view import SceneView
 from .errors import ViewerError
 from .readout.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
-from .steps.event_notes import EventNotes
 from .steps.feeds import LiveFeed, ReplayFeed
 from .steps.live_operator import LiveOperator
 from .steps.live_output import LiveOutput
@@ -14,7 +13,6 @@ from .steps.view_state import ViewState, ViewStateBuilder
 
 __all__ = [
     "Address",
-    "EventNotes",
     "LiveFeed",
     "LiveOperator",
     "LiveOutput",

@@ -18,9 +18,9 @@ from app.runtime import (
     UseTip,
     fit_calibration,
 )
+from app.runtime.workflow.guided_fits import GuidedFits
 from app.viewer.access.auth import ROLE
 from app.viewer.access.role import Role
-from app.viewer.guided_fits import GuidedFits
 from app.viewer.readout.calibration import calibration_map, calibration_values
 
 

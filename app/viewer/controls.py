@@ -7,12 +7,12 @@ from trame_server.state import State
 from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.runtime import SeenHold
+from app.runtime.workflow.event_notes import MAX_CHARS, EventNotes
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.messages.checks import boolean, integer, number, one_of, text
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
-from app.viewer.steps.event_notes import MAX_CHARS, EventNotes
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.replay import RATES, ReplayControl
 from app.viewer.steps.view_state import ViewState

@@ -7,6 +7,7 @@ from trame_server.state import State
 from app.fixture import MarginState
 from app.geometry import FloatArray
 from app.runtime import RecordingStatus
+from app.runtime.workflow.event_notes import EventNotes
 from app.session import BreachList
 from app.viewer.calibration_part import CalibrationPart
 from app.viewer.contour_part import ContourPart
@@ -25,7 +26,6 @@ from app.viewer.readout.recording import recording_values
 from app.viewer.readout.timeline import Timeline
 from app.viewer.readout.workflow import workflow_values
 from app.viewer.registration_part import RegistrationPart
-from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
 from app.viewer.ultrasound_part import UltrasoundPart

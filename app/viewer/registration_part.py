@@ -10,7 +10,7 @@ from app.runtime import (
     UseRegistration,
     fit_registration,
 )
-from app.viewer.guided_fits import GuidedFits
+from app.runtime.workflow.guided_fits import GuidedFits
 from app.viewer.readout.registration import registration_values
 
 

@@ -16,6 +16,7 @@ from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
 from app.runtime import RobotRegistration, ToolCalibration, compute_here
+from app.runtime.workflow.event_notes import EventNotes
 from app.viewer.address import Address
 from app.viewer.calibration_controls import CalibrationControls
 from app.viewer.calibration_part import CalibrationPart
@@ -40,7 +41,6 @@ from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
 from app.viewer.registration_controls import RegistrationControls
 from app.viewer.registration_part import RegistrationPart
-from app.viewer.steps.event_notes import EventNotes
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.mouse_hand import MouseHand

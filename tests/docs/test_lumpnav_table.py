@@ -12,8 +12,27 @@ from app.viewer.drawing.scene_view import Part
 ROOT = Path(__file__).parents[2]
 WEB = ROOT / "app" / "viewer" / "web"
 UI = ROOT / "slicer_module" / "MarginGuard" / "Resources" / "UI" / "MarginGuard.ui"
-REQUIRED = """contour erase dilation hydromark needle bullseye ruler six CSV marks saved calibration
-freeze brightness depth mute centred events undo""".split()
+REQUIRED = [
+    "contour",
+    "erase",
+    "dilation",
+    "hydromark",
+    "needle",
+    "bullseye",
+    "ruler",
+    "six",
+    "CSV",
+    "marks",
+    "saved",
+    "calibration",
+    "freeze",
+    "brightness",
+    "depth",
+    "mute",
+    "centred",
+    "events",
+    "undo",
+]
 """Words of the functions that the table has to list."""
 
 

@@ -67,7 +67,7 @@ def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world):
         assert calibrating.part.values()["calibration_map"] is drawn
         calibrating.run("stop")
         calibrating.finish()
-        with pytest.raises(NotDoneError, match="the session is not ready for another tip"):
+        with pytest.raises(NotDoneError, match="the session is not ready for another one"):
             calibrating.run("use")
         operator.connect(world.commands)
         calibrating.run("use")

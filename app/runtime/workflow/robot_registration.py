@@ -12,7 +12,6 @@ from app.runtime.workflow.robot_samples import RobotSamples
 from app.session import StepResult
 
 _NEW_SAMPLES = 15
-_MAX_UNDO = 50
 
 UseRegistration = Callable[[RegistrationResult], bool]
 """Begins to use a registration in the session; False while that is not possible."""
@@ -36,7 +35,7 @@ class RegistrationStatus:
     can_restore: bool
 
 
-class RobotRegistration(GuidedRecording):
+class RobotRegistration(GuidedRecording[RegistrationResult]):
     """Detects where the tool on the robot of ``content`` rests, and registers from these points.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
@@ -50,8 +49,6 @@ class RobotRegistration(GuidedRecording):
             raise InputError("registration: the session has no robot; expected one")
         self._robot = content.robot
         self._content = content
-        self._requested: tuple[RegistrationResult | None, RegistrationResult] | None = None
-        self._used: list[tuple[RegistrationResult | None, RegistrationResult]] = []
         self._samples = RobotSamples()
         self._fit: RegistrationFit | None = None
         self._excluded: tuple[Interval, ...] = ()
@@ -71,10 +68,7 @@ class RobotRegistration(GuidedRecording):
         """
         with self._lock:
             self._content = content
-            requested = self._requested
-            if requested is not None and requested[1] is content.registration:
-                self._used = [*self._used[-_MAX_UNDO + 1 :], requested]
-                self._begin(Phase.IDLE)
+            self._follow_session()
 
     def status(self) -> RegistrationStatus:
         """What to show now."""
@@ -89,12 +83,6 @@ class RobotRegistration(GuidedRecording):
                 can_accept=self._refusal() == "",
                 can_restore=bool(self._excluded),
             )
-
-    @property
-    def can_undo(self) -> bool:
-        """True if the registration in use was accepted here and replaced another one."""
-        with self._lock:
-            return self._undoable() is not None
 
     def start(self, seen: int) -> None:
         """Begin to record; drops the points before."""
@@ -140,41 +128,13 @@ class RobotRegistration(GuidedRecording):
             if fit.run == self._run and self._phase is not Phase.IDLE:
                 self._fit = fit
 
-    def accept(self, seen: int, use: UseRegistration) -> None:
-        """Request by ``use`` that the session uses the result. Raises `InputError` with why not."""
-        with self._lock:
-            self._check(seen)
-            refusal = self._refusal()
-            result = None if self._fit is None else self._fit.result
-            if refusal or result is None:
-                raise InputError(refusal or "registration: there is no result; expected one")
-            self._request(use, result)
-            self._requested = self._content.registration, result
+    def _replacement(self) -> tuple[RegistrationResult | None, RegistrationResult]:
+        if self._fit is None or self._fit.result is None:
+            raise InputError("registration: there is no result; expected one")
+        return self._content.registration, self._fit.result
 
-    def undo(self, seen: int, use: UseRegistration) -> None:
-        """Request by ``use`` the registration before the one that was accepted last."""
-        with self._lock:
-            self._check(seen)
-            before = self._undoable()
-            if before is None:
-                raise InputError(
-                    "registration: the one in use did not replace another one here; expected one "
-                    "to undo"
-                )
-            self._request(use, before)
-
-    def _undoable(self) -> RegistrationResult | None:
-        for before, after in reversed(self._used):
-            if after is self._content.registration:
-                return before
-        return None
-
-    def _request(self, use: UseRegistration, result: RegistrationResult) -> None:
-        if not use(result):
-            raise InputError(
-                "registration: the session is not ready for another one; expected the same request "
-                "later"
-            )
+    def _is_in_use(self, result: RegistrationResult) -> bool:
+        return result is self._content.registration
 
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""
@@ -190,5 +150,5 @@ class RobotRegistration(GuidedRecording):
 
     def _clear(self) -> None:
         self._samples = RobotSamples()
-        self._fit = self._requested = None
+        self._fit = None
         self._excluded = ()

@@ -16,7 +16,6 @@ from app.session import StepResult
 
 _NEW_POSES = 5
 """Poses after which a fit is computed again."""
-_MAX_UNDO = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +48,7 @@ class CalibrationStatus:
     can_accept: bool
 
 
-class ToolCalibration(GuidedRecording):
+class ToolCalibration(GuidedRecording[TipChange]):
     """Records poses of the tool of ``content``, one calibration at a time, for all operators.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
@@ -65,10 +64,6 @@ class ToolCalibration(GuidedRecording):
         self._kind = CalibrationKind.PIVOT
         self._samples = ToolSamples(self._known.target)
         self._fit: CalibrationFit | None = None
-        self._requested: tuple[TipChange, TipChange] | None = None
-        """Tip before and new tip of the last request; the session may still refuse it."""
-        self._used: list[tuple[TipChange, TipChange]] = []
-        """Those that the session has used."""
 
     def observe(self, step: StepResult) -> None:
         """Record the pose of ``step`` while a calibration is recording."""
@@ -85,10 +80,7 @@ class ToolCalibration(GuidedRecording):
         """
         with self._lock:
             self._known, self._sigma_mm = content.tool_from_tip, content.tip_sigma_mm
-            requested = self._requested
-            if requested is not None and requested[1].tool_from_tip is self._known:
-                self._used = [*self._used[-_MAX_UNDO + 1 :], requested]
-                self._begin(Phase.IDLE)
+            self._follow_session()
 
     def status(self) -> CalibrationStatus:
         """What to show now."""
@@ -111,12 +103,6 @@ class ToolCalibration(GuidedRecording):
         """The tip that the session uses, by the last `use_content`."""
         with self._lock:
             return TipChange(self._known, self._sigma_mm)
-
-    @property
-    def can_undo(self) -> bool:
-        """True if the tip in use is the one that was accepted last."""
-        with self._lock:
-            return self._undoable() is not None
 
     def start(self, seen: int, kind: CalibrationKind) -> None:
         """Begin to record; drops what was recorded before.
@@ -156,55 +142,19 @@ class ToolCalibration(GuidedRecording):
             if fit.run == self._run and self._phase is not Phase.IDLE:
                 self._fit = fit
 
-    def accept(self, seen: int, use: UseTip) -> None:
-        """Request by ``use`` that the session uses the tip. Raises `InputError` with why not.
-
-        The result stays until `use_content` has shown that the session uses it, because the session
-        may refuse it.
-        """
-        with self._lock:
-            self._check(seen)
-            refusal = self._refusal()
-            fit = self._fit
-            if refusal or fit is None or fit.tool_from_tip is None:
-                raise InputError(refusal or "calibration: there is no result; expected one")
-            sigma_mm = self._sigma_mm if fit.sigma_mm is None else fit.sigma_mm
-            before = TipChange(self._known, self._sigma_mm)
-            after = TipChange(fit.tool_from_tip, sigma_mm)
-            self._request(use, after)
-            self._requested = before, after
-
-    def undo(self, seen: int, use: UseTip) -> None:
-        """Request by ``use`` the tip before the one that was accepted last.
-
-        Raises `InputError` if there is none.
-        """
-        with self._lock:
-            self._check(seen)
-            before = self._undoable()
-            if before is None:
-                raise InputError(
-                    "calibration: the tip in use was not accepted here; expected one to undo"
-                )
-            self._request(use, before)
-
     @property
     def _is_recording(self) -> bool:
         return self._phase is Phase.RECORDING
 
-    def _undoable(self) -> TipChange | None:
-        # Another program may have replaced the tip, and one that was undone is no longer in use.
-        for before, after in reversed(self._used):
-            if after.tool_from_tip is self._known:
-                return before
-        return None
+    def _replacement(self) -> tuple[TipChange, TipChange]:
+        fit = self._fit
+        if fit is None or fit.tool_from_tip is None:
+            raise InputError("calibration: there is no result; expected one")
+        sigma_mm = self._sigma_mm if fit.sigma_mm is None else fit.sigma_mm
+        return TipChange(self._known, self._sigma_mm), TipChange(fit.tool_from_tip, sigma_mm)
 
-    def _request(self, use: UseTip, change: TipChange) -> None:
-        if not use(change):
-            raise InputError(
-                "calibration: the session is not ready for another tip; expected the same request "
-                "later"
-            )
+    def _is_in_use(self, result: TipChange) -> bool:
+        return result.tool_from_tip is self._known
 
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""
@@ -219,4 +169,4 @@ class ToolCalibration(GuidedRecording):
 
     def _clear(self) -> None:
         self._samples = ToolSamples(self._known.target)
-        self._fit = self._requested = None
+        self._fit = None

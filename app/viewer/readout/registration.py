@@ -2,21 +2,18 @@
 
 from typing import Any
 
-from app.runtime import Phase, RegistrationStatus
-from app.viewer.readout.guided_verdict import verdict_of
+from app.runtime import RegistrationStatus, registration_count, registration_verdict
 
 
 def registration_values(status: RegistrationStatus, *, can_undo: bool) -> dict[str, Any]:
     """Phase, points with their errors, and verdict; ``can_undo``: the one before can return."""
-    fit, is_idle = status.fit, status.phase is Phase.IDLE
-    verdict, advice = _verdict(status)
+    fit = status.fit
+    verdict, advice = registration_verdict(status)
     points = () if fit is None else fit.points
     return {
         "revision": status.revision,
         "phase": status.phase.value,
-        "count": ""
-        if is_idle
-        else f"{status.phase.value}, {len(points)} point{'s' * (len(points) != 1)}",
+        "count": registration_count(status),
         "points": [
             {
                 "n": number,
@@ -35,11 +32,3 @@ def registration_values(status: RegistrationStatus, *, can_undo: bool) -> dict[s
         "restore": status.can_restore,
         "undo": can_undo,
     }
-
-
-def _verdict(status: RegistrationStatus) -> tuple[str, str]:
-    """Whether the points are good enough, or why not yet; and what to do."""
-    fit = status.fit
-    if status.phase is Phase.IDLE or fit is None:
-        return "", ""
-    return verdict_of(fit, status.phase, "Touch more points, or stop and use it.")

@@ -246,7 +246,7 @@ def test_requests_in_a_wrong_phase_are_refused_in_one_line(guided):
         guided.guide.stop(guided.seen)
     with pytest.raises(InputError, match="no recording has been stopped"):
         guided.accept()
-    with pytest.raises(InputError, match="was not accepted here"):
+    with pytest.raises(InputError, match="did not replace another one here"):
         guided.guide.undo(guided.seen, guided.use)
     guided.guide.start(guided.seen, PIVOT)
     guided.guide.stop(guided.seen)

@@ -1,11 +1,11 @@
-"""Computes the fits of a guided calibration or registration beside the page's thread."""
+"""Computes the fits of a guided calibration or registration beside the thread that shows them."""
 
+import logging
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
-from app.runtime import Compute
-from app.viewer.log import log
+from app.runtime.compute import Compute
 
 MAX_FAILURES = 3
 """Fits of one recording that may fail by an error of the program; then no further one is begun."""
@@ -36,7 +36,7 @@ class Guide(Protocol[_TaskOut, _FitIn]):
 
 
 class GuidedFits(Generic[_Task, _Fit]):
-    """One fit at a time. The page's thread owns it.
+    """One fit at a time. The thread that shows the results owns it.
 
     ``compute`` calls ``fit`` in a thread of this object, ``on_computed`` is called from it.
     """
@@ -81,7 +81,7 @@ class GuidedFits(Generic[_Task, _Fit]):
         try:
             self._guide.use_fit(done.result())
         except Exception:
-            # Without a fit the page goes on: it shows the session.
-            log.exception("fit of a guided recording")
+            # Without a fit page and panel go on: they show the session.
+            logging.getLogger(__name__).exception("fit of a guided recording")
             self._failures = self._failures + 1 if run == self._failed_run else 1
             self._failed_run = run
