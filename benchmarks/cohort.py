@@ -2,187 +2,151 @@
 
 Each number of workers runs the whole cohort into a folder of its own, with the command of a user.
 Then the same command runs again, which has nothing to do, and the cohort runs once more while two
-workers are killed. Cases are made by the workers and not stored. Takes about 6 s of processor time
-for each case and number of workers. Exit status: 1 when a goal is missed.
+workers are killed. Cases are made by the workers and not stored. With --keep the figures of each
+finished run are kept: the same command continues with the runs that are left, and --minutes ends a
+part in time. Exit status: 1 when a goal is missed or runs are left.
 """
 
 import argparse
-import csv
-import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import psutil
 
+from benchmarks.cohort_run import Run, command_of, run_cohort, second_run
+
+CASE_CPU_S = 3.0
 SECOND_RUN_S = 10.0
 MAX_GROWTH = 0.05
 """Share by which a worker's memory may be higher in the second half of its cases."""
-WARM_UP_CASES = 2
-"""Cases of a worker before which its libraries and kernels are not all loaded."""
 KILLS = 2
-
-
-@dataclass(frozen=True)
-class Run:
-    """Figures of one run. ``growth``: the largest of the workers, None with too few cases."""
-
-    workers: int
-    killed: int
-    wall_s: float
-    cpu_s_per_case: float
-    case_wall_s: float
-    rss_mb: tuple[float, float]
-    growth: float | None
-    digest: str
+FIGURES = "figures.json"
 
 
 def main() -> int:
     """Run the benchmark and print its figures."""
     options = _options()
-    missed = []
-    with tempfile.TemporaryDirectory(dir=options.scratch, prefix="bench-cohort-") as temporary:
-        folder = Path(temporary)
-        study = folder / "study"
-        made = ["make-cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
-        made += ["--tracker", "aurora", "--duration", options.duration]
-        subprocess.run(_command(*made), check=True, stdout=subprocess.DEVNULL)
-        runs = []
-        for workers in options.workers:
-            runs.append(_run(study, folder / f"workers-{workers}", workers))
-            print(_line(runs[-1]), flush=True)
-        last = folder / f"workers-{options.workers[-1]}"
-        second_s, again = _second_run(study, last, options.workers[-1])
-        print(f"second run: {second_s:.1f} s (goal {SECOND_RUN_S:g} s), bytes equal: {again}")
-        runs.append(_run(study, folder / "killed", max(options.workers), kills=KILLS))
-        print(_line(runs[-1]), flush=True)
-    missed += _missed(runs, second_s, unchanged=again)
+    with ExitStack() as stack:
+        folder = options.keep
+        if folder is None:
+            temporary = tempfile.TemporaryDirectory(dir=options.scratch, prefix="bench-cohort-")
+            folder = Path(stack.enter_context(temporary))
+        folder.mkdir(exist_ok=True)
+        figures = _figures(folder, options)
+        left = _run_parts(folder, options, figures)
+    runs = [_run_of(figures["runs"][name]) for name in _parts(options) if name in figures["runs"]]
+    if left:
+        print(f"left: {', '.join(left)}; the same command continues")
+        return 1
+    print(f"second run: {figures['second_run_s']:.1f} s, bytes equal: {figures['unchanged']}")
+    goals = goals_of(runs, figures["second_run_s"], unchanged=figures["unchanged"])
+    for goal, (value, met) in goals.items():
+        print(f"{'met   ' if met else 'MISSED'} {goal}: {value}")
     cpu_s = float(np.mean([run.cpu_s_per_case for run in runs]))
     print(f"a million cases: {cpu_s * 1e6 / 3600:.0f} core hours at {cpu_s:.1f} s each")
-    print("\n".join(f"missed: {text}" for text in missed) or "all goals met")
     if options.json is not None:
-        figures = {"runs": [asdict(run) for run in runs], "second_run_s": second_s}
+        missed = [goal for goal, (_, met) in goals.items() if not met]
         options.json.write_text(json.dumps({**figures, "missed": missed}, indent=2) + "\n")
-    return 1 if missed else 0
+    return 0 if all(met for _, met in goals.values()) else 1
 
 
-def _run(study: Path, out: Path, workers: int, *, kills: int = 0) -> Run:
-    """Run the cohort; kill ``kills`` workers, each after another case has finished."""
-    begin = time.perf_counter()
-    command = _command("cohort", study, "--out", out, "--workers", workers)
-    killed = 0
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        while process.poll() is None:
-            time.sleep(0.2)
-            if killed < kills and _finished(out) > killed:
-                killed += _kill_worker(process.pid)
-    if process.returncode != 0:
-        raise SystemExit(f"marginguard cohort ended with {process.returncode}; expected 0")
-    wall_s = time.perf_counter() - begin
-    with (out / "times.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    memory: dict[str, list[float]] = {}
-    for row in rows:  # in the order in which they finished
-        memory.setdefault(row["worker"], []).append(float(row["rss_mb"]))
-    everything = [value for values in memory.values() for value in values]
-    growths = [g for values in memory.values() if (g := _growth(values)) is not None]
-    return Run(
-        workers,
-        killed,
-        wall_s,
-        float(np.mean([float(row["cpu_s"]) for row in rows])),
-        float(np.mean([float(row["wall_s"]) for row in rows])),
-        (min(everything), max(everything)),
-        max(growths, default=None),
-        _digest(out),
-    )
-
-
-def _growth(values: list[float]) -> float | None:
-    """Memory in the second half of a worker's cases, relative to the first; None of too few."""
-    warm = values[WARM_UP_CASES:]
-    if len(warm) < 2:
-        return None
-    half = len(warm) // 2
-    return float(np.mean(warm[half:]) / np.mean(warm[:half])) - 1.0
-
-
-def _second_run(study: Path, out: Path, workers: int) -> tuple[float, bool]:
-    """Duration of the command on finished results, and whether they stayed as they were."""
-    before, begin = _digest(out), time.perf_counter()
-    command = _command("cohort", study, "--out", out, "--workers", workers)
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    return time.perf_counter() - begin, _digest(out) == before
-
-
-def _finished(out: Path) -> int:
-    """Number of finished cases of the partitions that are not complete."""
-    try:
-        return (out / "journal.jsonl").read_bytes().count(b"\n")
-    except OSError:
-        return 0
-
-
-def _kill_worker(pid: int) -> int:
-    """Kill a worker among the processes below ``pid``; returns how many were killed."""
-    for child in psutil.Process(pid).children(recursive=True):
-        try:
-            # Dask's workers are the children of the command that its nanny spawned.
-            if "spawn_main" in " ".join(child.cmdline()):
-                child.kill()
-                return 1
-        except psutil.NoSuchProcess:
-            continue
-    return 0
-
-
-def _digest(out: Path) -> str:
-    """Digest of the partitions and the comparison, by their names."""
-    digest = hashlib.sha256()
-    for path in [*sorted((out / "cases").glob("*.parquet")), out / "comparison.csv"]:
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _missed(runs: list[Run], second_s: float, *, unchanged: bool) -> list[str]:
-    missed = []
-    if len({run.digest for run in runs}) > 1:
-        missed.append(f"bytes differ: {[(run.workers, run.digest) for run in runs]}")
-    if second_s > SECOND_RUN_S or not unchanged:
-        missed.append(f"second run took {second_s:.1f} s, bytes equal: {unchanged}")
-    missed += [
-        f"memory of {run.workers} workers grew by {100 * run.growth:.1f} %"
-        for run in runs
-        if run.growth is not None and run.growth > MAX_GROWTH
-    ]
+def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> dict[str, tuple[str, bool]]:
+    """Each goal with the figure beside it, and whether it is met. The last run has the kills."""
+    cpu_s = min(run.cpu_s_per_case for run in runs)
+    digests = sorted({run.digest for run in runs})
+    growths = [run.growth for run in runs if run.growth is not None]
+    growth = f"{100 * max(growths):+.1f} %" if growths else "too few cases"
     whole = [run for run in runs if not run.killed and run.workers <= _processors()]
-    for fewer, more in pairwise(whole):
-        if more.wall_s >= fewer.wall_s:
-            missed.append(f"{more.workers} workers took longer than {fewer.workers}")
-    if runs[-1].killed < KILLS:
-        missed.append(f"{runs[-1].killed} workers were killed; expected {KILLS}")
-    return missed
+    falls = all(more.wall_s < fewer.wall_s for fewer, more in pairwise(whole))
+    walls = ", ".join(f"{run.wall_s:.0f} s with {run.workers}" for run in whole)
+    return {
+        f"processor time of a case at most {CASE_CPU_S:g} s": (
+            f"{cpu_s:.1f} s",
+            cpu_s <= CASE_CPU_S,
+        ),
+        "equal bytes of all runs": (" ".join(digests), len(digests) == 1),
+        f"{KILLS} workers killed": (f"{runs[-1].killed}", runs[-1].killed == KILLS),
+        f"second run under {SECOND_RUN_S:g} s, without a change": (
+            f"{second_s:.1f} s, bytes equal: {unchanged}",
+            second_s < SECOND_RUN_S and unchanged,
+        ),
+        f"memory of a worker grows by {100 * MAX_GROWTH:g} % at most": (
+            growth,
+            max(growths, default=0.0) <= MAX_GROWTH,
+        ),
+        "wall clock falls with workers up to the number of processors": (walls, falls),
+    }
 
 
-def _line(run: Run) -> str:
-    growth = "-" if run.growth is None else f"{100 * run.growth:+.1f} %"
-    killed = f", {run.killed} killed" if run.killed else ""
-    return (
-        f"{run.workers} workers{killed}: {run.wall_s:.1f} s; a case {run.cpu_s_per_case:.1f} s of "
-        f"processor time, {run.case_wall_s:.1f} s of wall clock; memory of a worker "
-        f"{run.rss_mb[0]:.0f} to {run.rss_mb[1]:.0f} MB, growth {growth}; bytes {run.digest}"
-    )
+def _parts(options: argparse.Namespace) -> dict[str, tuple[int, int]]:
+    """Name of each run: its number of workers, and how many of them are killed."""
+    parts = {f"workers-{workers}": (workers, 0) for workers in options.workers}
+    return {**parts, "killed": (max(options.workers), KILLS)}
 
 
-def _command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "app.cli", *map(str, arguments)]
+def _run_parts(folder: Path, options: argparse.Namespace, figures: dict[str, Any]) -> list[str]:
+    """Do the runs that are left; returns those for which the time does not suffice."""
+    study, begin = folder / "study", time.monotonic()
+    if not study.is_dir():
+        made = ["make-cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
+        made += ["--tracker", "aurora", "--duration", options.duration]
+        subprocess.run(command_of(*made), check=True, stdout=subprocess.DEVNULL)
+    left = []
+    for name, (workers, kills) in _parts(options).items():
+        out = folder / name
+        if name in figures["runs"]:
+            print(f"{_run_of(figures['runs'][name]).line} (earlier)")
+            continue
+        minutes = (time.monotonic() - begin) / 60.0 + _expected_minutes(figures, options, workers)
+        if options.minutes is not None and minutes > options.minutes:
+            left.append(name)
+            continue
+        if out.is_dir():
+            shutil.rmtree(out)  # of a run that was interrupted: its wall clock is not known
+        run = run_cohort(study, out, workers, kills=kills)
+        print(run.line, flush=True)
+        figures["runs"][name] = asdict(run)
+        if name == f"workers-{options.workers[-1]}":
+            figures["second_run_s"], figures["unchanged"] = second_run(study, out, workers)
+        (folder / FIGURES).write_text(json.dumps(figures, indent=2) + "\n")
+    return left
+
+
+def _expected_minutes(figures: dict[str, Any], options: argparse.Namespace, workers: int) -> float:
+    """Duration of a run by the cost of a case in the runs before; 0 without one."""
+    costs = [run["cpu_s_per_case"] for run in figures["runs"].values()]
+    cost_s = max(costs, default=0.0)
+    return options.cases * cost_s * 1.1 / min(workers, _processors()) / 60.0
+
+
+def _figures(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """The figures of earlier parts in ``folder``, which must be of the same cohort."""
+    from app import __version__
+
+    cohort = {name: getattr(options, name) for name in ("cases", "duration", "seed")}
+    cohort["version"] = __version__
+    path = folder / FIGURES
+    if not path.is_file():
+        return {"cohort": cohort, "runs": {}}
+    figures: dict[str, Any] = json.loads(path.read_text())
+    if figures["cohort"] != cohort:
+        raise SystemExit(f"--keep {folder}: it holds {figures['cohort']}; expected {cohort}")
+    return figures
+
+
+def _run_of(values: dict[str, Any]) -> Run:
+    low, high = values["rss_mb"]
+    return Run(**{**values, "rss_mb": (low, high)})
 
 
 def _processors() -> int:
@@ -202,10 +166,16 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--duration", type=float, default=75.0, help="length of a case in s (75)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the cohort (1)")
     parser.add_argument("--scratch", type=Path, help="existing folder for the results")
+    parser.add_argument("--keep", type=Path, help="folder that keeps results and finished runs")
+    parser.add_argument(
+        "--minutes", type=float, help="begin no run that would end later, by the runs before it"
+    )
     parser.add_argument("--json", type=Path, help="write the figures there too")
     options = parser.parse_args()
     if options.scratch is not None and not options.scratch.is_dir():
         parser.error(f"--scratch {options.scratch}: no such folder; expected an existing one")
+    if options.minutes is not None and options.keep is None:
+        parser.error("--minutes without --keep: the runs would be lost; expected both")
     return options
 
 

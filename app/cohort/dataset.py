@@ -16,7 +16,7 @@ from app.cohort.columns import COLUMNS, LOST, Row
 from app.files.atomic_io import write_file
 from app.geometry import InputError
 
-PARTITION_CASES = 256
+PARTITION_CASES = 64
 CASES_FOLDER = "cases"
 JOURNAL = "journal.jsonl"
 

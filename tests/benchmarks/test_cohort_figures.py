@@ -1,13 +1,14 @@
-"""Goals of `marginguard bench cohort`, on figures that are made up."""
+"""Goals and parts of `marginguard bench cohort`, on figures that are made up."""
 
+import sys
 from dataclasses import replace
 
 import pytest
 
 from benchmarks import cohort
-from benchmarks.cohort import Run
+from benchmarks.cohort_run import Run, growth_of
 
-RUN = Run(1, 0, 100.0, 10.0, 11.0, (300.0, 310.0), 0.01, "abc")
+RUN = Run(1, 0, 100.0, 2.5, 2.6, (300.0, 310.0), 0.01, "abc", 4)
 KILLED = replace(RUN, workers=2, killed=2, wall_s=90.0)
 
 
@@ -17,7 +18,8 @@ def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def missed(*runs: Run, second_s: float = 3.0, unchanged: bool = True) -> str:
-    return "; ".join(cohort._missed([*runs, KILLED], second_s, unchanged=unchanged))
+    goals = cohort.goals_of([*runs, KILLED], second_s, unchanged=unchanged)
+    return "; ".join(f"{goal}: {value}" for goal, (value, met) in goals.items() if not met)
 
 
 def test_good_figures_miss_nothing():
@@ -28,9 +30,9 @@ def test_good_figures_miss_nothing():
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"digest": "other"}, "bytes differ"),
-        ({"growth": 0.2}, "grew by 20.0 %"),
-        ({"wall_s": 101.0}, "2 workers took longer than 1"),
+        ({"digest": "other"}, "equal bytes of all runs: abc other"),
+        ({"growth": 0.2}, "+20.0 %"),
+        ({"wall_s": 101.0}, "100 s with 1, 101 s with 2"),
     ],
 )
 def test_a_missed_goal_is_named(change, problem):
@@ -38,12 +40,42 @@ def test_a_missed_goal_is_named(change, problem):
     assert problem in missed(RUN, second)
 
 
+def test_cost_of_a_case_and_missing_kills_are_named():
+    goals = cohort.goals_of([replace(RUN, cpu_s_per_case=3.1)], 3.0, unchanged=True)
+    assert [value for value, met in goals.values() if not met] == ["3.1 s", "0"]
+
+
 def test_a_second_run_that_works_is_named():
-    assert "second run took 12.0 s" in missed(RUN, second_s=12.0)
+    assert "12.0 s" in missed(RUN, second_s=12.0)
     assert "bytes equal: False" in missed(RUN, unchanged=False)
 
 
 def test_growth_compares_the_halves_after_the_first_cases():
-    assert cohort._growth([200.0, 290.0, 300.0]) is None
-    assert cohort._growth([200.0, 290.0, 300.0, 300.0, 330.0, 330.0]) == pytest.approx(0.1)
-    assert cohort._growth([200.0, 290.0, 300.0, 301.0]) < 0.01
+    assert growth_of([200.0, 290.0, 300.0]) is None
+    assert growth_of([200.0, 290.0, 300.0, 300.0, 330.0, 330.0]) == pytest.approx(0.1)
+    assert growth_of([200.0, 290.0, 300.0, 301.0]) < 0.01
+
+
+def test_parts_continue_where_the_one_before_has_ended(tmp_path, monkeypatch, capsys):
+    done = []
+
+    def run_cohort(study, out, workers, *, kills=0):
+        assert not out.exists()  # also after a run that was interrupted
+        done.append((workers, kills))
+        out.mkdir()
+        return replace(RUN, workers=workers, killed=kills, wall_s=100.0 / workers)
+
+    monkeypatch.setattr(cohort, "run_cohort", run_cohort)
+    monkeypatch.setattr(cohort, "second_run", lambda *_: (2.0, True))
+    words = ["bench", "--cases", "240", "--workers", "1", "2", "--keep", str(tmp_path / "kept")]
+    # 240 cases of 2.5 s are 10 minutes with one worker, with two processors 5.
+    monkeypatch.setattr(sys, "argv", [*words, "--minutes", "5"])
+    assert cohort.main() == 1
+    assert done == [(1, 0)] and "left: workers-2, killed" in capsys.readouterr().out
+    (tmp_path / "kept" / "workers-2").mkdir()
+    monkeypatch.setattr(sys, "argv", words)
+    assert cohort.main() == 0
+    assert done == [(1, 0), (2, 0), (2, 2)]
+    monkeypatch.setattr(sys, "argv", [*words, "--seed", "2"])
+    with pytest.raises(SystemExit, match="expected"):
+        cohort.main()
