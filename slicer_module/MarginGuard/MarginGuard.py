@@ -62,6 +62,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._patient_to_ras = None
         self._spinner = None
         self._banner = None
+        self._guided = None
 
     def setup(self):
         """Create the panel; without MarginGuard it is one line with the cause."""
@@ -186,6 +187,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             (ui.stepButton, lambda logic: logic.step()),
         ):
             self._on_click(button, command)
+        from MarginGuardLib.guided_section import GuidedSection
+
+        self._guided = GuidedSection(ui, self._on_click)
         ui.bullseyeButton.clicked.connect(self.on_bullseye)
         ui.muteButton.clicked.connect(self.on_mute)
         ui.seekSlider.valueChanged.connect(self.on_seek)
@@ -261,6 +265,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.trackersLabel.setText(status.trackers)
         ui.workflowLabel.setText(status.workflow)
         ui.registrationLabel.setText(status.registration)
+        self._guided.show(status.calibration, status.touch)
         for button in (ui.connectButton, ui.loadButton):
             button.setEnabled(not status.is_live)
         ui.disconnectButton.setEnabled(status.is_live)

@@ -9,6 +9,7 @@ import pytest
 import slicer
 
 from app.fixture import MarginState
+from app.runtime import CalibrationKind
 from app.scene import Preset
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.marginguard_module import (
@@ -32,6 +33,17 @@ BUDDY = ("EditLabel", "BoxLabel", "SelectorLabel", "SliderLabel")
 """Name endings of labels that belong to other widgets."""
 
 
+class RecordedPart:
+    """TEST DOUBLE of a guided recording: records ``part.name`` of each command."""
+
+    def __init__(self, part, calls):
+        self._part = part
+        self._calls = calls
+
+    def __getattr__(self, name):
+        return lambda *arguments: self._calls.append((f"{self._part}.{name}", *arguments))
+
+
 class CommandsDouble:
     """TEST DOUBLE of `PanelLogic` that records the commands."""
 
@@ -40,6 +52,12 @@ class CommandsDouble:
         self.calls = []
         self.alarm = panel_logic.alarm
         self.is_following = False
+
+    def calibration(self):
+        return RecordedPart("calibration", self.calls)
+
+    def touch(self):
+        return RecordedPart("touch", self.calls)
 
     def spin(self):
         return self.panel_logic.spin()
@@ -117,6 +135,19 @@ def pressed(panel):
 EXPECTED_CALLS = {
     "connectButton": [("connect", Path("live.yaml"))],
     "disconnectButton": [("disconnect",)],
+    "startPivotButton": [("calibration.start", CalibrationKind.PIVOT)],
+    "startSpinButton": [("calibration.start", CalibrationKind.SPIN)],
+    "stopCalibrationButton": [("calibration.stop",)],
+    "discardCalibrationButton": [("calibration.discard",)],
+    "useCalibrationButton": [("calibration.use",)],
+    "undoCalibrationButton": [("calibration.undo",)],
+    "startTouchButton": [("touch.start",)],
+    "stopTouchButton": [("touch.stop",)],
+    "discardTouchButton": [("touch.discard",)],
+    "removePointButton": [("touch.remove", -1)],
+    "restorePointButton": [("touch.restore",)],
+    "useTouchButton": [("touch.use",)],
+    "undoRegistrationButton": [("touch.undo",)],
     "registerButton": [("register_case", Path("some_case"))],
     "acceptButton": [("accept_registration",)],
     "setTumorButton": [("set_tumor", None, "Tumor")],
@@ -157,6 +188,22 @@ def test_recording_is_ended_after_a_question_only(panel, pressed, confirmed, mon
     assert confirmed == ["End the recording of this session?"]
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
     assert pressed("stopRecordingButton") == []
+
+
+@pytest.mark.parametrize(
+    ("name", "question"),
+    [
+        ("useCalibrationButton", "Use this calibration of the tool?"),
+        ("undoCalibrationButton", "Use the tip from before?"),
+        ("useTouchButton", "Use this registration of the robot?"),
+        ("undoRegistrationButton", "Use the registration from before?"),
+    ],
+)
+def test_result_is_used_after_a_question_only(pressed, confirmed, monkeypatch, name, question):
+    assert pressed(name) == EXPECTED_CALLS[name]
+    assert confirmed == [f"{question} The robot is held until an operator re-arms."]
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
+    assert pressed(name) == []
 
 
 def test_landmarks_are_registered_from_chosen_lists(panel, pressed, application):
@@ -301,7 +348,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 9
+    assert len(messages) == 12
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -70,6 +70,13 @@ def write_session(folder: Path) -> Path:
     return path
 
 
+def move(file: Path, motion: str) -> None:
+    """Let the simulated tool move in another way; the file is never empty."""
+    new = file.with_suffix(".new")
+    new.write_text(motion)
+    new.replace(file)
+
+
 class Tool:
     """The tool with its tip in the divot."""
 

@@ -14,7 +14,7 @@ from app.geometry import Transform
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
-from tests.viewer.calibrated_tool import KNOWN_MM, SHAFT, TIP_MM, write_session
+from tests.viewer.calibrated_tool import KNOWN_MM, SHAFT, TIP_MM, move, write_session
 from tests.viewer.conftest import Server, watching
 from tests.viewer.test_accessibility import violations
 
@@ -48,13 +48,6 @@ def saved_tip(page: Page, folder: Path) -> Transform:
         page.click("#calibration-save")
     download.value.save_as(path)
     return read_transform(path, target="cautery", source="cautery_tip")
-
-
-def move(file: Path, motion: str) -> None:
-    """Let the simulated tool move in another way; the file is never empty."""
-    new = file.with_suffix(".new")
-    new.write_text(motion)
-    new.replace(file)
 
 
 def use(page: Page) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.bridge import BridgeError, prepare_environment
 from app.bridge.live import LiveNode, live_node
-from app.runtime import OperatorCommands, prepare_live
+from app.runtime import OperatorCommands, WorkflowOutput, prepare_live
 from app.session import StepResult
 
 CONSTRAINT_HZ = 1000.0
@@ -18,6 +18,8 @@ class LiveStepRun:
 
     def __init__(self, config: Path) -> None:
         self._config = config
+        self.workflow: WorkflowOutput | None = None
+        """Guided recordings and breaches; None until the file is open."""
         self._node: LiveNode | None = None
         self._lock = threading.Lock()
         self._stopped = False
@@ -31,7 +33,10 @@ class LiveStepRun:
         """Open the file, start the ROS node, and yield the steps as they happen."""
         logging.info(prepare_environment())
         prepared = prepare_live(self._config)
-        with live_node(prepared, namespace="", constraint_hz=CONSTRAINT_HZ) as node:
+        self.workflow = workflow = WorkflowOutput(prepared.content)
+        with live_node(
+            prepared, namespace="", constraint_hz=CONSTRAINT_HZ, outputs=(workflow,)
+        ) as node:
             with self._lock:
                 self._node = node
                 if self._stopped:

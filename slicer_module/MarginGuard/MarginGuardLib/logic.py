@@ -23,6 +23,7 @@ from app.runtime import PreparedCase, RecordingStatus, prepare_case, workflow_st
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
+from .guided import GuidedCalibration, GuidedRegistration, GuidedShown, GuidedWork
 from .jobs import Jobs, one_line
 from .live_step_run import LiveStepRun
 from .registration_input import (
@@ -58,6 +59,8 @@ class PanelLogic:
         self._mrml_scene = mrml_scene
         self._clock_ns = clock_ns
         self._jobs = Jobs(changed)
+        self._changed = changed
+        self._guided: GuidedWork | None = None
         self._message = ""
         self._follow: vtkMRMLCameraNode | None = None
 
@@ -184,6 +187,17 @@ class PanelLogic:
         self.candidate = None
         self._message = "the registration is in use"
 
+    def calibration(self) -> GuidedCalibration:
+        """The guided calibration of the tool; raises `InputError` without a session."""
+        return self._guided_work().calibration
+
+    def touch(self) -> GuidedRegistration:
+        """The guided registration of the robot; raises `InputError` without one."""
+        registration = self._guided_work().registration
+        if registration is None:
+            raise InputError("registration: the session has no robot; expected one")
+        return registration
+
     def set_opacity(self, opacity: float) -> None:
         """Set the tumour's opacity, 0 to 1, for this display and later ones."""
         self.session.opacity = opacity
@@ -230,6 +244,7 @@ class PanelLogic:
             self._message = session.thread.failure
         if session.failure:
             self._message = session.failure
+        self._update_guided()
         self._update_camera()
         self._jobs.wait(wait_s)
         return self._status()
@@ -248,6 +263,25 @@ class PanelLogic:
         self.end_session()
         self._jobs.close()
 
+    def _guided_work(self) -> GuidedWork:
+        self.session.running()
+        if self._guided is None:
+            raise InputError("the session has not begun; expected the request later")
+        return self._guided
+
+    def _update_guided(self) -> None:
+        """Follow the guided recordings of the session; those of an earlier one are closed."""
+        workflow, thread = self.session.workflow, self.session.thread
+        commands = None if thread is None else thread.run.commands
+        if self._guided is not None and self._guided.workflow is not workflow:
+            self._guided.close()
+            self._guided = None
+        if workflow is None or commands is None:
+            return
+        if self._guided is None:
+            self._guided = GuidedWork(workflow, commands, self._jobs, self._changed)
+        self._guided.update(commands)
+
     def _update_camera(self) -> None:
         """Follow the tool; after an error, as for a deleted camera, the view stays."""
         if self._follow is None or self.session.display is None:
@@ -260,6 +294,7 @@ class PanelLogic:
 
     def _end(self) -> None:
         self.session.end()
+        self._update_guided()
         self._follow = self.candidate = None
         self._message = ""
 
@@ -288,6 +323,7 @@ class PanelLogic:
             commands.content,
             is_live=session.opened is None,
             silent="" if session.is_running and not is_stale else "no step has followed",
+            calibration=None if self._guided is None else self._guided.calibration.status,
             recording=self._recording(),
         )
         return "\n".join(each.line for each in steps)
@@ -300,6 +336,8 @@ class PanelLogic:
     def _status(self) -> PanelStatus:
         session, recording = self.session, self._recording()
         state, banner = session.readout()
+        guided = self._guided if session.is_running else None
+        touch = None if guided is None else guided.registration
         return PanelStatus(
             state=state,
             banner=banner,
@@ -320,6 +358,8 @@ class PanelLogic:
             recording="" if recording is None else recording.line,
             is_recording=recording is not None and recording.active,
             workflow=self._workflow(),
+            calibration=GuidedShown() if guided is None else guided.calibration.shown(),
+            touch=GuidedShown() if touch is None else touch.shown(),
         )
 
     def _camera(self) -> vtkMRMLCameraNode:

@@ -14,12 +14,14 @@ from app.runtime import (
     ReplayRun,
     StepRun,
     StepThread,
+    WorkflowOutput,
 )
 from app.scene import TransformHealth
 from app.session import StepResult
 
 from .display import NOT_TRACKED_YET, SessionDisplay
 from .jobs import one_line
+from .live_step_run import LiveStepRun
 
 
 class ShownSession:
@@ -49,6 +51,7 @@ class ShownSession:
         self._clock_ns = clock_ns
         self._changed = changed
         self._last: DeliveredStep | None = None
+        self._workflow: WorkflowOutput | None = None
 
     def begin(self, run: StepRun, opened: PreparedCase | None = None) -> None:
         """End the present run and start ``run``; ``opened`` is the case of a replay."""
@@ -58,8 +61,12 @@ class ShownSession:
 
     def begin_replay(self, opened: PreparedCase) -> None:
         """Replay ``opened``, paused at its first frame."""
-        run = ReplayRun(opened, clock_ns=time.monotonic_ns, rate=self.rate, paused=True)
+        workflow = WorkflowOutput(opened.content)
+        run = ReplayRun(
+            opened, clock_ns=time.monotonic_ns, rate=self.rate, paused=True, outputs=(workflow,)
+        )
         self.begin(run, opened)
+        self._workflow = workflow
 
     def end(self) -> None:
         """Stop the run and remove the display from the scene."""
@@ -67,7 +74,7 @@ class ShownSession:
             self.thread.stop()
         if self.display is not None:
             self.display.clear()
-        self.thread = self.opened = self._last = self.display = None
+        self.thread = self.opened = self._last = self.display = self._workflow = None
         self.health = ()
         self.failure = ""
 
@@ -88,6 +95,7 @@ class ShownSession:
                 paused=paused,
                 setup=commands.setup,
                 content=commands.content,
+                outputs=() if self._workflow is None else (self._workflow,),
             )
         )
 
@@ -158,6 +166,12 @@ class ShownSession:
     def is_playing(self) -> bool:
         """True while a replay runs and is not paused."""
         return self.is_running and self.opened is not None and not self.replay().player.paused
+
+    @property
+    def workflow(self) -> WorkflowOutput | None:
+        """Guided recordings and breaches of all steps; None before a session has begun."""
+        run = None if self.thread is None else self.thread.run
+        return run.workflow if isinstance(run, LiveStepRun) else self._workflow
 
     @property
     def shown_step(self) -> StepResult | None:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from app.fixture import MarginState
 
+from .guided import GuidedShown
+
 
 @dataclass(frozen=True, slots=True)
 class PanelStatus:
@@ -14,6 +16,7 @@ class PanelStatus:
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
     transform. ``recording``: the last recording of the live session, empty before one.
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
+    ``calibration`` and ``touch``: the guided calibration, and registration by touch.
     """
 
     state: MarginState
@@ -33,3 +36,5 @@ class PanelStatus:
     recording: str
     is_recording: bool
     workflow: str
+    calibration: GuidedShown
+    touch: GuidedShown
