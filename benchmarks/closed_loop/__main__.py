@@ -6,10 +6,11 @@
 Separate processes: the physics with the hand (MuJoCo, 1 kHz), the tracker's driver (50 Hz, 20 ms of
 latency, 0.3 mm of correlated noise), 'marginguard live' and 'marginguard control'. The hand pushes
 with 10 N from random directions, without and with the fixture. The true distance is measured at
-every physics step. With --stops, guard, controller and tracker are killed and stopped in the middle
-of an approach instead. On a busy machine safe stops (holds, watchdog, physics behind real time)
-interrupt pushes; they are counted by cause, and an operator re-arms after them. With --first-push
-and --append a run of many pushes is made in parts, and the figures are those of all rows of FILE.
+every physics step, by the product's engine and by libigl. With --stops, guard, controller and
+tracker are killed and stopped in the middle of an approach instead. On a busy machine safe stops
+(holds, watchdog, physics behind real time) interrupt pushes; they are counted by cause, and an
+operator re-arms after them. With --first-push and --append a run of many pushes is made in parts,
+and the figures are those of all rows of FILE.
 
 With --contact there is one process and no ROS: a tool is pressed on a skull with 20 N for 5 s, its
 depth is measured by libigl on MuJoCo's own geometry, and the joint accelerations of random arms are
@@ -207,7 +208,8 @@ def _print_pushes(rows: Sequence[Mapping[str, Any]], options: argparse.Namespace
         if own:
             print("\n".join(lines_of(own, fixture)))
         for each in own:
-            kept = each["lowest_mm"] >= (limit_mm if fixture else STOP_MM)
+            lowest_mm = min(each["lowest_mm"], each["vertices_mm"])
+            kept = lowest_mm >= (limit_mm if fixture else STOP_MM)
             is_good = is_good and (kept is fixture or (not fixture and bool(each["stops"])))
     return is_good and len(rows) >= options.pushes * (2 if options.kind == "both" else 1)
 

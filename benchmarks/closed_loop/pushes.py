@@ -29,7 +29,7 @@ class Push:
     """A push: true distances in mm, and speeds of the tip in mm/s.
 
     ``lowest_mm`` is by the product's engine at every step from the beginning of the push to the end
-    of the retreat, ``vertices_mm`` at the lowest one by libigl, from the vertices of both surfaces.
+    of the retreat, ``vertices_mm`` by libigl at every one, from the vertices of both surfaces.
     ``breach_mm`` is the lowest one below the stop margin at which the tool's own motion reduces the
     distance by more than `STILL_MM_S`, None without one: a tumour that breathes also approaches a
     tool that stands. ``approach_mm_s``
@@ -125,7 +125,6 @@ def judged(
     """Judge the push at ``rows`` of the truth."""
     first, _ = truth.phase_rows(*rows, Phase.PUSH)
     distances = truth.distances_mm(engine, first, rows[1])
-    lowest = int(np.argmin(distances))
     slide = truth.phase_rows(*rows, Phase.SLIDE)
     retreat = truth.phase_rows(*rows, Phase.RETREAT)
     push = truth.phase_rows(*rows, Phase.PUSH)
@@ -134,9 +133,9 @@ def judged(
     return Push(
         number,
         fixture,
-        float(distances[lowest]),
+        float(distances.min()),
         _breach(truth, engine, distances, first),
-        surfaces.vertex_distance_mm(truth.tumor_from_tool(first + lowest)),
+        surfaces.lowest_vertex_mm([truth.tumor_from_tool(row) for row in range(first, rows[1])]),
         float(truth.speeds_mm_s(*push).max(initial=0.0)),
         _settled(truth, truth.speeds_mm_s(*slide), slide),
         _settled(truth, truth.speeds_mm_s(*retreat), retreat),

@@ -11,7 +11,7 @@ from app.geometry import InputError
 STOP_MM = 1.0
 """``stop_mm`` of the shipped live.yaml."""
 
-_KEYS = ("fixture", "number", "lowest_mm", "breach_mm", "stops")
+_KEYS = ("fixture", "number", "lowest_mm", "vertices_mm", "breach_mm", "stops")
 
 Row = Mapping[str, Any]
 """The fields of a `benchmarks.closed_loop.pushes.Push` by name."""
@@ -40,6 +40,7 @@ def merged(earlier: Sequence[Row], later: Sequence[Row]) -> list[dict[str, Any]]
 def lines_of(rows: Sequence[Row], fixture: bool) -> list[str]:
     """Lines that summarise the rows of one kind, at least one."""
     lowest = sorted(row["lowest_mm"] for row in rows)
+    vertices = [row["vertices_mm"] for row in rows]
     free = [row for row in rows if not row["stops"]]
     driven = sum(row["breach_mm"] is not None for row in rows)
     stops = sum((Counter(row["stops"]) for row in rows), Counter())
@@ -47,7 +48,8 @@ def lines_of(rows: Sequence[Row], fixture: bool) -> list[str]:
         f"{'with' if fixture else 'without'} the fixture: {len(rows)} pushes, lowest true distance "
         f"{lowest[0]:.2f} to {lowest[-1]:.2f} mm, {sum(each < STOP_MM for each in lowest)} below "
         f"{STOP_MM:g} mm, {driven} of them by the tool's own motion; {len(rows) - len(free)} "
-        "pushes with a safe stop"
+        "pushes with a safe stop",
+        f"  by libigl at every step: {min(vertices):.2f} to {max(vertices):.2f} mm",
     ]
     if stops:
         causes = ", ".join(f"{cause} {count}" for cause, count in sorted(stops.items()))

@@ -1,6 +1,8 @@
 """True distances and speeds of a tool, from the poses of every physics step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import igl
@@ -34,23 +36,45 @@ class Surfaces:
         assert tool is not None
         return cls(replace(world.tissues[0].mesh, frame="tumor"), replace(tool.mesh, frame="tool"))
 
-    def vertex_distance_mm(self, tumor_from_tool: Transform) -> float:
-        """The smallest signed distance of a vertex of one surface to the other, by libigl.
+    def lowest_vertex_mm(self, tumor_from_tool: Sequence[Transform]) -> float:
+        """The smallest signed distance at any pose, of a vertex of one surface to the other.
 
-        It is at least the true distance of the surfaces.
+        By libigl, independent of the product's engine. It is at least the true distance of the
+        surfaces.
         """
-        tool_from_tumor = tumor_from_tool.inverse()
-        found = []
-        for pose, moved, fixed in (
-            (tumor_from_tool, self.tool, self.tumor),
-            (tool_from_tumor, self.tumor, self.tool),
-        ):
-            points = np.ascontiguousarray(pose.apply(moved.vertices_mm))
-            signed, *_ = igl.signed_distance(
-                points, np.array(fixed.vertices_mm), fixed.faces.astype(np.int64)
-            )
-            found.append(float(np.min(signed)))
-        return min(found)
+        tool_from_tumor = [pose.inverse() for pose in tumor_from_tool]
+        return min(
+            _lowest_vertex_mm(self.tool, self.tumor, tumor_from_tool),
+            _lowest_vertex_mm(self.tumor, self.tool, tool_from_tumor),
+        )
+
+
+def _lowest_vertex_mm(moved: SurfaceMesh, fixed: SurfaceMesh, poses: Sequence[Transform]) -> float:
+    """The smallest signed distance of a vertex of ``moved``, at any pose, to ``fixed``.
+
+    Intervals of poses are halved. A signed distance changes by at most the motion of its point, and
+    no vertex moves further than the farthest corner of the box around them: what cannot be below
+    the smallest distance found so far is left out. The result is that over all vertices and poses.
+    """
+    corners = np.array(list(product(*zip(*moved.bounds_mm, strict=True))))
+    motion = np.stack([pose.apply(corners) for pose in poses])
+    vertices, faces = np.array(fixed.vertices_mm), fixed.faces.astype(np.int64)
+    lowest = np.inf
+    intervals = [(0, len(poses), np.arange(len(moved.vertices_mm)))]
+    while intervals:
+        points = [poses[(a + b) // 2].apply(moved.vertices_mm[use]) for a, b, use in intervals]
+        signed, *_ = igl.signed_distance(np.concatenate(points), vertices, faces)
+        lowest = min(lowest, float(np.min(signed)))
+        parts = np.split(signed, np.cumsum([len(each) for each in points])[:-1])
+        halves = []
+        for (first, last, use), found in zip(intervals, parts, strict=True):
+            middle = (first + last) // 2
+            for a, b in ((first, middle), (middle + 1, last)):
+                if a < b:
+                    moves = np.linalg.norm(motion[a:b] - motion[middle], axis=2).max()
+                    halves.append((a, b, use[found - moves < lowest]))
+        intervals = [each for each in halves if len(each[2])]
+    return lowest
 
 
 class Truth:

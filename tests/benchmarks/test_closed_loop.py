@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+pytest.importorskip("igl", reason="libigl is not installed")
+
+import igl
 
 from app.fixture import ProximityEngine
-from app.geometry import NS_PER_MS
+from app.geometry import NS_PER_MS, Transform
 from benchmarks.closed_loop.hand import AWAY_MM, Phase
 from benchmarks.closed_loop.pushes import judged
 from benchmarks.closed_loop.truth import Surfaces, Truth
@@ -54,3 +57,30 @@ def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path: Path) 
     found = judged(0, True, truth, engine, surfaces, (0, 300), {})
     assert found.lowest_mm < STOP_MM
     assert found.breach_mm is None
+
+
+def test_lowest_vertex_is_that_of_every_vertex_at_every_pose() -> None:
+    """The intervals that are left out change nothing: beside libigl on all vertices and poses."""
+    surfaces = Surfaces.shipped()
+    random = np.random.default_rng(5)
+    top = float(surfaces.tumor.vertices_mm[:, 2].max())
+    turns = np.cumsum(random.normal(0.0, 0.02, (60, 3)), axis=0)
+    places = np.cumsum(random.normal(0.0, 0.3, (60, 3)), axis=0)
+    places[:, 2] += top + 2.0
+    poses = [
+        Transform.from_rotation_vector(turn, place, target="tumor", source="tool")
+        for turn, place in zip(turns, places, strict=True)
+    ]
+    every = [
+        igl.signed_distance(
+            pose.apply(moved.vertices_mm),
+            np.array(fixed.vertices_mm),
+            fixed.faces.astype(np.int64),
+        )[0].min()
+        for moved, fixed, steps in (
+            (surfaces.tool, surfaces.tumor, poses),
+            (surfaces.tumor, surfaces.tool, [pose.inverse() for pose in poses]),
+        )
+        for pose in steps
+    ]
+    assert surfaces.lowest_vertex_mm(poses) == pytest.approx(min(every), abs=1e-9)

@@ -21,6 +21,7 @@ def row(number: int, lowest_mm: float, *, fixture: bool = True, **stops: int) ->
         "number": number,
         "fixture": fixture,
         "lowest_mm": lowest_mm,
+        "vertices_mm": lowest_mm + 0.02,
         "breach_mm": breach,
         "stops": stops,
         **speeds,
@@ -46,6 +47,7 @@ def test_summary_counts_low_distances_and_causes_of_stops() -> None:
     printed = "\n".join(lines_of(rows, True))
     assert "4 pushes, lowest true distance 0.50 to 3.00 mm, 1 below 1 mm" in printed
     assert "2 pushes with a safe stop" in printed
+    assert "by libigl at every step: 0.52 to 3.02 mm" in printed
     assert "lags 3, no_joints 1" in printed
     assert "sliding 90 to 93 mm/s" in printed  # of the pushes without a stop
 

@@ -3,9 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from app.geometry import NS_PER_MS, MarginGuardError
 from benchmarks.simulation import GOAL_MS, main
+from benchmarks.simulation_pace import Pace
 
 WORLD = """
 schema: 1
@@ -34,3 +37,30 @@ def test_figures_of_a_small_world(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_missing_world_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path)]) == 2
     assert "is not a world; expected a world.yaml or its folder" in capsys.readouterr().err
+
+
+def test_pace_finds_drift_lags_and_lost_messages() -> None:
+    """Independent of the clock: 10 s each, 3 ms late at first and 4.5 ms at the end."""
+    period_ns = 5 * NS_PER_MS
+    stamps_ns = np.arange(4000) * period_ns + 1_800_000_000 * 1_000_000_000
+    delays_ms = np.repeat([3.0, 4.5], 2000)
+    delays_ms[7] = 20.0
+    pace = Pace.of(stamps_ns, stamps_ns + (delays_ms * NS_PER_MS).astype(np.int64), period_ns)
+    assert pace.drift_ms == pytest.approx(1.5)
+    assert (pace.max_ms, pace.missing_s) == (20.0, 0.0)
+    assert pace.seconds == pytest.approx(19.995)
+    stamps_ns[2500:] += 31 * NS_PER_MS  # a lag that the physics has dropped
+    kept = np.delete(stamps_ns, 10)
+    assert Pace.of(kept, kept, period_ns).missing_s == pytest.approx(0.036)
+    with pytest.raises(MarginGuardError, match="1 poses; expected at least 2"):
+        Pace.of(stamps_ns[:1], stamps_ns[:1], period_ns)
+
+
+def test_pace_of_the_shipped_world_in_a_process_of_its_own(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["--steps", "100", "--minutes", "0.1", "--json"])
+    pace = json.loads(capsys.readouterr().out)["pace"]
+    assert pace["seconds"] > 1.0
+    assert 0.0 < pace["median_ms"] <= pace["max_ms"]
+    assert pace["missing_s"] >= -1e-6
