@@ -49,6 +49,7 @@ SLOW = {
         "tests/viewer/test_calibration_part.py",
         "tests/viewer/test_contour_part.py",
         "tests/viewer/test_registration_part.py",
+        "tests/viewer/test_world_part.py",
         "tests/cli/test_render_warmup.py",
         "tests/cli/test_replay_scene.py",
         "tests/cli/test_scene_picture.py",

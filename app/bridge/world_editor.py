@@ -21,6 +21,10 @@ from app.geometry import Stamp, SurfaceMesh, Transform, quaternion_of_rotation
 SIMULATION = "marginguard_simulation"
 """Name of the node of ``marginguard simulate``."""
 WORLD = "world"
+TRACKER = "tracker"
+"""Frame of the simulated tracker, which has the pose of `WORLD`."""
+BODIES = "bodies"
+"""Topic of the simulation with the surfaces of its bodies."""
 TRUTH = "truth/"
 """Prefix of the frames of true poses."""
 

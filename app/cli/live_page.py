@@ -14,6 +14,7 @@ from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode
+    from app.runtime import SimulatedWorld
     from app.viewer import LiveFeed, MouseHand, Viewer
     from app.viewer.drawing.pictures import MakeScheduler
 
@@ -29,18 +30,27 @@ def live_page(
     scheduler: "MakeScheduler | None" = None,
     client: bool = False,
     hand_topic: str | None = None,
+    simulation: str | None = None,
 ) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
     A signal during the preparation ends the process at once. ``scheduler`` draws the pictures;
     a benchmark replaces it. ``client``: the browser draws the scene. ``hand_topic``: where the
-    force of a mouse that drags the tool is published.
+    force of a mouse that drags the tool is published. ``simulation``: the node of the simulated
+    world whose bodies are shown and edited.
     """
     with received.ends_at_once():
         load_bridge("which a live session needs")
         print_reach()
         from app.bridge.live import live_node
-        from app.runtime import SWITCH_INTERVAL_S, RobotRegistration, ToolCalibration, prepare_live
+        from app.bridge.world_editor import TRACKER, WORLD
+        from app.runtime import (
+            SWITCH_INTERVAL_S,
+            RobotRegistration,
+            SimulatedWorld,
+            ToolCalibration,
+            prepare_live,
+        )
         from app.viewer import (
             LiveFeed,
             LiveOperator,
@@ -70,8 +80,9 @@ def live_page(
         calibration = ToolCalibration(content)
         registration = None if content.robot is None else RobotRegistration(content)
         hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
+        world = None if simulation is None else SimulatedWorld(WORLD, TRACKER, time.time_ns)
         viewer = Viewer(
-            SceneView(content),
+            SceneView(content, has_bodies=world is not None),
             feed,
             LiveTimeline(),
             title,
@@ -81,6 +92,7 @@ def live_page(
             hand=hand,
             calibration=calibration,
             registration=registration,
+            world=world,
         )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -101,7 +113,10 @@ def live_page(
             thread = threading.Thread(target=_run, args=(node, feed), name="session")
             thread.start()
             try:
-                with _published(hand, hand_topic, feed, content.tip_frame):
+                with (
+                    _published(hand, hand_topic, feed, content.tip_frame),
+                    _followed(world, simulation),
+                ):
                     yield viewer
             finally:
                 node.stop()
@@ -122,6 +137,18 @@ def _published(
             HandPublisher(
                 ros, topic, frame, lambda: hand.force_n(feed.now()), clock_ns=time.time_ns
             )
+        yield
+
+
+@contextmanager
+def _followed(world: "SimulatedWorld | None", simulation: str | None) -> Iterator[None]:
+    """Receive ``world`` from the node ``simulation``, and send its edits, within the context."""
+    with ExitStack() as stack:
+        if world is not None and simulation is not None:
+            from app.bridge import RosNode
+            from app.bridge.world_listener import PAGE_NODE, WorldListener
+
+            WorldListener(stack.enter_context(RosNode(PAGE_NODE)), simulation, world)
         yield
 
 

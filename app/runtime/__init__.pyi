@@ -27,6 +27,15 @@ from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
+from .simulated_world import (
+    BodyKind,
+    RequestOutcome,
+    SimulatedWorld,
+    WorldBody,
+    WorldMoment,
+    WorldRequest,
+    place_text,
+)
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
 from .wakeup import Wakeup
@@ -69,6 +78,7 @@ __all__ = [
     "AuditLog",
     "AuditOutput",
     "BetweenSteps",
+    "BodyKind",
     "CalibrationFit",
     "CalibrationKind",
     "CalibrationStatus",
@@ -109,10 +119,12 @@ __all__ = [
     "ReplayRun",
     "RequestKind",
     "RequestLog",
+    "RequestOutcome",
     "RobotRegistration",
     "SecondInstanceError",
     "SeenHold",
     "SessionContent",
+    "SimulatedWorld",
     "Source",
     "StateFileError",
     "StepHolds",
@@ -130,6 +142,9 @@ __all__ = [
     "WorkflowOutput",
     "WorkflowState",
     "WorkflowStep",
+    "WorldBody",
+    "WorldMoment",
+    "WorldRequest",
     "arm_name",
     "calibration_count",
     "calibration_numbers",
@@ -143,6 +158,7 @@ __all__ = [
     "live_state",
     "next_step",
     "open_recording",
+    "place_text",
     "playback_of",
     "prepare_case",
     "prepare_live",

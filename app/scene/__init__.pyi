@@ -1,4 +1,5 @@
 from .application import SceneApplication
+from .body_models import BodyModels
 from .contour_model import ContourModel
 from .errors import OffscreenError, SceneError
 from .frames.edited import EditedTransform
@@ -27,6 +28,7 @@ from .sequences import add_sequences
 __all__ = [
     "QUICK_TYPE",
     "Batch",
+    "BodyModels",
     "BreachMarkers",
     "Camera",
     "ContourModel",

@@ -29,6 +29,7 @@ from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
 from app.viewer.ultrasound_part import UltrasoundPart
+from app.viewer.world_part import WorldPart
 
 
 class Page:
@@ -40,7 +41,8 @@ class Page:
     page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
     ``notes`` are listed; ``recording`` is that of a live session, ``calibration`` that of its tool
-    and ``registration`` that of its robot, None in a replay. All calls come from the page's thread.
+    and ``registration`` that of its robot, None in a replay; ``world``: None without a simulated
+    one. All calls come from the page's thread.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class Page:
         recording: Callable[[], RecordingStatus | None] = lambda: None,
         calibration: CalibrationPart | None = None,
         registration: RegistrationPart | None = None,
+        world: WorldPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -72,6 +75,8 @@ class Page:
         self._notes = notes or EventNotes()
         self._calibration = calibration
         self._registration = registration
+        self._world = world
+        state.world = None
         state.registration = None
         state.calibration = state.calibration_map = None
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
@@ -105,7 +110,8 @@ class Page:
         edited = None if self._contour is None else self._contour.revision
         guides = [each for each in (self._calibration, self._registration) if each is not None]
         guided = tuple(each.revision for each in guides)
-        changed = self._timeline.revision(), edited, guided, len(self._notes.entries)
+        bodies = None if self._world is None else self._world.revision
+        changed = self._timeline.revision(), edited, guided, len(self._notes.entries), bodies
         drawn, self._drawn = self._drawn, (moment, *changed)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
@@ -117,6 +123,8 @@ class Page:
                 self._contour.update(now, self.view, *self._image_place(now, self._contour))
             for guide in guides:
                 guide.update(now.content)
+            if self._world is not None and self._world.update(now, self.view):
+                self.camera.frame_bodies()
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
@@ -156,9 +164,9 @@ class Page:
                 state.update(self._hand.values())
             if self._contour is not None:
                 state.update(self._contour.values())
-            for guide in (self._calibration, self._registration):
-                if guide is not None:
-                    state.update(guide.values())
+            for part in (self._calibration, self._registration, self._world):
+                if part is not None:
+                    state.update(part.values())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

@@ -15,7 +15,7 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
-from app.runtime import RobotRegistration, ToolCalibration, compute_here
+from app.runtime import RobotRegistration, SimulatedWorld, ToolCalibration, compute_here
 from app.runtime.workflow.event_notes import EventNotes
 from app.viewer.address import Address
 from app.viewer.calibration_controls import CalibrationControls
@@ -47,6 +47,7 @@ from app.viewer.steps.mouse_hand import MouseHand
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.ultrasound_part import UltrasoundPart
 from app.viewer.web_app import Content, WebServer
+from app.viewer.world_part import WorldPart
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "scene"
@@ -75,7 +76,7 @@ class Viewer:
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
     known here. ``calibration`` is that of the tool of a live session, ``registration`` that of
-    its robot.
+    its robot. ``world``: a simulated one, whose bodies ``view`` shows, too.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class Viewer:
         hand: MouseHand | None = None,
         calibration: ToolCalibration | None = None,
         registration: RobotRegistration | None = None,
+        world: SimulatedWorld | None = None,
     ) -> None:
         if client and hand is not None:
             raise ViewerError("page: drawn by the browser, with a hand; expected one of both")
@@ -122,6 +124,7 @@ class Viewer:
                 registration, operator.compute, self.wake, operator.set_registration
             )
         )
+        self._world = None if world is None else WorldPart(world)
         self._page = Page(
             state,
             view,
@@ -136,6 +139,7 @@ class Viewer:
             _no_recording if operator is None else lambda: operator.recording,
             self._calibration,
             self._registration,
+            self._world,
         )
         state.rates = []
         self._commands = Commands()
@@ -283,6 +287,7 @@ def _server(title: Title, *, client: bool) -> Server:
                 "marginguard/ultrasound.css",
                 "marginguard/contour.css",
                 "marginguard/calibration.css",
+                "marginguard/world.css",
             ],
             "module_scripts": ["marginguard/main.js"],
         }

@@ -13,6 +13,7 @@
 ``/NAME/enable``         std_srvs/Trigger               end the FAULT of an arm
 ``~/move_bodies``,       see `body_edits`               a user moves, adds or removes a body
 ``~/edit_body``
+``~/bodies``             visualization_msgs/MarkerArray their surfaces, latched: see `body_shapes`
 ======================== ============================== ==========================================
 
 A session must not follow the truth: its frames have names of their own. Stamps are host time.
@@ -34,6 +35,7 @@ from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation.arm_endpoint import ArmEndpoint
 from app.bridge.simulation.body_edits import BodyEdits
+from app.bridge.simulation.body_shapes import BodyShapes
 from app.bridge.simulation.clock_topic import ClockTopic
 from app.bridge.simulation.device_hand import DeviceHand
 from app.bridge.simulation.real_time import RealTime
@@ -115,6 +117,7 @@ class SimulationNode:
             for each in description.robots
         }
         self._edits = BodyEdits(ros)
+        self._shapes = BodyShapes(ros, description)
         self.clock = ClockTopic(ros) if clock else None
         self._wrench: Wrench | None = None
         self._checked_ns: int | None = None
@@ -154,9 +157,12 @@ class SimulationNode:
             world.enable(name)
             self._arms[name].commands.enabled(fault)
             self._checked_ns = None
-        for change in self._edits.apply(world, now_ns):
+        changes = self._edits.apply(world, now_ns)
+        for change in changes:
             for name in self._arms:
                 world.fail(name, change)
+        if changes:
+            self._shapes.publish(world.description)
         self._change_states(world)
         before = world.state()
         if self._state is not None and before.time_ns < self._state.time_ns:  # a reset

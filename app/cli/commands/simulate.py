@@ -152,6 +152,7 @@ def _hand(options: argparse.Namespace) -> str:
 
 def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
     """The commands to start, with their arguments. Raises `InputError` for a missing file."""
+    from app.bridge.world_editor import SIMULATION
     from app.files.bounded_io import is_file, is_folder
     from app.geometry import InputError
 
@@ -169,7 +170,8 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
                     "of the page"
                 )
             hand = ("--hand", control.hand_topic)
-        found.append(("view", "--live", "--config", str(folder / "live.yaml"), *hand))
+        world = ("--world", SIMULATION)
+        found.append(("view", "--live", "--config", str(folder / "live.yaml"), *world, *hand))
     elif "live" in options.others:
         config = str(folder / "live.yaml")
         found.append(("live", "--config", config, "--constraint-hz", CONSTRAINT_HZ))

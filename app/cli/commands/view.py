@@ -62,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "is published on TOPIC (geometry_msgs/WrenchStamped, along the axes of the tool), for "
         "'marginguard control'",
     )
+    parser.add_argument(
+        "--world",
+        metavar="NODE",
+        help="with --live: show the bodies that the node NODE of 'marginguard simulate' simulates, "
+        "and let operators move, add and remove them",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -80,6 +86,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("view: --cases is given without --live; expected a live session")
     if options.hand is not None and (not options.live or options.render == "client"):
         raise InputError("view: --hand is given; expected --live with it, and no --render client")
+    if options.world is not None and not options.live:
+        raise InputError("view: --world is given without --live; expected a live session")
     with note_signals() as received:
         from app.files.extras import check_installed
 
@@ -105,7 +113,13 @@ def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Vie
         from app.cli.live_page import live_page
 
         client = options.render == "client"
-        with live_page(options, received, client=client, hand_topic=options.hand) as viewer:
+        with live_page(
+            options,
+            received,
+            client=client,
+            hand_topic=options.hand,
+            simulation=options.world,
+        ) as viewer:
             yield viewer
     else:
         from app.cli.replay_page import replay_page, replay_parts

@@ -54,6 +54,11 @@ class CameraController:
         """Place the camera again, for a picture of another size."""
         self._is_placed = False
 
+    def frame_bodies(self) -> None:
+        """Place an overview again: other bodies of a simulated world are shown."""
+        if self.preset is CameraPreset.OVERVIEW:
+            self.reframe()
+
     def update(self) -> None:
         """Place the camera for the next picture."""
         scene, tool = self._view.scene, self._view.content.tool
@@ -81,7 +86,8 @@ class CameraController:
         tumor, tool = world_points(scene.tumor), world_points(scene.tool)
         up = up_direction(scene)
         if preset is CameraPreset.OVERVIEW:
-            models = [model for robot in scene.robots.values() for model in robot.models.values()]
+            links = [model for robot in scene.robots.values() for model in robot.models.values()]
+            models = [*links, *self._view.bodies.values()]
             others = np.concatenate([tool, *(world_points(model) for model in models)])
             towards = best_direction(tumor, others, up)
         else:

@@ -40,7 +40,7 @@ class ClientScene:
     def new_surfaces(self) -> dict[str, object]:
         """All surfaces by name, if any of them has changed since the last call; else empty."""
         scene = self._view.scene
-        models = {} if scene is None else dict(_models(scene))
+        models = {} if scene is None else dict(self._models(scene))
         times = {name: model.GetPolyData().GetMTime() for name, model in models.items()}
         if times == self._sent:
             return {}
@@ -55,7 +55,7 @@ class ClientScene:
         scene = self._view.scene
         if scene is None:
             return []
-        drawn = [_model(name, model) for name, model in _models(scene)]
+        drawn = [_model(name, model) for name, model in self._models(scene)]
         if scene.margin is not None:
             drawn += _line(scene.margin.line)
             drawn += _plane(scene.margin.plane.node)
@@ -72,6 +72,11 @@ class ClientScene:
                 for n, point in enumerate(points)
             ]
         return drawn
+
+    def _models(self, scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
+        yield from _models(scene)
+        for name, model in self._view.bodies.items():
+            yield f"body/{name}", model
 
     def camera(self) -> Values:
         """The camera of the view, for vtk.js."""

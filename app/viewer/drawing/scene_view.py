@@ -1,5 +1,6 @@
 """The scene of a page: MRML nodes that show a step, a 3D view of them, and the parts' opacities."""
 
+from collections.abc import Mapping
 from enum import Enum
 
 from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene
@@ -31,6 +32,7 @@ class Part(Enum):
     MARGIN = "Margin surface"
     TOOL = "Tool"
     ROBOT = "Robot"
+    BODIES = "Simulated bodies"
 
 
 _OPACITY_ALONG_TOOL = {Part.TOOL: 0.0, Part.ROBOT: 0.0}
@@ -40,10 +42,11 @@ _OPACITY_ALONG_TOOL = {Part.TOOL: 0.0, Part.ROBOT: 0.0}
 class SceneView:
     """Shows one step after another in a 3D view. Not thread-safe: the page's thread owns it.
 
-    ``scene`` is None until a step in which tool and tumour are both known.
+    ``scene`` is None until a step in which tool and tumour are both known. ``has_bodies``: those of
+    a simulated world are shown, too.
     """
 
-    def __init__(self, content: SessionContent) -> None:
+    def __init__(self, content: SessionContent, *, has_bodies: bool = False) -> None:
         use_offscreen_rendering()
         self.application = SceneApplication(vtkMRMLScene())
         self.view = _view(self.application)
@@ -58,6 +61,9 @@ class SceneView:
         self.order = TranslucentOrder(self.view)
         self._closed: set[vtkMRMLModelNode] = set()
         self._margin_surface: SurfaceMesh | None = None
+        self._has_bodies = has_bodies
+        self.bodies: dict[str, vtkMRMLModelNode] = {}
+        """Models of the bodies of a simulated world, by name."""
 
     @property
     def content(self) -> SessionContent:
@@ -77,6 +83,8 @@ class SceneView:
             absent.add(Part.MARGIN)
         if self.content.robot is None:
             absent.add(Part.ROBOT)
+        if not self._has_bodies:
+            absent.add(Part.BODIES)
         return tuple(part for part in Part if part not in absent)
 
     def visible(self, part: Part) -> bool:
@@ -101,9 +109,17 @@ class SceneView:
         )
         self._style_new_nodes()
 
+    def use_bodies(self, bodies: Mapping[str, vtkMRMLModelNode]) -> bool:
+        """Style ``bodies``, which the scene has, as a part of their own; True if they changed."""
+        if list(self.bodies.values()) == list(bodies.values()):
+            return False
+        self.bodies = dict(bodies)
+        self._style_new_nodes()
+        return True
+
     def sort(self) -> None:
         """Sort what is translucent by its depth. Call it before each picture."""
-        self.order.update(self.scene, self._closed)
+        self.order.update(self.scene, self._closed, self.bodies.values())
 
     def set_visible(self, part: Part, visible: bool) -> None:
         """Show or hide a part."""
@@ -140,7 +156,7 @@ class SceneView:
         has_changed = False
         for part in Part:
             known = self._own_opacities[part]
-            displays = _displays(scene, part)
+            displays = self._displays(scene, part)
             if displays != list(known):
                 has_changed = True
                 self._own_opacities[part] = {
@@ -159,21 +175,22 @@ class SceneView:
                 display.SetOpacity(own * self._opacities[part] * factor)
                 display.SetVisibility(self.visible(part) and factor > 0.0)
 
+    def _displays(self, scene: MarginGuardScene, part: Part) -> list[vtkMRMLDisplayNode]:
+        links = [model for robot in scene.robots.values() for model in robot.models.values()]
+        nodes = {
+            Part.TUMOR: [scene.tumor],
+            Part.MARGIN: [scene.margin_surface],
+            Part.TOOL: [scene.tool],
+            Part.ROBOT: links,
+            Part.BODIES: list(self.bodies.values()),
+        }[part]
+        return [node.GetDisplayNode() for node in nodes if node is not None]
+
     def _show_label(self) -> None:
         """Show the distance label, but not along the tool, where it hides the tip's target."""
         if self.scene is not None and self.scene.margin is not None:
             display = self.scene.margin.line.GetDisplayNode()
             display.SetPointLabelsVisibility(not self._along_tool)
-
-
-def _displays(scene: MarginGuardScene, part: Part) -> list[vtkMRMLDisplayNode]:
-    nodes = {
-        Part.TUMOR: [scene.tumor],
-        Part.MARGIN: [scene.margin_surface],
-        Part.TOOL: [scene.tool],
-        Part.ROBOT: [model for robot in scene.robots.values() for model in robot.models.values()],
-    }[part]
-    return [node.GetDisplayNode() for node in nodes if node is not None]
 
 
 def _view(application: SceneApplication) -> ThreeDView:

@@ -31,10 +31,18 @@ class TranslucentOrder:
         self._models = view.get_displayable_manager_by_class(_MODELS)
         self._near_sides: dict[vtkActor, _NearSide] = {}
 
-    def update(self, scene: MarginGuardScene | None, closed: Iterable[vtkMRMLModelNode]) -> None:
-        """Order the models of ``scene``, of which those in ``closed`` are closed surfaces."""
+    def update(
+        self,
+        scene: MarginGuardScene | None,
+        closed: Iterable[vtkMRMLModelNode],
+        bodies: Iterable[vtkMRMLModelNode] = (),
+    ) -> None:
+        """Order the models of ``scene``, of which those in ``closed`` are closed surfaces.
+
+        ``bodies``: what is drawn besides tumour, tool and robots.
+        """
         closed = set(closed)
-        actors = {} if scene is None else self._actors(scene)
+        actors = {} if scene is None else self._actors(scene, bodies)
         translucent = {
             model: actor
             for model, actor in actors.items()
@@ -57,9 +65,11 @@ class TranslucentOrder:
             middle = np.array(actors[scene.tumor].GetCenter())
             self._put_first(self._by_depth(scene, translucent, middle))
 
-    def _actors(self, scene: MarginGuardScene) -> dict[vtkMRMLModelNode, vtkActor]:
+    def _actors(
+        self, scene: MarginGuardScene, bodies: Iterable[vtkMRMLModelNode]
+    ) -> dict[vtkMRMLModelNode, vtkActor]:
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
-        models = [scene.tumor, scene.margin_surface, scene.tool, *links]
+        models = [scene.tumor, scene.margin_surface, scene.tool, *links, *bodies]
         found = {
             model: self._models.GetActorByID(model.GetDisplayNode().GetID())
             for model in models
