@@ -29,7 +29,8 @@ _SLOPE_SAFETY = 0.95
 _MAX_UNSAMPLED_MM = 0.05
 """How far a lobe can rise between samples that are 0.3 mm apart."""
 _BLOCK = 64
-_BATCH = 16
+_BATCH_OUTSIDE, _BATCH_INSIDE = 16, 2
+"""Points of the first search. Inside, each search is slow and leaves few points."""
 _ROUNDING_MM = 1e-9
 
 
@@ -62,11 +63,11 @@ class Clearance:
 
     def distance_mm(self, tumor_from_tip: Transform) -> float:
         """The minimum signed distance over the tool."""
-        _, heights = self._heights(tumor_from_tip, for_distance=True)
+        lowest, heights = self._heights(tumor_from_tip, for_distance=True)
         near = np.isfinite(heights)
         points, heights = tumor_from_tip.apply(self._tool_mm[near]), heights[near]
         lower_bounds = np.where(heights > 0.0, self.distance_per_height * heights, heights)
-        best, size = np.inf, _BATCH
+        best, size = np.inf, _BATCH_INSIDE if lowest < 0.0 else _BATCH_OUTSIDE
         # In ascending order of the bounds, until no other point can be deeper or nearer.
         while len(points):
             count, size = min(size, len(points)), 2 * size

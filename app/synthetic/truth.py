@@ -1,6 +1,6 @@
 """True breaches: exact times at which a motion without noise enters and leaves the tumour."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,9 @@ MIN_STEP_S = 0.0005
 """Minimum step: a shorter contact may be missed."""
 
 DEPTH_STEP_S = 0.005
+
+_DISTANCE_ERROR_MM = 0.05
+"""Of two distances by `Clearance`, which samples both surfaces."""
 
 Motion = Callable[[float], Transform]
 """Maps a time in s from the first frame to ``tumor_from_tip``."""
@@ -78,16 +81,21 @@ def find_breaches(
 def _travel(
     tumor_from_tip: Motion, duration_s: float, length_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Times (n,), and the travel (n,) up to then of that end of the tool which moves more.
+    """Times (n,), and the travel (n,) of the tool up to then."""
+    times = np.linspace(0.0, duration_s, int(np.ceil(duration_s / TRAVEL_STEP_S)) + 1)
+    return times, _travelled([tumor_from_tip(time_s) for time_s in times.tolist()], length_mm)
+
+
+def _travelled(poses: Sequence[Transform], length_mm: float) -> FloatArray:
+    """The travel (n,) up to each pose of that end of the tool which moves more.
 
     Points of the axis between the ends travel no farther; the safety factor covers the others, a
     few mm off the axis.
     """
-    times = np.linspace(0.0, duration_s, int(np.ceil(duration_s / TRAVEL_STEP_S)) + 1)
     ends = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, -length_mm)])
-    positions = np.array([tumor_from_tip(time_s).apply(ends) for time_s in times.tolist()])
+    positions = np.array([pose.apply(ends) for pose in poses])
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1)
-    return times, np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _measure(
@@ -95,16 +103,36 @@ def _measure(
 ) -> TrueBreach:
     count = max(3, int(np.ceil((end_s - start_s) / DEPTH_STEP_S)) + 1)
     times = np.linspace(start_s, end_s, count)
-    depths = [clearance.distance_mm(tumor_from_tip(t)) for t in times]
-    deepest = int(np.argmin(depths))
+    poses = [tumor_from_tip(t) for t in times]
+    deepest, depth_mm = _deepest(clearance, poses)
     low, high = times[max(deepest - 1, 0)], times[min(deepest + 1, count - 1)]
     refined = minimize_scalar(
         lambda t: clearance.distance_mm(tumor_from_tip(t)), bounds=(low, high), method="bounded"
     )
-    tips = np.array([tumor_from_tip(t).translation_mm for t in times])
+    tips = np.array([pose.translation_mm for pose in poses])
     return TrueBreach(
         start_s,
         end_s,
-        min(float(refined.fun), depths[deepest]),
+        min(float(refined.fun), depth_mm),
         float(clearance.point_distances_mm(tips).min()),
     )
+
+
+def _deepest(clearance: Clearance, poses: Sequence[Transform]) -> tuple[int, float]:
+    """The first pose with the lowest distance, and that distance.
+
+    Intervals are halved. Between two poses the distance is no lower than the mean of both minus
+    half of the travel, so that an interval above the lowest distance is left out.
+    """
+    reach_mm = TRAVEL_SAFETY * _travelled(poses, clearance.tool_length_mm)
+    found = {end: clearance.distance_mm(poses[end]) for end in (0, len(poses) - 1)}
+    best, intervals = min(found.values()), [(0, len(poses) - 1)]
+    while intervals:
+        first, last = intervals.pop()
+        bound = 0.5 * (found[first] + found[last] - float(reach_mm[last] - reach_mm[first]))
+        if last - first > 1 and bound <= best + _DISTANCE_ERROR_MM:
+            middle = (first + last) // 2
+            found[middle] = clearance.distance_mm(poses[middle])
+            best = min(best, found[middle])
+            intervals += [(middle, last), (first, middle)]
+    return min((number for number, depth in found.items() if depth == best)), best

@@ -58,6 +58,7 @@ class _Attempt:
     positions: FloatArray
     matrices: FloatArray
     error: FloatArray
+    cost: float
 
     @property
     def residual_mm(self) -> float:
@@ -66,10 +67,6 @@ class _Attempt:
     @property
     def residual_rad(self) -> float:
         return math.sqrt(float(self.error[3:] @ self.error[3:])) / MM_PER_RAD
-
-    @property
-    def cost(self) -> float:
-        return float(self.error @ self.error)
 
     def is_solution(self, options: IkOptions) -> bool:
         return (
@@ -123,11 +120,12 @@ class _Problem:
         except JointError:
             if not self.tree.dependent:
                 raise
-            return _Attempt(positions, np.empty((0, 4, 4)), np.full(6, math.inf))
+            return _Attempt(positions, np.empty((0, 4, 4)), np.full(6, math.inf), math.inf)
         reached = matrices[self.tree.link_rows[self.link]]
         turn = vector_of_rotation(self.goal.rotation @ reached[:3, :3].T)
         shift = self.goal.translation_mm - reached[:3, 3]
-        return _Attempt(positions, matrices, np.concatenate([shift, MM_PER_RAD * turn]))
+        error = np.concatenate([shift, MM_PER_RAD * turn])
+        return _Attempt(positions, matrices, error, float(error @ error))
 
     def starts(self, seed: Mapping[str, float], restarts: int) -> Iterator[FloatArray]:
         """The seed, by default the middle of the range, then a fixed, even spread of points."""

@@ -1,4 +1,4 @@
-"""Compiled forward kinematics, because it runs at every step of a session.
+"""Compiled forward kinematics and Jacobian, because they run at every step of a session.
 
 A module of its own, so that the compiler is loaded only when a link pose is computed.
 """
@@ -51,3 +51,44 @@ def compute_link_poses(
             link[i, 3] += parent[i, 3]
             is_finite &= math.isfinite(link[i, 3])
     return is_finite
+
+
+@load_without_declarations(rtsys)
+@njit(cache=True, error_model="numpy")
+def compute_jacobian(
+    matrices: FloatArray,
+    origin_row: int,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    slides: NDArray[np.bool_],
+    gains: FloatArray,
+    axes: FloatArray,
+    pivots_mm: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """Add the motion of the link ``origin_row`` to ``jacobian`` (6, n), in mm and rad.
+
+    ``matrices`` are those of `compute_link_poses`. For each of m joints: the row of its child link,
+    the column of its driver, the gain to it (in mm for one that ``slides``), axis and pivot (3,) in
+    the child's frame.
+    """
+    for k in range(len(rows)):
+        child, column, gain = matrices[rows[k]], columns[k], gains[k]
+        turn, lever = np.empty(3), np.empty(3)
+        for i in range(3):
+            turn[i] = gain * (
+                child[i, 0] * axes[k, 0] + child[i, 1] * axes[k, 1] + child[i, 2] * axes[k, 2]
+            )
+            pivot = (
+                child[i, 0] * pivots_mm[k, 0]
+                + child[i, 1] * pivots_mm[k, 1]
+                + child[i, 2] * pivots_mm[k, 2]
+            )
+            lever[i] = matrices[origin_row, i, 3] - (pivot + child[i, 3])
+        for i in range(3):
+            if slides[k]:
+                jacobian[i, column] += turn[i]
+            else:
+                after, before = (i + 1) % 3, (i + 2) % 3
+                jacobian[i, column] += turn[after] * lever[before] - turn[before] * lever[after]
+                jacobian[3 + i, column] += turn[i]

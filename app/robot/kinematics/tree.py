@@ -5,13 +5,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.geometry import FloatArray
 from app.robot.errors import JointError, UrdfError
 from app.robot.kinematics.joint import MM_PER_M, Joint
 
-_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
-"""The axes that follow each axis, for the components of a cross product."""
+_JacobianJoints = tuple[
+    NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_], FloatArray, FloatArray, FloatArray
+]
+"""Of m joints: row of the child, column, `slides`, gain (m,); axis and pivot in mm (m, 3)."""
 
 
 class KinematicTree:
@@ -41,9 +44,7 @@ class KinematicTree:
         )
         self._moving = frozenset(name for name, _ in self._leaders_first)
         self._drivers_of: dict[str, frozenset[str]] = {}
-        self._in_jacobian: dict[
-            tuple[str, tuple[str, ...]], list[tuple[Joint, int, int, float, bool]]
-        ] = {}
+        self._in_jacobian: dict[tuple[str, tuple[str, ...]], _JacobianJoints] = {}
         self.dependent: frozenset[str] = frozenset()
 
     def joint(self, name: str) -> Joint:
@@ -81,8 +82,7 @@ class KinematicTree:
         """
         values = np.array([0.0 if name is None else positions[name] for name in self._drivers])
         matrices = np.empty((len(values) + 1, 4, 4))
-        compute_link_poses = _load_kernel()
-        if not compute_link_poses(
+        if not _load_kernels()[0](
             values, self._slides, self._origins, self._motions, self._parents, matrices
         ):
             origins_mm = matrices[:, :3, 3]
@@ -177,49 +177,37 @@ class KinematicTree:
         is part of their driver's column. ``matrices`` are those of `link_matrices`.
         """
         jacobian = np.zeros((6, len(drivers)))
-        origin = matrices[self.link_rows[link]][:3, 3]
-        columns: list[int] = []
-        axes: list[FloatArray] = []
-        levers: list[FloatArray] = []
-        for joint, row, column, gain, slides in self._joints_in_jacobian(link, tuple(drivers)):
-            # The motion of a joint leaves its axis in place: the child's frame gives the axis.
-            child = matrices[row]
-            axis = child[:3, :3].dot(joint.axis)
-            if slides:
-                jacobian[:3, column] += gain * MM_PER_M * axis
-            else:
-                columns.append(column)
-                axes.append(gain * axis)
-                levers.append(origin - (child[:3, :3].dot(joint.pivot_mm) + child[:3, 3]))
-        if columns:
-            turns, ways = np.array(axes), np.array(levers)
-            # As `numpy.cross`, in a fourth of its time for so few.
-            speeds = turns[:, _NEXT] * ways[:, _AFTER] - turns[:, _AFTER] * ways[:, _NEXT]
-            np.add.at(jacobian.T, columns, np.concatenate([speeds, turns], axis=1))
+        _load_kernels()[1](
+            matrices,
+            self.link_rows[link],
+            *self._joints_in_jacobian(link, tuple(drivers)),
+            jacobian,
+        )
         return jacobian
 
-    def _joints_in_jacobian(
-        self, link: str, drivers: tuple[str, ...]
-    ) -> list[tuple[Joint, int, int, float, bool]]:
-        """Joints that move ``link``: joint, row of its child, column, gain, and `slides`."""
+    def _joints_in_jacobian(self, link: str, drivers: tuple[str, ...]) -> _JacobianJoints:
+        """Joints that move ``link`` and follow one of ``drivers``."""
         found = self._in_jacobian.get((link, drivers))
         if found is None:
-            found = []
-            for joint in self.path_to(link):
-                if joint.moves:
-                    driver, gain = self.driver_of(joint)
-                    if driver in drivers:
-                        row = self.link_rows[joint.child]
-                        found.append((joint, row, drivers.index(driver), gain, joint.slides))
+            path = [(joint, *self.driver_of(joint)) for joint in self.path_to(link) if joint.moves]
+            used = [(joint, name, gain) for joint, name, gain in path if name in drivers]
+            found = (
+                np.array([self.link_rows[joint.child] for joint, _, _ in used], np.int64),
+                np.array([drivers.index(name) for _, name, _ in used], np.int64),
+                np.array([joint.slides for joint, _, _ in used], np.bool_),
+                np.array([gain * (MM_PER_M if joint.slides else 1.0) for joint, _, gain in used]),
+                np.array([joint.axis for joint, _, _ in used]).reshape(-1, 3),
+                np.array([joint.pivot_mm for joint, _, _ in used]).reshape(-1, 3),
+            )
             self._in_jacobian[link, drivers] = found
         return found
 
 
 @cache
-def _load_kernel() -> Callable[..., bool]:
-    from app.robot.kinematics.link_kernel import compute_link_poses  # slow to load
+def _load_kernels() -> tuple[Callable[..., bool], Callable[..., None]]:
+    from app.robot.kinematics.link_kernel import compute_jacobian, compute_link_poses  # slow
 
-    return compute_link_poses
+    return compute_link_poses, compute_jacobian
 
 
 def _root_of(link_names: Sequence[str], joints: Sequence[Joint]) -> str:
