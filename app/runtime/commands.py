@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
-from app.fixture import MarginParameters, ProximityEngine, TipProximity, prepared_tumor
+from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.runtime.case_recorder import CaseRecorder, RecordingStatus
@@ -20,6 +20,7 @@ from app.session import (
     Session,
     SessionSetup,
     margin_changes,
+    prepare_replacement,
     tip_change_text,
     tumor_change,
 )
@@ -176,8 +177,7 @@ class OperatorCommands:
                     f"uncertainty of the tumour: is {sigma_mm:.6g} mm; expected 0 to "
                     f"{MAX_TUMOR_SIGMA_MM:g} mm"
                 )
-            proximity = self._model(setup, tumor)
-            change = self._tumor_change(shown, frame_from_tumor, tumor)
+            proximity, change = self._replacement(setup, shown, frame_from_tumor, tumor)
             if sigma_mm != shown.tumor_sigma_mm:
                 change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
             content = replace(self._content, tumor=tumor, tumor_sigma_mm=sigma_mm)
@@ -337,27 +337,33 @@ class OperatorCommands:
                 f"{self._max_triangles} in a live session: reduce its resolution"
             )
 
-    def _tumor_change(
-        self, shown: SessionContent, frame_from_tumor: Transform, tumor: SurfaceMesh
-    ) -> str:
-        """Describe the change from the tumour that the operator has acknowledged."""
+    def _replacement(
+        self,
+        setup: SessionSetup,
+        shown: SessionContent,
+        frame_from_tumor: Transform,
+        tumor: SurfaceMesh,
+    ) -> tuple[ProximityModel, str]:
+        """The model of a new tumour, and its change from the one that the operator acknowledged."""
         frame_from_known = next(
             edge for edge in shown.static_edges if edge.source == shown.tumor.frame
         )
         before = shown.tumor.transformed(frame_from_known)
-        return self._compute(tumor_change, before, tumor.transformed(frame_from_tumor)).text
-
-    def _model(self, setup: SessionSetup, tumor: SurfaceMesh) -> ProximityModel:
+        model: ProximityModel
         if isinstance(setup.proximity, TipProximity):
-            return TipProximity(tumor)
-        if self._content.tool is None:
+            model = TipProximity(tumor)
+        elif self._content.tool is None:
             raise InputError(
                 "tumour: cannot be replaced, because the tool's surface is unknown; expected a "
                 "session with a tool mesh"
             )
-        if isinstance(setup.proximity, ProximityEngine):
-            return setup.proximity.with_tumor(self._compute(prepared_tumor, tumor))
-        return ProximityEngine(tumor, self._content.tool)
+        elif isinstance(setup.proximity, ProximityEngine):
+            made = self._compute(prepare_replacement, before, tumor, frame_from_tumor)
+            return setup.proximity.with_tumor(made.prepared), made.change.text
+        else:
+            model = ProximityEngine(tumor, self._content.tool)
+        change = self._compute(tumor_change, before, tumor.transformed(frame_from_tumor))
+        return model, change.text
 
     def _edges(self, changed: Transform) -> tuple[Transform, ...]:
         others = (edge for edge in self._content.static_edges if edge.source != changed.source)

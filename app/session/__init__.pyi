@@ -37,6 +37,7 @@ from .shown_state import SHOWN_STATES, STOP, ShownState, shown_state
 from .step_result import StepResult
 from .tracking_error import TrackingError
 from .tumor_change import TumorChange, tumor_change
+from .tumor_replacement import TumorReplacement, prepare_replacement
 
 __all__ = [
     "ADVICE",
@@ -75,6 +76,7 @@ __all__ = [
     "StepResult",
     "TrackingError",
     "TumorChange",
+    "TumorReplacement",
     "advice_text",
     "box_corners",
     "checked_axes",
@@ -89,6 +91,7 @@ __all__ = [
     "margin_parameters",
     "mean_dwell_pose",
     "place_letters",
+    "prepare_replacement",
     "robot_from_case",
     "setup_from_case",
     "shown_state",
