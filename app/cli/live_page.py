@@ -50,6 +50,7 @@ def live_page(
             SimulatedWorld,
             ToolCalibration,
             prepare_live,
+            stop_surface,
         )
         from app.viewer import (
             LiveFeed,
@@ -61,7 +62,6 @@ def live_page(
             Title,
             Viewer,
             ViewStateBuilder,
-            stop_surface,
         )
 
         prepared = prepare_live(

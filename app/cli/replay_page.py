@@ -107,12 +107,11 @@ def replay_parts(
         from app.cli.keyframes import PICTURES_PER_S
         from app.cli.scene_log import SceneLog
         from app.report import ReplayLog
-        from app.runtime import EventNotes, ReplayRun, prepare_case
+        from app.runtime import EventNotes, ReplayRun, prepare_case, stop_surface
         from app.viewer import (
             ReplayFeed,
             ReplayTimeline,
             ViewStateBuilder,
-            stop_surface,
         )
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)

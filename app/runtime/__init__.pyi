@@ -57,6 +57,7 @@ from .workflow.guided_text import (
     registration_count,
     registration_verdict,
 )
+from .workflow.recorded_breaches import recorded_breaches
 from .workflow.registration_fit import RegistrationFit, RegistrationTask, fit_registration
 from .workflow.robot_registration import (
     RegistrationStatus,
@@ -70,6 +71,8 @@ from .workflow.steps import (
     next_step,
     workflow_steps,
 )
+from .workflow.stop_surface import stop_surface
+from .workflow.tip_directions import TipDirections
 from .workflow.tool_calibration import CalibrationStatus, TipChange, ToolCalibration, UseTip
 from .workflow.workflow_output import WorkflowOutput
 
@@ -133,6 +136,7 @@ __all__ = [
     "StepTiming",
     "SwitchContent",
     "TipChange",
+    "TipDirections",
     "TooManyRequestsError",
     "ToolCalibration",
     "UseRegistration",
@@ -162,9 +166,11 @@ __all__ = [
     "playback_of",
     "prepare_case",
     "prepare_live",
+    "recorded_breaches",
     "refuse_beside_guard",
     "register_case",
     "registration_count",
     "registration_verdict",
+    "stop_surface",
     "workflow_steps",
 ]

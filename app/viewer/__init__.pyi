@@ -7,7 +7,6 @@ from .server import Title, Viewer
 from .steps.feeds import LiveFeed, ReplayFeed
 from .steps.live_operator import LiveOperator
 from .steps.live_output import LiveOutput
-from .steps.margin_surface import stop_surface
 from .steps.mouse_hand import MouseHand
 from .steps.view_state import ViewState, ViewStateBuilder
 
@@ -28,5 +27,4 @@ __all__ = [
     "Viewer",
     "ViewerError",
     "new_token",
-    "stop_surface",
 ]

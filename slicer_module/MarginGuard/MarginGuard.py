@@ -63,6 +63,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._spinner = None
         self._banner = None
         self._guided = None
+        self._events = None
 
     def setup(self):
         """Create the panel; without MarginGuard it is one line with the cause."""
@@ -187,9 +188,11 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             (ui.stepButton, lambda logic: logic.step()),
         ):
             self._on_click(button, command)
+        from MarginGuardLib.events_section import EventsSection
         from MarginGuardLib.guided_section import GuidedSection
 
         self._guided = GuidedSection(ui, self._on_click)
+        self._events = EventsSection(ui, self._on_click)
         ui.bullseyeButton.clicked.connect(self.on_bullseye)
         ui.muteButton.clicked.connect(self.on_mute)
         ui.seekSlider.valueChanged.connect(self.on_seek)
@@ -274,7 +277,13 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             button.setEnabled(status.has_session)
         ui.recordButton.setEnabled(status.is_live and not status.is_recording)
         ui.stopRecordingButton.setEnabled(status.is_recording)
+        ui.directionsLabel.setText(status.directions)
         has_case = status.position_s is not None
+        self._events.show(
+            self.logic.panel_logic.events,
+            has_session=status.has_session and bool(status.workflow),
+            is_replay=has_case,
+        )
         ui.playButton.setEnabled(has_case and not status.is_playing)
         ui.pauseButton.setEnabled(status.is_playing)
         ui.stepButton.setEnabled(has_case and status.has_session)

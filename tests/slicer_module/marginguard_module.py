@@ -19,8 +19,9 @@ CASE = Path(__file__).resolve().parents[2] / "data" / "recorded_case"
 if str(FOLDER) not in sys.path:
     sys.path.insert(0, str(FOLDER))  # as Slicer does with --additional-module-paths
 
-from app.runtime import PreparedCase, prepare_case  # noqa: E402
+from app.runtime import PreparedCase, prepare_case, recorded_breaches  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
+from MarginGuardLib.recorded import RecordedCase  # noqa: E402
 
 MAX_SPINS = 6000
 """20 ms each: a first run compiles for a minute."""
@@ -36,6 +37,12 @@ def application() -> SceneApplication:
 def opened_case() -> PreparedCase:
     """The recorded case, opened once because it does not change."""
     return prepare_case(CASE)
+
+
+@functools.cache
+def recorded_case() -> RecordedCase:
+    """The recorded case as the panel opens it, stepped through once."""
+    return RecordedCase(opened_case(), recorded_breaches(opened_case()))
 
 
 @functools.cache

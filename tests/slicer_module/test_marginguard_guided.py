@@ -8,7 +8,7 @@ from app.geometry import InputError
 from app.runtime import CalibrationKind
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
-from tests.slicer_module.marginguard_module import CASE, FOLDER, opened_case, spin_until
+from tests.slicer_module.marginguard_module import CASE, FOLDER, recorded_case, spin_until
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
 from tests.slicer_module.test_marginguard_panel import in_slicer
@@ -29,7 +29,7 @@ def panel_logic(application):
 
 @pytest.fixture
 def replay(panel_logic, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
     panel_logic.load_case(CASE)
     spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
     panel_logic.set_rate(20.0)

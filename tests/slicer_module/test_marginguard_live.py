@@ -56,6 +56,13 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     assert status.is_live
     assert tumor_color(application) == MarginState.POSITIVE.color
     assert "CauteryToTracker: valid" in status.trackers
+    assert panel_logic.events.breaches.is_inside
+    assert "tip" in panel_logic.events.breach_rows()[-1][3]
+    panel_logic.events.add_note("first cut")
+    status = panel_logic.spin()
+    assert "note from the panel accepted: first cut (step " in status.request
+    with pytest.raises(MarginGuardError, match="no case is loaded"):
+        panel_logic.events.go_to_note(0)
 
     with pytest.raises(MarginGuardError, match="warn_mm is 5; expected more than stop_mm 9"):
         panel_logic.set_margins(9.0, 5.0)

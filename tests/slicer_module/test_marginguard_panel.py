@@ -18,7 +18,7 @@ from tests.slicer_module.marginguard_module import (
     MAX_SPINS,
     UI,
     frame_times_s,
-    opened_case,
+    recorded_case,
 )
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
@@ -58,6 +58,10 @@ class CommandsDouble:
 
     def touch(self):
         return RecordedPart("touch", self.calls)
+
+    @property
+    def events(self):
+        return RecordedPart("events", self.calls)
 
     def spin(self):
         return self.panel_logic.spin()
@@ -160,6 +164,10 @@ EXPECTED_CALLS = {
     "superiorViewButton": [("view_from", Preset.SUPERIOR)],
     "bullseyeButton": [("follow_tool", True)],
     "muteButton": [],  # a state of the alarm, tested below
+    "goToBreachButton": [("events.go_to_breach", -1)],
+    "goToNoteButton": [("events.go_to_note", -1)],
+    "addNoteButton": [("events.add_note", "a note")],
+    "eventsTableButton": [("events.to_table",)],
     "loadButton": [("load_case", Path("replayed"))],
     "playButton": [("play",)],
     "pauseButton": [("pause",)],
@@ -174,6 +182,7 @@ def test_expected_calls_cover_every_button_of_ui():
 @pytest.mark.parametrize("name", BUTTONS)
 def test_button_calls_its_command(panel, pressed, name):
     panel.ui.segmentLineEdit.setText("Tumor")
+    panel.ui.noteLineEdit.setText("a note")
     panel.ui.stopSpinBox.setValue(1.5)
     panel.ui.warnSpinBox.setValue(6.5)
     # Slicer's parameter node does not store paths that do not exist.
@@ -289,7 +298,7 @@ def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
 
 
 def test_replayed_case_is_shown(panel, desktop, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
 
     def until(is_reached):
         for _ in range(MAX_SPINS):
@@ -348,7 +357,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 12
+    assert len(messages) == 14
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 
@@ -395,7 +404,7 @@ def test_module_sets_title_help_and_acknowledgement(desktop):
 
 def test_module_test_for_slicer_passes_here(desktop, application, monkeypatch):
     in_slicer(monkeypatch, application)
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
     desktop.MarginGuardTest().runTest()
 
 

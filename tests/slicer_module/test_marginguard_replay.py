@@ -28,7 +28,7 @@ from tests.slicer_module.marginguard_module import (
     CASE,
     MAX_SPINS,
     frame_times_s,
-    opened_case,
+    recorded_case,
     spin_until,
 )
 from tests.slicer_module.marginguard_module import application as application
@@ -65,7 +65,7 @@ class ClockDouble:
 
 @pytest.fixture(scope="module")
 def opened():
-    return opened_case()
+    return recorded_case().case  # stepped through before the rows are computed
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def clock():
 @pytest.fixture
 def panel_logic(application, opened, clock, monkeypatch):
     """The logic with the case loaded and paused at its first frame; its clock stands still."""
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
     logic = PanelLogic(application.scene, application.logic, clock)
     logic.load_case(CASE)
     spin_until(logic, at(0.0))

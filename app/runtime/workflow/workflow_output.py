@@ -16,6 +16,8 @@ class WorkflowOutput(PassiveOutput):
     def __init__(self, content: SessionContent) -> None:
         self.calibration = ToolCalibration(content)
         self.registration = None if content.robot is None else RobotRegistration(content)
+        self.begin_ns: int | None = None
+        """Stamp of the first step; None before it."""
         self._breach_log = BreachLog(content.tumor, content.margins.stale_after_ns)
 
     @property
@@ -25,6 +27,8 @@ class WorkflowOutput(PassiveOutput):
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Record the poses of ``step``, and whether the tool is in the tumour."""
+        if self.begin_ns is None:
+            self.begin_ns = step.frame.stamp.ns
         self.calibration.observe(step)
         if self.registration is not None:
             self.registration.observe(step)

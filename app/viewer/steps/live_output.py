@@ -12,11 +12,11 @@ from app.runtime import (
     StepTiming,
     SwitchContent,
     ToolCalibration,
+    stop_surface,
 )
 from app.session import StepResult
 from app.viewer.steps.feeds import LiveFeed
 from app.viewer.steps.live_operator import LiveOperator
-from app.viewer.steps.margin_surface import stop_surface
 
 
 class LiveOutput(PassiveOutput):

@@ -19,13 +19,16 @@ from slicer import (
 from app.fixture import MarginParameters
 from app.geometry import InputError, MarginGuardError
 from app.registration import RegistrationResult
-from app.runtime import PreparedCase, RecordingStatus, prepare_case, workflow_steps
+from app.runtime import RecordingStatus, workflow_steps
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
+from .directions import PanelDirections
+from .events import SessionEvents
 from .guided import GuidedCalibration, GuidedRegistration, GuidedShown, GuidedWork
 from .jobs import Jobs, one_line
 from .live_step_run import LiveStepRun
+from .recorded import RecordedCase, prepare_recorded
 from .registration_input import (
     registration_of_case,
     registration_of_landmarks,
@@ -55,6 +58,8 @@ class PanelLogic:
     ) -> None:
         self.alarm = Alarm()
         self.session = ShownSession(mrml_scene, logic, clock_ns, changed)
+        self.events = SessionEvents(self.session, mrml_scene)
+        self._directions = PanelDirections(changed)
         self.candidate: RegistrationResult | None = None
         self._mrml_scene = mrml_scene
         self._clock_ns = clock_ns
@@ -86,9 +91,9 @@ class PanelLogic:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; expected the folder of a case")
 
-        def opened(case: PreparedCase) -> None:
+        def opened(recorded: RecordedCase) -> None:
             self._end()
-            self.session.begin_replay(case)
+            self.session.begin_replay(recorded.case, recorded.breaches)
 
         self._jobs.submit("opening the case", lambda: prepare_recorded(folder), opened)
 
@@ -262,6 +267,7 @@ class PanelLogic:
         """End the session and the jobs."""
         self.end_session()
         self._jobs.close()
+        self._directions.close()
 
     def _guided_work(self) -> GuidedWork:
         self.session.running()
@@ -328,6 +334,13 @@ class PanelLogic:
         )
         return "\n".join(each.line for each in steps)
 
+    def _tip_directions(self) -> str:
+        session, thread = self.session, self.session.thread
+        step, commands = session.shown_step, None if thread is None else thread.run.commands
+        if step is None or commands is None or session.readout()[0] is not step.decision.state:
+            return ""
+        return self._directions.text(step, commands.content, commands.compute)
+
     def _recording(self) -> RecordingStatus | None:
         thread = self.session.thread
         commands = None if thread is None else thread.run.commands
@@ -358,6 +371,7 @@ class PanelLogic:
             recording="" if recording is None else recording.line,
             is_recording=recording is not None and recording.active,
             workflow=self._workflow(),
+            directions=self._tip_directions(),
             calibration=GuidedShown() if guided is None else guided.calibration.shown(),
             touch=GuidedShown() if touch is None else touch.shown(),
         )
@@ -371,10 +385,3 @@ class PanelLogic:
 
 def _ignore(_result: object) -> None:
     """The status shows what a recording has written."""
-
-
-def prepare_recorded(folder: Path) -> PreparedCase:
-    """Open and register the case; read its extent, so that an empty recording is refused here."""
-    prepared = prepare_case(folder)
-    _ = prepared.extent
-    return prepared

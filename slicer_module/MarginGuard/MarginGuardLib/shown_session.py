@@ -17,7 +17,7 @@ from app.runtime import (
     WorkflowOutput,
 )
 from app.scene import TransformHealth
-from app.session import StepResult
+from app.session import BreachList, StepResult
 
 from .display import NOT_TRACKED_YET, SessionDisplay
 from .jobs import one_line
@@ -52,6 +52,7 @@ class ShownSession:
         self._changed = changed
         self._last: DeliveredStep | None = None
         self._workflow: WorkflowOutput | None = None
+        self._recorded = BreachList()
 
     def begin(self, run: StepRun, opened: PreparedCase | None = None) -> None:
         """End the present run and start ``run``; ``opened`` is the case of a replay."""
@@ -59,14 +60,14 @@ class ShownSession:
         self.opened = opened
         self._start(run)
 
-    def begin_replay(self, opened: PreparedCase) -> None:
-        """Replay ``opened``, paused at its first frame."""
+    def begin_replay(self, opened: PreparedCase, breaches: BreachList) -> None:
+        """Replay ``opened`` with its ``breaches``, paused at its first frame."""
         workflow = WorkflowOutput(opened.content)
         run = ReplayRun(
             opened, clock_ns=time.monotonic_ns, rate=self.rate, paused=True, outputs=(workflow,)
         )
         self.begin(run, opened)
-        self._workflow = workflow
+        self._workflow, self._recorded = workflow, breaches
 
     def end(self) -> None:
         """Stop the run and remove the display from the scene."""
@@ -172,6 +173,14 @@ class ShownSession:
         """Guided recordings and breaches of all steps; None before a session has begun."""
         run = None if self.thread is None else self.thread.run
         return run.workflow if isinstance(run, LiveStepRun) else self._workflow
+
+    @property
+    def breaches(self) -> BreachList:
+        """Those of the recording in a replay, live those so far."""
+        workflow = self.workflow
+        if self.opened is not None:
+            return self._recorded
+        return BreachList() if workflow is None else workflow.breaches
 
     @property
     def shown_step(self) -> StepResult | None:

@@ -16,6 +16,7 @@ class PanelStatus:
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
     transform. ``recording``: the last recording of the live session, empty before one.
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
+    ``directions``: of the tip to the stop margin, in mm.
     ``calibration`` and ``touch``: the guided calibration, and registration by touch.
     """
 
@@ -36,5 +37,6 @@ class PanelStatus:
     recording: str
     is_recording: bool
     workflow: str
+    directions: str
     calibration: GuidedShown
     touch: GuidedShown

@@ -1,8 +1,8 @@
-"""The surface at the stop margin, as the page draws it."""
+"""The surface at the stop margin, as the page draws it and the directions measure to it."""
 
 from app.fixture import margin_surface
 from app.geometry import SurfaceMesh
-from app.runtime import SessionContent
+from app.runtime.content import SessionContent
 
 _SPACING_MM = 1.0
 """Coarse, because the translucent surface is drawn many times a second."""

@@ -1,0 +1,22 @@
+"""A recorded case as the panel opens it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.runtime import PreparedCase, prepare_case, recorded_breaches
+from app.session import BreachList
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedCase:
+    """``breaches`` are those of the whole recording."""
+
+    case: PreparedCase
+    breaches: BreachList
+
+
+def prepare_recorded(folder: Path) -> RecordedCase:
+    """Open and register the case and step through it; an empty recording is refused here."""
+    case = prepare_case(folder)
+    _ = case.extent
+    return RecordedCase(case, recorded_breaches(case))
