@@ -45,6 +45,7 @@ SLOW = {
         "tests/viewer/test_server_gone.py",
         "tests/viewer/test_timeline_page.py",
         "tests/viewer/test_tls_proxy.py",
+        "tests/viewer/steps/test_reslice.py",
         "tests/viewer/steps/test_ultrasound.py",
         "tests/viewer/test_calibration_part.py",
         "tests/viewer/test_contour_part.py",
@@ -171,6 +172,7 @@ LONG = {
         "tests/viewer/test_registration_page.py",
         "tests/viewer/test_recording_page.py",
         "tests/viewer/test_ultrasound_page.py",
+        "tests/viewer/test_reslice_page.py",
     ),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",

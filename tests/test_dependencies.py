@@ -80,7 +80,7 @@ def imported(folder: str) -> dict[str, Path]:
     [
         (
             "app",
-            with_extras("ros", "scene", "hdf5", "dicom", "simulation", "cohort"),
+            with_extras("ros", "scene", "hdf5", "dicom", "simulation", "cohort", "volume"),
         ),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),

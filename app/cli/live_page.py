@@ -14,6 +14,7 @@ from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode
+    from app.files.volume_file import Volume
     from app.runtime import SimulatedWorld
     from app.viewer import LiveFeed, MouseHand, Viewer
     from app.viewer.drawing.pictures import MakeScheduler
@@ -31,13 +32,15 @@ def live_page(
     client: bool = False,
     hand_topic: str | None = None,
     simulation: str | None = None,
+    volume: "Volume | None" = None,
 ) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
     A signal during the preparation ends the process at once. ``scheduler`` draws the pictures;
     a benchmark replaces it. ``client``: the browser draws the scene. ``hand_topic``: where the
     force of a mouse that drags the tool is published. ``simulation``: the node of the simulated
-    world whose bodies are shown and edited.
+    world whose bodies are shown and edited. ``volume`` is cut through the tool's
+    tip.
     """
     with received.ends_at_once():
         load_bridge("which a live session needs")
@@ -74,7 +77,7 @@ def live_page(
         builder = ViewStateBuilder(setup, content, surface)
         feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
         images = prepared.live_images()
-        title = Title(content.name, live=True, images=images)
+        title = Title(content.name, live=True, images=images, volume=volume)
         operator_thread = ThreadPoolExecutor(max_workers=3)
         operator = LiveOperator(operator_thread)
         calibration = ToolCalibration(content)

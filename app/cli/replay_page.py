@@ -14,6 +14,7 @@ from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
+    from app.files.volume_file import Volume
     from app.report import ReplayLog, ReplayRecord
     from app.runtime import EventNotes, ReplayRun, SessionContent
     from app.viewer import ReplayFeed, ReplayTimeline, Viewer
@@ -135,14 +136,24 @@ def replay_parts(
     return ReplayParts(run, log, feed, timeline, EventNotes(), scene_log)
 
 
-def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
-    """A page for a case that was stepped through; ``client``: the browser draws the scene."""
+def replay_page(
+    parts: ReplayParts, *, client: bool = False, volume: "Volume | None" = None
+) -> "Viewer":
+    """A page for a case that was stepped through; ``client``: the browser draws the scene.
+
+    ``volume`` is cut through the tool's tip.
+    """
     from app.case import open_case_images
     from app.viewer import SceneView, Title, Viewer
 
     images = open_case_images(parts.run.prepared.case)
     title = Title(
-        parts.content.name, live=False, exports=parts.exports, images=images, notes=parts.notes
+        parts.content.name,
+        live=False,
+        exports=parts.exports,
+        images=images,
+        volume=volume,
+        notes=parts.notes,
     )
     return Viewer(
         SceneView(parts.content),

@@ -24,7 +24,7 @@ from app.viewer.messages.errors import NotDoneError
 from app.viewer.readout.contour import contour_values
 from app.viewer.readout.ultrasound import svg_path
 from app.viewer.steps.contour_places import ContourPlaces, frame_from_tumor
-from app.viewer.steps.ultrasound import SurfaceCuts, pixels_from_root
+from app.viewer.steps.plane_lines import SurfaceCuts, pixels_from_root
 from app.viewer.steps.view_state import ViewState
 
 UseTumor = Callable[[Transform, SurfaceMesh, float], bool]

@@ -1,6 +1,6 @@
 """Commands of the page, which its buttons and keys call: those that only operators may use."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from trame_server.state import State
 
@@ -10,6 +10,7 @@ from app.runtime import SeenHold
 from app.runtime.workflow.event_notes import MAX_CHARS, EventNotes
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
+from app.viewer.image_part import ImagePart
 from app.viewer.messages.checks import boolean, integer, number, one_of, text
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
@@ -113,6 +114,21 @@ class ReplayControls:
 
     def _rate(self, rate: float) -> None:
         self._control.set_rate(rate)
+        self._changed()
+
+
+class ImageControls:
+    """Selects which of ``kinds`` of images the page shows."""
+
+    def __init__(
+        self, commands: Commands, images: ImagePart, kinds: Sequence[str], changed: Changed
+    ) -> None:
+        self._images = images
+        self._changed = changed
+        commands.add("image_kind", self._select, one_of(kinds))
+
+    def _select(self, kind: str) -> None:
+        self._images.kind = kind
         self._changed()
 
 

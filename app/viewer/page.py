@@ -18,6 +18,7 @@ from app.viewer.drawing.orientation import orientation
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
 from app.viewer.hand_part import HandPart
+from app.viewer.image_part import ImagePart
 from app.viewer.readout.breach_rows import breach_rows
 from app.viewer.readout.directions import Directions
 from app.viewer.readout.note_rows import note_rows
@@ -28,17 +29,16 @@ from app.viewer.readout.workflow import workflow_values
 from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
-from app.viewer.ultrasound_part import UltrasoundPart
 from app.viewer.world_part import WorldPart
 
 
 class Page:
     """Updates the scene view from ``feed``, and the values of the page together with its picture.
 
-    Only the values of an ultrasound image are published before the picture is drawn.
+    Only the values of an image are published before the picture is drawn.
 
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
-    page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
+    page that draws it, else None. ``images``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
     ``notes`` are listed; ``recording`` is that of a live session, ``calibration`` that of its tool
     and ``registration`` that of its robot, None in a replay; ``world``: None without a simulated
@@ -53,7 +53,7 @@ class Page:
         feed: Feed,
         timeline: Timeline,
         client_scene: ClientScene | None = None,
-        ultrasound: UltrasoundPart | None = None,
+        images: ImagePart | None = None,
         hand: HandPart | None = None,
         contour: ContourPart | None = None,
         notes: EventNotes | None = None,
@@ -69,7 +69,7 @@ class Page:
         self._feed = feed
         self._timeline = timeline
         self._client_scene = client_scene
-        self._ultrasound = ultrasound
+        self._images = images
         self._hand = hand
         self._contour = contour
         self._notes = notes or EventNotes()
@@ -111,14 +111,16 @@ class Page:
         guides = [each for each in (self._calibration, self._registration) if each is not None]
         guided = tuple(each.revision for each in guides)
         bodies = None if self._world is None else self._world.revision
-        changed = self._timeline.revision(), edited, guided, len(self._notes.entries), bodies
+        kind = None if self._images is None else self._images.kind
+        notes = len(self._notes.entries)
+        changed = self._timeline.revision(), edited, guided, notes, bodies, kind
         drawn, self._drawn = self._drawn, (moment, *changed)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
-            if self._ultrasound is not None:
-                self._ultrasound.update(now, self.view)
+            if self._images is not None:
+                self._images.update(now, self.view)
                 with self._state as state:  # not with the picture, which takes longer to draw
-                    state.update(self._ultrasound.values())
+                    state.update(self._images.values())
             if self._contour is not None:
                 self._contour.update(now, self.view, *self._image_place(now, self._contour))
             for guide in guides:
@@ -133,9 +135,9 @@ class Page:
         self, now: ViewState, contour: ContourPart
     ) -> tuple[int, FloatArray] | tuple[None, None]:
         """The present image, and its map to the frame of ``contour``."""
-        if self._ultrasound is None:
+        if self._images is None:
             return None, None
-        return self._ultrasound.place(now, contour.places.frame) or (None, None)
+        return self._images.place(now, contour.places.frame) or (None, None)
 
     def screenshot(self) -> bytes:
         """Render the present as PNG, also while no page is open."""

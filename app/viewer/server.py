@@ -15,6 +15,7 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
+from app.files.volume_file import Volume
 from app.runtime import RobotRegistration, SimulatedWorld, ToolCalibration, compute_here
 from app.runtime.workflow.event_notes import EventNotes
 from app.viewer.address import Address
@@ -22,7 +23,13 @@ from app.viewer.calibration_controls import CalibrationControls
 from app.viewer.calibration_part import CalibrationPart
 from app.viewer.contour_controls import ContourControls
 from app.viewer.contour_part import ContourPart
-from app.viewer.controls import LiveControls, NoteControls, ReplayControls, SceneControls
+from app.viewer.controls import (
+    ImageControls,
+    LiveControls,
+    NoteControls,
+    ReplayControls,
+    SceneControls,
+)
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.client_scene import ClientScene
@@ -31,6 +38,7 @@ from app.viewer.drawing.pictures import ClientLoop, MakeScheduler, RenderLoop, R
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.errors import ViewerError
 from app.viewer.hand_part import HandPart
+from app.viewer.image_part import ImagePart, image_kinds
 from app.viewer.log import limit_logs
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.methods import Methods
@@ -45,7 +53,6 @@ from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.mouse_hand import MouseHand
 from app.viewer.steps.replay import ReplayControl
-from app.viewer.ultrasound_part import UltrasoundPart
 from app.viewer.web_app import Content, WebServer
 from app.viewer.world_part import WorldPart
 
@@ -59,6 +66,7 @@ _MAX_PIXELS = 1920 * 1200
 class Title:
     """The case in the page's title; ``exports`` makes its files by name, ``images`` are shown.
 
+    ``volume`` is cut through the tool's tip; its axes are those of the tumour's frame.
     ``notes``: those of operators, which the page lists and adds to.
     """
 
@@ -66,6 +74,7 @@ class Title:
     live: bool
     exports: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     images: ImageSource | None = None
+    volume: Volume | None = None
     notes: EventNotes = field(default_factory=EventNotes)
 
 
@@ -109,7 +118,8 @@ class Viewer:
         self._server = _server(title, client=client)
         state = self._server.state
         client_scene = ClientScene(view) if client else None
-        self._ultrasound = None if title.images is None else UltrasoundPart(title.images)
+        kinds = image_kinds(title.images, title.volume)
+        self._images = ImagePart(title.images, title.volume) if kinds else None
         self._hand = None if hand is None else HandPart(view, hand)
         self._contour = self._contour_part(view, operator)
         self._calibration = (
@@ -132,7 +142,7 @@ class Viewer:
             feed,
             timeline,
             client_scene,
-            self._ultrasound,
+            self._images,
             self._hand,
             self._contour,
             title.notes,
@@ -150,6 +160,8 @@ class Viewer:
             LiveControls(self._commands, operator)
         listed = _ignore if operator is None else operator.note
         NoteControls(self._commands, title.notes, lambda: self._page.shown, listed, self.redraw)
+        if self._images is not None:
+            ImageControls(self._commands, self._images, kinds, self.redraw)
         if self._contour is not None:
             ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
         if self._calibration is not None:
@@ -161,7 +173,7 @@ class Viewer:
         """The contour of a live session, and of a replay with images."""
         if operator is not None:
             return ContourPart(view.content, operator.compute, self.wake, operator.set_tumor)
-        if self._ultrasound is not None:
+        if self._title.images is not None:
             return ContourPart(view.content, compute_here, self.wake)
         return None
 
@@ -307,6 +319,7 @@ def _server(title: Title, *, client: bool) -> Server:
         "exports": list(title.exports),
         "client": client,
         "ultrasound": title.images is not None,
+        "images": list(image_kinds(title.images, title.volume)),
         "contour": title.live or title.images is not None,
     }
     return server

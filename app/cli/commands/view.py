@@ -23,6 +23,7 @@ from app.cli.page_address import add_address, checked_address, print_urls
 from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
+    from app.files.volume_file import Volume
     from app.viewer import Viewer
 
 SUMMARY = "watch a replay or a live session in the browser"
@@ -54,6 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="server",
         help="where the scene is drawn: here, and sent as pictures (default), or in the browser by "
         "WebGL, for machines with a graphics card",
+    )
+    parser.add_argument(
+        "--volume",
+        type=input_argument,
+        metavar="PATH",
+        help="a scan (NRRD, NIfTI, MetaImage, or a folder with one DICOM series) whose RAS axes "
+        "are those of the tumour's frame: its cuts through the tool's tip are shown beside the "
+        "picture",
     )
     parser.add_argument(
         "--hand",
@@ -94,7 +103,12 @@ def run(options: argparse.Namespace) -> int:
         address = checked_address(options)
         # Before the case is stepped through, which takes a while.
         check_installed("slicer", "trame_slicer")
-        with _viewer(options, received) as viewer:
+        volume = None
+        if options.volume is not None:
+            from app.files.volume_file import read_volume
+
+            volume = read_volume(options.volume)
+        with _viewer(options, received, volume) as viewer:
             if viewer is None:
                 return received.exit_status
 
@@ -107,7 +121,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Viewer | None"]:
+def _viewer(
+    options: argparse.Namespace, received: SignalState, volume: "Volume | None"
+) -> Iterator["Viewer | None"]:
     """The page to be served; None if a signal arrived while the case was stepped through."""
     if options.live:
         from app.cli.live_page import live_page
@@ -119,6 +135,7 @@ def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Vie
             client=client,
             hand_topic=options.hand,
             simulation=options.world,
+            volume=volume,
         ) as viewer:
             yield viewer
     else:
@@ -128,4 +145,4 @@ def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Vie
             options.case, options.package_dirs, received, tip_only=options.tip_only
         )
         client = options.render == "client"
-        yield None if parts is None else replay_page(parts, client=client)
+        yield None if parts is None else replay_page(parts, client=client, volume=volume)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from app.geometry import FloatArray, ImageSample, Pixels
-from app.viewer.steps.ultrasound import ImageView, Lines
+from app.viewer.steps.plane_lines import ImageView, Lines
 
 _MAX_POINTS = 4000
 """Points of the lines on one image."""
@@ -28,6 +28,7 @@ def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
         "margin": svg_path(view.margin),
         "tool": svg_path(view.tool),
         "tip": None if tip is None else [tip[0] + 0.5, tip[1] + 0.5, tip[2]],
+        "edges": view.edges,
         "closest": "" if view.closest is None else svg_path((view.closest,)),
     }
 

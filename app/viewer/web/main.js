@@ -15,7 +15,7 @@ const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
 watchServer(window.trame, updateAlarm, drawn);
 listenToKeys(window.trame);
-if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);
+if (window.trame.state.get("title").images.length) showUltrasound(window.trame);
 if (window.trame.state.get("title").contour) editContour(window.trame);
 showTimeline(window.trame);
 if (window.trame.state.get("title").live) calibrateTool(window.trame);

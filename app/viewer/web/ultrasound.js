@@ -1,4 +1,4 @@
-// The ultrasound image with what is drawn on it. Image and lines are of one moment: they change together,
+// The ultrasound image, or the cut of a volume, with what is drawn on it. Image and lines are of one moment: they change together,
 // when the image has arrived. An image that is not current is covered with the reason, unless the operator
 // has frozen it: then it is labelled FROZEN.
 
@@ -7,14 +7,16 @@ const NAMES = ["margin", "tumor", "tool", "closest"];
 
 const TEMPLATE = `
   <div class="us-bar">
-    <h2>Ultrasound <span id="us-time"></span></h2>
+    <h2><span id="us-kind"></span> <span id="us-time"></span></h2>
+    <label id="us-kinds">Image <select></select></label>
     <button id="us-freeze" type="button" aria-pressed="false" title="Keep this image">Freeze</button>
     <label>Brightness <input id="us-brightness" type="range" min="0.4" max="2.5" step="0.05" value="1"></label>
   </div>
   <div class="us-stage">
-    <svg id="us-image" role="img" aria-label="Ultrasound image with tumour, stop margin and tool">
+    <svg id="us-image" role="img" aria-label="Image with tumour, stop margin and tool">
       <image preserveAspectRatio="none"/>
       ${NAMES.map((name) => `<path class="us-${name}"/>`).join("")}
+      <g class="us-edges"></g>
       <g class="us-tip"><path d="M-9 0H-3M3 0H9M0 -9V-3M0 3V9"/></g>
     </svg>
     <p id="us-problem" role="status"></p>
@@ -25,6 +27,18 @@ const TEMPLATE = `
     <li class="us-closest">closest points</li>
   </ul>
   <p class="numbers" id="us-tip"></p>`;
+
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
+const heading = (kind) => (kind === "ultrasound" ? "Ultrasound" : `Cut: ${kind}`);
+
+function edge(letter, [x, y], width, height) {
+  const text = document.createElementNS("http://www.w3.org/2000/svg", "text");
+  text.textContent = letter;
+  text.setAttribute("x", (x * width) / 100);
+  text.setAttribute("y", (y * height) / 100);
+  text.setAttribute("font-size", Math.max(width, height) / 20);
+  return text;
+}
 
 export function showUltrasound(trame) {
   let part = null;
@@ -51,7 +65,11 @@ export function showUltrasound(trame) {
     if (values.tip) tip.setAttribute("transform", `translate(${x} ${y}) scale(${Math.max(width, height) / 300})`);
     const side = Math.abs(mm) < 0.05 ? "in the plane" : `${Math.abs(mm).toFixed(1)} mm ${mm > 0 ? "in front of" : "behind"} the plane`;
     find("#us-tip").textContent = values.tip ? `Tip ${side}` : "Tool and tumour: not known";
-    find("#us-time").textContent = `image ${values.number} at ${values.time}`;
+    find("#us-time").textContent = values.time ? `image ${values.number} at ${values.time}` : "";
+    const edges = [[3, 50], [97, 50], [50, 4], [50, 96]]; // left, right, above, below, in percent
+    find("g.us-edges").replaceChildren(
+      ...[...values.edges].map((letter, index) => edge(letter, edges[index], width, height)),
+    );
   }
 
   async function update() {
@@ -59,6 +77,8 @@ export function showUltrasound(trame) {
     if (!part || !values || frozen) return;
     asked += 1;
     const request = asked;
+    find("#us-kind").textContent = heading(values.kind);
+    find("#us-kinds select").value = values.kind;
     if (values.problem) {
       shown = request;
       cover(values.problem);
@@ -102,12 +122,25 @@ export function showUltrasound(trame) {
     update();
   }
 
+  function offerKinds() {
+    const kinds = trame.state.get("title").images;
+    const choice = find("#us-kinds select");
+    choice.replaceChildren(...kinds.map((kind) => new Option(capital(kind), kind)));
+    find("#us-kind").textContent = heading(kinds[0]);
+    find("#us-kinds").hidden = kinds.length < 2 || trame.state.get("role") === "view";
+    choice.addEventListener("change", () => {
+      if (frozen) freeze();
+      trame.trigger("image_kind", [choice.value]);
+    });
+  }
+
   function connect() {
     const found = document.querySelector("#ultrasound > div");
     if (!found || found === part) return;
     part = found;
     part.innerHTML = TEMPLATE;
     cover("waiting for the first image");
+    offerKinds();
     find("#us-freeze").addEventListener("click", freeze);
     find("#us-brightness").addEventListener("input", (event) => {
       find("image").style.filter = `brightness(${event.target.value})`;

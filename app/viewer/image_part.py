@@ -1,22 +1,39 @@
-"""The part of the page that shows ultrasound: the plane in the 3D view, and the image beside it."""
+"""The part of the page that shows images: the plane in the 3D view, and the image beside it."""
 
 import base64
 from typing import Any
 
 from app.case import ImageSource
+from app.files.volume_file import Volume
 from app.geometry import FloatArray
 from app.scene import QUICK_TYPE, ImagePlane, MarginGuardScene, quick_image
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
-from app.viewer.steps.ultrasound import ImageView, Ultrasound
+from app.viewer.steps.plane_lines import ImageView
+from app.viewer.steps.reslice import SIDE, Reslice, ReslicePlane
+from app.viewer.steps.ultrasound import Ultrasound
 from app.viewer.steps.view_state import ViewState
 
+ULTRASOUND = "ultrasound"
 
-class UltrasoundPart:
-    """Shows ``images`` in the page's thread. The plane is hidden while no image is current."""
 
-    def __init__(self, images: ImageSource) -> None:
-        self._ultrasound = Ultrasound(images)
+def image_kinds(images: ImageSource | None, volume: Volume | None) -> tuple[str, ...]:
+    """The kinds of images that a page can show of them; the first one is shown at first."""
+    planes = () if volume is None else tuple(plane.value for plane in ReslicePlane)
+    return planes if images is None else (ULTRASOUND, *planes)
+
+
+class ImagePart:
+    """Shows ``images`` and cuts of ``volume`` in the page's thread, one kind at a time.
+
+    The plane is hidden while no image is current. At least one of both is given.
+    """
+
+    def __init__(self, images: ImageSource | None, volume: Volume | None = None) -> None:
+        self._ultrasound = None if images is None else Ultrasound(images)
+        self._reslice = None if volume is None else Reslice(volume)
+        self.kind = image_kinds(images, volume)[0]
+        """The kind that is shown, one of `image_kinds`."""
         self._view = ImageView(None, None, "no image yet")
         self._plane: ImagePlane | None = None
         self._scene: MarginGuardScene | None = None
@@ -34,7 +51,7 @@ class UltrasoundPart:
             if self._plane is not None:
                 self._plane.remove()
             self._scene, self._plane = scene, None
-        found = self._view = self._ultrasound.at(shown, None if scene is None else scene.reference)
+        found = self._view = self._at(shown, None if scene is None else scene.reference)
         if scene is None:
             return
         root = scene.tree.node(scene.reference)
@@ -47,8 +64,19 @@ class UltrasoundPart:
         else:
             self._plane.show(eight_bits(found.image), found.matrix)
 
+    def _at(self, shown: ViewState | None, root: str | None) -> ImageView:
+        if self.kind == ULTRASOUND and self._ultrasound is not None:
+            return self._ultrasound.at(shown, root)
+        assert self._reslice is not None
+        return self._reslice.at(shown, root, ReslicePlane(self.kind))
+
     def place(self, shown: ViewState | None, frame: str) -> tuple[int, FloatArray] | None:
-        """The present image and its map (4, 4) to mm in ``frame``; None if none may be shown."""
+        """The present ultrasound image and its map (4, 4) to mm in ``frame``.
+
+        None if none may be shown, or if the page shows another kind of image.
+        """
+        if self.kind != ULTRASOUND or self._ultrasound is None:
+            return None
         if shown is None or shown.silent or self._view.problem or self._view.number is None:
             return None
         found = self._ultrasound.images.at(shown.step.frame.stamp.ns, frame)
@@ -58,8 +86,11 @@ class UltrasoundPart:
 
     def values(self) -> dict[str, Any]:
         """The values of the page that belong to the last `update`; the image if it is another."""
-        image, size = self._view.image, self._ultrasound.images.size or (1, 1)
-        found: dict[str, Any] = {"ultrasound": ultrasound_values(self._view, size)}
+        image, size = self._view.image, (SIDE, SIDE)
+        if self.kind == ULTRASOUND and self._ultrasound is not None:
+            size = self._ultrasound.images.size or (1, 1)
+        values = {"kind": self.kind, **ultrasound_values(self._view, size)}
+        found: dict[str, Any] = {"ultrasound": values}
         if image is not None and image.number != self._sent:
             self._sent = image.number
             content = base64.b64encode(quick_image(eight_bits(image))).decode()
