@@ -8,7 +8,7 @@ A frame belongs to the first phase whose condition holds:
 - *away*: everything else.
 
 The distance is smoothed over `WINDOW_S` for its slope. A run shorter than `MIN_RUN_S` is added to
-the one before it.
+the one before it. A jump back of the clock takes no time.
 """
 
 from collections.abc import Mapping
@@ -26,6 +26,7 @@ MIN_RUN_S = 0.3
 
 def phases_of(times_s: FloatArray, distances_mm: FloatArray, warn_mm: float) -> NDArray[np.int8]:
     """The phase of each frame, (n,), as an index of `PHASES`; unknown distances are NaN."""
+    times_s = _rising(times_s)
     known = np.isfinite(distances_mm)
     phases = np.zeros(len(times_s), dtype=np.int8)
     phases[known] = 3
@@ -46,6 +47,14 @@ def phase_counts(phases: NDArray[np.int8]) -> Mapping[str, int]:
     return {name: int((phases[starts] == k).sum()) for k, name in enumerate(PHASES)}
 
 
+def _rising(times: FloatArray) -> FloatArray:
+    """``times`` without the steps back: what follows one continues at the same time."""
+    steps = np.diff(times)
+    if not (steps < 0.0).any():
+        return times
+    return np.asarray(times[0] + np.append(0.0, np.cumsum(np.maximum(steps, 0.0))))
+
+
 def _slopes(times: FloatArray, distances: FloatArray) -> FloatArray:
     """Slope of the straight line through the known distances within `WINDOW_S`, in mm/s."""
     slopes = np.zeros(len(times))
@@ -54,9 +63,8 @@ def _slopes(times: FloatArray, distances: FloatArray) -> FloatArray:
         return slopes
     t, d = times[known], distances[known]
     sums = [np.concatenate([[0.0], np.cumsum(x)]) for x in (np.ones(len(t)), t, d, t * t, t * d)]
-    order = np.maximum.accumulate(t)
-    first = np.searchsorted(order, t - 0.5 * WINDOW_S, side="left")
-    last = np.searchsorted(order, t + 0.5 * WINDOW_S, side="right")
+    first = np.searchsorted(t, t - 0.5 * WINDOW_S, side="left")
+    last = np.searchsorted(t, t + 0.5 * WINDOW_S, side="right")
     n, st, sd, stt, std = (total[last] - total[first] for total in sums)
     spread = n * stt - st * st
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import socket
 
 import pytest
@@ -128,3 +129,27 @@ def test_worker_without_space_is_a_lost_case(cohort, tmp_path, monkeypatch):
         "lost",
         "OSError: No space left on device",
     )
+
+
+@pytest.mark.parametrize("frame", [20, 25, 30])
+def test_clock_that_overlaps_itself_adds_no_time(tmp_path, frame):
+    """From ``frame`` on the stamps are half a second early: ten of them occur twice."""
+    folder = write_small_case(tmp_path / "case")
+    recording = folder / "tracking.igs.mha"
+
+    def early(match):
+        index, time_s = int(match[1]), float(match[2])
+        return f"Seq_Frame{index:04}_Timestamp = {time_s - 0.5 * (index >= frame):.3f}"
+
+    stamps = r"Seq_Frame(\d+)_Timestamp = ([\d.]+)"
+    recording.write_text(re.sub(stamps, early, recording.read_text()))
+    case = CohortCase("a", str(folder))
+    row = run_job(Job(case, input_hash(case), __version__)).row
+    assert (row["status"], row["frames"], row["inside_frames"]) == ("ok", 40, 3)
+    # 39 steps of 50 ms, one of them back. After it poses are unknown until they have recovered.
+    assert row["duration_s"] == pytest.approx(38 * 0.05)
+    states = sum(row[f"{state}_s"] for state in ("negative", "warning", "positive", "unknown"))
+    assert states == pytest.approx(row["duration_s"])
+    assert row["unknown_s"] == pytest.approx(0.15)
+    # Within 5 mm from frame 15 to 25, whether or not the clock jumps there.
+    assert row["cutting_s"] == pytest.approx(0.55, abs=0.051)

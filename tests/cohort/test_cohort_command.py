@@ -109,6 +109,23 @@ def test_killed_workers_change_no_byte(archive, reference, tmp_path):
     assert contents(tmp_path / "out") == contents(reference)
 
 
+def test_case_whose_worker_dies_too_often_is_lost_until_the_next_run(archive, reference, tmp_path):
+    once = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    words = (archive, "--out", tmp_path / "out", "--workers", 2)
+    process = command(*words, env=once)
+    wait_for(lambda: journal_lines(tmp_path / "out") >= 1, process)
+    workers_of(process)[-1].send_signal(signal.SIGKILL)
+    status, _, err = finish(process)
+    assert status == 1, err
+    rows = list(Dataset(tmp_path / "out").rows())
+    lost = [row for row in rows if row["status"] == "lost"]
+    assert {row["reason"] for row in lost} == {"1 worker died while running this case"}
+    assert len(rows) == SMALL_CASES
+    status, out, err = finish(command(*words, "--json"))
+    assert status == 1 and json.loads(out)["done"] == len(lost), err
+    assert contents(tmp_path / "out") == contents(reference)
+
+
 def test_interrupted_command_is_continued(archive, reference, tmp_path):
     process = command(archive, "--out", tmp_path / "out", "--workers", 1)
     wait_for(lambda: journal_lines(tmp_path / "out") >= 3, process)

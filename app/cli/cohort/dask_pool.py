@@ -128,7 +128,8 @@ class DaskPool:
         try:
             outcome: Outcome = future.result(timeout=_CONNECT_S)
         except KilledWorker as error:
-            reason = f"{error.allowed_failures + 1} workers died while they ran this case"
+            died = error.allowed_failures + 1
+            reason = f"{died} worker{'s' * (died > 1)} died while running this case"
             return self._lost_case(job, reason)
         except (OSError, TimeoutError):
             return None

@@ -34,6 +34,7 @@ BENCHMARKS = {
     "simulation": "benchmarks.simulation",
     "guided": "benchmarks.guided",
     "depth": "benchmarks.depth",
+    "probability": "benchmarks.probability",
     "passivity": "benchmarks.passivity",
     "closed-loop": "benchmarks.closed_loop",
     "cohort": "benchmarks.cohort",
