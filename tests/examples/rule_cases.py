@@ -77,7 +77,7 @@ def events(rng: np.random.Generator) -> Iterator[Event]:
             ["none"] * 12
             + ["seq", "instance", "no id", "nan", "inf", "huge", "normal", "count", "frame"]
             + ["state", "unknown", "hold", "expired", "future", "long", "back", "silent", "rearm"]
-            + ["desired", "fast", "simulated", "other pose"]
+            + ["desired", "fast", "simulated", "other pose", "no planes"]
         )
         yield from _step(rng, str(fault), now_ns, seq, instance)
         if fault == "instance" and rng.random() < 0.5:
@@ -136,6 +136,10 @@ def _broken(rng: np.random.Generator, fault: str, message: PlainConstraint) -> P
     }
     if fault == "count":
         return replace(message, **random_planes(rng, int(rng.choice([9, 12]))))
+    if fault == "no planes":
+        state = int(rng.choice([message.state, MarginState.UNKNOWN]))
+        empty = {name: getattr(message, name)[:0] for name in random_planes(rng, 1)}
+        return replace(message, state=state, **empty)
     return replace(message, **changes.get(fault, {}))
 
 

@@ -39,7 +39,9 @@ enum class Reason {
   kSilent,     // the last message arrived too long ago
   kExpired,    // valid_until has passed
   kClock,      // time runs backwards, or the message is from the future or valid for too long
-  kMalformed,  // no planes, too many, no unit normals, values beyond 1 km, another frame, bad id
+  kMalformed,  // too many planes, no unit normals, values beyond 1 km, another frame, bad id, or a
+               // known state without planes
+  kNoPlanes,   // the state is UNKNOWN and the guard has no planes: it has had no usable pose yet
   kNotFinite,  // a plane, the desired twist or the tip contains NaN or infinity
   kSimulated,  // the poses are recorded or simulated, and the rule does not accept them
   kOtherPose,  // the planes belong to an earlier pose of the tool
@@ -64,6 +66,7 @@ inline const char* name_of(Reason reason) {
     case Reason::kExpired: return "expired";
     case Reason::kClock: return "clock";
     case Reason::kMalformed: return "malformed";
+    case Reason::kNoPlanes: return "no_planes";
     case Reason::kNotFinite: return "not_finite";
     case Reason::kSimulated: return "simulated";
     case Reason::kOtherPose: return "other_pose";
@@ -200,8 +203,11 @@ class FixtureRule {
 
   Reason defect_of(const PlainConstraint& message) const {
     if (message.frame != frame_ || message.state < 0 || message.state > kStateUnknown ||
-        message.count < 1 || message.count > kMaxPlanes) {
+        message.count > kMaxPlanes) {
       return Reason::kMalformed;
+    }
+    if (message.count == 0) {
+      return message.state == kStateUnknown ? Reason::kNoPlanes : Reason::kMalformed;
     }
     for (std::size_t k = 0; k < message.count; ++k) {
       const HalfSpace& plane = message.planes[k];
