@@ -1,6 +1,7 @@
 from .editor import Change, ContourEditor
 from .points import MAX_POINTS, Contour, ContourPoint
 from .surface import MAX_DILATION_MM, ContourSurface, contour_surface
+from .text import contour_count, contour_sigma, contour_size
 from .uncertainty import ContourUncertainty
 
 __all__ = [
@@ -12,5 +13,8 @@ __all__ = [
     "ContourPoint",
     "ContourSurface",
     "ContourUncertainty",
+    "contour_count",
+    "contour_sigma",
+    "contour_size",
     "contour_surface",
 ]

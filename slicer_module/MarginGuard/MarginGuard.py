@@ -64,6 +64,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._banner = None
         self._guided = None
         self._events = None
+        self._contour = None
 
     def setup(self):
         """Create the panel; without MarginGuard it is one line with the cause."""
@@ -128,6 +129,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         with self._errors_displayed():
             self.logic.panel_logic.set_opacity(self.settings.opacity)
             self.logic.panel_logic.set_rate(self.settings.rate)
+            self.logic.panel_logic.contour.set_options(
+                self.settings.dilation_mm, self.settings.contour_error_mm
+            )
         patient_to_ras = self.settings.patient_to_ras
         if patient_to_ras is not self._patient_to_ras:  # a refused one is reported once
             self._patient_to_ras = patient_to_ras
@@ -188,11 +192,13 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             (ui.stepButton, lambda logic: logic.step()),
         ):
             self._on_click(button, command)
+        from MarginGuardLib.contour_section import ContourSection
         from MarginGuardLib.events_section import EventsSection
         from MarginGuardLib.guided_section import GuidedSection
 
         self._guided = GuidedSection(ui, self._on_click)
         self._events = EventsSection(ui, self._on_click)
+        self._contour = ContourSection(ui, self._on_click)
         ui.bullseyeButton.clicked.connect(self.on_bullseye)
         ui.muteButton.clicked.connect(self.on_mute)
         ui.seekSlider.valueChanged.connect(self.on_seek)
@@ -269,6 +275,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.workflowLabel.setText(status.workflow)
         ui.registrationLabel.setText(status.registration)
         self._guided.show(status.calibration, status.touch)
+        self._contour.show(status.contour)
         for button in (ui.connectButton, ui.loadButton):
             button.setEnabled(not status.is_live)
         ui.disconnectButton.setEnabled(status.is_live)

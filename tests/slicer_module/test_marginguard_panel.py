@@ -60,6 +60,10 @@ class CommandsDouble:
         return RecordedPart("touch", self.calls)
 
     @property
+    def contour(self):
+        return RecordedPart("contour", self.calls)
+
+    @property
     def events(self):
         return RecordedPart("events", self.calls)
 
@@ -155,6 +159,12 @@ EXPECTED_CALLS = {
     "registerButton": [("register_case", Path("some_case"))],
     "acceptButton": [("accept_registration",)],
     "setTumorButton": [("set_tumor", None, "Tumor")],
+    "placePointsButton": [("contour.place",)],
+    "tipPointButton": [("contour.add_tip",)],
+    "undoPointButton": [("contour.undo",)],
+    "eraseAtTipButton": [("contour.erase_at_tip", 2.0)],
+    "deletePointsButton": [("contour.delete_all",)],
+    "useContourButton": [("contour.use",)],
     "applyMarginsButton": [("set_margins", 1.5, 6.5)],
     "rearmButton": [("rearm",)],
     "recordButton": [("start_recording",)],
@@ -215,6 +225,17 @@ def test_result_is_used_after_a_question_only(pressed, confirmed, monkeypatch, n
     assert pressed(name) == []
 
 
+def test_points_are_deleted_and_contour_is_used_after_a_question(pressed, confirmed, monkeypatch):
+    assert pressed("deletePointsButton") == [("contour.delete_all",)]
+    assert pressed("useContourButton") == [("contour.use",)]
+    assert [question.split("?")[0] for question in confirmed] == [
+        "Delete all points of the contour",
+        "Replace the tumour of this session by the contour",
+    ]
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
+    assert pressed("deletePointsButton") == pressed("useContourButton") == []
+
+
 def test_landmarks_are_registered_from_chosen_lists(panel, pressed, application):
     lists = [
         application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", name)
@@ -233,12 +254,19 @@ def test_slider_seeks_and_settings_take_effect_at_once(panel, pressed, applicati
     panel.ui.seekSlider.setProperty("maximum", 75.0)
     panel.ui.seekSlider.setValue(45.5)
     assert calls == [("seek", 45.5)]
+    panel.ui.dilationSpinBox.setValue(3.0)
+    panel.ui.contourErrorSpinBox.setValue(0.4)
+    assert ("contour.set_options", 3.0, 0.4) in calls
     calls.clear()
     panel.ui.opacitySlider.setValue(0.7)
     panel.ui.rateSpinBox.setValue(2.0)
     node = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
     panel.ui.patientTransformSelector.setCurrentNode(node)
-    assert calls[-3:] == [("set_opacity", 0.7), ("set_rate", 2.0), ("set_patient_to_ras", node)]
+    assert [each for each in calls if not each[0].startswith("contour.")][-3:] == [
+        ("set_opacity", 0.7),
+        ("set_rate", 2.0),
+        ("set_patient_to_ras", node),
+    ]
 
 
 def test_mute_button_toggles_alarm(panel):
@@ -357,7 +385,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 14
+    assert len(messages) == 15
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -148,6 +148,12 @@ class SessionDisplay:
         """The transform node of the tumour's frame; `SceneError` before it is tracked."""
         return self._scene().tree.node(self.content.tumor.frame)
 
+    def frame_node(self, frame: str) -> vtkMRMLTransformNode:
+        """The transform node of ``frame``; `SceneError` before it is tracked."""
+        if self.scene is None or self.scene.tree.node(frame) is None:
+            raise SceneError(f"{frame} was not tracked yet; expected it in the scene")
+        return self.scene.tree.node(frame)
+
     def reference_node(self) -> vtkMRMLTransformNode:
         """The transform node of the root frame; `SceneError` before it is tracked."""
         if self.scene is None:

@@ -23,6 +23,7 @@ from app.runtime import RecordingStatus, workflow_steps
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
+from .contour import PanelContour
 from .directions import PanelDirections
 from .events import SessionEvents
 from .guided import GuidedCalibration, GuidedRegistration, GuidedShown, GuidedWork
@@ -65,6 +66,7 @@ class PanelLogic:
         self._clock_ns = clock_ns
         self._jobs = Jobs(changed)
         self._changed = changed
+        self.contour = PanelContour(self.session, mrml_scene, logic, self._jobs, changed)
         self._guided: GuidedWork | None = None
         self._message = ""
         self._follow: vtkMRMLCameraNode | None = None
@@ -268,6 +270,7 @@ class PanelLogic:
         self.end_session()
         self._jobs.close()
         self._directions.close()
+        self.contour.close()
 
     def _guided_work(self) -> GuidedWork:
         self.session.running()
@@ -279,6 +282,7 @@ class PanelLogic:
         """Follow the guided recordings of the session; those of an earlier one are closed."""
         workflow, thread = self.session.workflow, self.session.thread
         commands = None if thread is None else thread.run.commands
+        self.contour.update(commands)
         if self._guided is not None and self._guided.workflow is not workflow:
             self._guided.close()
             self._guided = None
@@ -299,6 +303,7 @@ class PanelLogic:
             self._message = one_line(error)
 
     def _end(self) -> None:
+        self.contour.clear()
         self.session.end()
         self._update_guided()
         self._follow = self.candidate = None
@@ -374,6 +379,7 @@ class PanelLogic:
             directions=self._tip_directions(),
             calibration=GuidedShown() if guided is None else guided.calibration.shown(),
             touch=GuidedShown() if touch is None else touch.shown(),
+            contour=self.contour.shown(),
         )
 
     def _camera(self) -> vtkMRMLCameraNode:

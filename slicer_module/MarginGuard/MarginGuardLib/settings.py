@@ -21,7 +21,8 @@ class Settings:
     """Each is bound to the widget whose ``SlicerParameterName`` is its name; lengths in mm.
 
     ``fixed_points``: landmarks in the scene, in the reference; ``moving_points``: the same ones in
-    coordinates of the robot's base. ``rate``: recorded time over clock time.
+    coordinates of the robot's base. ``contour_error_mm``: standard deviation of a point of the
+    contour, 0 where it is not stated. ``rate``: recorded time over clock time.
     """
 
     live_config: pathlib.Path
@@ -39,6 +40,8 @@ class Settings:
         None,
     ]
     segment: str
+    dilation_mm: Annotated[float, WithinRange(0.0, 20.0), Default(0.0)]
+    contour_error_mm: Annotated[float, WithinRange(0.0, 5.0), Default(0.0)]
     opacity: Annotated[float, WithinRange(0.0, 1.0), Default(0.4)]
     stop_mm: Annotated[float, WithinRange(0.0, 100.0), Default(1.0)]
     warn_mm: Annotated[float, WithinRange(0.0, 200.0), Default(5.0)]

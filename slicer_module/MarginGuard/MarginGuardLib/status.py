@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from app.fixture import MarginState
 
+from .contour import ContourShown
 from .guided import GuidedShown
 
 
@@ -40,3 +41,4 @@ class PanelStatus:
     directions: str
     calibration: GuidedShown
     touch: GuidedShown
+    contour: ContourShown

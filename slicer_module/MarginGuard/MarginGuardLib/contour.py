@@ -1,0 +1,254 @@
+"""Contour of a tumour in the panel: points of Slicer's markups or at the tip, surface, acceptance.
+
+Surface, uncertainty and checks are those of the page (`app.contour`).
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
+
+from app.contour import (
+    Contour,
+    ContourPoint,
+    ContourSurface,
+    contour_sigma,
+    contour_size,
+    contour_surface,
+)
+from app.fixture import MarginState
+from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh, Transform
+from app.runtime import OperatorCommands
+from app.scene import ContourModel, SceneError
+
+from .contour_points import ContourPoints
+from .jobs import Jobs
+from .shown_session import ShownSession
+
+UseTumor = Callable[[Transform, SurfaceMesh, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class ContourShown:
+    """A contour as the panel shows it. ``can_use``: its surface and uncertainty are known."""
+
+    text: str = ""
+    can_edit: bool = False
+    has_points: bool = False
+    can_undo: bool = False
+    can_use: bool = False
+
+
+class PanelContour:
+    """The contour of the shown session. Call it in the scene's thread.
+
+    ``logic`` is the application's, whose mouse mode places points. ``changed()`` is called in any
+    thread when there is something to show.
+    """
+
+    def __init__(
+        self,
+        session: ShownSession,
+        mrml_scene: vtkMRMLScene,
+        logic: vtkMRMLApplicationLogic | None,
+        jobs: Jobs,
+        changed: Callable[[], None],
+    ) -> None:
+        self._session = session
+        self._mrml_scene = mrml_scene
+        self._logic = logic
+        self._jobs = jobs
+        self._changed = changed
+        self._points: ContourPoints | None = None
+        self._model: ContourModel | None = None
+        self._drawn: ContourSurface | None = None
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="contour")
+        self._settings = 0.0, None
+        self._computing: tuple[Contour, Future[ContourSurface]] | None = None
+        self._computed: Contour | None = None
+        self._surface: ContourSurface | None = None
+        self._problem = ""
+
+    def place(self) -> None:
+        """Let clicks in Slicer's views add points, until the mouse mode is changed."""
+        if self._logic is None:
+            raise InputError("contour: there is no view to click in; expected one")
+        points, selection = self._edited(), self._logic.GetSelectionNode()
+        interaction = self._logic.GetInteractionNode()
+        selection.SetReferenceActivePlaceNodeClassName(points.node.GetClassName())
+        selection.SetReferenceActivePlaceNodeID(points.node.GetID())
+        interaction.SetPlaceModePersistence(1)
+        interaction.SetCurrentInteractionMode(interaction.Place)
+
+    def add_tip(self) -> None:
+        """Add a point at the tool's tip."""
+        tip_mm = self._tip_mm()
+        points = self._edited()
+        points.replace(np.vstack([points.positions_mm, tip_mm]))
+
+    def erase_at_tip(self, radius_mm: float) -> None:
+        """Remove the points within ``radius_mm`` of the tool's tip."""
+        points, tip_mm = self._edited(), self._tip_mm()
+        points.replace(_contour("", points.positions_mm).erased(tip_mm, radius_mm).positions_mm)
+
+    def delete_all(self) -> None:
+        """Remove all points; `undo` restores them."""
+        self._edited().replace(np.empty((0, 3)))
+
+    def undo(self) -> None:
+        """Restore the points before the last edit."""
+        self._edited().undo()
+
+    def set_options(self, dilation_mm: float, error_mm: float) -> None:
+        """Set the dilation, and the standard deviation of a point; 0: it is not stated."""
+        self._settings = dilation_mm, error_mm or None
+
+    def use(self) -> None:
+        """Use the contour as the tumour of the session, which is then on hold."""
+        edge = self._session.commands().setup.frame_from_tumor
+        surface = self._surface
+        if self._computed is None or not _is_same(self._computed, self._contour(edge.target)):
+            raise InputError(
+                "contour: its surface is being computed; expected the same request in a moment"
+            )
+        if surface is None:
+            raise InputError(self._problem or "contour: no points; expected 4 or more")
+        if surface.uncertainty is None:
+            raise InputError(
+                "contour: the error of its points is not stated; expected that of the calibration "
+                "of the tool's tip, in mm"
+            )
+        commands, sigma_mm = self._session.commands(), surface.uncertainty.sigma_mm
+        mesh = surface.mesh.transformed(edge.inverse())
+        self._jobs.submit(
+            "setting the tumour",
+            lambda: commands.set_tumor(edge, mesh, sigma_mm=sigma_mm),
+            lambda _: None,
+        )
+
+    def update(self, commands: OperatorCommands | None) -> None:
+        """Keep points and surface in the frame that the tumour moves with; compute the surface."""
+        if self._points is not None and not self._points.is_in_scene:
+            self._forget()
+        if self._points is None or commands is None or self._session.display is None:
+            return
+        frame = _frame_from_tumor(commands).target
+        try:
+            self._points.follow(self._session.display.frame_node(frame))
+        except SceneError:
+            return  # the next step places the frame
+        self._follow(self._contour(frame), commands)
+        self._draw()
+
+    def shown(self) -> ContourShown:
+        """What the panel shows of it."""
+        can_edit = self._session.is_running and self._session.display is not None
+        if self._points is None:
+            return ContourShown(can_edit=can_edit)
+        count = len(self._points.positions_mm)
+        lines = [f"{count} point{'s' * (count != 1)}"]
+        surface, problem = self._surface, self._problem if count else ""
+        uncertainty = None if surface is None else surface.uncertainty
+        lines += [] if surface is None else [contour_size(surface)]
+        if uncertainty is not None:
+            lines.append(f"\N{GREEK SMALL LETTER SIGMA} {contour_sigma(uncertainty)}")
+        lines += [problem] if problem else []
+        return ContourShown(
+            text="\n".join(lines),
+            can_edit=can_edit,
+            has_points=count > 0,
+            can_undo=self._points.can_undo,
+            can_use=can_edit and uncertainty is not None,
+        )
+
+    def clear(self) -> None:
+        """Remove points and surface from the scene, as at the end of a session."""
+        if self._points is not None:
+            self._points.remove()
+        self._forget()
+
+    def close(self) -> None:
+        """End the thread."""
+        self.clear()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _edited(self) -> ContourPoints:
+        """The points, which are added to the scene before their first edit."""
+        if self._points is None or not self._points.is_in_scene:
+            frame = self._session.commands().setup.frame_from_tumor.target
+            parent = self._session.shown().frame_node(frame)
+            self._points = ContourPoints(self._mrml_scene, parent, self._changed)
+        return self._points
+
+    def _tip_mm(self) -> FloatArray:
+        step = self._session.shown_step
+        is_known = step is not None and self._session.readout()[0] is not MarginState.UNKNOWN
+        if not is_known or step.tumor_from_tip is None:
+            raise InputError("contour: the tip's place is UNKNOWN; expected a known one")
+        edge = _frame_from_tumor(self._session.commands())
+        return np.asarray((edge @ step.tumor_from_tip).translation_mm)
+
+    def _contour(self, frame: str) -> Contour:
+        positions_mm = np.empty((0, 3)) if self._points is None else self._points.positions_mm
+        dilation_mm, error_mm = self._settings
+        made = _contour(frame, positions_mm)
+        return replace(made, dilation_mm=dilation_mm, calibration_mm=error_mm)
+
+    def _follow(self, contour: Contour, commands: OperatorCommands) -> None:
+        """Take a surface that is done, and begin to compute that of ``contour`` if it is newer."""
+        if self._computing is not None and self._computing[1].done():
+            (self._computed, done), self._computing = self._computing, None
+            try:
+                self._surface, self._problem = done.result(), ""
+            except MarginGuardError as error:
+                self._surface, self._problem = None, str(error)
+        is_new = self._computed is None or not _is_same(self._computed, contour)
+        if self._computing is None and is_new:
+            future = self._worker.submit(commands.compute, contour_surface, contour, 0.0)
+            self._computing = contour, future
+            future.add_done_callback(lambda _: self._changed())
+
+    def _draw(self) -> None:
+        parent = self._points.node.GetParentTransformNode()
+        if self._model is not None and self._model.node.GetScene() is None:
+            self._model = self._drawn = None
+        if self._model is None and self._surface is not None:
+            self._model = ContourModel(self._mrml_scene, parent)
+        if self._model is None:
+            return
+        if self._model.node.GetParentTransformNode() is not parent:
+            self._model.node.SetAndObserveTransformNodeID(parent.GetID())
+        if self._surface is self._drawn:
+            return
+        self._drawn = self._surface
+        if self._surface is None:
+            self._model.hide()
+        else:
+            self._model.show(self._surface.mesh)
+
+    def _forget(self) -> None:
+        if self._model is not None and self._model.node.GetScene() is not None:
+            self._model.remove()
+        self._points = self._model = self._drawn = None
+        self._computing = self._computed = self._surface = None
+        self._problem = ""
+
+
+def _contour(frame: str, positions_mm: FloatArray) -> Contour:
+    points = (ContourPoint(number, each) for number, each in enumerate(positions_mm, 1))
+    return Contour(frame, tuple(points))
+
+
+def _is_same(first: Contour, second: Contour) -> bool:
+    return (first.frame, first.dilation_mm, first.calibration_mm) == (
+        second.frame,
+        second.dilation_mm,
+        second.calibration_mm,
+    ) and np.array_equal(first.positions_mm, second.positions_mm)
+
+
+def _frame_from_tumor(commands: OperatorCommands) -> Transform:
+    content = commands.content
+    return next(each for each in content.static_edges if each.source == content.tumor.frame)
