@@ -50,6 +50,7 @@ SLOW = {
         "tests/viewer/test_calibration_part.py",
         "tests/viewer/test_contour_part.py",
         "tests/viewer/test_registration_part.py",
+        "tests/viewer/test_world_controls.py",
         "tests/viewer/test_world_part.py",
         "tests/cli/test_render_warmup.py",
         "tests/cli/test_replay_scene.py",
@@ -163,6 +164,7 @@ LONG = {
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "serves a page of its own": (
         "tests/cli/test_page_push.py",
+        "tests/cli/test_page_world.py",
         "tests/cli/test_library.py",
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_calibration_page.py",

@@ -28,6 +28,7 @@ from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
 from .simulated_world import (
+    MAX_BODY_TRIANGLES,
     BodyKind,
     RequestOutcome,
     SimulatedWorld,
@@ -77,6 +78,7 @@ from .workflow.tool_calibration import CalibrationStatus, TipChange, ToolCalibra
 from .workflow.workflow_output import WorkflowOutput
 
 __all__ = [
+    "MAX_BODY_TRIANGLES",
     "SWITCH_INTERVAL_S",
     "AuditLog",
     "AuditOutput",

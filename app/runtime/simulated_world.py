@@ -20,6 +20,9 @@ from app.geometry import (
 
 ANSWER_NS = 2 * NS_PER_S
 """A request without an effect for this time has no answer."""
+MAX_BODY_TRIANGLES = 5000
+"""Of a body that a user adds."""
+
 _SAME_MM, _SAME = 0.01, 1e-4
 _NEAR_MM, _NEAR = 0.5, 1e-2
 """For a free body, which falls a little before its first pose at the place of a request."""
@@ -147,7 +150,7 @@ class SimulatedWorld:
         """Note that the simulation has refused a request, also one of another program."""
         with self._lock:
             request = self._request
-            if request is None or request.outcome in (RequestOutcome.DONE, RequestOutcome.REFUSED):
+            if request is None or self.clock_ns() - request.stamp_ns > ANSWER_NS:
                 return
             if repr(request.body) in reason or reason.startswith("request:"):
                 self._end(RequestOutcome.REFUSED, reason)
@@ -259,8 +262,8 @@ class SimulatedWorld:
         return any(each.name == name for each in self._bodies)
 
     def _is_at(self, target: Transform) -> bool:
-        pose, request = self._pose(target.source, self._places), self._request
-        if pose is None or request is None or (self._stamp_ns or 0) <= request.stamp_ns:
+        pose = self._pose(target.source, self._places)
+        if pose is None:
             return False
         free = (each.name for each in self._bodies if each.kind is BodyKind.FREE)
         is_free = target.source in free

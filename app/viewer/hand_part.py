@@ -8,7 +8,7 @@ from app.geometry import FloatArray
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.tool_grip import ToolGrip
 from app.viewer.messages.events import Event
-from app.viewer.messages.methods import Area
+from app.viewer.pointer_area import place_of
 from app.viewer.steps.mouse_hand import MouseHand
 
 _PRESS, _MOVE, _RELEASE = "LeftButtonPress", "MouseMove", "LeftButtonRelease"
@@ -24,22 +24,18 @@ class HandPart:
         self._hand = hand
         self._grip = ToolGrip(view)
 
-    def area(self, area: Area) -> Area:
-        """``area`` without the events that this part takes."""
-        return _GrippedArea(area, self)
-
     def take(self, page: str, event: Event) -> bool:
         """Process an event of ``page``; False if it is for the camera."""
         kind = event["type"]
         if kind == _PRESS and not any(event[key] for key in ("ctrlKey", "altKey", "shiftKey")):
-            tip_mm = self._grip.grip(_at(event)) if self._hand.holder() is None else None
+            tip_mm = self._grip.grip(place_of(event)) if self._hand.holder() is None else None
             return tip_mm is not None and self._hand.hold(page, tip_mm)
         if self._hand.holder() != page:
             return False
         if kind == _RELEASE:
             self._hand.release(page)
         elif kind == _MOVE:
-            target_mm = self._grip.pulled_to(_at(event))
+            target_mm = self._grip.pulled_to(place_of(event))
             if target_mm is None or not self._hand.hold(page, target_mm):
                 self._hand.release(page)
         elif "Press" in kind:  # another button: the camera does not move while the tool is held
@@ -72,27 +68,6 @@ class HandPart:
                 "force": f"{self._hand.last_force_n():.1f}",
             }
         }
-
-
-class _GrippedArea:
-    """`Area` whose pointer grips the tool where it is on it."""
-
-    def __init__(self, area: Area, part: HandPart) -> None:
-        self._area, self._part = area, part
-
-    def update_size(self, origin: str, size: dict[str, float], /) -> None:
-        """Use the size of the area on the page."""
-        self._area.update_size(origin, size)
-
-    def on_interaction(self, origin: str, event: Event, /) -> None:
-        """Process an event of the pointer."""
-        if not self._part.take(origin, event):
-            self._area.on_interaction(origin, event)
-
-
-def _at(event: Event) -> FloatArray:
-    """Place of the pointer in the picture: right and up, 0 to 1."""
-    return np.array([event["x"] / event["w"], event["y"] / event["h"]])
 
 
 def _percent(at: FloatArray) -> list[float]:

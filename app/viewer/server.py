@@ -19,6 +19,8 @@ from app.files.volume_file import Volume
 from app.runtime import RobotRegistration, SimulatedWorld, ToolCalibration, compute_here
 from app.runtime.workflow.event_notes import EventNotes
 from app.viewer.address import Address
+from app.viewer.body_drag import BodyDrag
+from app.viewer.body_upload import BodyUpload
 from app.viewer.calibration_controls import CalibrationControls
 from app.viewer.calibration_part import CalibrationPart
 from app.viewer.contour_controls import ContourControls
@@ -45,6 +47,7 @@ from app.viewer.messages.methods import Methods
 from app.viewer.messages.open_pages import OpenPages
 from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
+from app.viewer.pointer_area import PointerArea, PointerPart
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
 from app.viewer.registration_controls import RegistrationControls
@@ -53,7 +56,8 @@ from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.mouse_hand import MouseHand
 from app.viewer.steps.replay import ReplayControl
-from app.viewer.web_app import Content, WebServer
+from app.viewer.web_app import Content, Handle, WebServer
+from app.viewer.world_controls import WorldControls
 from app.viewer.world_part import WorldPart
 
 _WEB = Path(__file__).with_name("web")
@@ -135,6 +139,9 @@ class Viewer:
             )
         )
         self._world = None if world is None else WorldPart(world)
+        self._pointed: list[PointerPart] = [] if self._hand is None else [self._hand]
+        if world is not None and not client:
+            self._pointed.append(BodyDrag(view, world))
         self._page = Page(
             state,
             view,
@@ -168,6 +175,8 @@ class Viewer:
             CalibrationControls(self._commands, self._calibration, self.redraw)
         if self._registration is not None:
             RegistrationControls(self._commands, self._registration, self.redraw)
+        if world is not None:
+            WorldControls(self._commands, world, self.redraw)
 
     def _contour_part(self, view: SceneView, operator: LiveOperator | None) -> ContourPart | None:
         """The contour of a live session, and of a replay with images."""
@@ -201,7 +210,7 @@ class Viewer:
         self._loop, self._stopped = asyncio.get_running_loop(), asyncio.Event()
         limit_logs()
         hand = self._hand
-        pages = OpenPages(None if hand is None else hand.gone)
+        pages = OpenPages(self._gone)
         scheduler = self._scheduler = self._make_scheduler(self._page.area, self._page, pages.beat)
         adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=scheduler)
         adapter.max_pixel_count = _MAX_PIXELS
@@ -211,7 +220,7 @@ class Viewer:
                 hand.heard(page)
             scheduler.acknowledge(page, number)
 
-        pointed = adapter if hand is None else hand.area(adapter)
+        pointed = PointerArea(adapter, self._pointed)
         methods = Methods(self._server, self._commands, _AREA, pointed, acknowledge)
         sockets = PageSocket(pages, methods)
         folders: dict[str, Path] = {}
@@ -245,6 +254,10 @@ class Viewer:
         if drawing.done() and not drawing.cancelled():
             drawing.result()
 
+    def _gone(self, page: str) -> None:
+        for part in self._pointed:
+            part.gone(page)
+
     def _content(self, sockets: PageSocket, folders: dict[str, Path]) -> Content:
         downloads = Downloads(
             self._screenshot, self._title.exports, lambda: len(self._title.notes.entries)
@@ -259,7 +272,10 @@ class Viewer:
             handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
         if self._calibration is not None:
             handlers["/tip.yaml"] = self._calibration.file
-        return Content(handlers, {**folders, "/marginguard/": _WEB}, {"/paraview/": _session})
+        posts: dict[str, Handle] = {"/paraview/": _session}
+        if self._world is not None:
+            posts["/body/{name}"] = BodyUpload(self._world.world).post
+        return Content(handlers, {**folders, "/marginguard/": _WEB}, posts)
 
     def _screenshot(self) -> bytes:
         content = self._page.screenshot()

@@ -85,13 +85,19 @@ def test_second_move_before_the_answer_begins_where_the_first_ends(world, owner)
     assert after.ns > before.ns
 
 
-def test_move_is_done_when_the_body_is_there_in_a_later_state(world, clock):
-    world.move("wall", np.array([0.0, 0.0, 0.005]), EYE)
-    there = places(wall=(0.0, 0.0, 0.005, 0, 0, 0, 1))
-    world.set_places(there, clock.now_ns - 1)
-    assert outcome(world) is RequestOutcome.WAITING
-    world.set_places(there, clock.now_ns + 1)
+def test_move_is_done_when_the_body_is_there(world, clock):
+    world.move("wall", np.array([0.0, 0.0, 2.0]), EYE)
+    for z_mm, expected in ((1.9, RequestOutcome.WAITING), (2.0, RequestOutcome.DONE)):
+        world.set_places(places(wall=(0.0, 0.0, z_mm, 0, 0, 0, 1)), clock.now_ns)
+        assert outcome(world) is expected
+
+
+def test_late_refusal_of_a_move_that_is_too_small_to_be_seen_counts(world, clock):
+    world.move("stone", np.array([0.0, 0.0, 0.1]), EYE)
+    world.set_places(places(), clock.now_ns + 1)
     assert outcome(world) is RequestOutcome.DONE
+    world.refused("body 'stone' overlaps 'wall' by 3.0 mm")
+    assert outcome(world) is RequestOutcome.REFUSED
 
 
 def test_free_body_may_fall_a_little_before_it_is_seen(world, clock):
@@ -115,6 +121,8 @@ def test_refusal_has_the_reason_of_the_simulation(world, reason):
 def test_request_without_effect_has_no_answer_until_it_has_one(world, clock):
     world.move("wall", np.array([5.0, 0.0, 0.0]), EYE)
     clock.now_ns += ANSWER_NS + 1
+    assert outcome(world) is RequestOutcome.UNANSWERED
+    world.refused("body 'wall' overlaps 'stone'")  # of a later request of another program
     assert outcome(world) is RequestOutcome.UNANSWERED
     world.set_places(places(wall=(5.0, 0, 0, 0, 0, 0, 1)), clock.now_ns)
     assert outcome(world) is RequestOutcome.DONE

@@ -8,6 +8,7 @@ from app.viewer import MouseHand, SceneView
 from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.tool_grip import ToolGrip, distance_to_segments
 from app.viewer.hand_part import HandPart
+from app.viewer.pointer_area import PointerArea
 from tests.viewer.manual_clock import ManualClock
 
 KEYS = {"ctrlKey": 0, "altKey": 0, "shiftKey": 0}
@@ -104,7 +105,7 @@ def test_closed_page_lets_go(view, part, hand):
 
 def test_everything_beside_the_tool_is_for_the_camera(view, part, hand):
     area = RecordedArea()
-    gripped = part.area(area)
+    gripped = PointerArea(area, [part])
     at = ToolGrip(view).tip_at()
     beside = at + np.array([0.3, 0.3])
     for kind in ("LeftButtonPress", "MouseMove", "LeftButtonRelease", "MouseWheel"):

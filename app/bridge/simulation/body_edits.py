@@ -37,11 +37,12 @@ from app.geometry import (
     check_frame,
 )
 from app.geometry.welding import weld_vertices
+from app.runtime import MAX_BODY_TRIANGLES
 from app.runtime.rate_limit import RateLimit
 from app.simulation import BodyEntry, EditError, World
 
 MAX_AGE_NS, MAX_AHEAD_NS = NS_PER_S, 5 * NS_PER_MS
-MAX_MOVES, MAX_BODIES, MAX_TRIANGLES = 64, 64, 5000
+MAX_MOVES, MAX_BODIES, MAX_TRIANGLES = 64, 64, MAX_BODY_TRIANGLES
 MAX_PLACE_MM = 10_000.0
 MOVES_PER_S, MOVES_BURST = 500.0, 100.0
 CHANGES_PER_S, CHANGES_BURST = 2.0, 10.0

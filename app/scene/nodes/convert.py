@@ -64,6 +64,12 @@ def world_matrix(node: vtkMRMLTransformNode | None) -> FloatArray:
     return np.array([[matrix.GetElement(row, column) for column in range(4)] for row in range(4)])
 
 
+def world_triangles(model: vtkMRMLModelNode) -> FloatArray:
+    """The corners (n, 3, 3) of a model's triangles in RAS, in mm."""
+    corners = numpy_array(model.GetPolyData().GetPolys().GetConnectivityArray())
+    return world_points(model)[corners.reshape(-1, 3)]
+
+
 def world_points(model: vtkMRMLModelNode) -> FloatArray:
     """The vertices (n, 3) of a model in RAS, in mm."""
     points = numpy_array(model.GetPolyData().GetPoints().GetData()).astype(np.float64)

@@ -4,6 +4,7 @@ import numpy as np
 
 from app.geometry import FloatArray
 from app.scene.nodes.convert import world_matrix, world_points
+from app.viewer.drawing.picture_points import PicturePoints
 from app.viewer.drawing.scene_view import SceneView
 
 REACH = 0.03
@@ -17,7 +18,7 @@ class ToolGrip:
     """
 
     def __init__(self, view: SceneView) -> None:
-        self._view = view
+        self._view, self._picture = view, PicturePoints(view)
         self._tip_mm: FloatArray = np.zeros(3)
         self._offset_mm: FloatArray = np.zeros(3)
 
@@ -30,9 +31,9 @@ class ToolGrip:
         if frames is None or self._view.scene is None or self._view.scene.tool is None:
             return None
         ras_from_tumor, tip_mm = frames
-        width, height = self._view.view.render_window().GetSize()
+        width, height = self._picture.size()
         scale = np.array([width / height, 1.0])
-        points = self._projected(world_points(self._view.scene.tool)) * scale
+        points = self._picture.projected(world_points(self._view.scene.tool)) * scale
         mesh = self._view.content.tool
         edges = (
             np.zeros((1, 2), dtype=np.int64)
@@ -43,7 +44,7 @@ class ToolGrip:
             return None
         if distance_to_segments(at * scale, points[edges[:, 0]], points[edges[:, 1]]) > REACH:
             return None
-        on_plane = self._on_plane(at, tip_mm)
+        on_plane = self._picture.on_plane(at, tip_mm)
         if on_plane is None:
             return None
         tumor_from_ras = np.linalg.inv(ras_from_tumor)
@@ -61,7 +62,7 @@ class ToolGrip:
             return None
         ras_from_tumor, _ = frames
         depth_mm = (ras_from_tumor @ [*self._tip_mm, 1.0])[:3]
-        on_plane = self._on_plane(at, depth_mm)
+        on_plane = self._picture.on_plane(at, depth_mm)
         if on_plane is None:
             return None
         found: FloatArray = np.linalg.inv(ras_from_tumor) @ [*(on_plane + self._offset_mm), 1.0]
@@ -70,7 +71,7 @@ class ToolGrip:
     def tip_at(self) -> FloatArray | None:
         """Where the tip is in the picture, (2,); None while it is not in the scene."""
         frames = self._frames()
-        return None if frames is None else self._projected(frames[1][None])[0]
+        return None if frames is None else self._picture.projected(frames[1][None])[0]
 
     def shown_at(self, point_mm: FloatArray) -> FloatArray | None:
         """Where ``point_mm`` (3,) of the tumour's frame is in the picture, (2,)."""
@@ -78,7 +79,7 @@ class ToolGrip:
         if frames is None:
             return None
         in_ras: FloatArray = frames[0] @ [*point_mm, 1.0]
-        at: FloatArray = self._projected(in_ras[None, :3])[0]
+        at: FloatArray = self._picture.projected(in_ras[None, :3])[0]
         return at
 
     def _frames(self) -> tuple[FloatArray, FloatArray] | None:
@@ -91,31 +92,6 @@ class ToolGrip:
         if tip is None or tumor is None:
             return None
         return world_matrix(tumor), world_matrix(tip)[:3, 3]
-
-    def _matrix(self) -> FloatArray:
-        """From RAS to the picture: the projection of the camera, (4, 4)."""
-        renderer = self._view.view.renderer()
-        width, height = self._view.view.render_window().GetSize()
-        matrix = renderer.GetActiveCamera().GetCompositeProjectionTransformMatrix(
-            width / max(height, 1), -1.0, 1.0
-        )
-        return np.array(matrix.GetData()).reshape(4, 4)
-
-    def _projected(self, points_mm: FloatArray) -> FloatArray:
-        """Points (n, 3) in RAS in the picture, (n, 2); NaN behind the camera."""
-        placed = np.column_stack([points_mm, np.ones(len(points_mm))]) @ self._matrix().T
-        depth = np.where(placed[:, 3] > 0.0, placed[:, 3], np.nan)
-        return np.asarray(0.5 + 0.5 * placed[:, :2] / depth[:, None])
-
-    def _on_plane(self, at: FloatArray, through_mm: FloatArray) -> FloatArray | None:
-        """The point (3,) in RAS under ``at`` in the plane through a point that faces the camera."""
-        placed = self._matrix() @ [*through_mm, 1.0]
-        if placed[3] <= 0.0:
-            return None
-        # A plane that faces the camera has one depth in the picture.
-        depth = placed[2] / placed[3]
-        found = np.linalg.inv(self._matrix()) @ [2.0 * at[0] - 1.0, 2.0 * at[1] - 1.0, depth, 1.0]
-        return np.asarray(found[:3] / found[3])
 
 
 def distance_to_segments(point: FloatArray, first: FloatArray, second: FloatArray) -> float:

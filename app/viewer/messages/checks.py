@@ -58,6 +58,18 @@ def number(low: float, high: float) -> Check:
     return check
 
 
+def numbers(count: int, low: float, high: float) -> Check:
+    """A list of ``count`` finite numbers from ``low`` to ``high``, as a tuple of floats."""
+    each = number(low, high)
+
+    def check(value: object) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != count:
+            raise refused(value, f"{count} numbers from {low:g} to {high:g}")
+        return tuple(each(item) for item in value)
+
+    return check
+
+
 def integer(low: int, high: int) -> Check:
     """An integer from ``low`` to ``high``."""
 

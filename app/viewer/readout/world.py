@@ -28,6 +28,7 @@ def world_values(moment: WorldMoment, now_ns: int, stale_after_ns: int) -> dict[
                 "place": place_text(moment.poses[body.name])
                 if body.name in moment.poses
                 else "place not known",
+                "at": _numbers(moment, body.name),
                 "body": body.kind.is_body,
                 "added": body.kind is BodyKind.ADDED,
             }
@@ -36,6 +37,12 @@ def world_values(moment: WorldMoment, now_ns: int, stale_after_ns: int) -> dict[
         "problem": "" if moment.is_connected else "no simulation receives requests",
         "request": None if moment.request is None else _request(moment.request),
     }
+
+
+def _numbers(moment: WorldMoment, name: str) -> list[float]:
+    """Position in mm; empty while it is not known."""
+    pose = moment.poses.get(name)
+    return [] if pose is None else [round(float(each), 2) for each in pose.translation_mm]
 
 
 def _count(moment: WorldMoment) -> str:

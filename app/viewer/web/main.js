@@ -10,6 +10,7 @@ import { listenToOperator } from "./operator.js";
 import { editContour } from "./contour.js";
 import { calibrateTool } from "./calibration.js";
 import { registerRobot } from "./registration.js";
+import { editWorld } from "./world.js";
 
 const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
@@ -20,5 +21,6 @@ if (window.trame.state.get("title").contour) editContour(window.trame);
 showTimeline(window.trame);
 if (window.trame.state.get("title").live) calibrateTool(window.trame);
 if (window.trame.state.get("title").live) registerRobot(window.trame);
+if (window.trame.state.get("role") === "operate") editWorld(window.trame);
 if (window.trame.state.get("role") === "operate") listenToOperator(window.trame);
 makeAccessible();

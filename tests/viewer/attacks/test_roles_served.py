@@ -1,10 +1,15 @@
 """Roles: everything that an operator may do is refused with the view token."""
 
+from http.client import HTTPConnection
+
 import pytest
 from playwright.sync_api import expect
 
-from tests.viewer.attacks.raw_page import AREA, RawPage, raw_page, response, status_of
-from tests.viewer.conftest import SIZE, Watched
+from tests.bridge.live.conftest import breach as breach
+from tests.bridge.live.conftest import live_yaml as live_yaml
+from tests.ros_domain import domain_id as domain_id
+from tests.viewer.attacks.raw_page import AREA, RawPage, cookie, raw_page, response, status_of
+from tests.viewer.conftest import SIZE, TOKEN, VIEW_TOKEN, Server, Watched
 
 PRESS = {"type": "LeftButtonPress", "x": 5, "y": 5, "w": 100, "h": 100}
 CALLS = {
@@ -102,3 +107,60 @@ def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operat
     assert watched.errors == []
     assert target.log.count("refused") == refused  # the page has not even tried
     context.close()
+
+
+WORLD_CALLS = {
+    "world_move": ("trame.trigger", "world_move", ["wall", 1.0, 0, 0, "x", 0], {}),
+    "world_add": ("trame.trigger", "world_add", ["clip", "box", [1, 1, 1], [0, 0, 0]], {}),
+    "world_remove": ("trame.trigger", "world_remove", ["clip"], {}),
+}
+
+
+@pytest.fixture
+def world_server(can_draw, domain_id, live_yaml, tmp_path):
+    """A live page that edits a simulated world, without a simulation."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    config = live_yaml({"tracked_transforms": {"topic": "/tracked_transforms"}, "clock": "host"})
+    words = ["--live", "--config", str(config), "--world", "marginguard_simulation"]
+    found = Server(words, tmp_path / "view.txt")
+    yield found
+    found.close()
+
+
+def posted(server, who, path, content=b"solid of nothing"):
+    """Status and body of a POST."""
+    link = HTTPConnection(server.host, timeout=60.0)
+    try:
+        link.request("POST", path, content, {"Cookie": who})
+        answer = link.getresponse()
+        return answer.status, answer.read().decode()
+    finally:
+        link.close()
+
+
+def test_view_token_edits_no_simulated_world(world_server):
+    operate, view = cookie(world_server, TOKEN), cookie(world_server, VIEW_TOKEN)
+    with raw_page(world_server, view) as page:
+        viewer = page.greet()
+        for name, call in WORLD_CALLS.items():
+            assert "role view; expected operate" in viewer.call(*call)["error"]["message"], name
+    with raw_page(world_server, operate) as page:
+        operator = page.greet()
+        answer = operator.call("trame.trigger", "no such", [], {})["error"]["message"]
+        commands = answer.rpartition("one of ")[2].split(", ")
+        assert {each for each in commands if each.startswith("world_")} == set(WORLD_CALLS)
+        for name, call in WORLD_CALLS.items():
+            assert "expected" in operator.call(*call)["error"]["message"], name
+        assert (
+            "no simulation receives requests"
+            in operator.call(*WORLD_CALLS["world_add"])["error"]["message"]
+        )
+    path = "/body/clip?x=0&y=0&z=0"
+    assert posted(world_server, view, path) == (403, "")
+    assert posted(world_server, "", path)[0] == 403
+    status, text = posted(world_server, operate, path)
+    assert (status, "clip.stl" in text) == (409, True)
+
+
+def test_page_without_a_simulated_world_takes_no_body(target):
+    assert posted(target.server, target.operate, "/body/clip?x=0&y=0&z=0")[0] == 405
