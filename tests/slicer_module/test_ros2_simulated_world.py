@@ -12,7 +12,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.geometry import MarginGuardError, SurfaceMesh, Transform
-from app.scene.nodes.convert import poly_data, world_matrix
+from app.scene.nodes.convert import poly_data, world_matrix, world_points
 from app.simulation import BodyEntry, World, WorldDescription
 
 CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
@@ -98,6 +98,24 @@ def test_moved_transform_moves_the_body_and_what_physics_moves_comes_back(shown,
     until(lambda: x_of(member, "ball") == pytest.approx(140.0, abs=1e-3))
     assert member.GetProblem() == ""
     assert member.GetNumberOfRequests() == 1
+
+
+def test_bodies_have_their_surfaces_which_move_with_them(shown, physics, logic):
+    member, until = shown
+    until(lambda: None not in [member.GetBodyModelNode(name) for name in ("wall", "ball")])
+    model = member.GetBodyModelNode("wall")
+    member.GetBodyTransformNode("wall").SetMatrixTransformToParent(shifted(-30.0))
+    until(lambda: physics.x("wall") == pytest.approx(-30.0, abs=1e-6))
+    until(lambda: x_of(member, "wall") == pytest.approx(-30.0, abs=1e-6))
+    low, high = world_points(model).min(axis=0), world_points(model).max(axis=0)
+    np.testing.assert_allclose([low, high], [[-40, -10, -10], [-20, 10, 10]], atol=1e-4)
+    count = logic.scene.GetNumberOfNodes()
+    member.RemoveBody("wall")
+    until(lambda: member.GetBodyModelNode("wall") is None)
+    assert not logic.scene.IsNodePresent(model)
+    until(lambda: member.GetBodies() == ["ball"])
+    assert logic.scene.GetNumberOfNodes() == count - 3  # with its display and its transform
+    assert member.GetBodyModelNode("ball") is not None
 
 
 def test_refused_move_goes_back_to_where_the_body_is(shown, physics):

@@ -67,7 +67,7 @@ def world_matrix(node: vtkMRMLTransformNode | None) -> FloatArray:
 def world_triangles(model: vtkMRMLModelNode) -> FloatArray:
     """The corners (n, 3, 3) of a model's triangles in RAS, in mm."""
     corners = numpy_array(model.GetPolyData().GetPolys().GetConnectivityArray())
-    return world_points(model)[corners.reshape(-1, 3)]
+    return np.asarray(world_points(model)[corners.reshape(-1, 3)])
 
 
 def world_points(model: vtkMRMLModelNode) -> FloatArray:

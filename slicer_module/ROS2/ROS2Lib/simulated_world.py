@@ -6,11 +6,15 @@ from typing import Any
 import numpy as np
 from slicer import vtkMRMLModelNode, vtkMRMLScriptedModuleNode
 
+from app.bridge.body_surfaces import BodySurfaces
 from app.bridge.tf import TfError
 from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
 from app.geometry import NS_PER_S, MarginGuardError, Stamp, SurfaceMesh, Transform
+from app.runtime import WorldBody
+from app.scene.body_models import COLOR
 from app.scene.frames.edited_world import EditedWorld
 from app.scene.nodes.convert import world_matrix
+from app.scene.nodes.models import add_model, remove_displayed, smooth_surface
 from ROS2Lib.collision_model import placed_surface
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
@@ -24,6 +28,7 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
 
     Moving such a node sends a request with the time of the edit; the simulation answers by the
     body's next pose, or refuses (`GetProblem`). `AddBody` and `RemoveBody` are requests, too.
+    Each body has its surface under its node, unless `AddBody` has put a model there.
     """
 
     ROLE = "simulated world"
@@ -34,6 +39,10 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
         self._problem = ""
         self._requests = 0
         self._models: dict[str, vtkMRMLModelNode] = {}
+        self._own: set[str] = set()
+        self._surfaces: BodySurfaces | None = None
+        self._received: tuple[WorldBody, ...] = ()
+        self._drawn: dict[str, tuple[WorldBody, vtkMRMLModelNode]] = {}
 
     def GetNumberOfRequests(self) -> int:
         """Number of requests that were sent."""
@@ -46,6 +55,10 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
     def GetBodies(self) -> list[str]:
         """Names of the bodies in the scene, sorted."""
         return [] if self._world is None else sorted(self._world.bodies)
+
+    def GetBodyModelNode(self, body: str) -> Any:
+        """The model node with the surface of a body; None without one."""
+        return self._drawn[body][1] if body in self._drawn else None
 
     def GetBodyTransformNode(self, body: str) -> Any:
         """The transform node of a body; None before its first pose."""
@@ -62,6 +75,7 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
         editor.add(SurfaceMesh(name, vertices, triangles), pose, Stamp(owner.now_ns()))
         if np.allclose(pose.matrix, world_matrix(model.GetParentTransformNode())):
             self._models[name] = model
+            self._own.add(name)
         self._requests += 1
         return True
 
@@ -99,6 +113,7 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
             node = self._world.node(name)
             if node is not None:
                 self._models.pop(name).SetAndObserveTransformNodeID(node.GetID())
+        self._draw()
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
@@ -110,6 +125,32 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
         if self._editor is None or self._owner is None:
             raise Ros2Error(f"{self.GetName()}: the simulated world is not on a ROS node")
         return self._editor, self._owner
+
+    def _draw(self) -> None:
+        """Draw the surfaces that were received last, of the bodies that have a node."""
+        world, scene = self._world, self.GetScene()
+        surfaces = {
+            each.name: each
+            for each in self._received
+            if world is not None
+            and each.kind.is_body
+            and each.name not in self._own
+            and world.node(each.name) is not None
+        }
+        for name, (body, model) in tuple(self._drawn.items()):
+            if surfaces.get(name) is not body:
+                del self._drawn[name]
+                remove_displayed(scene, model)
+        for name, body in surfaces.items():
+            if name not in self._drawn and world is not None:
+                surface, node = smooth_surface(body.mesh), world.node(name)
+                model = add_model(scene, name, surface, COLOR, parent=node)
+                model.SaveWithSceneOff()  # the simulation has it
+                self._drawn[name] = body, model
+
+    def _take(self, bodies: list[WorldBody]) -> None:
+        """In the thread of the ROS node."""
+        self._received = tuple(bodies)
 
     def _move(self, poses: list[Transform], stamp: Stamp) -> None:
         editor, _ = self._on_graph()
@@ -127,11 +168,17 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
         self.SaveWithSceneOff()  # its bodies are those of a running simulation
         self.SetName(f"ros2:simulatedworld:{simulation}")
         self._editor = WorldEditor(owner.ros, simulation, self._refused)
+        self._surfaces = BodySurfaces(owner.ros, simulation, self._take)
         scene = self.GetScene()
         self._world = EditedWorld(scene, WORLD, self._move, self._not_sent, clock_ns=owner.now_ns)
         _ = owner.buffer  # listen to tf from now on
 
     def _stop(self) -> None:
+        self._received = ()
+        self._draw()
+        if self._surfaces is not None:
+            self._surfaces.close()
+            self._surfaces = None
         if self._world is not None:
             self._world.clear()
         if self._editor is not None:
