@@ -1,5 +1,6 @@
 """The bodies of a simulated world, as a user sees and edits them."""
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,8 +25,8 @@ MAX_BODY_TRIANGLES = 5000
 """Of a body that a user adds."""
 
 _SAME_MM, _SAME = 0.01, 1e-4
-_NEAR_MM, _NEAR = 0.5, 1e-2
-"""For a free body, which falls a little before its first pose at the place of a request."""
+_NEAR_MM = 2.0
+"""Of a free body, which falls before its first pose at the place of a request is received."""
 
 Place = tuple[float, float, float, float, float, float, float]
 """x, y, z in mm and the quaternion x, y, z, w, as received."""
@@ -188,10 +189,11 @@ class SimulatedWorld:
     def place(self, world_from_body: Transform) -> None:
         """Request a body at a pose."""
         owner, name = self._connected(), world_from_body.source
+        before = self._pose(name, self._places)
         stamp_ns = self._begin(
             f"move {name} to {place_text(world_from_body)}",
             name,
-            lambda: self._is_at(world_from_body),
+            lambda: self._is_at(world_from_body, before),
             world_from_body,
         )
         owner.move([world_from_body], Stamp(stamp_ns))
@@ -261,17 +263,17 @@ class SimulatedWorld:
     def _has(self, name: str) -> bool:
         return any(each.name == name for each in self._bodies)
 
-    def _is_at(self, target: Transform) -> bool:
+    def _is_at(self, target: Transform, before: Transform | None) -> bool:
+        """True if a body is at ``target``; a free one may have fallen from there meanwhile."""
         pose = self._pose(target.source, self._places)
         if pose is None:
             return False
-        free = (each.name for each in self._bodies if each.kind is BodyKind.FREE)
-        is_free = target.source in free
-        way_mm = float(np.linalg.norm(pose.translation_mm - target.translation_mm))
+        x, y, z = (pose.translation_mm - target.translation_mm).tolist()
+        if target.source in [each.name for each in self._bodies if each.kind is BodyKind.FREE]:
+            has_moved = before is None or pose.distance_mm_to(before) > _NEAR_MM
+            return math.hypot(x, y) < _NEAR_MM and (abs(z) < _NEAR_MM or (z < 0.0 and has_moved))
         turned = float(np.abs(pose.rotation - target.rotation).max())
-        return way_mm < (_NEAR_MM if is_free else _SAME_MM) and turned < (
-            _NEAR if is_free else _SAME
-        )
+        return math.hypot(x, y, z) < _SAME_MM and turned < _SAME
 
     def _pose(self, name: str, places: Mapping[str, Place]) -> Transform | None:
         place = places.get(name)
