@@ -28,7 +28,7 @@ def write_plot(path: Path, bins: "Sequence[Bin]", values: Mapping[str, float]) -
         fmt="o",
         color=_MARK,
         capsize=3.0,
-        label="tenths of the cases; 2 standard deviations by chance",
+        label="cases by tenths of probability; 2 standard deviations by chance",
     )
     upper.set_title(
         f"{values['cases']:.0f} simulated cases: Brier score {values['Brier score']:.3f} "
