@@ -153,6 +153,7 @@ LONG = {
         "tests/bridge/playback/test_refused_playback.py",
     ),
     "records live sessions and servers in further processes": (
+        "tests/bridge/live/test_recorded_content.py",
         "tests/bridge/live/test_session_recording.py",
         "tests/igtl/test_record_igtl.py",
     ),

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from app.case import DOCUMENTS
@@ -24,6 +25,14 @@ POINTS = {
         "moving_mm": [[1.0, 2, 3]],
         "max_drift_mm": 1,
         "max_drift_deg": 2.0,
+    }
+}
+GIVEN = {
+    "registration": {
+        "method": "given",
+        "matrix": IDENTITY,
+        "covariance": np.eye(6).ravel().tolist(),
+        "degrees_of_freedom": 12,
     }
 }
 XACRO = {
@@ -145,6 +154,7 @@ def complete(document: str) -> list[dict[str, Any]]:
         "tumor": tumor | {"mesh": {"path": "t.stl", "units": "cm", "repair": True}},
         "tool": values["tool"] | {"mesh": {"path": "tool.ply", "units": "mm", "repair": True}},
     }
+    mesh["tool"]["sigma_mm"] = 0.2
     segment = {"tumor": tumor | {"mesh": {"path": "t.nrrd", "segment": "T"}}}
     if document == "live":
         igtl = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
@@ -154,18 +164,14 @@ def complete(document: str) -> list[dict[str, Any]]:
             values,
             full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,
             full | BOX | POINTS | segment | LIVE_IMAGES | {"source": igtl, "clock": known},
-            full | {"tumor": contour} | TOPIC_IMAGES,
+            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN,
             full | XACRO | POINTS,
         ]
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
         full | XACRO | POINTS | IMAGES,
-        full
-        | BOX
-        | mesh
-        | TOPIC_IMAGES
-        | {"clock": known, "registration": {"method": "given", "matrix": IDENTITY}},
+        full | BOX | mesh | TOPIC_IMAGES | GIVEN | {"clock": known},
         full
         | {
             "registration": {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]},

@@ -72,6 +72,7 @@ from .readers.rosbag2.frames import read_mcap
 from .recorder.bag_writer import BagTopic, BagWriter
 from .recorder.recorder import Recorder, write_recording
 from .schemas import DOCUMENTS, schema_text
+from .session_values import RegistrationValues, SessionValues, received_values, sent_values
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,
@@ -129,8 +130,10 @@ __all__ = [
     "RecordingFormat",
     "RecordingInventory",
     "RegistrationEntry",
+    "RegistrationValues",
     "RobotEntry",
     "SegmentationEntry",
+    "SessionValues",
     "SphereEntry",
     "TfSourceEntry",
     "ToolEntry",
@@ -157,10 +160,12 @@ __all__ = [
     "read_mcap",
     "read_mrml",
     "read_recording",
+    "received_values",
     "recording_formats",
     "recording_kinds",
     "recover_recording",
     "schema_text",
+    "sent_values",
     "stale_after_ns",
     "standard_image",
     "tumor_from_contour",

@@ -55,9 +55,9 @@ def _write(case: Case, folder: Path) -> None:
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")
 
 
-def copy_named_files(case: Case, folder: Path) -> None:
+def copy_named_files(case: Case, folder: Path, *, with_tumor: bool = True) -> None:
     """Copy the files that the manifest names, except the recording, to ``folder``."""
-    for name in _named_files(case):
+    for name in _named_files(case, with_tumor=with_tumor):
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         source = resolve_inside(case.folder, name, name)
@@ -67,10 +67,10 @@ def copy_named_files(case: Case, folder: Path) -> None:
             shutil.copyfile(source, target)
 
 
-def _named_files(case: Case) -> list[str]:
+def _named_files(case: Case, *, with_tumor: bool) -> list[str]:
     """Files of the case folder other than the recording, relative to it."""
     manifest = case.manifest
-    names = [manifest.tumor.shape.path]
+    names = [manifest.tumor.shape.path] if with_tumor else []
     if manifest.tool.mesh is not None:
         names.append(manifest.tool.mesh.path)
     if manifest.expected is not None:

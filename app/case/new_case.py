@@ -78,7 +78,7 @@ def write_case(
             "recording": {"path": _RECORDING, "sha256": sha256_of(partial / _RECORDING)},
             "tool": _entry(_TOOL, tool, "tip_from"),
             "tumor": _entry(_TUMOR, tumor, "pose"),
-            "margins": _margins(margins),
+            "margins": margin_values(margins),
         }
         text = yaml.safe_dump(manifest, sort_keys=False, default_flow_style=None, width=100)
         (partial / MANIFEST_NAME).write_text(text, encoding="utf-8")
@@ -96,7 +96,7 @@ def _entry(file: str, body: TrackedBody, pose_key: str) -> dict[str, Any]:
     }
 
 
-def _margins(margins: MarginEntry) -> dict[str, float | int]:
+def margin_values(margins: MarginEntry) -> dict[str, float | int]:
     """The manifest's ``margins``: times in ms, everything else as it is."""
     values = asdict(margins)
     return {

@@ -51,6 +51,22 @@ def check_mesh_path(path: Path) -> None:
     check_output_path(path)
 
 
+def write_exact_ply(path: Path, mesh: SurfaceMesh) -> None:
+    """Write ``mesh`` to ``path`` as PLY atomically, in mm; reading it gives the same coordinates.
+
+    Raises `InputError` for a path that cannot be written.
+    """
+    check_output_path(path)
+    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.faces
+    header = (
+        b"ply\nformat binary_little_endian 1.0\n%selement vertex %d\nproperty double x\n"
+        b"property double y\nproperty double z\nelement face %d\n"
+        b"property list uchar int vertex_indices\nend_header\n"
+    ) % (_PLY_COMMENT, len(mesh.vertices_mm), len(faces))
+    write_file(path, header + mesh.vertices_mm.astype("<f8").tobytes() + faces.tobytes())
+
+
 def write_mesh(path: Path, mesh: SurfaceMesh) -> None:
     """Write ``mesh`` to ``path`` (``.stl``, ``.ply``) atomically, in mm and single precision.
 

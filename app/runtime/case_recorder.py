@@ -11,11 +11,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
+from app.case import SessionValues, sent_values
 from app.geometry import InputError
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -94,11 +96,12 @@ class CaseRecorder:
         running = self._running
         return None if running is None else running.status
 
-    def start(self, name: str = "") -> Path:
+    def start(self, name: str = "", values: SessionValues | None = None) -> Path:
         """Begin to record; return the new folder once messages are recorded. Takes seconds.
 
-        Raises `InputError` for an invalid name, a folder that exists, while a recording runs, and
-        where nothing can be written: then nothing is left.
+        ``values`` are those that the session uses at present; None for those of ``config``. Raises
+        `InputError` for an invalid name, a folder that exists, while a recording runs, and where
+        nothing can be written: then nothing is left.
         """
         with self._lock:
             if self._running is not None and self._running.status.active:
@@ -118,19 +121,23 @@ class CaseRecorder:
                     f"{self._cases} cannot be written: {error.strerror}; expected a folder for "
                     "recordings"
                 ) from error
+            arguments = ["-o", str(folder), "--config", str(self._config), *self._options]
+            if values is not None:
+                arguments.append("--session-values")
             recording = _Recording(
-                [*_command(), "-o", str(folder), "--config", str(self._config), *self._options],
-                folder,
-                lambda line: self.ended(line),
+                [*_command(), *arguments], folder, lambda line: self.ended(line), values
             )
             self._running = recording
             return recording.folder
 
     def note_replaced(self, parts: Sequence[str]) -> None:
-        """Note in a running recording that ``parts`` of the session are not those of its case."""
-        with self._lock:
-            if parts and self._running is not None and self._running.status.active:
-                self._running.note_replaced(parts)
+        """Note in a running recording that ``parts`` of the session are not those of its case.
+
+        Does not wait for a recording that begins.
+        """
+        running = self._running
+        if parts and running is not None and running.status.active:
+            running.note_replaced(parts)
 
     def stop(self) -> RecordingStatus:
         """Finish the running recording and return its last status.
@@ -158,13 +165,18 @@ class _Recording:
     """One run of the recorder. Raises `InputError` if it ends before it records."""
 
     def __init__(
-        self, arguments: Sequence[str], folder: Path, ended: Callable[[str], None]
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        ended: Callable[[str], None],
+        values: SessionValues | None,
     ) -> None:
         self.folder = folder
         self.status = RecordingStatus(folder, active=False)
         self._ended = ended
         self._error = ""
         self._has_begun = self._stopping = False
+        self._writing = threading.Lock()
         self._began, self._done = threading.Event(), threading.Event()
         root = str(Path(__file__).resolve().parents[2])
         known = os.environ.get("PYTHONPATH")
@@ -181,6 +193,8 @@ class _Recording:
         threading.Thread(
             target=self._read_status, args=(errors,), name="recorder", daemon=True
         ).start()
+        if values is not None:
+            self._write(*sent_values(values))
         if not self._began.wait(_START_S):
             self._process.kill()
             self._done.wait(_STOP_S)
@@ -193,13 +207,7 @@ class _Recording:
 
     def note_replaced(self, parts: Sequence[str]) -> None:
         """Send the names of the replaced parts to the recorder."""
-        stdin = self._process.stdin
-        try:
-            if stdin is not None:
-                stdin.write(json.dumps({"replaced": list(parts)}).encode() + b"\n")
-                stdin.flush()
-        except (OSError, ValueError):
-            return  # the recorder has ended; its status says why
+        self._write(json.dumps({"replaced": list(parts)}).encode() + b"\n")
 
     def stop(self) -> RecordingStatus:
         """Let the recorder finish its files, and wait for it."""
@@ -213,6 +221,16 @@ class _Recording:
         if self._error:
             raise InputError(f"recording: {self._error}; expected a complete one")
         return self.status
+
+    def _write(self, *parts: bytes) -> None:
+        """Write to the recorder, unless it has ended: its status says why."""
+        stdin = self._process.stdin
+        if stdin is None:
+            return
+        with self._writing, suppress(OSError, ValueError):
+            for part in parts:
+                stdin.write(part)
+            stdin.flush()
 
     def _read_status(self, errors: threading.Thread) -> None:
         for line in _lines(self._process.stdout):

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from typing import Any
 
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
@@ -180,7 +181,12 @@ class OperatorCommands:
             proximity, change = self._replacement(setup, shown, frame_from_tumor, tumor)
             if sigma_mm != shown.tumor_sigma_mm:
                 change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
-            content = replace(self._content, tumor=tumor, tumor_sigma_mm=sigma_mm)
+            new: dict[str, Any] = {
+                "tumor": tumor,
+                "tumor_sigma_mm": sigma_mm,
+                "tumor_accepted": True,
+            }
+            content = replace(self._content, **new)
             switches = self._prepare(content)
             _ = content.model_id  # computed now, before the session waits for it
             with self._between_steps() as session:
@@ -198,9 +204,7 @@ class OperatorCommands:
                         proximity=proximity,
                         tumor_sigma_mm=sigma_mm,
                     ),
-                    replace(
-                        self._content, tumor=tumor, static_edges=edges, tumor_sigma_mm=sigma_mm
-                    ),
+                    replace(self._content, static_edges=edges, **new),
                     switches,
                     change,
                 )
@@ -241,12 +245,15 @@ class OperatorCommands:
     def start_recording(self, name: str = "", *, origin: str = THIS_PROCESS) -> RecordingStatus:
         """Record the session as a new case called ``name``, or by date. Takes seconds.
 
+        The case contains the tumour, tip, registration and margins in use now; those that are
+        replaced while it is recorded are noted in it.
+
         Raises `InputError` as `CaseRecorder.start`; the session is not affected.
         """
         with self._listed(RequestKind.RECORD, origin) as done:
-            recorder = self._recording_by()
-            folder = recorder.start(name)
-            recorder.note_replaced(self._content.replaced_since(self._initial))
+            recorder, content = self._recording_by(), self._content
+            folder = recorder.start(name, content.values(self._initial))
+            recorder.note_replaced(self._content.replaced_since(content))
             done.append(f"recording to {folder}")
         return recorder.status or RecordingStatus(folder, active=True)
 
@@ -302,8 +309,6 @@ class OperatorCommands:
                     replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm),
                     switches,
                 )
-            if self._recorder is not None:
-                self._recorder.note_replaced(("tip",))
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 
@@ -321,13 +326,19 @@ class OperatorCommands:
 
     @contextmanager
     def _listed(self, kind: RequestKind, origin: str) -> Iterator[list[str]]:
-        """List the request as accepted, with the texts added to the list, or as refused."""
+        """List the request as accepted, with the texts added to the list, or as refused.
+
+        A running recording notes what it has replaced.
+        """
         done: list[str] = []
+        before = self._content
         try:
             yield done
         except Exception as error:
             self.requests.refused(kind, origin, str(error))
             raise
+        if self._recorder is not None and self._content is not before:
+            self._recorder.note_replaced(self._content.unpublished_changes(before))
         self.requests.accepted(kind, origin, "; ".join(done))
 
     def _check_size(self, tumor: SurfaceMesh) -> None:

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.case import Case
+from app.case import Case, MarginEntry, RegistrationValues, SessionValues
 from app.fixture import MarginParameters
 from app.geometry import FrameError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
@@ -30,7 +30,8 @@ class SessionContent:
     once. ``tumor_sigma_mm``: standard deviation of the tumour's surface, ``tip_sigma_mm`` that of
     the calibrated tip; 0 where they are not stated. ``robot`` is None for a tool that is held by
     hand. ``robot_file`` with ``package_dirs`` and ``xacro_args`` is where the robot's description
-    is read from. ``simulated``: the poses are not a patient's.
+    is read from. ``simulated``: the poses are not a patient's. ``tumor_accepted``: an operator has
+    accepted the tumour in this session.
     """
 
     name: str
@@ -46,6 +47,7 @@ class SessionContent:
     simulated: bool = False
     tumor_sigma_mm: float = 0.0
     tip_sigma_mm: float = 0.0
+    tumor_accepted: bool = False
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -88,14 +90,54 @@ class SessionContent:
         registration = self.registration
         return "" if registration is None else _digest(registration.transform.matrix)
 
+    @property
+    def frame_from_tumor(self) -> Transform:
+        """The tumour in the tracked frame that it moves with. Raises `FrameError` without one."""
+        for edge in self.static_edges:
+            if edge.source == self.tumor.frame:
+                return edge
+        raise FrameError(f"static transforms: none places {self.tumor.frame!r}; expected one")
+
     def replaced_since(self, before: "SessionContent") -> tuple[str, ...]:
-        """Which of tumour, registration and tip are others than those of ``before``."""
+        """Which of tumour, registration, tip and margins are others than those of ``before``."""
+        if self is before:
+            return ()
+        tumors = [(c.model_id, c.frame_from_tumor, c.tumor_sigma_mm) for c in (self, before)]
+        tips = [(c.tool_from_tip, c.tip_sigma_mm) for c in (self, before)]
         parts = {
-            "tumour": self.model_id != before.model_id,
-            "registration": self.registration_id != before.registration_id,
-            "tip": self.tool_from_tip != before.tool_from_tip,
+            "tumour": tumors[0] != tumors[1],
+            "registration": self.registration is not before.registration,
+            "tip": tips[0] != tips[1],
+            "margins": self.margins != before.margins,
         }
         return tuple(name for name, differs in parts.items() if differs)
+
+    def unpublished_changes(self, before: "SessionContent") -> tuple[str, ...]:
+        """Those of `replaced_since` that the ids of published constraints do not show."""
+        shown = {
+            "tumour": self.model_id != before.model_id,
+            "registration": self.registration_id != before.registration_id,
+        }
+        return tuple(part for part in self.replaced_since(before) if not shown.get(part))
+
+    def values(self, initial: "SessionContent") -> SessionValues:
+        """What a recording has to contain of a session that began with ``initial``."""
+        registration = self.registration
+        return SessionValues(
+            tool_from_tip=self.tool_from_tip,
+            tip_sigma_mm=self.tip_sigma_mm,
+            frame_from_tumor=self.frame_from_tumor,
+            tumor_sigma_mm=self.tumor_sigma_mm,
+            margins=MarginEntry(**asdict(self.margins)),
+            tumor=None if self.model_id == initial.model_id else self.tumor,
+            registration=None
+            if registration is None or registration is initial.registration
+            else RegistrationValues(
+                registration.transform,
+                registration.covariance,
+                registration.degrees_of_freedom,
+            ),
+        )
 
     def robot_description(self) -> str | None:
         """Read the robot's URDF; None without a robot. Raises `UrdfError` for a broken file."""

@@ -32,6 +32,7 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
         robot=_robot_setup(case, margins),
         plausibility=manifest.plausibility,
         tumor_sigma_mm=manifest.tumor.sigma_mm,
+        tip_sigma_mm=manifest.tool.sigma_mm,
     )
 
 

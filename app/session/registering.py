@@ -34,7 +34,9 @@ def register_robot(
             f"case {case.manifest.name!r} has a robot but no registration; expected one"
         )
     if entry.reference_from_base is not None:
-        return given_registration(entry.reference_from_base), None
+        covariance = None if entry.covariance is None else np.array(entry.covariance).reshape(6, 6)
+        known = entry.reference_from_base, covariance, entry.degrees_of_freedom
+        return given_registration(*known), None
     if entry.fixed_mm:
         return register_points(
             entry.fixed_mm,

@@ -5,11 +5,14 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from app.case import received_values
 from app.geometry import InputError
 from app.runtime import CaseRecorder, case_recorder
 from app.runtime.case_recorder import RecordingStatus
+from tests.case.test_session_values import VALUES
 
 RECORDER = """
 import json, sys
@@ -23,7 +26,7 @@ print("[INFO] not an object")
 status(1, {})
 (folder / "arguments").write_text(" ".join(sys.argv[1:]))
 FAILS
-(folder / "input").write_text(sys.stdin.read())
+(folder / "input").write_bytes(sys.stdin.buffer.read())
 status(7, {"/tf": 2})
 """
 """TEST DOUBLE of ``marginguard record --json --until-eof``."""
@@ -59,7 +62,7 @@ def test_recording_is_named_by_case_and_time_and_reports_what_it_wrote(
     assert found.status is None
     with pytest.raises(InputError, match="none is running; expected one"):
         found.stop()
-    folder = found.start()
+    folder = found.start("", VALUES)
     assert folder == tmp_path / "cases" / "lumpectomy_left_3-20260304-050607"
     assert (tmp_path / "cases").stat().st_mode & 0o077 == 0
     running = found.status
@@ -70,12 +73,16 @@ def test_recording_is_named_by_case_and_time_and_reports_what_it_wrote(
     found.note_replaced(("tumour", "tip"))
     ended = found.stop()
     found.note_replaced(("tip",))  # without effect: nothing is recorded
-    assert (folder / "input").read_text() == '{"replaced": ["tumour", "tip"]}\n'
+    with (folder / "input").open("rb") as sent:
+        values = received_values(sent)
+        assert sent.read() == b'{"replaced": ["tumour", "tip"]}\n'
+    assert values.tumor is not None and VALUES.tumor is not None
+    assert np.array_equal(values.tumor.vertices_mm, VALUES.tumor.vertices_mm)
     assert ended == RecordingStatus(folder, False, 65.0, 7, {"/tf": 2}, ("/tf",))
     assert ended.line == f"recorded in {folder}: 65 s, 7 messages, 2 lost (/tf 2)"
     arguments = (folder / "arguments").read_text()
     assert arguments.startswith(f"-o {folder} --config {tmp_path / 'live.yaml'}")
-    assert arguments.endswith("--namespace=room")
+    assert arguments.endswith("--namespace=room --session-values")
     with pytest.raises(InputError, match="already exists; refusing to overwrite it"):
         found.start()
 

@@ -2,14 +2,14 @@
 
 import threading
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.case import JointSample, TrackingFrame
+from app.case import JointSample, MarginEntry, TrackingFrame
 from app.fixture import MarginState, NotRearmableError, TipProximity
 from app.geometry import (
     FrameError,
@@ -191,26 +191,38 @@ class RecorderDouble:
     status = None
 
     def __init__(self):
-        self.noted = []
+        self.noted, self.values = [], []
 
-    def start(self, name):
+    def start(self, name, values):
+        self.values.append(values)
         return Path("cases", name)
 
     def note_replaced(self, parts):
         self.noted.append(parts)
 
 
-def test_recording_notes_what_was_replaced_before_and_a_tip_that_is_replaced_later(world):
+def test_recording_begins_with_the_values_in_use_and_notes_what_is_replaced_later(world):
     recorder = RecorderDouble()
     world.commands = commands = OperatorCommands(
         world.between_steps, world.content, world.outputs, holds=world.holds, recorder=recorder
     )
     commands.start_recording("a")
-    commands.set_tumor(TUMOR_EDGE, LARGER)
+    commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.5)  # shown by the ids of the constraint
+    tip = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 119.0])
+    commands.set_tip(tip, sigma_mm=0.2)
+    margins = PARAMETERS.replaced(stop_mm=2.0, warn_mm=6.0)
+    commands.set_margins(margins)
+    registration = given_registration(MOVED_BASE)
+    commands.set_registration(registration)
+    commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.7)  # the same surface: not shown by them
     commands.start_recording("b")
-    commands.set_tip(Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 119.0]))
-    commands.start_recording("c")
-    assert recorder.noted == [(), ("tumour",), ("tip",), ("tumour", "tip")]
+    assert recorder.noted == [(), (), ("tip",), ("margins",), (), ("tumour",), ()]
+    first, second = recorder.values
+    assert (first.tumor, first.registration, first.tip_sigma_mm) == (None, None, 0.0)
+    assert (second.tool_from_tip, second.tip_sigma_mm) == (tip, 0.2)
+    assert (second.tumor, second.tumor_sigma_mm) == (LARGER, 0.7)
+    assert second.margins == MarginEntry(**asdict(margins))
+    assert second.registration.reference_from_base is registration.transform
 
 
 @pytest.mark.parametrize(

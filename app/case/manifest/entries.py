@@ -77,11 +77,15 @@ class ContourEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolEntry:
-    """The tracked tool. The mesh is in the tip's frame; without one only the tip is replayed."""
+    """The tracked tool. The mesh is in the tip's frame; without one only the tip is replayed.
+
+    ``sigma_mm``: standard deviation of the tip in its worst direction, 0 where it is not stated.
+    """
 
     frame: str
     mesh: MeshEntry | None
     tool_from_tip: Transform
+    sigma_mm: float = 0.0
 
     @property
     def tip_frame(self) -> str:
@@ -136,6 +140,8 @@ class RegistrationEntry:
 
     After registration the tool's pose is measured twice, by tracker and robot. A difference of more
     than ``max_drift_mm`` or ``max_drift_rad`` means that the registration no longer holds.
+    ``covariance`` (36 numbers, row by row) and ``degrees_of_freedom`` belong to a given pose; None
+    where they are not known.
     """
 
     method: RegistrationMethod
@@ -145,6 +151,8 @@ class RegistrationEntry:
     dwells: tuple[Dwell, ...]
     max_drift_mm: float
     max_drift_rad: float
+    covariance: tuple[float, ...] | None = None
+    degrees_of_freedom: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

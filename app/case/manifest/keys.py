@@ -110,6 +110,13 @@ _TOOL = Block(
             {"matrix": Numbers(MATRIX, 16)},
             rules=(RIGID,),
         ),
+        "sigma_mm": Number(
+            "standard deviation of the tip in its worst direction, added to that of the "
+            "registration",
+            default=0.0,
+            minimum=0.0,
+            maximum=10.0,
+        ),
     },
 )
 
@@ -196,7 +203,12 @@ _PACKAGE_DIRS = Texts(
     optional=True,
 )
 
-BY_MATRIX = Variant("given", ("matrix",), where={"method": {"const": "given"}})
+BY_MATRIX = Variant(
+    "given",
+    ("matrix",),
+    ("covariance", "degrees_of_freedom"),
+    where={"method": {"const": "given"}},
+)
 BY_POINTS = Variant(
     "paired_points", ("fixed_mm", "moving_mm"), where={"method": {"const": "paired_points"}}
 )
@@ -213,6 +225,15 @@ REGISTRATION = Block(
             ("given", "paired_points", "robot_world"),
         ),
         "matrix": Numbers(f"pose of the base in reference: {MATRIX}", 16, optional=True),
+        "covariance": Numbers(
+            "of the small motion of the base in reference, turn (rad) before shift (mm): 36 "
+            "numbers row by row; without it the error is not known",
+            36,
+            optional=True,
+        ),
+        "degrees_of_freedom": Integer(
+            "those of the residuals that gave the covariance", 1, 1_000_000, optional=True
+        ),
         "fixed_mm": ListOf(
             "points in reference",
             Numbers("a point", 3),
@@ -248,7 +269,12 @@ REGISTRATION = Block(
     },
     optional=True,
     variants=(BY_MATRIX, BY_POINTS, BY_POINT_DWELLS, BY_POSE_DWELLS),
-    rules=(RIGID, "moving_mm has as many points as fixed_mm", "dwells do not overlap"),
+    rules=(
+        RIGID,
+        "moving_mm has as many points as fixed_mm",
+        "dwells do not overlap",
+        "a covariance is symmetric and has no negative variance",
+    ),
 )
 
 _MARGINS = Block(

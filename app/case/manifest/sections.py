@@ -71,6 +71,7 @@ def read_tool(document: Section) -> ToolEntry:
         frame,
         _tool_mesh(block.section("mesh")) if "mesh" in block else None,
         _pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
+        block.number("sigma_mm"),
     )
 
 
@@ -171,6 +172,10 @@ def read_registration(document: Section, robot: RobotEntry | None) -> Registrati
         dwells=_dwells(block) if "dwells" in variant.required else (),
         max_drift_mm=block.number("max_drift_mm"),
         max_drift_rad=math.radians(block.number("max_drift_deg")),
+        covariance=block.numbers("covariance") if "covariance" in block else None,
+        degrees_of_freedom=block.integer("degrees_of_freedom")
+        if "degrees_of_freedom" in block
+        else None,
     )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from app.bridge import RosNode
     from app.bridge.live.igtl_recorder import IgtlRecorder
     from app.bridge.live.recorder import RosRecorder
-    from app.case import BagWriter, LiveCase
+    from app.case import BagWriter, LiveCase, SessionValues
 
 SUMMARY = "record a live case over ROS 2"
 
@@ -78,6 +78,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for the program that starts it: also end, with exit status 0, when standard input "
         'ends; a line {"replaced": ["tip"]} of it is noted in the recording',
     )
+    parser.add_argument(
+        "--session-values",
+        action="store_true",
+        help="for a live session: with --until-eof and --config, standard input begins with the "
+        "tumour, tip, registration and margins that it uses at present; they are those of the case",
+    )
     add_json(parser)
 
 
@@ -86,6 +92,7 @@ def run(options: argparse.Namespace) -> int:
     with note_signals() as received:
         stop, replaced = threading.Event(), SimpleQueue[str]()
         received.stops(stop.set)
+        values = _session_values(options)
         if options.until_eof:
             threading.Thread(target=_read_input, args=(stop, replaced), daemon=True).start()
         topics, live = _topics_and_case(options)
@@ -99,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
         # Create the node first: where ROS refuses it, no folder is left.
         with RosNode("marginguard_recorder", namespace=options.namespace) as ros:
             if live is not None:
-                begin_case(live, options.output)
+                begin_case(live, options.output, values)
             try:
                 bag = BagWriter(options.output / RECORDING_FOLDER)
             except InputError:
@@ -114,6 +121,18 @@ def run(options: argparse.Namespace) -> int:
         for topic, count in counts.items():
             lines.note(f"  {topic}: {count}")
     return received.exit_status
+
+
+def _session_values(options: argparse.Namespace) -> "SessionValues | None":
+    """Those that begin standard input, None without ``--session-values``."""
+    if not options.session_values:
+        return None
+    from app.case import received_values
+    from app.geometry import InputError
+
+    if not options.until_eof or options.config is None:
+        raise InputError("--session-values: expected --until-eof and --config with it")
+    return received_values(sys.stdin.buffer)
 
 
 def _read_input(stop: threading.Event, replaced: "SimpleQueue[str]") -> None:

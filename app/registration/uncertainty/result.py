@@ -79,22 +79,29 @@ class RegistrationResult:
         return tuple(i for i in range(len(self.residuals_mm)) if i not in self.outliers)
 
 
-def given_registration(transform: Transform) -> RegistrationResult:
-    """Return an accepted registration from a given transform, with unknown uncertainty.
+def given_registration(
+    transform: Transform,
+    covariance: FloatArray | None = None,
+    degrees_of_freedom: int | None = None,
+) -> RegistrationResult:
+    """Return an accepted registration from a given transform.
 
-    `predict_tre` raises `CovarianceError` for it.
+    Without ``covariance`` (6, 6) its uncertainty is unknown, and `predict_tre` raises
+    `CovarianceError` for it. Raises `CovarianceError` for a matrix that is no covariance.
     """
+    error = "its error is not known" if covariance is None else "with its covariance"
     return RegistrationResult(
         transform=transform,
         residuals_mm=np.empty(0),
         fre_mm=None,
         fle_mm=None,
         leave_one_out_mm=np.empty(0),
-        covariance=None,
+        covariance=covariance,
         condition=math.nan,
         accepted=True,
-        reason="given, not computed: its error is not known",
+        reason=f"given, not computed: {error}",
         method="given",
+        degrees_of_freedom=degrees_of_freedom,
     )
 
 

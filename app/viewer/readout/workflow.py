@@ -18,6 +18,7 @@ def workflow_values(
     shown: ViewState | None,
     *,
     is_live: bool,
+    has_images: bool,
     calibration: CalibrationStatus | None,
     recording: RecordingStatus | None,
 ) -> dict[str, Any] | None:
@@ -29,6 +30,7 @@ def workflow_values(
         shown.content,
         is_live=is_live,
         silent=shown.silent,
+        has_images=has_images,
         calibration=calibration,
         recording=recording,
     )

@@ -263,5 +263,5 @@ def test_replaced_tumour_is_noted_in_the_recording(
     assert corners == {(0, 0, 0), (0.02, 0, 0), (0, 0.02, 0), (0, 0, 0.02)}
     opened = open_case(case)
     assert any(opened.recorded_frames())
-    note = "changes.yaml: tumour, registration or tip were replaced"
+    note = "changes.yaml: tumour, registration, tip or margins were replaced"
     assert any(note in each for each in opened.notes())

@@ -116,3 +116,13 @@ def test_given_registration_cannot_be_evaluated() -> None:
     given = given_registration(Transform.identity("fixed", "moving"))
     with pytest.raises(CovarianceError):
         evaluate_acceptance(given, [[0.0, 0.0, 0.0]], AcceptanceLimits())
+
+
+def test_given_registration_has_the_given_covariance_or_none() -> None:
+    transform = Transform.identity("fixed", "moving")
+    assert given_registration(transform).covariance is None
+    known = given_registration(transform, np.diag([1e-6] * 3 + [0.1] * 3), 12)
+    assert np.array_equal(known.covariance, np.diag([1e-6] * 3 + [0.1] * 3))
+    assert (known.accepted, known.degrees_of_freedom) == (True, 12)
+    with pytest.raises(CovarianceError, match="expected a symmetric matrix"):
+        given_registration(transform, np.eye(6) + np.eye(6, k=1))

@@ -90,6 +90,15 @@ def test_tip_at_the_origin_and_unused_calibrations_are_not_done():
     assert done["calibrate"].state is WorkflowState.DONE
 
 
+def test_tumour_of_the_configuration_is_no_contour_where_images_come():
+    assert steps_of(stepped())["contour"].has.endswith(", given with the case")
+    given = steps_of(stepped(), has_images=True)["contour"]
+    assert given.problem == "no contour was accepted in this session"
+    accepted = steps_of(stepped(), replace(CONTENT, tumor_accepted=True), has_images=True)
+    assert accepted["contour"].state is WorkflowState.DONE
+    assert accepted["contour"].has.endswith(", accepted in this session")
+
+
 def test_robot_needs_an_accepted_registration():
     known = steps_of(stepped(), WITH_ROBOT)
     assert known["connect"].problem == "no usable pose of reference now"

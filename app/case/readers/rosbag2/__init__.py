@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from app.case.readers.rosbag2.messages import RawMessage
 
 CHANGES_NAME = "changes.yaml"
-"""File in the folder of a live recording: when tumour or registration were replaced meanwhile."""
+"""File in the folder of a live recording: what was replaced in the session, and when."""
 
 
 def _recognises(path: Path) -> bool:
@@ -39,7 +39,7 @@ def _note_changes(path: Path, note: Note) -> None:
 
     if is_file(path / CHANGES_NAME):
         note(
-            f"{path.name}/{CHANGES_NAME}: tumour, registration or tip were replaced before or "
+            f"{path.name}/{CHANGES_NAME}: tumour, registration, tip or margins were replaced "
             "during this recording; here they are those of the case throughout"
         )
 

@@ -1,0 +1,190 @@
+"""A recording of a session contains what an operator has accepted in it, before and meanwhile."""
+
+import json
+import math
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from app.bridge.live import live_node
+from app.case import open_case
+from app.fixture import ProximityEngine
+from app.geometry import SurfaceMesh, Transform
+from app.registration import register_points
+from app.runtime import prepare_live
+from tests.bridge.live.replayed_margins import plain
+from tests.bridge.live.test_record_command import SENDER, TRACKED
+
+REPLAY = Path(__file__).resolve().parent / "replayed_margins.py"
+MAX_ERROR_MM = 1e-9
+FRAMES = 60
+TIMEOUT_S = 90.0
+
+
+class Margins:
+    """Runs the session of ``node`` in a thread and keeps its steps with a known margin."""
+
+    def __init__(self, node):
+        self._changed = threading.Condition()
+        self._steps = []
+        self._thread = threading.Thread(target=self._run, args=(node,))
+        self._thread.start()
+
+    def _run(self, node):
+        for step in node.steps():
+            values = plain(step)
+            if values is not None:
+                with self._changed:
+                    self._steps.append(values)
+                    self._changed.notify_all()
+
+    def between(self, from_ns, until_ns):
+        """The steps by the stamps of their poses, all of them within these times."""
+        return {
+            tuple(each["stamps_ns"]): each
+            for each in self._steps
+            if from_ns < min(each["stamps_ns"]) and max(each["stamps_ns"]) < until_ns
+        }
+
+    def wait_for_breach_after(self, since_ns):
+        """Wait for `FRAMES` steps, outside and inside the tumour, with later stamps."""
+
+        def is_known():
+            late = [each["distance_mm"] for each in self.between(since_ns, math.inf).values()]
+            return len(late) >= FRAMES and min(late) < 0.0 < max(late)
+
+        with self._changed:
+            assert self._changed.wait_for(is_known, TIMEOUT_S)
+
+    def join(self):
+        self._thread.join(TIMEOUT_S)
+        assert not self._thread.is_alive()
+
+
+def moved(tumor: SurfaceMesh) -> SurfaceMesh:
+    """Another surface, whose coordinates no mesh file of single precision holds."""
+    shift = np.array([0.3, -0.2, 0.1]) / 3.0
+    return SurfaceMesh(tumor.frame, tumor.vertices_mm * 1.0123456789 + shift, tumor.faces)
+
+
+def slightly_other_registration(known: Transform):
+    """A registration by touched points with errors, near the ``known`` one."""
+    noise = np.random.default_rng(3).normal(0.0, 0.1, (6, 3))
+    moving = np.array(
+        [[200, 0, 0], [260, 10, 0], [200, 60, 5], [210, 20, 70], [250, 70, 40], [190, -30, 30]],
+        dtype=float,
+    )
+    return register_points(
+        known.apply(moving) + noise, moving, fixed_frame=known.target, moving_frame=known.source
+    )
+
+
+@pytest.fixture
+def session(start, live_yaml, frames_file, tmp_path):
+    """A running session with a tracker, its margins and the folder of its recordings."""
+    with live_node(
+        prepare_live(live_yaml(TRACKED)),
+        namespace="",
+        constraint_hz=100.0,
+        audit=tmp_path / "audit.jsonl",
+        cases=tmp_path / "cases",
+    ) as node:
+        margins = Margins(node)
+        try:
+            start(str(SENDER), str(frames_file), "tracked", "again")
+            margins.wait_for_breach_after(0)
+            yield node.commands, margins
+        finally:
+            node.stop()
+            margins.join()
+
+
+def assert_same(of_session, content, folder: Path):
+    """A replay of the case ``folder`` in another process has the margins of the session."""
+    done = subprocess.run(
+        [sys.executable, str(REPLAY), str(folder)], capture_output=True, text=True, check=True
+    )
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    of_case = {tuple(row["stamps_ns"]): row for row in rows}
+    pairs = [(of_session[key], of_case[key]) for key in sorted(of_session.keys() & of_case.keys())]
+    assert len(pairs) >= FRAMES // 2
+    case = open_case(folder)
+    # The search of a session begins at the closest point of the step before, which may be another
+    # one here: the same search, pose by pose, shows whether the contents are the same.
+    engines = (
+        ProximityEngine(content.tumor, content.tool),
+        ProximityEngine(case.tumor_mesh(), case.tool_mesh()),
+    )
+    margins = np.array(
+        [
+            [
+                [distance_mm(engine, step["pose"]), *step["margin_mm"]]
+                for engine, step in zip(engines, steps, strict=True)
+            ]
+            for steps in pairs
+        ]
+    )
+    error_mm = np.abs(margins[:, 0] - margins[:, 1]).max()
+    print(f"{len(pairs)} frames, largest difference {error_mm:.3g} mm")
+    assert margins[:, :, 0].min() < 0.0 < margins[:, :, 0].max()
+    assert error_mm <= MAX_ERROR_MM
+
+
+def distance_mm(engine, pose):
+    tumor_from_tip = Transform.from_matrix(pose, target="tumor", source="cautery_tip")
+    return engine.evaluate(tumor_from_tip).signed_distance_mm
+
+
+def test_replay_gives_the_margins_of_a_session_with_another_tumour_tip_and_registration(
+    session, domain_id
+):
+    commands, margins = session
+    before = commands.content
+    known = before.tool_from_tip
+    commands.set_tip(
+        Transform(known.target, known.source, known.rotation, known.translation_mm + 0.7),
+        sigma_mm=0.21,
+    )
+    commands.set_tumor(before.frame_from_tumor, moved(before.tumor), sigma_mm=0.4)
+    commands.set_registration(slightly_other_registration(before.registration.transform))
+    commands.set_margins(before.margins.replaced(stop_mm=1.5, warn_mm=6.0))
+    status = commands.start_recording("changed")
+    since_ns = time.time_ns()
+    margins.wait_for_breach_after(since_ns)
+    commands.stop_recording()
+
+    case = open_case(status.folder)
+    assert {path.name for path in status.folder.iterdir()} >= {"case.yaml", "tumor_of_session.ply"}
+    assert not (status.folder / "tracking" / "changes.yaml").exists()
+    assert case.manifest.registration.method == "given"
+    assert case.manifest.margins.stop_mm == 1.5
+    of_session = margins.between(since_ns, time.time_ns())
+    assert all(each["margin_mm"][1] > 2.0 * 0.45 for each in of_session.values())
+    assert_same(of_session, commands.content, status.folder)
+
+
+def test_change_during_a_recording_is_noted_with_its_time_and_not_in_the_case(session, domain_id):
+    commands, margins = session
+    known = commands.content.tool_from_tip
+    status = commands.start_recording("noted")
+    since_ns = time.time_ns()
+    margins.wait_for_breach_after(since_ns)
+    until_ns = time.time_ns()
+    commands.set_tip(
+        Transform(known.target, known.source, known.rotation, known.translation_mm + 0.7)
+    )
+    commands.set_margins(commands.content.margins.replaced(stop_mm=1.5, warn_mm=6.0))
+    commands.stop_recording()
+
+    noted = yaml.safe_load((status.folder / "tracking" / "changes.yaml").read_text())["changes"]
+    assert [change["replaced"] for change in noted] == ["tip", "margins"]
+    assert all(until_ns <= change["received_ns"] <= time.time_ns() for change in noted)
+    case = open_case(status.folder)
+    assert np.array_equal(case.manifest.tool.tool_from_tip.matrix, known.matrix)
+    assert_same(margins.between(since_ns, until_ns), commands.content, status.folder)

@@ -1,0 +1,111 @@
+"""Values of a session reach its recorder unchanged and become those of the recorded case."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from app.case import (
+    MarginEntry,
+    RegistrationValues,
+    SessionValues,
+    begin_case,
+    open_live,
+    received_values,
+    sent_values,
+)
+from app.files.meshes import load_mesh, write_exact_ply
+from app.geometry import FrameError, InputError, SurfaceMesh, Transform
+
+BALL = trimesh.creation.icosphere(subdivisions=2, radius=7.0)
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+VALUES = SessionValues(
+    tool_from_tip=Transform("cautery", "cautery_tip", TURN, [1 / 3, 2.0, 120.1]),
+    tip_sigma_mm=0.2,
+    frame_from_tumor=Transform("needle", "tumor", np.eye(3), [0.1, 0.0, 31.7]),
+    tumor_sigma_mm=0.45,
+    margins=MarginEntry(1.5, 6.0, 2.0, 50.0, 75_500_000, 3, 0.5, 1_000_000_000),
+    tumor=SurfaceMesh("tumor", np.add(BALL.vertices, [1 / 3, -20.1, 0.7]), BALL.faces),
+    registration=RegistrationValues(
+        Transform("reference", "robot_base", TURN, [400.0, 0.1, 1 / 7]),
+        np.diag([1e-6, 2e-6, 3e-6, 0.1, 0.2, 0.3]),
+        12,
+    ),
+)
+
+
+def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
+    stream = io.BytesIO(b"".join(sent_values(VALUES)) + b"next")
+    found = received_values(stream)
+    assert stream.read() == b"next"
+    assert found.margins == VALUES.margins
+    assert (found.tip_sigma_mm, found.tumor_sigma_mm) == (0.2, 0.45)
+    assert found.tumor is not None and VALUES.tumor is not None
+    assert np.array_equal(found.tumor.vertices_mm, VALUES.tumor.vertices_mm)
+    assert np.array_equal(found.tumor.faces, VALUES.tumor.faces)
+    assert found.registration is not None and VALUES.registration is not None
+    for mine, sent in (
+        (found.tool_from_tip, VALUES.tool_from_tip),
+        (found.frame_from_tumor, VALUES.frame_from_tumor),
+        (found.registration.reference_from_base, VALUES.registration.reference_from_base),
+    ):
+        assert (mine.target, mine.source) == (sent.target, sent.source)
+        assert np.array_equal(mine.matrix, sent.matrix)
+    assert np.array_equal(found.registration.covariance, VALUES.registration.covariance)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"[]\n", b"{}\n", b"\xff\n", b"".join(sent_values(VALUES))[:-5]]
+)
+def test_other_bytes_are_refused(content: bytes) -> None:
+    with pytest.raises(InputError, match=r"^values of the session: .* expected those that a live"):
+        received_values(io.BytesIO(content))
+
+
+def test_case_of_a_recording_has_the_values_of_the_session(
+    tmp_path: Path, project_root: Path
+) -> None:
+    live = open_live(project_root / "data" / "live_example" / "live.yaml")
+    begin_case(live, tmp_path / "case", VALUES)
+    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    assert written["tool"]["tip_from"]["matrix"] == VALUES.tool_from_tip.matrix.ravel().tolist()
+    assert written["tool"]["sigma_mm"] == 0.2
+    assert written["tumor"]["pose"]["matrix"][11] == 31.7
+    assert written["tumor"]["sigma_mm"] == 0.45
+    assert written["margins"]["stale_after_ms"] == 75.5
+    assert written["registration"]["degrees_of_freedom"] == 12
+    assert written["registration"]["covariance"][35] == 0.3
+    shape = written["tumor"]["mesh"]
+    surface = load_mesh(tmp_path / "case" / shape["path"], units=shape["units"], frame="tumor")
+    assert VALUES.tumor is not None
+    triangles = {np.sort(corners, axis=0).tobytes() for corners in VALUES.tumor.triangles_mm}
+    assert {np.sort(corners, axis=0).tobytes() for corners in surface.triangles_mm} == triangles
+
+
+def test_session_of_other_frames_than_those_of_the_file_is_refused(
+    tmp_path: Path, project_root: Path
+) -> None:
+    path = tmp_path / "live.yaml"
+    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
+    path.write_text(text.replace("frame: needle", "frame: reference"))
+    with pytest.raises(FrameError, match=r"live\.yaml: places 'tumor' in 'reference'; expected"):
+        begin_case(open_live(path), tmp_path / "case", VALUES)
+    assert not (tmp_path / "case").exists()
+
+
+def test_slicer_reads_an_exact_mesh(tmp_path: Path) -> None:
+    slicer = pytest.importorskip("slicer")
+    assert VALUES.tumor is not None
+    write_exact_ply(tmp_path / "ball.ply", VALUES.tumor)
+    scene = slicer.vtkMRMLScene()
+    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
+    storage = scene.AddNewNodeByClass("vtkMRMLModelStorageNode")
+    storage.SetFileName(str(tmp_path / "ball.ply"))
+    assert storage.ReadData(node)
+    bounds = np.zeros(6)
+    node.GetBounds(bounds)
+    expected = np.sort(np.array(VALUES.tumor.bounds_mm).T, axis=1).ravel()
+    np.testing.assert_allclose(bounds, expected, atol=1e-5)
