@@ -65,6 +65,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._guided = None
         self._events = None
         self._contour = None
+        self._shown = None
 
     def setup(self):
         """Create the panel; without MarginGuard it is one line with the cause."""
@@ -264,8 +265,13 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         )
 
     def _show(self, status):
-        ui = self.ui
+        ui, events = self.ui, self.logic.panel_logic.events
         self._show_banner(status.state, status.banner)
+        self._show_position(status)
+        shown = status, events.breach_rows(), events.note_rows()
+        if shown == self._shown:
+            return  # Qt would lay out the panel at each step
+        self._shown = shown
         ui.reasonsLabel.setText(status.reasons)
         ui.messageLabel.setText(status.message)
         ui.requestLabel.setText(status.request)
@@ -287,15 +293,20 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.directionsLabel.setText(status.directions)
         has_case = status.position_s is not None
         self._events.show(
-            self.logic.panel_logic.events,
+            events,
             has_session=status.has_session and bool(status.workflow),
             is_replay=has_case,
         )
         ui.playButton.setEnabled(has_case and not status.is_playing)
         ui.pauseButton.setEnabled(status.is_playing)
         ui.stepButton.setEnabled(has_case and status.has_session)
-        ui.bullseyeButton.setChecked(self.logic.panel_logic.is_following)
         ui.seekSlider.setEnabled(has_case)
+
+    def _show_position(self, status):
+        """Show what a user may have moved meanwhile."""
+        ui = self.ui
+        ui.bullseyeButton.setChecked(self.logic.panel_logic.is_following)
+        has_case = status.position_s is not None
         if has_case and not ui.seekSlider.underMouse():
             ui.seekSlider.blockSignals(True)
             ui.seekSlider.setProperty("maximum", status.duration_s)

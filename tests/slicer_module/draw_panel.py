@@ -1,8 +1,9 @@
 """Draws the panel at the recorded case's first breach, with TEST DOUBLES of Slicer's widgets.
 
-    python -m tests.slicer_module.draw_panel docs/images/slicer_panel.png
+    python -m tests.slicer_module.draw_panel PANEL.png TOUCH.png
 
-The picture of docs/slicer.md. Draw it again and inspect it when the .ui changes.
+The pictures of docs/slicer.md, the second one after a registration by touch. Draw them again and
+inspect them when the .ui changes.
 """
 
 import os
@@ -21,11 +22,13 @@ from tests.slicer_module import qt_double, slicer_double
 from tests.slicer_module.marginguard_module import CASE, FOLDER
 
 BREACH_S = middle_s(DEEP)
-SIZE = (430, 1250)
+SIZE, TOUCH_SIZE = (430, 1480), (430, 760)
+DWELLS_END_S = 19.0
+SECTIONS = ("connect", "tumor", "navigation", "breaches", "notes", "replay")
 
 
-def main(path: str) -> None:
-    """Load the case, seek to its breach, and save the panel as PNG."""
+def main(path: str, touch_path: str) -> None:
+    """Load the case, seek to its breach, and save the panel as PNG; then register by touch."""
     application = SceneApplication(slicer.vtkMRMLScene())
     slicer.mrmlScene = application.scene
     slicer.app = SimpleNamespace(applicationLogic=lambda: application.logic)
@@ -47,15 +50,35 @@ def main(path: str) -> None:
     widget.ui.registrationPathLineEdit.setText("data/recorded_case")
     widget.ui.loadButton.click()
     until(widget.ui.playButton.isEnabled)
-    widget.ui.registerButton.click()
-    until(widget.ui.acceptButton.isEnabled)
     widget.ui.seekSlider.setValue(BREACH_S)
     until(lambda: widget.ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"))
-    widget.parent.resize(*SIZE)
-    gui.processEvents()
-    widget.parent.grab().save(path)
+    until(widget.ui.directionsLabel.text)
+
+    def save(target: str, size: tuple[int, int]) -> None:
+        widget.parent.resize(*size)
+        gui.processEvents()
+        widget.parent.grab().save(target)
+
+    save(path, SIZE)
+    logic = widget.logic.panel_logic
+    widget.ui.seekSlider.setValue(0.0)
+    until(lambda: logic.session.position_s < 1.0)
+    for name in SECTIONS:
+        getattr(widget.ui, f"{name}CollapsibleButton").setProperty("collapsed", True)
+    for name in ("calibration", "registration"):
+        getattr(widget.ui, f"{name}CollapsibleButton").setProperty("collapsed", False)
+    widget.ui.startTouchButton.click()
+    widget.ui.startPivotButton.click()
+    widget.ui.rateSpinBox.setValue(20.0)
+    widget.ui.playButton.click()
+    until(lambda: logic.session.position_s > DWELLS_END_S)
+    widget.ui.stopTouchButton.click()
+    until(widget.ui.useTouchButton.isEnabled)
+    widget.ui.pauseButton.click()
+    until(lambda: not widget.ui.pauseButton.isEnabled())
+    save(touch_path, TOUCH_SIZE)
     widget.cleanup()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

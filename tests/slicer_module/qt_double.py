@@ -65,10 +65,21 @@ class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
         super().__init__(parent)
         self._collapsed = False
 
+    _TITLE_PX = 26
+
     text = Property(str, QtWidgets.QGroupBox.title, QtWidgets.QGroupBox.setTitle)
 
     def _set_collapsed(self, collapsed: bool) -> None:
         self._collapsed = collapsed
+        self.hide_content()
+
+    def hide_content(self) -> None:
+        """Hide what a collapsed section contains; called when it is complete, too."""
+        for child in self.findChildren(
+            QtWidgets.QWidget, options=QtCore.Qt.FindChildOption.FindDirectChildrenOnly
+        ):
+            child.setVisible(not self._collapsed)
+        self.setMaximumHeight(self._TITLE_PX if self._collapsed else 16777215)
 
     collapsed = Property(bool, lambda self: self._collapsed, _set_collapsed)
 
@@ -255,6 +266,9 @@ class QUiLoader(QtUiTools.QUiLoader):
             raise UnknownInUiError(self._refused)
         for element in root.iter("widget"):
             self._check_properties(element)
+        for made in self._made.values():
+            if isinstance(made, ctkCollapsibleButton):
+                made.hide_content()
         for connection in connections if connections is not None else ():
             self._connect(connection)
         panel.made = self._made  # Python objects of the widgets by name

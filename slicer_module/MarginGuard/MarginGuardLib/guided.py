@@ -30,7 +30,7 @@ from app.runtime import (
 from .jobs import Jobs
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class GuidedShown:
     """A guided recording as the panel shows it.
 
