@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from typing import Any
 
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
@@ -181,12 +180,8 @@ class OperatorCommands:
             proximity, change = self._replacement(setup, shown, frame_from_tumor, tumor)
             if sigma_mm != shown.tumor_sigma_mm:
                 change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
-            new: dict[str, Any] = {
-                "tumor": tumor,
-                "tumor_sigma_mm": sigma_mm,
-                "tumor_accepted": True,
-            }
-            content = replace(self._content, **new)
+            accepted = replace(self._content, tumor=tumor, tumor_accepted=True)
+            content = replace(accepted, tumor_sigma_mm=sigma_mm)
             switches = self._prepare(content)
             _ = content.model_id  # computed now, before the session waits for it
             with self._between_steps() as session:
@@ -204,7 +199,7 @@ class OperatorCommands:
                         proximity=proximity,
                         tumor_sigma_mm=sigma_mm,
                     ),
-                    replace(self._content, static_edges=edges, **new),
+                    replace(content, static_edges=edges),
                     switches,
                     change,
                 )
@@ -326,10 +321,7 @@ class OperatorCommands:
 
     @contextmanager
     def _listed(self, kind: RequestKind, origin: str) -> Iterator[list[str]]:
-        """List the request as accepted, with the texts added to the list, or as refused.
-
-        A running recording notes what it has replaced.
-        """
+        """List the request as accepted, with the texts added to the list, or as refused."""
         done: list[str] = []
         before = self._content
         try:

@@ -38,25 +38,39 @@ class ImagePart:
         self._plane: ImagePlane | None = None
         self._scene: MarginGuardScene | None = None
         self._sent: int | None = None
+        self._place: tuple[int, FloatArray] | None = None
 
     @property
     def plane(self) -> ImagePlane | None:
         """The plane in the 3D view; None before there is a scene."""
         return self._plane
 
-    def update(self, shown: ViewState | None, view: SceneView) -> None:
-        """Show the image of ``shown`` in the scene of ``view``."""
+    @property
+    def place(self) -> tuple[int, FloatArray] | None:
+        """The number of the ultrasound image that is shown, and its map (4, 4) to mm.
+
+        The map is to the ``frame`` of `update`. None if no image is shown, or one of another kind.
+        """
+        return self._place
+
+    def update(self, shown: ViewState | None, view: SceneView, frame: str | None = None) -> None:
+        """Show the image of ``shown`` in the scene of ``view``, and place it in ``frame``."""
         scene = view.scene
         if scene is not self._scene:
             if self._plane is not None:
                 self._plane.remove()
             self._scene, self._plane = scene, None
-        found = self._view = self._at(shown, None if scene is None else scene.reference)
+        root = None if scene is None else scene.reference
+        found = self._view = self._at(shown, root)
+        placed = self._placed(shown, frame)
+        if placed is not None and placed[0] != found.number:  # an image has come in between
+            found = self._view = self._at(shown, root)
+        self._place = placed if placed is not None and placed[0] == found.number else None
         if scene is None:
             return
-        root = scene.tree.node(scene.reference)
-        if self._plane is None and root is not None:
-            self._plane = ImagePlane(scene.scene, root)
+        node = scene.tree.node(scene.reference)
+        if self._plane is None and node is not None:
+            self._plane = ImagePlane(scene.scene, node)
         if self._plane is None:
             return
         if found.image is None or found.matrix is None:
@@ -70,12 +84,12 @@ class ImagePart:
         assert self._reslice is not None
         return self._reslice.at(shown, root, ReslicePlane(self.kind))
 
-    def place(self, shown: ViewState | None, frame: str) -> tuple[int, FloatArray] | None:
+    def _placed(self, shown: ViewState | None, frame: str | None) -> tuple[int, FloatArray] | None:
         """The present ultrasound image and its map (4, 4) to mm in ``frame``.
 
         None if none may be shown, or if the page shows another kind of image.
         """
-        if self.kind != ULTRASOUND or self._ultrasound is None:
+        if self.kind != ULTRASOUND or self._ultrasound is None or frame is None:
             return None
         if shown is None or shown.silent or self._view.problem or self._view.number is None:
             return None

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from trame_server.state import State
 
 from app.fixture import MarginState
-from app.geometry import FloatArray
 from app.runtime import RecordingStatus
 from app.runtime.workflow.event_notes import EventNotes
 from app.session import BreachList
@@ -118,11 +117,13 @@ class Page:
         if now is not None and drawn != self._drawn:
             self.view.show(now)
             if self._images is not None:
-                self._images.update(now, self.view)
+                frame = None if self._contour is None else self._contour.places.frame
+                self._images.update(now, self.view, frame)
                 with self._state as state:  # not with the picture, which takes longer to draw
                     state.update(self._images.values())
             if self._contour is not None:
-                self._contour.update(now, self.view, *self._image_place(now, self._contour))
+                place = None if self._images is None else self._images.place
+                self._contour.update(now, self.view, *(place or (None, None)))
             for guide in guides:
                 guide.update(now.content)
             if self._world is not None and self._world.update(now, self.view):
@@ -130,14 +131,6 @@ class Page:
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
-
-    def _image_place(
-        self, now: ViewState, contour: ContourPart
-    ) -> tuple[int, FloatArray] | tuple[None, None]:
-        """The present image, and its map to the frame of ``contour``."""
-        if self._images is None:
-            return None, None
-        return self._images.place(now, contour.places.frame) or (None, None)
 
     def screenshot(self) -> bytes:
         """Render the present as PNG, also while no page is open."""

@@ -1,0 +1,198 @@
+"""A simulated operation with tracked ultrasound that goes through its phases on request."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from app.geometry import FloatArray, InputError, Transform
+from app.synthetic.motion import ArmKinematics
+from app.synthetic.operation_truth import (
+    DIAMETER_MM,
+    PROBE,
+    REFERENCE,
+    TOOL,
+    TRACKER,
+    OperationTruth,
+)
+from app.synthetic.simulation import BASE_FRAME
+from app.synthetic.ultrasound_slice import UltrasoundSlice
+
+RATE_HZ = 40.0
+IMAGE_STEPS = 4
+"""Steps from one image to the next."""
+PLANES = 9
+"""Image planes over the tumour in which the probe can rest."""
+
+_SPEED_MM_S, _SLOW_MM_S, _TURN_RAD_S = 80.0, 12.0, 1.0
+_DWELL_S = 1.6
+_CONE_RAD, _SETTLE_S = np.radians(32.0), 0.5
+_NOISE_MM, _NOISE_RAD = 0.05, np.radians(0.03)
+_APPROACH_MM, _BREACH_MM, _RETREAT_MM = 5.0, -3.0, 35.0
+_LANDMARKS_MM = (
+    (35, 0, 10), (0, 35, -10), (-35, 0, 20), (0, -35, 30), (25, 25, 40), (-25, -25, -20),
+    (30, -20, -25), (-20, 30, 35),
+)  # fmt: skip
+_STYLUS = ((-0.98548, 0.01639, -0.16898), (-0.01906, 0.97837, 0.20601), (0.1687, 0.20624, -0.96385))
+"""Rotation of the arm's last link in its base; only its origin touches the tip of the tool."""
+
+
+class Phase(StrEnum):
+    """What the operator does."""
+
+    REST = "rest"
+    PIVOT = "pivot"
+    SPIN = "spin"
+    SWEEP = "sweep"
+    TOUCH = "touch"
+    APPROACH = "approach"
+    BREACH = "breach"
+    RETREAT = "retreat"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OperationMoment:
+    """Measured poses in the tracker's frame, joints by name in rad, and every fourth an image."""
+
+    poses: tuple[Transform, ...]
+    joints: Mapping[str, float]
+    image: NDArray[np.uint8] | None
+
+
+class Operation:
+    """Moves tool, probe and arm by steps of 1 / `RATE_HZ`; the same seed and requests, the same.
+
+    ``reached(phase)`` is called once for each request, when its motion has come to its end, or
+    for a pivot and a spin to its full extent. For one thread.
+    """
+
+    def __init__(
+        self, truth: OperationTruth, arm: ArmKinematics, seed: int, reached: Callable[[str], None]
+    ) -> None:
+        self._truth, self._arm, self._reached = truth, arm, reached
+        self._noise = np.random.default_rng([seed, 22])
+        self._slices = UltrasoundSlice(truth.tumour, np.random.default_rng([seed, 23]))
+        self._phase, self._is_reached, self._steps = Phase.REST, True, 0
+        self._plane = PLANES // 2
+        self._tip_mm = self._above(_RETREAT_MM)
+        self._targets: list[FloatArray] = []
+        self._dwell_s = self._cone_rad = self._roll_rad = self._turned_rad = self._seconds = 0.0
+        self._joints: Mapping[str, float] | None = None
+        self._base_rotation = _facing_down(truth)
+
+    def request(self, text: str) -> None:
+        """Begin a phase: its name, for a sweep with the number of an image plane (``sweep 3``).
+
+        Raises `InputError` for anything else.
+        """
+        name, _, number = text.strip().partition(" ")
+        if name not in list(Phase) or (number and name != Phase.SWEEP):
+            raise InputError(f"phase: {text.strip()[:40]!r}; expected one of {', '.join(Phase)}")
+        if name == Phase.SWEEP:
+            if not number.isdecimal() or int(number) >= PLANES:
+                raise InputError(f"sweep: {number!r}; expected a plane from 0 to {PLANES - 1}")
+            self._plane = int(number)
+        self._phase, self._is_reached, self._turned_rad = Phase(name), False, 0.0
+        self._targets = {
+            Phase.TOUCH: [self._truth.centre_mm + np.array(each) for each in _LANDMARKS_MM],
+            Phase.APPROACH: [self._above(_APPROACH_MM)],
+            Phase.BREACH: [self._above(_BREACH_MM)],
+            Phase.RETREAT: [self._above(_APPROACH_MM), self._above(_RETREAT_MM)],
+        }.get(self._phase, [self._above(_RETREAT_MM)])
+
+    def step(self) -> OperationMoment:
+        """The next moment."""
+        step_s = 1.0 / RATE_HZ
+        self._steps += 1
+        self._move(step_s)
+        rotation, truth = self._rotation(step_s), self._truth
+        sensor_mm = self._tip_mm - rotation @ truth.tool_from_tip.translation_mm
+        tool = Transform(REFERENCE, TOOL, rotation, sensor_mm)
+        probe = self._probe()
+        image = None
+        if self._steps % IMAGE_STEPS == 0:
+            tumor_from_reference = (truth.reference_from_needle @ truth.needle_from_tumor).inverse()
+            image = self._slices.image(tumor_from_reference @ probe)
+        poses = (Transform.identity(REFERENCE, REFERENCE), truth.reference_from_needle, tool, probe)
+        measured = [self._measured(pose) for pose in poses]
+        return OperationMoment(tuple(measured), self._arm_joints(), image)
+
+    def _move(self, step_s: float) -> None:
+        """Move the tip along its targets, and report the end of the phase."""
+        slow = self._phase in (Phase.APPROACH, Phase.BREACH)
+        left_mm = (_SLOW_MM_S if slow else _SPEED_MM_S) * step_s
+        if self._targets:
+            away = self._targets[0] - self._tip_mm
+            distance_mm = float(np.linalg.norm(away))
+            if distance_mm > left_mm:
+                self._tip_mm = self._tip_mm + away * (left_mm / distance_mm)
+                return
+            self._tip_mm, self._dwell_s = self._targets[0], self._dwell_s + step_s
+            if self._phase is Phase.TOUCH and self._dwell_s < _DWELL_S:
+                return
+            del self._targets[0]
+            self._dwell_s = 0.0
+        if self._targets or self._is_reached or not self._is_turned():
+            return
+        self._is_reached = True
+        self._reached(f"{self._phase} {self._plane}" if self._phase is Phase.SWEEP else self._phase)
+
+    def _is_turned(self) -> bool:
+        if self._phase is Phase.PIVOT:
+            return bool(_CONE_RAD - self._cone_rad < np.radians(0.5))
+        if self._phase is Phase.SPIN:
+            return bool(self._cone_rad < np.radians(0.02))
+        return bool(self._cone_rad < np.radians(0.2))
+
+    def _rotation(self, step_s: float) -> FloatArray:
+        """Rotation of the tool's sensor in the reference after another ``step_s``."""
+        goal = _CONE_RAD if self._phase is Phase.PIVOT else 0.0
+        self._seconds += step_s
+        self._cone_rad += (goal - self._cone_rad) * step_s / _SETTLE_S
+        if self._phase is Phase.SPIN and self._is_turned():
+            self._roll_rad += 2.0 * np.pi * step_s / 8.0
+        azimuth = 2.0 * np.pi * self._seconds / 3.0
+        tilt = self._cone_rad * (0.6 + 0.4 * np.sin(2.0 * np.pi * self._seconds / 7.0))
+        tilted = Rotation.from_rotvec(tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))
+        shaft = self._truth.tool_from_tip.rotation[:, 2]
+        roll = Rotation.from_rotvec(self._roll_rad * shaft)
+        down = Rotation.from_matrix(self._base_rotation)
+        return np.asarray((tilted * down * roll).as_matrix())
+
+    def _probe(self) -> Transform:
+        """The probe in the reference, in its plane over the tumour."""
+        u, v = np.array([0.8, 0.6, 0.0]), np.array([-0.36, 0.48, 0.8])
+        normal = np.cross(u, v)
+        offset_mm = 0.44 * DIAMETER_MM * (2.0 * self._plane / (PLANES - 1) - 1.0)
+        place_mm = self._truth.centre_mm + offset_mm * normal
+        return Transform(REFERENCE, PROBE, np.column_stack([u, v, normal]), place_mm)
+
+    def _above(self, distance_mm: float) -> FloatArray:
+        """A place at this distance above the top of the tumour, in the reference."""
+        truth = self._truth
+        up = np.array([0.0, 0.0, 1.0])
+        rotation = (truth.reference_from_needle @ truth.needle_from_tumor).rotation
+        radius_mm = float(truth.tumour.radius_mm((rotation.T @ up)[None])[0])
+        return truth.centre_mm + (radius_mm + distance_mm) * up
+
+    def _measured(self, pose: Transform) -> Transform:
+        turn = Rotation.from_rotvec(self._noise.normal(0.0, _NOISE_RAD, 3)).as_matrix()
+        shift_mm = self._noise.normal(0.0, _NOISE_MM, 3)
+        return Transform(TRACKER, pose.source, pose.rotation @ turn, pose.translation_mm + shift_mm)
+
+    def _arm_joints(self) -> Mapping[str, float]:
+        """Joints with the tip of the arm at that of the tool; the arm does not follow a tilt."""
+        place_mm = self._truth.reference_from_base.inverse().apply(self._tip_mm)
+        rotation = Rotation.from_matrix(np.array(_STYLUS)).as_matrix()
+        pose = Transform(BASE_FRAME, "cautery_tip", rotation, place_mm)
+        self._joints = self._arm.joints_for(pose, self._joints)
+        return self._joints
+
+
+def _facing_down(truth: OperationTruth) -> FloatArray:
+    """Rotation of the sensor with the shaft along -z of the reference."""
+    down = Rotation.from_rotvec([np.pi, 0.0, 0.0]).as_matrix()
+    return np.asarray(down @ truth.tool_from_tip.rotation.T)

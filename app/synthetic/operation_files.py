@@ -1,0 +1,107 @@
+"""Writes the folder of a simulated operation: ``live.yaml`` with its files, and the truth."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from app.case import write_live_manifest
+from app.files.atomic_io import new_folder
+from app.geometry import SurfaceMesh, Transform
+from app.synthetic.cautery import cautery_mesh
+from app.synthetic.operation_truth import (
+    NEEDLE,
+    PROBE,
+    SUPPOSED_RADIUS_MM,
+    TOOL,
+    OperationTruth,
+)
+from app.synthetic.simulation import BASE_FRAME
+from app.synthetic.stl import write_stl
+from app.synthetic.touch_arm import TOOL_LINK
+from app.synthetic.tumour import TUMOR_FRAME, icosphere
+from app.synthetic.ultrasound_slice import probe_from_image
+
+IMAGE_TOPIC = "/ultrasound/image"
+CONFIG_NAME, TRUTH_FOLDER = "live.yaml", "truth"
+_STALE_MS = 1000
+
+
+def write_operation(folder: Path, truth: OperationTruth) -> None:
+    """Write ``live.yaml`` and what it names, and ``truth/``: the true tumour and calibrations.
+
+    Raises `InputError` if ``folder`` exists or cannot be written; nothing is left then.
+    """
+    directions, faces = icosphere(3)
+    ball = SurfaceMesh(TUMOR_FRAME, directions * SUPPOSED_RADIUS_MM, faces.astype(np.int32))
+    with new_folder(folder) as partial:
+        write_stl(partial / "cautery.stl", cautery_mesh())
+        write_stl(partial / "ball.stl", ball)
+        numbers = (" ".join(map(repr, row)) for row in probe_from_image().tolist())
+        (partial / "image_to_probe.txt").write_text("\n".join(numbers), encoding="utf-8")
+        write_live_manifest(partial / CONFIG_NAME, _live(truth))
+        true_folder = partial / TRUTH_FOLDER
+        true_folder.mkdir()
+        write_stl(true_folder / "tumor.stl", truth.tumour.mesh(4))
+        values = {
+            "tool_from_tip": _matrix(truth.tool_from_tip),
+            "reference_from_base": _matrix(truth.reference_from_base),
+            "needle_from_tumor": _matrix(truth.needle_from_tumor),
+            "reference_from_needle": _matrix(truth.reference_from_needle),
+        }
+        (true_folder / "truth.yaml").write_text(
+            yaml.safe_dump(values, sort_keys=False), encoding="utf-8"
+        )
+
+
+def _live(truth: OperationTruth) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "name": "simulated operation",
+        "provenance": {
+            "kind": "simulated",
+            "source": "app.synthetic of this project; no patient",
+            "licence": "Apache-2.0",
+        },
+        "source": {"tracked_transforms": {}, "clock": "host"},
+        "images": {
+            "topic": IMAGE_TOPIC,
+            "probe": PROBE,
+            "calibration": "image_to_probe.txt",
+            "orientation": "MF",
+            "stale_after_ms": _STALE_MS,
+        },
+        "tool": {
+            "frame": TOOL,
+            "mesh": {"path": "cautery.stl", "units": "mm"},
+            "tip_from": _matrix(truth.supposed_tool_from_tip),
+        },
+        "tumor": {
+            "frame": NEEDLE,
+            "mesh": {"path": "ball.stl", "units": "mm"},
+            "pose": _matrix(truth.needle_from_tumor),
+        },
+        "robot": {
+            "urdf": "package://marginguard/robots/touch/touch.urdf",
+            "base_frame": BASE_FRAME,
+            "tool_link": TOOL_LINK,
+            "joint_states": "/joint_states",
+        },
+        "registration": {
+            "method": "given",
+            **_matrix(truth.supposed_reference_from_base),
+            "max_drift_mm": 8.0,
+        },
+        "margins": {
+            "stop_mm": 1.0,
+            "warn_mm": 5.0,
+            "k_tre": 2.0,
+            "v_max_mm_s": 2.0,
+            "stale_after_ms": _STALE_MS,
+        },
+    }
+
+
+def _matrix(transform: Transform) -> dict[str, list[float]]:
+    return {"matrix": transform.matrix.ravel().tolist()}
