@@ -7,7 +7,7 @@ const NAMES = ["margin", "tumor", "tool", "closest"];
 
 const TEMPLATE = `
   <div class="us-bar">
-    <h2><span id="us-kind"></span> <span id="us-time"></span></h2>
+    <h2><span id="us-kind">Ultrasound</span> <span id="us-time"></span></h2>
     <label id="us-kinds">Image <select></select></label>
     <button id="us-freeze" type="button" aria-pressed="false" title="Keep this image">Freeze</button>
     <label>Brightness <input id="us-brightness" type="range" min="0.4" max="2.5" step="0.05" value="1"></label>
