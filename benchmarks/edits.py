@@ -10,7 +10,6 @@ or of a later one, back. Exit status 1 if fewer than 90 % of the edits come back
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -24,6 +23,7 @@ import numpy as np
 from app.files.extras import check_installed
 from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError, SurfaceMesh, Transform
 from benchmarks.ros_domain import reserved_domain
+from benchmarks.simulated_process import START_TIMEOUT_S, running_simulation
 
 if TYPE_CHECKING:
     from app.bridge.tf.wire import TfMessageReader, TfSample
@@ -33,8 +33,6 @@ BODIES, RATE_HZ = 26, 200
 SPACING_MM, STEP_MM = 60.0, 0.01
 REFERENCE_MS = 13.6
 """One way in the reference: from AMBF to the scene, 26 bodies at 200 Hz."""
-
-START_TIMEOUT_S = 60.0
 
 
 def write_world(folder: Path) -> Path:
@@ -120,29 +118,17 @@ def measure(folder: Path, seconds: float) -> RoundTrips:
     from app.bridge.tf.wire import TfMessageReader
     from app.bridge.world_editor import SIMULATION, WorldEditor
 
-    command = [sys.executable, "-m", "app.cli", "simulate", str(write_world(folder))]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as simulation:
-        try:
-            deadline = threading.Timer(START_TIMEOUT_S, simulation.kill)
-            deadline.start()
-            assert simulation.stdout is not None
-            began = any(line.startswith("SIMULATION") for line in simulation.stdout)
-            deadline.cancel()
-            if not began:
-                raise MarginGuardError("simulation: it has ended; expected it to run")
-            with RosNode("scene") as ros:
-                trips, read = RoundTrips(editor := WorldEditor(ros, SIMULATION)), TfMessageReader()
-                arrived: list[bytes] = []
-                wake = threading.Event()
+    with running_simulation(write_world(folder)), RosNode("scene") as ros:
+        trips, read = RoundTrips(editor := WorldEditor(ros, SIMULATION)), TfMessageReader()
+        arrived: list[bytes] = []
+        wake = threading.Event()
 
-                def take(data: bytes) -> None:
-                    arrived.append(data)
-                    wake.set()
+        def take(data: bytes) -> None:
+            arrived.append(data)
+            wake.set()
 
-                ros.subscribe(topics.TF, take, raw=True)
-                _run(trips, editor, arrived, wake, read, seconds)
-        finally:
-            simulation.terminate()
+        ros.subscribe(topics.TF, take, raw=True)
+        _run(trips, editor, arrived, wake, read, seconds)
     return trips
 
 

@@ -7,8 +7,6 @@
 import math
 import os
 import subprocess
-import sys
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +16,10 @@ from numpy.typing import NDArray
 
 from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError
 from benchmarks.ros_domain import reserved_domain
+from benchmarks.simulated_process import running_simulation
 
 Times = NDArray[np.int64]
 
-START_TIMEOUT_S = 60.0
 ENDS = 2000
 """Messages at each end whose median delays are compared: 10 s."""
 
@@ -70,23 +68,8 @@ def measured_pace(world: Path, minutes: float) -> Pace:
 
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         prepare_environment(os.environ)
-        command = [sys.executable, "-m", "app.cli", "simulate", str(world)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as simulation:
-            try:
-                _wait_until_it_runs(simulation)
-                return _received(simulation, minutes)
-            finally:
-                simulation.terminate()
-
-
-def _wait_until_it_runs(simulation: subprocess.Popen[str]) -> None:
-    deadline = threading.Timer(START_TIMEOUT_S, simulation.kill)
-    deadline.start()
-    assert simulation.stdout is not None
-    runs = any(line.startswith("SIMULATION") for line in simulation.stdout)
-    deadline.cancel()
-    if not runs:
-        raise MarginGuardError("simulation: it has ended; expected it to run")
+        with running_simulation(world) as simulation:
+            return _received(simulation, minutes)
 
 
 def _received(simulation: subprocess.Popen[str], minutes: float) -> Pace:

@@ -1,4 +1,4 @@
-"""A person edits a simulated world on the page, in Chromium: what is asked for is what the physics
+"""A person edits a simulated world on the page, in Chromium: what is requested is what the physics
 has, by its true poses, and comes back to the page."""
 
 import signal
