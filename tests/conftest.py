@@ -176,6 +176,7 @@ LONG = {
         "tests/viewer/test_recording_page.py",
         "tests/viewer/test_ultrasound_page.py",
         "tests/viewer/test_reslice_page.py",
+        "tests/viewer/test_operation_page.py",
     ),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",

@@ -12,9 +12,8 @@ def pdf_of(
 ) -> bytes:
     """The report as PDF, with the digests of the case's files; ``scene`` is a PNG."""
     from app import __version__
-    from app.files.paths import sha256_of
+    from app.report.methods import input_digests
     from app.report.pdf import report_pdf
 
-    files = (prepared.case.folder / "case.yaml", prepared.case.recording_path)
-    digests = {path.name: sha256_of(path) for path in files if path is not None and path.is_file()}
+    digests = input_digests(prepared.case)
     return report_pdf(record, summary, scene, version=__version__, inputs_sha256=digests)

@@ -5,11 +5,13 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from app.files.bounded_io import is_file, is_folder
 from app.files.paths import sha256_of
 from app.geometry import NS_PER_S
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
+    from app.case import Case
     from app.runtime import PreparedCase
 
 LIBRARIES = ("numpy", "scipy", "manifold3d", "python-fcl")
@@ -29,12 +31,10 @@ def methods_of(
     ``recorded``: the date of the recording, None if its clock does not count from 1970. ``program``
     is the version of MarginGuard. Raises `InputError` for a file that cannot be read.
     """
-    case = prepared.case
-    files = [case.folder / "case.yaml", case.recording_path]
     return {
         "version": program,
         "libraries": {name: version(name) for name in LIBRARIES},
-        "inputs_sha256": {path.name: sha256_of(path) for path in files if path is not None},
+        "inputs_sha256": input_digests(prepared.case),
         "tumor": prepared.content.model_id,
         "recorded": recorded_on(first_ns),
         "tip_only": prepared.tip_only,
@@ -42,6 +42,22 @@ def methods_of(
         "error_sigmas_mm": dict(error_sigmas_mm or {}),
         "depth": "Gaussian process regression with estimated jitter; docs/analysis.md",
     }
+
+
+def input_digests(case: "Case") -> dict[str, str]:
+    """The SHA-256 of ``case.yaml`` and of each file of the recording, by name.
+
+    Files of a recording that is a folder are named after it: ``tracking/0.mcap``. Raises
+    `InputError` for a file that cannot be read.
+    """
+    files = {"case.yaml": case.folder / "case.yaml"}
+    recording = case.recording_path
+    if recording is not None and is_folder(recording):
+        found = sorted(path for path in recording.rglob("*") if is_file(path))
+        files |= {f"{recording.name}/{path.relative_to(recording)}": path for path in found}
+    elif recording is not None:
+        files[recording.name] = recording
+    return {name: sha256_of(path) for name, path in files.items()}
 
 
 def recorded_on(first_ns: int) -> str | None:

@@ -33,9 +33,10 @@ _CONE_RAD, _SETTLE_S = np.radians(32.0), 0.5
 _NOISE_MM, _NOISE_RAD = 0.05, np.radians(0.03)
 _APPROACH_MM, _BREACH_MM, _RETREAT_MM = 5.0, -3.0, 35.0
 _LANDMARKS_MM = (
-    (35, 0, 10), (0, 35, -10), (-35, 0, 20), (0, -35, 30), (25, 25, 40), (-25, -25, -20),
-    (30, -20, -25), (-20, 30, 35),
+    (0, 35, -10), (-20, 30, 35), (-35, 0, 20), (-25, -25, -20), (0, -35, 30), (30, -20, -25),
+    (35, 0, 10), (25, 25, 40),
 )  # fmt: skip
+"""From the tumour's centre, in an order whose straight ways stay outside of the tumour."""
 _STYLUS = ((-0.98548, 0.01639, -0.16898), (-0.01906, 0.97837, 0.20601), (0.1687, 0.20624, -0.96385))
 """Rotation of the arm's last link in its base; only its origin touches the tip of the tool."""
 

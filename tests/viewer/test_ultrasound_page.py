@@ -61,6 +61,7 @@ def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(
         "NO CURRENT IMAGE: image 9: tracker -> probe is OUT_OF_VIEW"
     )
     expect(page.locator("#us-image")).to_be_hidden()
+    expect(page.locator("#us-kinds")).to_be_hidden()  # there is one kind of images
     assert not watched.external_requests()
     assert not watched.errors
 

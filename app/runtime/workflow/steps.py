@@ -87,13 +87,13 @@ def workflow_steps(
     """The six steps of a session that uses ``content``, after ``step``; None before the first.
 
     ``silent``: why ``step`` is outdated, empty while it is not. ``has_images``: the tumour can be
-    contoured in the session; one of its configuration is then not yet a contour. ``calibration``
-    and ``recording`` are those of a live session, None where there are none.
+    contoured in images; that of a live session's configuration is then not yet a contour.
+    ``calibration`` and ``recording`` are those of a live session, None where there are none.
     """
     return (
         _connect(step, content, silent),
         _calibrate(content, calibration),
-        _contour(content, has_images=has_images),
+        _contour(content, is_expected=is_live and has_images),
         _register(content),
         _navigate(step, silent),
         _review(recording, is_live=is_live),
@@ -145,13 +145,13 @@ def _calibrate(content: SessionContent, calibration: CalibrationStatus | None) -
     return WorkflowStep(WorkflowName.CALIBRATE, f"the tip of {tip.target}", has, problem)
 
 
-def _contour(content: SessionContent, *, has_images: bool) -> WorkflowStep:
+def _contour(content: SessionContent, *, is_expected: bool) -> WorkflowStep:
     volume = _volume_mm3(content.tumor) / _MM3_PER_CM3
     sigma = content.tumor_sigma_mm
     stated = f"sigma {sigma:.2f} mm" if sigma > 0.0 else "uncertainty not known"
     origin = "accepted in this session" if content.tumor_accepted else "given with the case"
     has = f"tumour of {volume:.2f} cm\u00b3, {stated}, {origin}"
-    is_open = has_images and not content.tumor_accepted
+    is_open = is_expected and not content.tumor_accepted
     problem = "no contour was accepted in this session" if is_open else ""
     return WorkflowStep(WorkflowName.CONTOUR, "a closed surface of the tumour", has, problem)
 

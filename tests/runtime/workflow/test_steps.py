@@ -94,6 +94,8 @@ def test_tumour_of_the_configuration_is_no_contour_where_images_come():
     assert steps_of(stepped())["contour"].has.endswith(", given with the case")
     given = steps_of(stepped(), has_images=True)["contour"]
     assert given.problem == "no contour was accepted in this session"
+    replayed = steps_of(stepped(), has_images=True, is_live=False)["contour"]
+    assert replayed.state is WorkflowState.DONE
     accepted = steps_of(stepped(), replace(CONTENT, tumor_accepted=True), has_images=True)
     assert accepted["contour"].state is WorkflowState.DONE
     assert accepted["contour"].has.endswith(", accepted in this session")

@@ -1,0 +1,40 @@
+"""The methods of a report: digests of the files that it was made of."""
+
+import hashlib
+from pathlib import Path
+
+import yaml
+
+from app.case import open_case
+from app.cli.main import main
+from app.report.methods import input_digests
+from tests.cli.small_case import write_small_case
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def write_folder_case(folder: Path) -> Path:
+    """A case whose recording is a folder, as `marginguard record` and a session write it."""
+    assert main(["convert", str(write_small_case(folder / "made")), str(folder / "case")]) == 0
+    case = folder / "case"
+    (case / "bag").mkdir()
+    manifest = yaml.safe_load((case / "case.yaml").read_text())
+    (case / manifest["recording"]["path"]).rename(case / "bag" / "bag_0.mcap")
+    manifest["recording"] = {"path": "bag"}
+    (case / "case.yaml").write_text(yaml.safe_dump(manifest))
+    return case
+
+
+def test_recording_that_is_a_folder_has_the_digest_of_each_file(tmp_path: Path) -> None:
+    case = write_folder_case(tmp_path)
+    expected = {
+        "case.yaml": digest(case / "case.yaml"),
+        "bag/bag_0.mcap": digest(case / "bag" / "bag_0.mcap"),
+    }
+    assert input_digests(open_case(case)) == expected
+    report = tmp_path / "report"
+    assert main(["replay", str(case), "--no-ros", "--report", str(report)]) == 0
+    page = (report / "report.html").read_text()
+    assert all(sha in page for sha in expected.values())

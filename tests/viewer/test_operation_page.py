@@ -1,0 +1,254 @@
+"""The whole workflow on the live page, on a simulated operation: from ultrasound to a report."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from playwright.sync_api import Browser, Locator, Page, TimeoutError, expect
+from skimage.filters import gaussian
+from skimage.measure import find_contours
+
+pytest.importorskip("rclpy")
+
+from app.case import open_case
+from app.files.meshes import load_mesh
+from app.synthetic.operation import PLANES
+from tests.bridge.live.conftest import Child, Start
+from tests.bridge.live.conftest import start as start
+from tests.ros_domain import domain_id as domain_id
+from tests.viewer.conftest import Server, wait_until_uncovered, watching
+from tests.viewer.test_contour_page import click, has_points
+from tests.viewer.test_ultrasound_page import PIXELS_OF
+
+WAIT_MS = 120_000
+SIZES = {"1280": (1280, 720), "1920": (1920, 1080), "390": (390, 844)}
+PICTURES = os.environ.get("MARGINGUARD_WORKFLOW_PICTURES", "")
+"""Folder for a picture of each step and size; none by default."""
+
+BORDER_LEVEL = 75.0
+CLICKS = 10
+
+
+@pytest.fixture
+def operation(start: Start, tmp_path: Path) -> Child:
+    """The simulated operation, with its folder written."""
+    child = start("-m", "app.cli", "operation", str(tmp_path / "operation"))
+    child.line(lambda line: line.startswith("simulated operation"))
+    return child
+
+
+@pytest.fixture
+def live_server(can_draw: None, operation: Child, tmp_path: Path) -> Iterator[Server]:
+    config = tmp_path / "operation" / "live.yaml"
+    arguments = ["--live", "--config", str(config), "--cases", str(tmp_path / "cases")]
+    server = Server(arguments, tmp_path / "view.txt")
+    yield server
+    server.close()
+
+
+def picture(page: Page, name: str, part: str) -> None:
+    """Keep a picture of the page at each size, with ``part`` in view, if a folder is given."""
+    if not PICTURES:
+        return
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        page.locator(part).scroll_into_view_if_needed()
+        page.wait_for_timeout(1500)
+        page.screenshot(path=Path(PICTURES) / f"workflow_{name}_{size}.png")
+    page.set_viewport_size({"width": 1280, "height": 720})
+
+
+def reach(operation: Child, phase: str) -> None:
+    """Request a phase, and wait until its motion has come to its end."""
+    operation.send(phase)
+    operation.line(lambda line: line.strip() == phase)
+
+
+def confirm(page: Page, part: str) -> None:
+    """Open the question of ``part`` and confirm it."""
+    page.locator(f"#{part} summary").click(timeout=WAIT_MS)
+    page.click(f"#{part}-confirm")
+
+
+def state_of(page: Page, step: str) -> Locator:
+    """The row of a step of the workflow."""
+    return page.locator("#workflow li", has_text=step)
+
+
+def rearm(page: Page) -> None:
+    confirm(page, "rearm")
+    expect(page.locator(".hold")).to_have_count(0, timeout=WAIT_MS)
+
+
+def calibrate(page: Page, operation: Child, kind: str) -> None:
+    page.click(f"#calibration-{kind}")
+    operation.send(kind)
+    operation.extend_deadline()
+    verdict = page.locator("#calibration-verdict")
+    expect(verdict).to_have_attribute("data-ok", "true", timeout=WAIT_MS)
+    expect(page.locator("#calibration-covered")).to_contain_text("8 of 8", timeout=WAIT_MS)
+    picture(page, kind, "#calibration")
+    operation.extend_deadline()
+    page.click("#calibration-stop")
+    confirm(page, "calibration-use")
+    expect(page.locator("#calibration-title")).to_have_text("", timeout=WAIT_MS)
+
+
+def clicks_on(page: Page) -> list[tuple[float, float]]:
+    """Columns and rows on the lesion's outline, of the pixels that the page shows alone."""
+    rows, columns = page.evaluate(
+        "() => { const box = document.querySelector('#us-image image');"
+        " return [Number(box.getAttribute('height')), Number(box.getAttribute('width'))]; }"
+    )
+    shown = np.array(page.evaluate(PIXELS_OF)).reshape(int(rows), int(columns), 4)[..., 0]
+    smooth = gaussian(shown.astype(float), 3.0)
+    lines = [line for line in find_contours(smooth, BORDER_LEVEL) if len(line) > 30]
+    if not lines:
+        return []
+    line = max(lines, key=len)
+    chosen = line[np.linspace(0, len(line) - 1, CLICKS, endpoint=False).astype(int)]
+    return [(float(column), float(row)) for row, column in chosen]
+
+
+def click_until_added(page: Page, column: float, row: float, count: int) -> int:
+    """Click again, as a person would, while no point appears; return how often."""
+    for again in range(3):
+        click(page, column, row)
+        try:
+            page.wait_for_function(
+                "n => trame.state.get('contour').points.length === n", arg=count, timeout=6000
+            )
+        except TimeoutError:
+            print(page.locator("#contour-note").inner_text())
+            continue
+        return again
+    has_points(page, count)
+    return 3
+
+
+def contour(page: Page, operation: Child) -> int:
+    """Click on the outline in the images of all planes; return the number of points."""
+    page.click("#contour-add")
+    part, count, repeated = page.locator("#ultrasound > div"), 0, 0
+    for plane in range(PLANES):
+        reach(operation, f"sweep {plane}")
+        before = int(part.get_attribute("data-image") or 0)
+        # The images on the way have been sent before the phase was reported.
+        page.wait_for_function(
+            "n => Number(document.querySelector('#ultrasound > div').dataset.image) > n + 6",
+            arg=before,
+        )
+        for column, row in clicks_on(page):
+            operation.extend_deadline()
+            count += 1
+            repeated += click_until_added(page, column, row, count)
+    page.click("#contour-add")
+    page.fill("#contour-calibration", "0.5")
+    page.press("#contour-calibration", "Tab")
+    page.wait_for_function("() => trame.state.get('contour').ready")
+    print(f"{count} points, {repeated} clicks repeated")
+    return count
+
+
+def compared(found: trimesh.Trimesh, true: trimesh.Trimesh) -> tuple[float, float]:
+    """Dice coefficient and ratio of the volumes, of voxels of 0.5 mm inside each by trimesh."""
+    low = np.minimum(found.bounds[0], true.bounds[0]) - 1.0
+    high = np.maximum(found.bounds[1], true.bounds[1]) + 1.0
+    axes = [np.arange(a, b, 0.5) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside, truly = found.contains(places), true.contains(places)
+    dice = 2.0 * np.count_nonzero(inside & truly) / (inside.sum() + truly.sum())
+    return float(dice), float(inside.sum() / truly.sum())
+
+
+def test_workflow_from_ultrasound_to_the_report(
+    browser: Browser, live_server: Server, operation: Child, tmp_path: Path
+) -> None:
+    with watching(browser, live_server) as watched:
+        page = watched.page
+        page.click("#workflow summary")
+        expect(state_of(page, "connect")).to_have_attribute("data-state", "done", timeout=WAIT_MS)
+        expect(state_of(page, "contour")).to_have_attribute("data-state", "not done")
+        picture(page, "connect", "#workflow")
+        calibrate(page, operation, "pivot")
+        calibrate(page, operation, "spin")
+        operation.send("rest")
+
+        points = contour(page, operation)
+        picture(page, "contour", "#ultrasound")
+        operation.extend_deadline()
+        confirm(page, "contour-use")
+        expect(state_of(page, "contour")).to_have_attribute("data-state", "done", timeout=WAIT_MS)
+
+        operation.extend_deadline()
+        page.locator("#registration-start").click(timeout=WAIT_MS)
+        reach(operation, "touch")
+        verdict = page.locator("#registration-verdict")
+        expect(verdict).to_have_attribute("data-ok", "true", timeout=WAIT_MS)
+        picture(page, "register", "#registration")
+        page.click("#registration-stop")
+        confirm(page, "registration-use")
+        expect(page.locator("#fre")).to_contain_text("points, FRE", timeout=WAIT_MS)
+        rearm(page)
+
+        operation.extend_deadline()
+        page.click("#record summary")
+        page.fill("#record-name", "operation")
+        page.click("#record-confirm")
+        expect(page.locator("#recording-mark")).to_be_visible(timeout=WAIT_MS)
+        reach(operation, "approach")
+        picture(page, "navigate", "#state-label")
+        reach(operation, "breach")
+        expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
+        picture(page, "breach", "#state-label")
+        reach(operation, "retreat")
+        expect(page.locator("#state-label")).not_to_have_text("IN TUMOUR", timeout=WAIT_MS)
+        expect(page.locator("#breaches li")).to_have_count(1, timeout=WAIT_MS)
+        confirm(page, "record")
+        expect(page.locator("#recording .count")).to_have_text("finished", timeout=WAIT_MS)
+        assert not watched.external_requests()
+        assert not watched.errors
+
+    folder = tmp_path / "cases" / "operation"
+    accepted = open_case(folder).tumor_mesh()
+    true = load_mesh(tmp_path / "operation/truth/tumor.stl", units="mm", frame="tumor")
+    dice, ratio = compared(
+        trimesh.Trimesh(accepted.vertices_mm, accepted.faces),
+        trimesh.Trimesh(true.vertices_mm, true.faces),
+    )
+    print(f"{points} clicks, Dice {dice:.3f}, volume {100.0 * ratio:.1f} % of the true one")
+    assert dice >= 0.90
+    assert ratio == pytest.approx(1.0, abs=0.10)
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "replay", str(folder), "--no-ros", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (breach,) = json.loads(done.stdout)["breaches"]
+    print(f"breach of the recorded case: {breach}")
+    assert breach["min_signed_distance_mm"] < -1.0
+
+    review = Server([str(folder)], tmp_path / "review.txt")
+    try:
+        with watching(browser, review) as watched:
+            page = watched.page
+            expect(page.locator("#breaches li")).to_have_count(1, timeout=WAIT_MS)
+            page.locator("#breaches button").first.click()
+            expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
+            picture(page, "review", "#state-label")
+            page.click("#export summary")
+            with page.expect_download(timeout=WAIT_MS) as download:
+                page.click("#export-report-html")
+            report = Path(download.value.path()).read_text(encoding="utf-8")
+            assert f"{breach['min_signed_distance_mm']:.3f}" in report
+            wait_until_uncovered(page)
+            assert not watched.errors
+    finally:
+        review.close()
