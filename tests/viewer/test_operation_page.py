@@ -31,6 +31,12 @@ SIZES = {"1280": (1280, 720), "1920": (1920, 1080), "390": (390, 844)}
 PICTURES = os.environ.get("MARGINGUARD_WORKFLOW_PICTURES", "")
 """Folder for a picture of each step and size; none by default."""
 
+HIDE_PATHS = """() => {
+  const folder = document.querySelector("#recording-folder");
+  if (folder) folder.style.visibility = "hidden";
+}"""
+"""Folders of this machine do not belong into a picture."""
+
 BORDER_LEVEL = 75.0
 CLICKS = 10
 
@@ -59,6 +65,7 @@ def picture(page: Page, name: str, part: str) -> None:
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
         page.locator(part).scroll_into_view_if_needed()
+        page.evaluate(HIDE_PATHS)
         page.wait_for_timeout(1500)
         page.screenshot(path=Path(PICTURES) / f"workflow_{name}_{size}.png")
     page.set_viewport_size({"width": 1280, "height": 720})
@@ -148,6 +155,8 @@ def contour(page: Page, operation: Child) -> int:
             operation.extend_deadline()
             count += 1
             repeated += click_until_added(page, column, row, count)
+        if plane == PLANES // 2:
+            picture(page, "contour", "#ultrasound")
     page.click("#contour-add")
     page.fill("#contour-calibration", "0.5")
     page.press("#contour-calibration", "Tab")
@@ -181,7 +190,6 @@ def test_workflow_from_ultrasound_to_the_report(
         operation.send("rest")
 
         points = contour(page, operation)
-        picture(page, "contour", "#ultrasound")
         operation.extend_deadline()
         confirm(page, "contour-use")
         expect(state_of(page, "contour")).to_have_attribute("data-state", "done", timeout=WAIT_MS)
@@ -247,7 +255,7 @@ def test_workflow_from_ultrasound_to_the_report(
             with page.expect_download(timeout=WAIT_MS) as download:
                 page.click("#export-report-html")
             report = Path(download.value.path()).read_text(encoding="utf-8")
-            assert f"{breach['min_signed_distance_mm']:.3f}" in report
+            assert f"{breach['min_signed_distance_mm']:.2f} mm" in report
             wait_until_uncovered(page)
             assert not watched.errors
     finally:
