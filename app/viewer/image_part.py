@@ -41,6 +41,11 @@ class ImagePart:
         self._place: tuple[int, FloatArray] | None = None
 
     @property
+    def has_ultrasound(self) -> bool:
+        """True if there are ultrasound images, whatever is shown."""
+        return self._ultrasound is not None
+
+    @property
     def plane(self) -> ImagePlane | None:
         """The plane in the 3D view; None before there is a scene."""
         return self._plane

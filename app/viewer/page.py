@@ -172,7 +172,7 @@ class Page:
         return workflow_values(
             self._now,
             is_live=calibration is not None,
-            has_images=self._contour is not None,
+            has_images=self._images is not None and self._images.has_ultrasound,
             calibration=None if calibration is None else calibration.guide.status(),
             recording=self._recording(),
         )

@@ -63,7 +63,7 @@ class Judge(Operator):
 
     def by_libigl_mm(self, index):
         """The same at one pose, by libigl from the vertices of both surfaces: an upper bound."""
-        return self._surfaces.vertex_distance_mm(tumor_from_tool(self.truth[index]))
+        return self._surfaces.lowest_vertex_mm([tumor_from_tool(self.truth[index])])
 
     def force_n(self, last=1):
         """Largest force of the hand in its last messages."""
