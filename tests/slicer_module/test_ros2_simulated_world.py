@@ -81,6 +81,9 @@ def shown(node, physics, wait_until, logic):
         wait_until(ready, meanwhile)
 
     until(lambda: member.GetBodies() == ["ball", "wall"])
+    # The scene can still have the places of the world of the test before.
+    for body in ("ball", "wall"):
+        until(lambda body=body: x_of(member, body) == pytest.approx(physics.x(body), abs=1e-3))
     until(lambda: member._editor.is_connected() and physics.refusals_are_received())
     yield member, until
     node.RemoveAndDeleteSimulatedWorldNode()
