@@ -1,6 +1,7 @@
 """What operators record together: its phase, the revision that each has seen, accept and undo."""
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from enum import StrEnum
 from typing import Generic, TypeVar
@@ -20,7 +21,7 @@ class Phase(StrEnum):
     STOPPED = "stopped"
 
 
-class GuidedRecording(Generic[_Result]):
+class GuidedRecording(ABC, Generic[_Result]):
     """Base of a guided calibration or registration, called ``what`` in messages. Thread-safe.
 
     A change names the revision that its operator has seen, and is refused with `InputError` if
@@ -121,18 +122,18 @@ class GuidedRecording(Generic[_Result]):
         self._requested = None
         self._clear()
 
+    @abstractmethod
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _replacement(self) -> tuple[_Result | None, _Result]:
         """What the session uses now, and the result; called if nothing is refused."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _is_in_use(self, result: _Result) -> bool:
         """True if the session uses ``result`` now."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _clear(self) -> None:
         """Drop samples and fit."""
-        raise NotImplementedError
