@@ -101,7 +101,7 @@ $(python):
 
 # The interfaces are installed together with the ROS wheels, which they load.
 $(run): $(declared) $(interfaces) | $(python)
-	@$(python) tools/install.py -e '.[ros,scene,simulation,notebook,hdf5,cohort,dicom,volume]' ./interfaces
+	@$(python) tools/install.py -e '.[ros,scene,simulation,notebook,hdf5,cohort,dicom,volume,video]' ./interfaces
 	@touch $@
 
 $(test): $(run)

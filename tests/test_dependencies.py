@@ -27,6 +27,7 @@ BROUGHT_BY = {
     "rclpy": "ros-rclpy",
     "pinocchio": "pin",  # its wheel does not name the module
     "dask": "distributed",  # pins the matching version
+    "av": "av",  # optional
     "manifold3d": "manifold3d",  # its wheel does not name the module
 }
 """Module -> declared distribution that installs it in the matching version."""
@@ -80,7 +81,7 @@ def imported(folder: str) -> dict[str, Path]:
     [
         (
             "app",
-            with_extras("ros", "scene", "hdf5", "dicom", "simulation", "cohort", "volume"),
+            with_extras("ros", "scene", "hdf5", "dicom", "simulation", "cohort", "volume", "video"),
         ),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),

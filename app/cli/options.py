@@ -106,13 +106,13 @@ def existing_folder(text: str) -> Path:
     return path
 
 
-def file_path(ending: str) -> Callable[[str], Path]:
-    """Type of an option for an output file whose name ends with ``ending``."""
+def file_path(*endings: str) -> Callable[[str], Path]:
+    """Type of an option for an output file whose name ends with one of ``endings``."""
 
     def checked(text: str) -> Path:
-        if not text.lower().endswith(ending) or Path(text).name.lower() == ending:
+        if not text.lower().endswith(endings) or Path(text).name.lower() in endings:
             raise argparse.ArgumentTypeError(
-                f"{text!r}; expected a file name that ends with {ending}"
+                f"{text!r}; expected a file name that ends with {' or '.join(endings)}"
             )
         return Path(text)
 

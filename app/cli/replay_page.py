@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from app.cli.progress import with_progress
-from app.cli.scene_picture import MOVIE, SCENE, ScenePainter
+from app.cli.scene_picture import MOVIE, SCENE, VIDEO, ScenePainter
 from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
@@ -44,13 +44,27 @@ class ReplayParts:
     @property
     def exports(self) -> "dict[str, Callable[[], bytes]]":
         """By file name, what makes a file of these steps, as ``marginguard replay`` writes it."""
-        return {
+        makers = {
             "report.html": lambda: self._report_file("report.html"),
             "report.pdf": self._pdf,
             "margin.csv": self._margin_csv,
             "scene.mrb": lambda: self._drawn(SCENE),
             "movie.gif": lambda: self._drawn(MOVIE),
+            "movie.mp4": lambda: self._drawn(VIDEO),
         }
+        return {name: make for name, make in makers.items() if name not in self.missing}
+
+    @property
+    def missing(self) -> dict[str, str]:
+        """By file name, why a file is not among `exports`."""
+        from app.files.extras import check_installed
+        from app.geometry import InputError
+
+        try:
+            check_installed("av")
+        except InputError as error:
+            return {"movie.mp4": str(error)}
+        return {}
 
     def _record(self) -> "ReplayRecord":
         """The record of the steps, with the notes of operators."""
@@ -151,6 +165,7 @@ def replay_page(
         parts.content.name,
         live=False,
         exports=parts.exports,
+        missing=parts.missing,
         images=images,
         volume=volume,
         notes=parts.notes,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from app.runtime import SessionContent
     from app.session import StepResult
 
-PICTURE, SCENE, MOVIE = "picture", "scene", "movie"
-"""The outputs of a `SceneRequest`."""
+PICTURE, SCENE, MOVIE, VIDEO = "picture", "scene", "movie", "video"
+"""The outputs of a `SceneRequest`; a movie is a GIF, a video is an MP4 file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +105,7 @@ class ScenePainter:
         return content
 
     def content(self, name: str) -> bytes:
-        """Wait for the file ``name``, `SCENE` or `MOVIE`. Raises `InputError` if it failed."""
+        """Wait for the file ``name``, not a picture. Raises `InputError` if it failed."""
         content = (
             "the distance of the tool to the tumour was never known"
             if self._answer is None
@@ -131,7 +131,7 @@ def _unpacked(answer: bytes, status: int) -> dict[str, bytes | str]:
     try:
         contents: dict[str, bytes | str] = pickle.loads(answer)
     except (pickle.UnpicklingError, EOFError):
-        return dict.fromkeys((PICTURE, SCENE, MOVIE), ended)
+        return dict.fromkeys((PICTURE, SCENE, MOVIE, VIDEO), ended)
     if status != 0:
         print(f"{ended} after it had drawn everything", file=sys.stderr)
     return contents

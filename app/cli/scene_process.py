@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
-from app.cli.scene_picture import MOVIE, PICTURE, SCENE
+from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO
 from app.files.extras import install_hint
 
 if TYPE_CHECKING:
@@ -105,7 +105,13 @@ def _movie(request: "SceneRequest") -> bytes:
     return movie_gif(request.content, request.step, request.keyframes)
 
 
-_MAKERS = {PICTURE: _picture, SCENE: _scene, MOVIE: _movie}
+def _video(request: "SceneRequest") -> bytes:
+    from app.scene import movie_mp4
+
+    return movie_mp4(request.content, request.step, request.keyframes)
+
+
+_MAKERS = {PICTURE: _picture, SCENE: _scene, MOVIE: _movie, VIDEO: _video}
 
 
 if __name__ == "__main__":

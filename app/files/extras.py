@@ -19,6 +19,7 @@ _MODULES = {
     "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),
     "simulation": re.compile(r"mujoco|coacd"),
+    "video": re.compile(r"av"),
     "volume": re.compile(r"SimpleITK"),
     "scene": re.compile(r"slicer(_core)?|vtk(modules)?|trame(_\w+)?|wslink|aiohttp|msgpack"),
 }

@@ -7,13 +7,13 @@ from .frames.poses import PoseNodes
 from .frames.transform_tree import TransformTree
 from .frames.watchdog import TransformHealth, TransformWatchdog
 from .image_plane import ImagePlane
-from .margin.breach_markers import BreachMarkers
+from .margin.breach_markers import BreachMarkers, MarkerStyle
 from .margin.fixture_plane import FixturePlane
 from .nodes.batch import Batch
 from .nodes.shapes import mesh_of_model, mesh_of_segment, points_of_markups
 from .pictures.cameras import Preset, bullseye, forward_of, look_through, preset_camera
 from .pictures.framing import Camera
-from .pictures.movie import movie_gif
+from .pictures.movie import movie_gif, movie_mp4
 from .pictures.offscreen import use_offscreen_rendering
 from .pictures.picture import scene_png
 from .pictures.quick_image import QUICK_TYPE, quick_image
@@ -36,6 +36,7 @@ __all__ = [
     "FixturePlane",
     "ImagePlane",
     "MarginGuardScene",
+    "MarkerStyle",
     "OffscreenError",
     "OffscreenView",
     "PoseNodes",
@@ -57,6 +58,7 @@ __all__ = [
     "mesh_of_model",
     "mesh_of_segment",
     "movie_gif",
+    "movie_mp4",
     "offscreen_view",
     "points_of_markups",
     "preset_camera",

@@ -9,6 +9,7 @@ from app.runtime import SessionContent
 from app.scene.errors import SceneError
 from app.scene.frames.frame_graph import poses_in
 from app.scene.frames.watchdog import TransformHealth
+from app.scene.margin.breach_markers import MarkerStyle
 from app.scene.scene import MarginGuardScene
 from app.session import REFERENCE, StepResult
 
@@ -51,6 +52,8 @@ class ScenePresenter:
         self._margin_surface: SurfaceMesh | None = None
         self._measured: dict[tuple[str, str], Transform] = {}
         self._breach_count = 0
+        self._deleted = 0
+        self._marker_style = MarkerStyle()
 
     def set_content(self, content: SessionContent) -> None:
         """Use ``content`` from the next step on.
@@ -62,6 +65,8 @@ class ScenePresenter:
         if content is self.content:
             return
         before, self.content = self.content, content
+        if content.tumor is not before.tumor:
+            self._deleted = 0
         if content.tumor is not before.tumor or content.margins.stop_mm != before.margins.stop_mm:
             self.set_margin_surface(None)
         if not _has_same_parts(before, content):
@@ -131,6 +136,29 @@ class ScenePresenter:
             return ()
         return self.scene.watchdog.check(now_ns)
 
+    @property
+    def marker_style(self) -> MarkerStyle:
+        """Distance and size of the breach marks, for this scene and later ones."""
+        return self._marker_style
+
+    @marker_style.setter
+    def marker_style(self, style: MarkerStyle) -> None:
+        self._marker_style = style
+        if self.scene is not None and self.scene.margin is not None:
+            with self.scene.update():
+                self.scene.margin.breaches.set_style(style)
+
+    def delete_breach_marks(self) -> None:
+        """Remove the marks of the breaches so far; later ones are marked again.
+
+        Display only. With ``breach_points_mm`` they return when fewer points are shown, as for a
+        replay that goes back.
+        """
+        self._deleted = self._breach_count
+        if self.scene is not None and self.scene.margin is not None:
+            with self.scene.update():
+                self.scene.margin.breaches.clear()
+
     def restart(self) -> None:
         """Accept a next step from an earlier time, as after a seek. Breach marks are removed."""
         if self.scene is not None and self.scene.watchdog is not None:
@@ -199,6 +227,8 @@ class ScenePresenter:
         content = self.content
         if scene.tumor is None and scene.tree.node(content.tumor.frame) is not None:
             scene.add_tumor(content.tumor)
+            if scene.margin is not None:
+                scene.margin.breaches.set_style(self._marker_style)
             if self._margin_surface is not None:
                 scene.add_margin_surface(self._margin_surface)
         if scene.tool is None and scene.tree.node(content.tip_frame) is not None:
@@ -222,7 +252,9 @@ class ScenePresenter:
             return
         if len(points_mm) < self._breach_count:
             self.clear_breaches()
-        for point in points_mm[self._breach_count :]:
+        if len(points_mm) < self._deleted:
+            self._deleted = 0
+        for point in points_mm[max(self._breach_count, self._deleted) :]:
             scene.margin.breaches.add(point)
         self._breach_count = len(points_mm)
 

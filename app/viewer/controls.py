@@ -8,6 +8,13 @@ from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.runtime import SeenHold
 from app.runtime.workflow.event_notes import MAX_CHARS, EventNotes
+from app.scene import MarkerStyle
+from app.scene.margin.breach_markers import (
+    MAX_SIZE_MM,
+    MAX_SPACING_MM,
+    MIN_SIZE_MM,
+    MIN_SPACING_MM,
+)
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.image_part import ImagePart
@@ -75,6 +82,32 @@ class SceneControls:
             }
             for part in self._view.parts
         ]
+
+
+class MarkerControls:
+    """Distance and size of the breach marks, and their deletion. Display only."""
+
+    def __init__(self, state: State, commands: Commands, view: SceneView, changed: Changed) -> None:
+        self._state = state
+        self._view = view
+        self._changed = changed
+        spacing = number(MIN_SPACING_MM, MAX_SPACING_MM)
+        commands.add("markers", self._set_style, spacing, number(MIN_SIZE_MM, MAX_SIZE_MM))
+        commands.add("markers_delete", self._delete)
+        self._publish()
+
+    def _set_style(self, spacing_mm: float, size_mm: float) -> None:
+        self._view.marker_style = MarkerStyle(spacing_mm, size_mm)
+        self._publish()
+        self._changed()
+
+    def _delete(self) -> None:
+        self._view.delete_breach_marks()
+        self._changed()
+
+    def _publish(self) -> None:
+        style = self._view.marker_style
+        self._state.markers = {"spacing_mm": style.spacing_mm, "size_mm": style.size_mm}
 
 
 class ReplayControls:

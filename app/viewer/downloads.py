@@ -17,6 +17,7 @@ KINDS = {
     ".csv": "text/csv",
     ".gif": "image/gif",
     ".html": "text/html",
+    ".mp4": "video/mp4",
     ".mrb": "application/zip",
     ".pdf": "application/pdf",
 }

@@ -28,6 +28,7 @@ from app.viewer.contour_part import ContourPart
 from app.viewer.controls import (
     ImageControls,
     LiveControls,
+    MarkerControls,
     NoteControls,
     ReplayControls,
     SceneControls,
@@ -70,13 +71,15 @@ _MAX_PIXELS = 1920 * 1200
 class Title:
     """The case in the page's title; ``exports`` makes its files by name, ``images`` are shown.
 
-    ``volume`` is cut through the tool's tip; its axes are those of the tumour's frame.
-    ``notes``: those of operators, which the page lists and adds to.
+    ``missing``: by file name, why a file is not among ``exports``. ``volume`` is cut through the
+    tool's tip; its axes are those of the tumour's frame. ``notes``: those of operators, which the
+    page lists and adds to.
     """
 
     case: str
     live: bool
     exports: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
     images: ImageSource | None = None
     volume: Volume | None = None
     notes: EventNotes = field(default_factory=EventNotes)
@@ -161,6 +164,7 @@ class Viewer:
         state.rates = []
         self._commands = Commands()
         SceneControls(state, self._commands, view, self._page.camera, self.redraw)
+        MarkerControls(state, self._commands, view, self.redraw)
         if control is not None:
             ReplayControls(state, self._commands, control, self.redraw)
         if operator is not None:
@@ -333,6 +337,7 @@ def _server(title: Title, *, client: bool) -> Server:
         "case": title.case,
         "live": title.live,
         "exports": list(title.exports),
+        "missing": [f"{name}: {why}" for name, why in title.missing.items()],
         "client": client,
         "ultrasound": title.images is not None,
         "images": list(image_kinds(title.images, title.volume)),

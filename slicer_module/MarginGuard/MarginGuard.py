@@ -65,6 +65,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._guided = None
         self._events = None
         self._contour = None
+        self._view = None
         self._shown = None
 
     def setup(self):
@@ -128,7 +129,10 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def on_settings(self, caller=None, event=None):
         """Apply the settings that take effect at once."""
         with self._errors_displayed():
-            self.logic.panel_logic.set_opacity(self.settings.opacity)
+            self.logic.panel_logic.view.set_opacity(self.settings.opacity)
+            self.logic.panel_logic.view.set_markers(
+                self.settings.marker_spacing_mm, self.settings.marker_size_mm
+            )
             self.logic.panel_logic.set_rate(self.settings.rate)
             self.logic.panel_logic.contour.set_options(
                 self.settings.dilation_mm, self.settings.contour_error_mm
@@ -137,12 +141,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         if patient_to_ras is not self._patient_to_ras:  # a refused one is reported once
             self._patient_to_ras = patient_to_ras
             with self._errors_displayed():
-                self.logic.panel_logic.set_patient_to_ras(patient_to_ras)
-
-    def on_bullseye(self, checked=False):
-        """Start or end following the tool."""
-        with self._errors_displayed():
-            self.logic.panel_logic.follow_tool(checked)
+                self.logic.panel_logic.view.set_patient_to_ras(patient_to_ras)
 
     def on_mute(self, checked=False):
         """Mute or unmute the alarm."""
@@ -159,8 +158,6 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self._spinner.wake()
 
     def _connect_widgets(self):
-        from app.scene import Preset
-
         ui = self.ui
         ui.configPathLineEdit.filters = ctk.ctkPathLineEdit.Files
         ui.casePathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
@@ -184,9 +181,6 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             (ui.rearmButton, lambda logic: logic.rearm()),
             (ui.recordButton, lambda logic: logic.start_recording()),
             (ui.stopRecordingButton, self._stop_recording),
-            (ui.anteriorViewButton, lambda logic: logic.view_from(Preset.ANTERIOR)),
-            (ui.leftViewButton, lambda logic: logic.view_from(Preset.LEFT)),
-            (ui.superiorViewButton, lambda logic: logic.view_from(Preset.SUPERIOR)),
             (ui.loadButton, lambda logic: logic.load_case(Path(ui.casePathLineEdit.currentPath))),
             (ui.playButton, lambda logic: logic.play()),
             (ui.pauseButton, lambda logic: logic.pause()),
@@ -196,11 +190,12 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         from MarginGuardLib.contour_section import ContourSection
         from MarginGuardLib.events_section import EventsSection
         from MarginGuardLib.guided_section import GuidedSection
+        from MarginGuardLib.view_section import ViewSection
 
         self._guided = GuidedSection(ui, self._on_click)
         self._events = EventsSection(ui, self._on_click)
         self._contour = ContourSection(ui, self._on_click)
-        ui.bullseyeButton.clicked.connect(self.on_bullseye)
+        self._view = ViewSection(ui, self._on_click)
         ui.muteButton.clicked.connect(self.on_mute)
         ui.seekSlider.valueChanged.connect(self.on_seek)
 
@@ -286,7 +281,12 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             button.setEnabled(not status.is_live)
         ui.disconnectButton.setEnabled(status.is_live)
         ui.acceptButton.setEnabled(status.can_accept)
-        for button in (ui.setTumorButton, ui.applyMarginsButton, ui.rearmButton):
+        for button in (
+            ui.setTumorButton,
+            ui.applyMarginsButton,
+            ui.rearmButton,
+            ui.deleteMarkersButton,
+        ):
             button.setEnabled(status.has_session)
         ui.recordButton.setEnabled(status.is_live and not status.is_recording)
         ui.stopRecordingButton.setEnabled(status.is_recording)
@@ -305,7 +305,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def _show_position(self, status):
         """Show what a user may have moved meanwhile."""
         ui = self.ui
-        ui.bullseyeButton.setChecked(self.logic.panel_logic.is_following)
+        self._view.show(self.logic.panel_logic.view)
         has_case = status.position_s is not None
         if has_case and not ui.seekSlider.underMouse():
             ui.seekSlider.blockSignals(True)

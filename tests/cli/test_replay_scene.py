@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -17,6 +18,7 @@ from pypdf import PdfReader
 
 from app.case import Case, open_case, read_mrml
 from app.cli.main import main
+from app.files import extras
 from app.files.paths import sha256_of
 from app.fixture import MarginState
 from app.geometry import InputError, Transform
@@ -209,6 +211,34 @@ def test_scene_movie_and_report_of_a_small_case(
         assert level == tuple(round(255 * part) for part in worst.color)
 
 
+def test_video_of_a_small_case(tmp_path: Path) -> None:
+    pytest.importorskip("av", reason="the extra video is not installed")
+    try:
+        use_offscreen_rendering()
+    except OffscreenError as error:
+        pytest.skip(str(error))
+    case, movie = write_small_case(tmp_path / "case"), tmp_path / "m.MP4"
+    assert replay(case, "--movie", str(movie), "--movie-seconds", "1") == 0
+    video = cv2.VideoCapture(str(movie))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 12
+    size = (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    assert size == (800.0, 450.0)
+    video.release()
+
+
+def test_video_without_its_extra_is_refused_before_the_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    find_spec = extras.find_spec
+    monkeypatch.setattr(extras, "find_spec", lambda name: name != "av" and find_spec(name))
+    case, movie = write_small_case(tmp_path / "case"), tmp_path / "m.mp4"
+    assert replay(case, "--movie", str(movie)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "av is not installed: run `pip install" in error and "write the movie as .gif" in error
+    assert not movie.exists()
+
+
 def test_clock_that_jumps_back_leaves_a_scene_without_recording(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -227,7 +257,10 @@ def test_clock_that_jumps_back_leaves_a_scene_without_recording(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--movie", "replay.mp4"], "'replay.mp4'; expected a file name that ends with .gif"),
+        (
+            ["--movie", "replay.avi"],
+            "'replay.avi'; expected a file name that ends with .gif or .mp4",
+        ),
         (["--save-scene", "scene.mrml"], "'scene.mrml'; expected a file name that ends with .mrb"),
         (["--movie", "m.gif", "--movie-seconds", "0"], "0 s; expected 1 to 60 s"),
     ],

@@ -40,6 +40,8 @@ class RecordedPart:
         self._part = part
         self._calls = calls
 
+    follows_tool = False
+
     def __getattr__(self, name):
         return lambda *arguments: self._calls.append((f"{self._part}.{name}", *arguments))
 
@@ -51,13 +53,16 @@ class CommandsDouble:
         self.panel_logic = panel_logic
         self.calls = []
         self.alarm = panel_logic.alarm
-        self.is_following = False
 
     def calibration(self):
         return RecordedPart("calibration", self.calls)
 
     def touch(self):
         return RecordedPart("touch", self.calls)
+
+    @property
+    def view(self):
+        return RecordedPart("view", self.calls)
 
     @property
     def contour(self):
@@ -169,10 +174,11 @@ EXPECTED_CALLS = {
     "rearmButton": [("rearm",)],
     "recordButton": [("start_recording",)],
     "stopRecordingButton": [("stop_recording",)],
-    "anteriorViewButton": [("view_from", Preset.ANTERIOR)],
-    "leftViewButton": [("view_from", Preset.LEFT)],
-    "superiorViewButton": [("view_from", Preset.SUPERIOR)],
-    "bullseyeButton": [("follow_tool", True)],
+    "anteriorViewButton": [("view.look_from", Preset.ANTERIOR)],
+    "leftViewButton": [("view.look_from", Preset.LEFT)],
+    "superiorViewButton": [("view.look_from", Preset.SUPERIOR)],
+    "bullseyeButton": [("view.follow_tool", True)],
+    "deleteMarkersButton": [("view.delete_markers",)],
     "muteButton": [],  # a state of the alarm, tested below
     "goToBreachButton": [("events.go_to_breach", -1)],
     "goToNoteButton": [("events.go_to_note", -1)],
@@ -263,9 +269,17 @@ def test_slider_seeks_and_settings_take_effect_at_once(panel, pressed, applicati
     node = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
     panel.ui.patientTransformSelector.setCurrentNode(node)
     assert [each for each in calls if not each[0].startswith("contour.")][-3:] == [
-        ("set_opacity", 0.7),
+        ("view.set_markers", 1.0, 1.4),
         ("set_rate", 2.0),
-        ("set_patient_to_ras", node),
+        ("view.set_patient_to_ras", node),
+    ]
+    assert ("view.set_opacity", 0.7) in calls
+    calls.clear()
+    panel.ui.markerSpacingSpinBox.setValue(2.5)
+    panel.ui.markerSizeSpinBox.setValue(3.0)
+    assert [each for each in calls if each[0] == "view.set_markers"] == [
+        ("view.set_markers", 2.5, 1.4),
+        ("view.set_markers", 2.5, 3.0),
     ]
 
 

@@ -391,15 +391,15 @@ def test_registrations_from_case_and_from_landmarks_agree(panel_logic, applicati
 
 def test_views_opacity_and_patient_to_ras(panel_logic, application):
     with pytest.raises(MarginGuardError, match="no 3D view"):
-        panel_logic.view_from(Preset.ANTERIOR)
+        panel_logic.view.look_from(Preset.ANTERIOR)
     camera = application.scene.AddNewNodeByClass("vtkMRMLCameraNode")
-    panel_logic.view_from(Preset.SUPERIOR)
+    panel_logic.view.look_from(Preset.SUPERIOR)
     towards = np.array(camera.GetPosition()) - np.array(camera.GetFocalPoint())
     assert towards / np.linalg.norm(towards) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
     panel_logic.seek(5.0)
     spin_until(panel_logic, at(5.0))
-    panel_logic.follow_tool(True)
+    panel_logic.view.follow_tool(True)
     tip = application.scene.GetFirstNodeByName("CauteryTipToCautery")
     here = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert camera.GetFocalPoint() == pytest.approx(here, abs=1e-6)
@@ -408,17 +408,17 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     there = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert np.linalg.norm(there - here) > 10.0
     assert camera.GetFocalPoint() == pytest.approx(there, abs=1e-6)
-    panel_logic.view_from(Preset.LEFT)
-    assert not panel_logic.is_following
+    panel_logic.view.look_from(Preset.LEFT)
+    assert not panel_logic.view.follows_tool
 
-    panel_logic.set_opacity(0.9)
+    panel_logic.view.set_opacity(0.9)
     tumor = application.scene.GetFirstNodeByName("Tumor")
     assert tumor.GetDisplayNode().GetOpacity() == 0.9
     patient = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
     slicer.util.updateTransformMatrixFromArray(
         patient, np.block([[np.eye(3), np.array([[100.0], [0], [0]])], [0, 0, 0, 1]])
     )
-    panel_logic.set_patient_to_ras(patient)
+    panel_logic.view.set_patient_to_ras(patient)
     moved = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert moved - there == pytest.approx([100.0, 0.0, 0.0], abs=1e-9)
     assert (
@@ -427,8 +427,10 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     with pytest.raises(
         MarginGuardError, match="CauteryToReference is below ReferenceToRas; expected"
     ):
-        panel_logic.set_patient_to_ras(application.scene.GetFirstNodeByName("CauteryToReference"))
-    panel_logic.set_patient_to_ras(None)
+        panel_logic.view.set_patient_to_ras(
+            application.scene.GetFirstNodeByName("CauteryToReference")
+        )
+    panel_logic.view.set_patient_to_ras(None)
     assert slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3] == pytest.approx(there)
 
 
@@ -504,3 +506,18 @@ def test_failure_of_run_is_one_line(clock):
     assert thread.is_over
     assert thread.failure == "unexpected ValueError: broken inside (see the log)"
     assert thread.newest(0.0) is None
+
+
+def test_deleted_markers_leave_the_list_of_breaches(panel_logic, application):
+    panel_logic.seek(BREACH_S)
+    spin_until(panel_logic, at(BREACH_S))
+    markers = application.scene.GetFirstNodeByName("BreachMarkers")
+    assert markers.GetNumberOfControlPoints() == 1
+    panel_logic.view.set_markers(2.0, 4.0)
+    assert markers.GetDisplayNode().GetGlyphSize() == 4.0
+    listed = panel_logic.events.breach_rows()
+    panel_logic.view.delete_markers()
+    assert markers.GetNumberOfControlPoints() == 0
+    assert panel_logic.events.breach_rows() == listed and listed
+    with pytest.raises(MarginGuardError, match=r"least distance 0 mm; expected 0\.2 to 20 mm"):
+        panel_logic.view.set_markers(0.0, 1.0)

@@ -5,6 +5,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
@@ -14,7 +15,7 @@ from tests.viewer.conftest import Serve, Watched, watching
 from tests.viewer.test_accessibility import violations
 
 WAIT_MS = 120_000
-NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif"]
+NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif", "movie.mp4"]
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,11 @@ def test_files_are_those_of_a_replay(page: Page, viewed_case: Path, tmp_path: Pa
         assert any(name.endswith(".mrml") for name in bundle.namelist())
     with Image.open(io.BytesIO(downloaded(page, "movie.gif"))) as movie:
         assert movie.format == "GIF" and getattr(movie, "n_frames", 1) > 10
+    (tmp_path / "movie.mp4").write_bytes(downloaded(page, "movie.mp4"))
+    video = cv2.VideoCapture(str(tmp_path / "movie.mp4"))
+    # The GIF has one picture for several equal ones.
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 40
+    video.release()
 
 
 def test_viewer_may_export(browser: Browser, serve: Serve, viewed_case: Path) -> None:

@@ -17,7 +17,7 @@ from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
 from app.cli.ros import bag_of, published
-from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter
+from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO, ScenePainter
 from app.cli.signals import SignalState, note_signals
 from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
@@ -61,9 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--movie",
-        type=file_path(".gif"),
-        metavar="FILE.gif",
-        help="draw the replay as an animation",
+        type=file_path(".gif", ".mp4"),
+        metavar="FILE",
+        help="draw the replay as an animation: .gif, or .mp4 (H.264) with the extra 'video'",
     )
     parser.add_argument(
         "--movie-seconds",
@@ -135,7 +135,9 @@ def _replay(
     log = ReplayLog()
     scene_log = SceneLog(
         recording=SCENE in drawings,
-        max_keyframes=round(PICTURES_PER_S * options.movie_seconds) if MOVIE in drawings else None,
+        max_keyframes=round(PICTURES_PER_S * options.movie_seconds)
+        if options.movie is not None
+        else None,
     )
     replay = ReplayRun(
         prepared,
@@ -181,7 +183,7 @@ def _replay(
         write_file(options.pdf, pdf_of(prepared, record, summary, picture()))
         watch.lap("write the PDF")
     if painter is not None:
-        for name, path in ((SCENE, options.save_scene), (MOVIE, options.movie)):
+        for name, path in ((SCENE, options.save_scene), (_movie_kind(options), options.movie)):
             if path is not None:
                 write_file(path, painter.content(name))
         watch.lap("write scene and movie")
@@ -222,6 +224,8 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
         check_installed("rclpy", "marginguard_msgs", otherwise="replay without --mcap")
         if os.path.lexists(options.mcap):
             raise InputError(f"{options.mcap} already exists; refusing to overwrite it")
+    if VIDEO in drawings:
+        check_installed("av", otherwise="write the movie as .gif")
     checked_rate(options.rate)
     if options.loop and (options.rate is None or drawings or options.mcap):
         raise InputError(
@@ -240,9 +244,14 @@ def _drawings(options: argparse.Namespace) -> tuple[str, ...]:
     paths = {
         PICTURE: options.report or options.pdf,
         SCENE: options.save_scene,
-        MOVIE: options.movie,
+        _movie_kind(options): options.movie,
     }
     return tuple(name for name, path in paths.items() if path is not None)
+
+
+def _movie_kind(options: argparse.Namespace) -> str:
+    is_video = options.movie is not None and options.movie.suffix.lower() == ".mp4"
+    return VIDEO if is_video else MOVIE
 
 
 def _movie_seconds(text: str) -> float:

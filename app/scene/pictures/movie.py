@@ -1,11 +1,15 @@
-"""A replay as a short animation (GIF), drawn step by step in one scene and one view."""
+"""A replay as a short animation (GIF, MP4), drawn step by step in one scene and one view."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
 from io import BytesIO
 
 import numpy as np
 from PIL import Image
 
+from app.files.extras import check_installed
+from app.files.video_file import video_mp4
 from app.fixture import MarginState
 from app.runtime import SessionContent
 from app.scene.errors import SceneError
@@ -21,6 +25,9 @@ PICTURE_MS = 80
 """A GIF counts in 1/100 s: 12.5 pictures per second."""
 MOVIE_SIZE = (800, 450)
 
+Keyframe = tuple[float, StepResult]
+"""A step, and its time in s."""
+
 _BANNER_PIXELS = 40
 _BACKGROUND = (0.93, 0.95, 0.97)
 """One colour: a gradient makes the file several times as large."""
@@ -34,7 +41,7 @@ _REACH_RADII = 3.6
 def movie_gif(
     content: SessionContent,
     subject: StepResult,
-    keyframes: Sequence[tuple[float, StepResult]],
+    keyframes: Sequence[Keyframe],
     size: tuple[int, int] = MOVIE_SIZE,
 ) -> bytes:
     """Draw ``keyframes``, steps of one session with their times in s, as an animated GIF.
@@ -44,6 +51,38 @@ def movie_gif(
     which it happens. ``size`` is width and height in pixels. Raises `OffscreenError` where nothing
     can be drawn without a screen, and `SceneError` if ``subject`` does not place tumour and tool.
     """
+    with _drawing(content, subject, keyframes, size) as (shown, draw):
+        palette = _palette([draw(*keyframe) for keyframe in _first_of_each_state(keyframes)])
+        shown.presenter.clear_breaches()
+        pictures = [_indexed(draw(*keyframe), palette) for keyframe in keyframes]
+    return _gif(pictures)
+
+
+def movie_mp4(
+    content: SessionContent,
+    subject: StepResult,
+    keyframes: Sequence[Keyframe],
+    size: tuple[int, int] = MOVIE_SIZE,
+) -> bytes:
+    """Draw the pictures of `movie_gif` as an MP4 file (H.264), in all colours.
+
+    Raises `InputError` without the extra ``video`` or for an odd width or height, and what
+    `movie_gif` raises.
+    """
+    check_installed("av")
+    with _drawing(content, subject, keyframes, size) as (_, draw):
+        pictures = (draw(*keyframe) for keyframe in keyframes)
+        return video_mp4(pictures, Fraction(1000, PICTURE_MS))
+
+
+@contextmanager
+def _drawing(
+    content: SessionContent,
+    subject: StepResult,
+    keyframes: Sequence[Keyframe],
+    size: tuple[int, int],
+) -> Iterator[tuple[StepScene, Callable[[float, StepResult], Pixels]]]:
+    """The scene of a movie, and what draws one of its pictures."""
     shown = StepScene(content, subject)
     margin = shown.scene.margin
     if margin is None:
@@ -61,10 +100,8 @@ def movie_gif(
             banner = state_strip(text, (width, _BANNER_PIXELS), margin.state)
             return np.concatenate([banner, view.pixels()])
 
-        palette = _palette([draw(*keyframe) for keyframe in _first_of_each_state(keyframes)])
         shown.presenter.clear_breaches()
-        pictures = [_indexed(draw(*keyframe), palette) for keyframe in keyframes]
-    return _gif(pictures)
+        yield shown, draw
 
 
 def _camera(shown: StepScene, steps: Sequence[StepResult], aspect: float) -> Camera:
@@ -83,11 +120,9 @@ def _camera(shown: StepScene, steps: Sequence[StepResult], aspect: float) -> Cam
     return fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=aspect)
 
 
-def _first_of_each_state(
-    keyframes: Sequence[tuple[float, StepResult]],
-) -> list[tuple[float, StepResult]]:
+def _first_of_each_state(keyframes: Sequence[Keyframe]) -> list[Keyframe]:
     """The first keyframe of each state: together they have all colours."""
-    first: dict[MarginState, tuple[float, StepResult]] = {}
+    first: dict[MarginState, Keyframe] = {}
     for time_s, step in keyframes:
         first.setdefault(step.decision.state, (time_s, step))
     return list(first.values())

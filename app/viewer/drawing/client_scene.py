@@ -22,8 +22,8 @@ _COLORS = "color"
 _LIT = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.15, "specularPower": 20.0}
 _DIRECT = {"colorMode": 2, "scalarMode": 2}
 """vtk.js: the colours of the faces are colours, not values that a table turns into colours."""
-_BALL_MM, _ROD_MM, _MARK_MM = 0.45, 0.175, 0.5
-"""Radii of the closest points, of the line between them, and of a breach mark."""
+_BALL_MM, _ROD_MM = 0.45, 0.175
+"""Radii of the closest points and of the line between them."""
 _OTHER_SIDE = (0.02, 0.02, 0.02)
 """Colour of the constraint's plane on the side that is not allowed, as Slicer draws it."""
 _MAX_MARKS = 200
@@ -62,13 +62,14 @@ class ClientScene:
             display = scene.margin.breaches.node.GetDisplayNode()
             look = (display.GetSelectedColor(), 1.0, bool(display.GetVisibility()))
             marks = scene.margin.breaches.node
+            radius_mm = 0.5 * scene.margin.breaches.style.size_mm
             count = marks.GetNumberOfControlPoints()
             points = [
                 marks.GetNthControlPointPositionWorld(n)
                 for n in range(max(0, count - _MAX_MARKS), count)
             ]
             drawn += [
-                _part(f"mark{n}", Shape.BALL, _scaled(_MARK_MM, point), *look)
+                _part(f"mark{n}", Shape.BALL, _scaled(radius_mm, point), *look)
                 for n, point in enumerate(points)
             ]
         return drawn

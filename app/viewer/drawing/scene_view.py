@@ -11,6 +11,7 @@ from app.geometry import SurfaceMesh
 from app.runtime import SessionContent
 from app.scene import (
     MarginGuardScene,
+    MarkerStyle,
     SceneApplication,
     ScenePresenter,
     use_offscreen_rendering,
@@ -135,6 +136,19 @@ class SceneView:
             raise ViewerError(f"opacity of {part.value.lower()} is {opacity}; expected 0 to 1")
         self._opacities[part] = opacity
         self._style(part)
+
+    @property
+    def marker_style(self) -> MarkerStyle:
+        """Distance and size of the breach marks."""
+        return self._presenter.marker_style
+
+    @marker_style.setter
+    def marker_style(self, style: MarkerStyle) -> None:
+        self._presenter.marker_style = style
+
+    def delete_breach_marks(self) -> None:
+        """Remove the marks of the breaches so far, of the display alone."""
+        self._presenter.delete_breach_marks()
 
     def look_along_tool(self, along: bool) -> None:
         """Hide what stands between a camera behind the tool and what the tip points at."""

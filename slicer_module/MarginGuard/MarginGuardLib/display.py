@@ -12,6 +12,7 @@ from app.geometry import FloatArray, Transform
 from app.runtime import SessionContent
 from app.scene import (
     MarginGuardScene,
+    MarkerStyle,
     Preset,
     SceneError,
     ScenePresenter,
@@ -43,12 +44,14 @@ class SessionDisplay:
         content: SessionContent,
         *,
         opacity: float,
+        marker_style: MarkerStyle,
         patient_to_ras: vtkMRMLTransformNode | None,
         logic: vtkMRMLApplicationLogic | None,
     ) -> None:
         self._presenter = ScenePresenter(
             mrml_scene, content, is_live=True, logic=logic, adopt_nodes=True
         )
+        self._presenter.marker_style = marker_style
         self._opacity = opacity
         self._patient_to_ras = patient_to_ras
         self._up: FloatArray | None = None
@@ -99,6 +102,14 @@ class SessionDisplay:
         self._opacity = opacity
         if self.scene is not None and self.scene.tumor is not None:
             self.scene.tumor.GetDisplayNode().SetOpacity(opacity)
+
+    def set_marker_style(self, style: MarkerStyle) -> None:
+        """Set least distance and size of the breach markers."""
+        self._presenter.marker_style = style
+
+    def delete_markers(self) -> None:
+        """Remove the breach markers so far; later breaches are marked again."""
+        self._presenter.delete_breach_marks()
 
     def set_patient_to_ras(self, patient_to_ras: vtkMRMLTransformNode | None) -> None:
         """Make ``patient_to_ras`` the parent of the reference; None for the world's origin.

@@ -9,25 +9,23 @@ from pathlib import Path
 
 from slicer import (
     vtkMRMLApplicationLogic,
-    vtkMRMLCameraNode,
     vtkMRMLMarkupsNode,
     vtkMRMLNode,
     vtkMRMLScene,
-    vtkMRMLTransformNode,
 )
 
 from app.fixture import MarginParameters
-from app.geometry import InputError, MarginGuardError
+from app.geometry import InputError
 from app.registration import RegistrationResult
 from app.runtime import RecordingStatus, workflow_steps
-from app.scene import Preset, points_of_markups
+from app.scene import points_of_markups
 
 from .alarm import Alarm
 from .contour import PanelContour
 from .directions import PanelDirections
 from .events import SessionEvents
 from .guided import GuidedCalibration, GuidedRegistration, GuidedShown, GuidedWork
-from .jobs import Jobs, one_line
+from .jobs import Jobs
 from .live_step_run import LiveStepRun
 from .recorded import RecordedCase, prepare_recorded
 from .registration_input import (
@@ -38,6 +36,7 @@ from .registration_input import (
 from .shown_session import ShownSession
 from .status import PanelStatus
 from .tumor_input import surface_of
+from .view import PanelView
 
 
 class PanelLogic:
@@ -59,6 +58,7 @@ class PanelLogic:
     ) -> None:
         self.alarm = Alarm()
         self.session = ShownSession(mrml_scene, logic, clock_ns, changed)
+        self.view = PanelView(self.session, mrml_scene)
         self.events = SessionEvents(self.session, mrml_scene)
         self._directions = PanelDirections(changed)
         self.candidate: RegistrationResult | None = None
@@ -69,7 +69,6 @@ class PanelLogic:
         self.contour = PanelContour(self.session, mrml_scene, logic, self._jobs, changed)
         self._guided: GuidedWork | None = None
         self._message = ""
-        self._follow: vtkMRMLCameraNode | None = None
 
     def connect(self, config: Path) -> None:
         """Start a live session with this ``live.yaml``; the status reports an invalid file.
@@ -205,38 +204,6 @@ class PanelLogic:
             raise InputError("registration: the session has no robot; expected one")
         return registration
 
-    def set_opacity(self, opacity: float) -> None:
-        """Set the tumour's opacity, 0 to 1, for this display and later ones."""
-        self.session.opacity = opacity
-        if self.session.display is not None:
-            self.session.display.set_opacity(opacity)
-
-    def set_patient_to_ras(self, node: vtkMRMLTransformNode | None) -> None:
-        """Make ``node`` the parent of the reference; None for the world's origin.
-
-        Raises `SceneError` for a node of the session itself.
-        """
-        if self.session.display is not None:
-            self.session.display.set_patient_to_ras(node)
-        self.session.patient_to_ras = node
-
-    def view_from(self, preset: Preset) -> None:
-        """View the tumour from one side, and end following the tool."""
-        self._follow = None
-        self.session.shown().view_from(self._camera(), preset)
-
-    def follow_tool(self, follow: bool) -> None:
-        """Start or end following the tool with the camera."""
-        self._follow = None
-        if follow:
-            self.session.shown().view_along_tool(self._camera())
-            self._follow = self._camera()
-
-    @property
-    def is_following(self) -> bool:
-        """True while the camera follows the tool."""
-        return self._follow is not None
-
     def spin(self, wait_s: float = 0.0) -> PanelStatus:
         """Show the newest step, show stale data as unknown, and return the status.
 
@@ -252,7 +219,9 @@ class PanelLogic:
         if session.failure:
             self._message = session.failure
         self._update_guided()
-        self._update_camera()
+        self.view.update()
+        if self.view.failure:
+            self._message = self.view.failure
         self._jobs.wait(wait_s)
         return self._status()
 
@@ -292,21 +261,12 @@ class PanelLogic:
             self._guided = GuidedWork(workflow, commands, self._jobs, self._changed)
         self._guided.update(commands)
 
-    def _update_camera(self) -> None:
-        """Follow the tool; after an error, as for a deleted camera, the view stays."""
-        if self._follow is None or self.session.display is None:
-            return
-        try:
-            self.session.display.view_along_tool(self._follow)
-        except MarginGuardError as error:
-            self._follow = None
-            self._message = one_line(error)
-
     def _end(self) -> None:
         self.contour.clear()
         self.session.end()
         self._update_guided()
-        self._follow = self.candidate = None
+        self.view.end()
+        self.candidate = None
         self._message = ""
 
     def _check_not_live(self) -> None:
@@ -381,12 +341,6 @@ class PanelLogic:
             touch=GuidedShown() if touch is None else touch.shown(),
             contour=self.contour.shown(),
         )
-
-    def _camera(self) -> vtkMRMLCameraNode:
-        camera = self._mrml_scene.GetFirstNodeByClass("vtkMRMLCameraNode")
-        if camera is None:
-            raise InputError("the scene has no 3D view; expected one with a camera")
-        return camera
 
 
 def _ignore(_result: object) -> None:

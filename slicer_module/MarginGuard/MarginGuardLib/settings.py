@@ -43,6 +43,8 @@ class Settings:
     dilation_mm: Annotated[float, WithinRange(0.0, 20.0), Default(0.0)]
     contour_error_mm: Annotated[float, WithinRange(0.0, 5.0), Default(0.0)]
     opacity: Annotated[float, WithinRange(0.0, 1.0), Default(0.4)]
+    marker_spacing_mm: Annotated[float, WithinRange(0.2, 20.0), Default(1.0)]
+    marker_size_mm: Annotated[float, WithinRange(0.2, 10.0), Default(1.4)]
     stop_mm: Annotated[float, WithinRange(0.0, 100.0), Default(1.0)]
     warn_mm: Annotated[float, WithinRange(0.0, 200.0), Default(5.0)]
     patient_to_ras: vtkMRMLLinearTransformNode

@@ -16,7 +16,7 @@ from app.runtime import (
     StepThread,
     WorkflowOutput,
 )
-from app.scene import TransformHealth
+from app.scene import MarkerStyle, TransformHealth
 from app.session import BreachList, StepResult
 
 from .display import NOT_TRACKED_YET, SessionDisplay
@@ -27,8 +27,8 @@ from .live_step_run import LiveStepRun
 class ShownSession:
     """A live session or a replay in ``mrml_scene``. Call it in the scene's thread only.
 
-    ``opacity``, ``patient_to_ras`` and ``rate`` apply to each later display or replay.
-    ``changed()`` is called in another thread when there is a new step.
+    ``opacity``, ``marker_style``, ``patient_to_ras`` and ``rate`` apply to each later display or
+    replay. ``changed()`` is called in another thread when there is a new step.
     """
 
     def __init__(
@@ -39,6 +39,7 @@ class ShownSession:
         changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.opacity = 0.4
+        self.marker_style = MarkerStyle()
         self.patient_to_ras: vtkMRMLTransformNode | None = None
         self.rate = 1.0
         self.thread: StepThread | None = None
@@ -127,6 +128,7 @@ class ShownSession:
                     self._mrml_scene,
                     delivered.content,
                     opacity=self.opacity,
+                    marker_style=self.marker_style,
                     patient_to_ras=self.patient_to_ras,
                     logic=self._logic,
                 )

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,17 +7,18 @@ from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
 from app.fixture import MarginState
-from app.scene import Batch, BreachMarkers
-from app.scene.margin.breach_markers import MARK_COLOR, SPACING_MM
+from app.scene import Batch, BreachMarkers, MarkerStyle, SceneError
+from app.scene.margin.breach_markers import MARK_COLOR
 from tests.fixture.control.test_state_display import VISIONS, seen_ratio
 
+SPACING_MM = MarkerStyle().spacing_mm
 POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
 
 
-def markers() -> BreachMarkers:
+def markers(style: MarkerStyle | None = None) -> BreachMarkers:
     scene = vtkMRMLScene()
     pose = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Pose")
-    return BreachMarkers(scene, Batch(scene), pose)
+    return BreachMarkers(scene, Batch(scene), pose, style)
 
 
 def positions(marks: BreachMarkers) -> np.ndarray:
@@ -88,3 +91,32 @@ def test_marks_can_be_seen_on_a_tumor_of_each_state(vision: str) -> None:
         linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
         seen = np.clip(linear @ VISIONS[vision].T, 0.0, 1.0)
         assert np.abs(seen[0] - seen[1]).max() >= 0.3, state
+
+
+@given(POINTS, st.floats(0.2, 5.0), st.floats(0.2, 5.0))
+def test_another_spacing_applies_to_the_breaches_so_far(
+    points: list[tuple[float, ...]], before_mm: float, after_mm: float
+) -> None:
+    marks = markers(MarkerStyle(before_mm))
+    for point in points:
+        marks.add(np.array(point))
+    marks.set_style(MarkerStyle(after_mm, 3.0))
+    placed = positions(marks)
+    assert marks.node.GetDisplayNode().GetGlyphSize() == 3.0
+    apart = np.linalg.norm(placed[:, None] - placed[None], axis=-1)
+    assert (apart[~np.eye(len(placed), dtype=bool)] >= after_mm).all()
+    for point in points:  # those that are nearer than 0.2 mm to another are not kept
+        assert np.linalg.norm(placed - point, axis=1).min() < after_mm + 0.2
+
+
+@pytest.mark.parametrize(
+    ("spacing_mm", "size_mm", "message"),
+    [
+        (0.1, 1.0, "least distance 0.1 mm; expected 0.2 to 20 mm"),
+        (float("nan"), 1.0, "least distance nan mm"),
+        (1.0, 11.0, "size 11 mm; expected 0.2 to 10 mm"),
+    ],
+)
+def test_style_out_of_range_is_refused(spacing_mm: float, size_mm: float, message: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(message)):
+        MarkerStyle(spacing_mm, size_mm)

@@ -1,15 +1,17 @@
 from collections.abc import Callable
 from io import BytesIO
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
 from app.cli.keyframes import PICTURES_PER_S
 from app.fixture import MarginState
-from app.geometry import Transform
+from app.geometry import InputError, Transform
 from app.runtime import SessionContent
-from app.scene import StepScene, movie_gif
+from app.scene import StepScene, movie_gif, movie_mp4
 from app.scene.nodes.convert import world_matrix
 from app.scene.pictures.movie import PICTURE_MS
 from tests.scene.conftest import MakeStep
@@ -101,3 +103,52 @@ def test_step_without_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
     np.testing.assert_allclose(needle, (edges[0].inverse() @ edges[1]).matrix, atol=1e-9)
     display = shown.scene.robots["arm"].models["fore_arm"].GetDisplayNode()
     assert not display.GetScalarVisibility()
+
+
+def decoded(path: Path) -> tuple[list[np.ndarray], float]:
+    """Pictures (h, w, 3) RGB of a video and how many a second, by OpenCV's own FFmpeg."""
+    video = cv2.VideoCapture(str(path))
+    found = []
+    while True:
+        is_read, picture = video.read()
+        if not is_read:
+            break
+        found.append(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+    rate = video.get(cv2.CAP_PROP_FPS)
+    video.release()
+    return found, rate
+
+
+@pytest.mark.usefixtures("can_draw")
+def test_video_has_the_pictures_of_the_animation(
+    content: SessionContent,
+    make_step: MakeStep,
+    edges: tuple[Transform, ...],
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("av", reason="the extra video is not installed")
+    states = [MarginState.NEGATIVE, MarginState.POSITIVE, MarginState.UNKNOWN]
+    keyframes = [
+        (0.5 * place, make_step(states[place % 3], measured=moved(edges, 2.0 * place)))
+        for place in range(25)
+    ]
+    subject = make_step(MarginState.POSITIVE)
+    video = movie_mp4(content, subject, keyframes, SIZE)
+    (tmp_path / "movie.mp4").write_bytes(video)
+    found, rate = decoded(tmp_path / "movie.mp4")
+    assert rate == pytest.approx(1000 / PICTURE_MS)
+    gif = pictures(movie_gif(content, subject, keyframes, SIZE))
+    assert [each.shape for each in found] == [each.shape for each in gif]
+    for seen, expected, (_, step) in zip(found, gif, keyframes, strict=True):
+        error = np.abs(seen.astype(int) - expected)
+        assert np.median(error) <= 3 and error.mean() < 6.0
+        banner = np.round(255 * np.array(step.decision.state.color))
+        assert np.abs(seen[2:6, -6:-2].astype(int) - banner).max() <= 8
+
+
+@pytest.mark.usefixtures("can_draw")
+def test_video_of_an_odd_size_is_refused(content: SessionContent, make_step: MakeStep) -> None:
+    pytest.importorskip("av", reason="the extra video is not installed")
+    steps = [(0.0, make_step(MarginState.NEGATIVE))]
+    with pytest.raises(InputError, match="321 x 200 pixels; expected even numbers"):
+        movie_mp4(content, steps[0][1], steps, (321, 200))

@@ -16,6 +16,8 @@ CALLS = {
     "look": ("trame.trigger", "look", ["Side"], {}),
     "part_visible": ("trame.trigger", "part_visible", ["TOOL", False], {}),
     "part_opacity": ("trame.trigger", "part_opacity", ["TUMOR", 0.5], {}),
+    "markers": ("trame.trigger", "markers", [2.0, 3.0], {}),
+    "markers_delete": ("trame.trigger", "markers_delete", [], {}),
     "play": ("trame.trigger", "play", [], {}),
     "step": ("trame.trigger", "step", [3], {}),
     "frame": ("trame.trigger", "frame", [2], {}),
@@ -31,6 +33,7 @@ UNDONE = [
     ("trame.trigger", "part_visible", ["TOOL", True], {}),
     ("trame.trigger", "part_opacity", ["TUMOR", 1.0], {}),
     ("trame.trigger", "rate", [1.0], {}),
+    ("trame.trigger", "markers", [1.0, 1.4], {}),
     ("trame.trigger", "look", ["Overview"], {}),
     ("trame.trigger", "step", [-1000], {}),
 ]

@@ -9,6 +9,7 @@ from app.fixture import MarginState
 from app.geometry import Transform
 from app.registration import DriftBound, given_registration
 from app.robot import Link, Robot, Shape
+from app.scene import MarkerStyle
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.session import RobotSetup
@@ -72,6 +73,36 @@ def test_marks_are_those_of_the_breaches_up_to_the_frame(view, parts):
     assert marks(0) == set()
     assert marks(39) == played  # sought: the breach itself was left out
     assert marks(BREACH_FRAME - 5) == set()
+
+
+def test_deleted_marks_stay_deleted_until_the_replay_goes_back(view, parts):
+    def count(frame):
+        view.show(parts.feed.shown[frame])
+        return len(view.scene.margin.breaches)
+
+    last = len(parts.feed.shown) - 1
+    played = count(last)
+    assert played >= 1
+    breaches = parts.feed.shown[last].breach_list
+    view.delete_breach_marks()
+    assert len(view.scene.margin.breaches) == 0
+    assert count(last) == 0
+    assert parts.feed.shown[last].breach_list is breaches
+    assert breaches.count > 0
+    count(0)
+    assert count(last) == played
+
+
+def test_marks_have_the_chosen_size_and_distance(view, parts):
+    last = parts.feed.shown[-1]
+    view.show(last)
+    view.marker_style = MarkerStyle(5.0, 3.0)
+    marks = view.scene.margin.breaches
+    assert marks.spacing_mm == 5.0
+    assert marks.node.GetDisplayNode().GetGlyphSize() == 3.0
+    fewer = len(marks)
+    view.marker_style = MarkerStyle()
+    assert len(marks) >= fewer >= 1
 
 
 def test_robot_is_added_when_its_base_becomes_known(can_draw, parts):
