@@ -46,6 +46,7 @@ READS_OWN_FILES = {
     "cli/cohort/case_run.py": "a table of the kernel",
     "cli/replay_page.py": "the report that this process wrote",
     "cli/scene_process.py": "a picture that a child process wrote",
+    "files/video_file.py": "the video that this process wrote",
     "fixture/jit.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "cohort/dataset.py": "the journal and the partitions of an earlier run",
@@ -99,6 +100,8 @@ OPENS_FILES = {
     "runtime/persistence/instance_lock.py": {"os.open"},
     # The lock of a cohort's results.
     "cli/cohort/run.py": {"(folder / LOCK_FILE).open"},
+    # A video in a temporary folder of its own.
+    "files/video_file.py": {"av.open"},
     # Pipes between processes, and the folder of own caches.
     "cli/scene_process.py": {"os.fdopen"},
     "files/hdf5_child.py": {"os.open", "os.fdopen"},
