@@ -28,6 +28,7 @@ UNSTATED = {
     GENERAL_RULES[1]: r" is -?[\d.]+(e\+\d+)?; expected an integer",
     RIGID: r"(rotation|last row of the matrix) of \S+_from_\S+ is ",
     "tumor.frame is not the frame of the tool": r"tumor\.frame is .*, the frame of the tool;",
+    "needle.frame is not the frame of the tool": r"needle\.frame is .*, the frame of the tool;",
     "warn_mm is more than stop_mm": r"warn_mm is .*expected more than stop_mm",
     "moving_mm has as many points as fixed_mm": r"moving_mm has \d+ points; expected \d+",
     "dwells do not overlap": r"registration\.dwells overlap",

@@ -123,6 +123,14 @@ LIVE_IMAGES = {
         "stale_after_ms": 200.0,
     }
 }
+NEEDLE = {
+    "needle": {
+        "frame": "needle",
+        "length_mm": 60,
+        "tip_from": {"direction": [0.0, 0, -1]},
+        "model": {"path": "needle.stl", "units": "mm"},
+    }
+}
 BOX = {
     "plausibility": {
         "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
@@ -164,13 +172,13 @@ def complete(document: str) -> list[dict[str, Any]]:
             values,
             full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,
             full | BOX | POINTS | segment | LIVE_IMAGES | {"source": igtl, "clock": known},
-            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN,
+            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | NEEDLE,
             full | XACRO | POINTS,
         ]
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
-        full | XACRO | POINTS | IMAGES,
+        full | XACRO | POINTS | IMAGES | NEEDLE,
         full | BOX | mesh | TOPIC_IMAGES | GIVEN | {"clock": known},
         full
         | {

@@ -32,6 +32,7 @@ from .manifest.entries import (
     ImagesEntry,
     MarginEntry,
     MeshEntry,
+    NeedleEntry,
     Provenance,
     RecordingEntry,
     RegistrationEntry,
@@ -49,6 +50,7 @@ from .manifest.expected import (
     load_expected,
     write_expected,
 )
+from .manifest.needle_keys import MAX_NEEDLE_MM, MIN_NEEDLE_MM
 from .manifest.plausibility import (
     ApproachEntry,
     BoxEntry,
@@ -82,6 +84,8 @@ from .tumor import (
 
 __all__ = [
     "DOCUMENTS",
+    "MAX_NEEDLE_MM",
+    "MIN_NEEDLE_MM",
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
@@ -119,6 +123,7 @@ __all__ = [
     "MeshEntry",
     "MeshOwner",
     "MotionEntry",
+    "NeedleEntry",
     "PlausibilityEntry",
     "Playback",
     "PlayedSamples",

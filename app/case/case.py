@@ -135,6 +135,14 @@ class Case:
             self._mesh_notes.extend(built.notes)
         return self._meshes[tumor.shape_key]
 
+    def needle_mesh(self) -> SurfaceMesh | None:
+        """The needle's model in the frame of its tip; None without one."""
+        needle = self.manifest.needle
+        if needle is None or needle.model is None:
+            return None
+        path = self.file(needle.model.path, "needle.model.path")
+        return load_mesh(path, units=needle.model.units, frame=needle.tip_frame)
+
     def faulty_mesh(self, of: MeshOwner) -> SurfaceMesh:
         """The surface as in its file, to be repaired and passed to `with_repaired_mesh`."""
         entry, frame, key = self._repairable(of)
@@ -210,11 +218,14 @@ class Case:
         return path.resolve().is_relative_to(self.folder.resolve())
 
     def check_files(self) -> None:
-        """Raise `InputError` unless the files of tumour, tool and robot exist."""
+        """Raise `InputError` unless the files of tumour, tool, needle and robot exist."""
         tumor, tool = self.manifest.tumor, self.manifest.tool
         self.file(tumor.shape.path, f"{tumor.shape_key}.path")
         if tool.mesh is not None:
             self.file(tool.mesh.path, "tool.mesh.path")
+        needle = self.manifest.needle
+        if needle is not None and needle.model is not None:
+            self.file(needle.model.path, "needle.model.path")
         if self.manifest.robot is not None:
             self.robot_urdf()
         if self.manifest.images is not None:

@@ -73,6 +73,8 @@ def _named_files(case: Case, *, with_tumor: bool) -> list[str]:
     names = [manifest.tumor.shape.path] if with_tumor else []
     if manifest.tool.mesh is not None:
         names.append(manifest.tool.mesh.path)
+    if manifest.needle is not None and manifest.needle.model is not None:
+        names.append(manifest.needle.model.path)
     if manifest.expected is not None:
         names.append(manifest.expected)
     if manifest.images is not None:

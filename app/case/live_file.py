@@ -10,6 +10,7 @@ from app.case.case import Case
 from app.case.live_keys import LIVE, LIVE_BLOCKS, SOURCE
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
 from app.case.manifest.images import read_images
+from app.case.manifest.needle import read_needle
 from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
@@ -122,6 +123,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
             expected=None,
             plausibility=read_plausibility(document),
             images=read_images(document),
+            needle=read_needle(document, tool),
             package_dirs=read_package_dirs(document),
         ),
         None,

@@ -103,6 +103,8 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
         tumor.pop("contour", None)
         tumor["mesh"] = {"path": TUMOR_NAME, "units": "mm"}
     values["margins"] = margin_values(in_use.margins)
+    if in_use.needle_length_mm is not None and "needle" in values:
+        values["needle"]["length_mm"] = in_use.needle_length_mm
     if in_use.registration is not None:
         values["registration"] = _given(in_use.registration, values["registration"])
 

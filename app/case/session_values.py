@@ -35,7 +35,7 @@ class SessionValues:
     """Tip, tumour, registration and margins in force.
 
     ``tumor`` is None while it is that of ``live.yaml``, ``registration`` while none was accepted
-    in the session.
+    in the session, ``needle_length_mm`` without a needle.
     """
 
     tool_from_tip: Transform
@@ -45,6 +45,7 @@ class SessionValues:
     margins: MarginEntry
     tumor: SurfaceMesh | None = None
     registration: RegistrationValues | None = None
+    needle_length_mm: float | None = None
 
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:
@@ -61,6 +62,7 @@ def sent_values(values: SessionValues) -> Iterator[bytes]:
                 "margins": asdict(values.margins),
                 "tumor": shape,
                 "registration": None if registered is None else _plain_registration(registered),
+                "needle_length_mm": values.needle_length_mm,
             }
         ).encode()
         + b"\n"
@@ -77,7 +79,7 @@ def received_values(stream: BinaryIO) -> SessionValues:
     """
     try:
         plain = json.loads(stream.readline(_MAX_LINE))
-        registered = plain["registration"]
+        registered, needle_mm = plain["registration"], plain["needle_length_mm"]
         return SessionValues(
             _transform(plain["tool_from_tip"]),
             float(plain["tip_sigma_mm"]),
@@ -86,6 +88,7 @@ def received_values(stream: BinaryIO) -> SessionValues:
             MarginEntry(**plain["margins"]),
             None if plain["tumor"] is None else _surface(stream, *plain["tumor"]),
             None if registered is None else _registration(registered),
+            None if needle_mm is None else float(needle_mm),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(

@@ -7,6 +7,7 @@ from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
 from .image_intake import ImageIntake, ImageSink
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
 from .live_run import LiveRun
+from .needle import Needle
 from .opening import (
     PreparedCase,
     PreparedLive,
@@ -105,6 +106,7 @@ __all__ = [
     "LatestValue",
     "LiveRun",
     "LiveState",
+    "Needle",
     "OperatorCommands",
     "OperatorRequest",
     "Output",

@@ -6,32 +6,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
-from app.fixture import MarginParameters, ProximityEngine, TipProximity
+from app.fixture import MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.runtime.case_recorder import CaseRecorder, RecordingStatus
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, SeenHold
+from app.runtime.new_tumor import check_size, replacement_for
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
-from app.session import (
-    ProximityModel,
-    Session,
-    SessionSetup,
-    margin_changes,
-    prepare_replacement,
-    tip_change_text,
-    tumor_change,
-)
+from app.session import Session, SessionSetup, margin_changes, tip_change_text
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
 """Gives exclusive access to the session between two steps, as `LiveSession.between_steps` does."""
-
-MAX_LIVE_TRIANGLES = 400_000
-"""Triangles of a tumour that replaces another one in a live session. They are prepared in seconds,
-in compiled code and NumPy, which release the interpreter, so that the constraint is sent
-meanwhile."""
 
 MAX_TUMOR_SIGMA_MM = 10.0
 """Largest uncertainty of a tumour's surface, as in ``tumor.sigma_mm`` of a ``case.yaml``."""
@@ -42,6 +30,8 @@ MAX_TIP_SIGMA_MM = 10.0
 THIS_PROCESS = "this process"
 
 _SHORT_WAIT_S = 0.05
+_STEPS_WAIT_S = 0.5
+"""For several changes in a row, each of which waits for a step."""
 _SAME_AXIS_RAD = 1e-6
 
 
@@ -139,7 +129,7 @@ class OperatorCommands:
         Raises `InputError` while another change is being prepared: the caller may be the thread
         that receives the poses, which must not wait for seconds.
         """
-        with self._listed(RequestKind.MARGINS, origin) as done, self._change_at_once():
+        with self._listed(RequestKind.MARGINS, origin) as done, self._change_at_once("margins"):
             switches = self._prepare(replace(self._content, margins=margins))
             with self._between_steps() as session:
                 changes = margin_changes(session.requested.margins, margins)
@@ -171,13 +161,15 @@ class OperatorCommands:
                     f"tumour: given in frame {frame_from_tumor.target!r}; expected "
                     f"{known.target!r}, the frame that the session tracks it by"
                 )
-            self._check_size(tumor)
+            check_size(tumor, self._max_triangles)
             if not 0.0 <= sigma_mm <= MAX_TUMOR_SIGMA_MM:
                 raise InputError(
                     f"uncertainty of the tumour: is {sigma_mm:.6g} mm; expected 0 to "
                     f"{MAX_TUMOR_SIGMA_MM:g} mm"
                 )
-            proximity, change = self._replacement(setup, shown, frame_from_tumor, tumor)
+            proximity, change = replacement_for(
+                setup, shown, frame_from_tumor, tumor, self._compute
+            )
             if sigma_mm != shown.tumor_sigma_mm:
                 change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
             accepted = replace(self._content, tumor=tumor, tumor_accepted=True)
@@ -307,12 +299,36 @@ class OperatorCommands:
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 
+    def lengthen_needle(self, by_mm: float, *, origin: str = THIS_PROCESS) -> None:
+        """Show the needle longer by ``by_mm``. State, distances, constraint and hold stay.
+
+        Raises `InputError` without a needle, for a length out of range, and while another change
+        is being prepared.
+        """
+        change = self._change_at_once("needle", _STEPS_WAIT_S)
+        with self._listed(RequestKind.NEEDLE, origin) as done, change:
+            known = self._content.needle
+            if known is None:
+                raise InputError("needle: the session has none; expected 'needle' in live.yaml")
+            needle = known.with_length(known.length_mm + by_mm)
+            content = replace(self._content, needle=needle)
+            switches = self._prepare(content)
+            with self._between_steps():
+                # Nothing is revoked: permissions do not depend on what is drawn.
+                content = replace(self._content, needle=needle)
+                for switch in switches:
+                    switch(content)
+                if self._acknowledged is self._content:
+                    self._acknowledged = content
+                self._content = content
+            done.append(f"from {known.length_mm:g} to {needle.length_mm:g} mm")
+
     @contextmanager
-    def _change_at_once(self) -> Iterator[None]:
+    def _change_at_once(self, what: str, wait_s: float = _SHORT_WAIT_S) -> Iterator[None]:
         """Holds the lock of the changes; raises `InputError` if it is not free soon."""
-        if not self._changing.acquire(timeout=_SHORT_WAIT_S):
+        if not self._changing.acquire(timeout=wait_s):
             raise InputError(
-                "margins: another change is being prepared; expected the same request again"
+                f"{what}: another change is being prepared; expected the same request again"
             )
         try:
             yield
@@ -332,41 +348,6 @@ class OperatorCommands:
         if self._recorder is not None and self._content is not before:
             self._recorder.note_replaced(self._content.unpublished_changes(before))
         self.requests.accepted(kind, origin, "; ".join(done))
-
-    def _check_size(self, tumor: SurfaceMesh) -> None:
-        if self._max_triangles is not None and len(tumor.faces) > self._max_triangles:
-            raise InputError(
-                f"tumour: has {len(tumor.faces)} triangles; expected at most "
-                f"{self._max_triangles} in a live session: reduce its resolution"
-            )
-
-    def _replacement(
-        self,
-        setup: SessionSetup,
-        shown: SessionContent,
-        frame_from_tumor: Transform,
-        tumor: SurfaceMesh,
-    ) -> tuple[ProximityModel, str]:
-        """The model of a new tumour, and its change from the one that the operator acknowledged."""
-        frame_from_known = next(
-            edge for edge in shown.static_edges if edge.source == shown.tumor.frame
-        )
-        before = shown.tumor.transformed(frame_from_known)
-        model: ProximityModel
-        if isinstance(setup.proximity, TipProximity):
-            model = TipProximity(tumor)
-        elif self._content.tool is None:
-            raise InputError(
-                "tumour: cannot be replaced, because the tool's surface is unknown; expected a "
-                "session with a tool mesh"
-            )
-        elif isinstance(setup.proximity, ProximityEngine):
-            made = self._compute(prepare_replacement, before, tumor, frame_from_tumor)
-            return setup.proximity.with_tumor(made.prepared), made.change.text
-        else:
-            model = ProximityEngine(tumor, self._content.tool)
-        change = self._compute(tumor_change, before, tumor.transformed(frame_from_tumor))
-        return model, change.text
 
     def _edges(self, changed: Transform) -> tuple[Transform, ...]:
         others = (edge for edge in self._content.static_edges if edge.source != changed.source)

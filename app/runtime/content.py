@@ -15,6 +15,7 @@ from app.fixture import MarginParameters
 from app.geometry import FrameError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
+from app.runtime.needle import Needle, needle_of
 from app.session import RobotSetup, SessionSetup
 
 
@@ -31,7 +32,8 @@ class SessionContent:
     the calibrated tip; 0 where they are not stated. ``robot`` is None for a tool that is held by
     hand. ``robot_file`` with ``package_dirs`` and ``xacro_args`` is where the robot's description
     is read from. ``simulated``: the poses are not a patient's. ``tumor_accepted``: an operator has
-    accepted the tumour in this session.
+    accepted the tumour in this session. ``needle`` is shown and nothing else: no decision
+    depends on it.
     """
 
     name: str
@@ -48,6 +50,7 @@ class SessionContent:
     tumor_sigma_mm: float = 0.0
     tip_sigma_mm: float = 0.0
     tumor_accepted: bool = False
+    needle: Needle | None = None
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -99,7 +102,7 @@ class SessionContent:
         raise FrameError(f"static transforms: none places {self.tumor.frame!r}; expected one")
 
     def replaced_since(self, before: "SessionContent") -> tuple[str, ...]:
-        """Which of tumour, registration, tip and margins are others than those of ``before``."""
+        """Which of tumour, registration, tip, margins and needle are not those of ``before``."""
         if self is before:
             return ()
         tumors = [(c.model_id, c.frame_from_tumor, c.tumor_sigma_mm) for c in (self, before)]
@@ -109,6 +112,7 @@ class SessionContent:
             "registration": self.registration is not before.registration,
             "tip": tips[0] != tips[1],
             "margins": self.margins != before.margins,
+            "needle": self.needle is not before.needle,
         }
         return tuple(name for name, differs in parts.items() if differs)
 
@@ -137,6 +141,7 @@ class SessionContent:
                 registration.covariance,
                 registration.degrees_of_freedom,
             ),
+            needle_length_mm=None if self.needle is None else self.needle.length_mm,
         )
 
     def robot_description(self) -> str | None:
@@ -164,6 +169,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         simulated=case.manifest.provenance.kind == "simulated",
         tumor_sigma_mm=setup.tumor_sigma_mm,
         tip_sigma_mm=setup.tip_sigma_mm,
+        needle=needle_of(case),
     )
 
 

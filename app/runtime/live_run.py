@@ -4,10 +4,11 @@ from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 
 from app.runtime.case_recorder import CaseRecorder
-from app.runtime.commands import MAX_LIVE_TRIANGLES, OperatorCommands
+from app.runtime.commands import OperatorCommands
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, StepHolds
+from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
 from app.runtime.outputs import Output, StepTiming
 from app.runtime.persistence.hold_keeper import HoldKeeper
 from app.runtime.requests import RequestLog

@@ -1,10 +1,10 @@
 """From a session's content and its steps to MRML nodes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
 
-from app.geometry import FloatArray, SurfaceMesh, Transform
+from app.geometry import FloatArray, FrameError, SurfaceMesh, Transform
 from app.runtime import SessionContent
 from app.scene.errors import SceneError
 from app.scene.frames.frame_graph import poses_in
@@ -51,6 +51,7 @@ class ScenePresenter:
         self._adopt_nodes = adopt_nodes
         self._margin_surface: SurfaceMesh | None = None
         self._measured: dict[tuple[str, str], Transform] = {}
+        self._needle_surface: SurfaceMesh | None = None
         self._breach_count = 0
         self._deleted = 0
         self._marker_style = MarkerStyle()
@@ -59,8 +60,9 @@ class ScenePresenter:
         """Use ``content`` from the next step on.
 
         Another tumour, tool or robot: everything is removed from the scene, and the next step adds
-        the new parts. Another registration or other margins change the nodes that exist. The margin
-        surface is removed if the tumour or the stop margin changed.
+        the new parts. Another registration, other margins or another length of the needle change
+        the nodes that exist. The margin surface is removed if the tumour or the stop margin
+        changed.
         """
         if content is self.content:
             return
@@ -120,6 +122,7 @@ class ScenePresenter:
                     scene.watchdog.observe(sample)
             poses = self._poses(scene, step, edges)
             scene.place(poses.values(), self._placed_static_edges(poses))
+            self._show_needle(scene, step, poses)
             self._add_parts(scene, step)
             if breach_points_mm is not None:
                 self._show_breaches(scene, breach_points_mm)
@@ -222,6 +225,33 @@ class ScenePresenter:
                 placed.append(edge)
                 known.add(edge.source)
         return placed
+
+    def _show_needle(
+        self, scene: MarginGuardScene, step: StepResult, poses: Mapping[str, Transform]
+    ) -> None:
+        """Place the needle once its frame is known, and draw it anew with another length.
+
+        A frame of the tip that is itself measured is left where it was measured.
+        """
+        needle = self.content.needle
+        if needle is None or scene.tree.node(needle.frame_from_tip.target) is None:
+            return
+        scene.needle_is_known = self._is_tracked(needle.frame_from_tip.target, scene, step)
+        if needle.frame_from_tip.source not in poses:
+            scene.place((), (needle.frame_from_tip,))
+        if scene.needle is None or needle.surface is not self._needle_surface:
+            scene.show_needle(needle.surface)
+            self._needle_surface = needle.surface
+
+    def _is_tracked(self, frame: str, scene: MarginGuardScene, step: StepResult) -> bool:
+        """True if the session may use the pose of ``frame``; the margin tells of the tumour's."""
+        if frame == self._static_edge(self.content.tumor.frame).target:
+            return True
+        try:
+            step.edges.between(scene.reference, frame)
+        except FrameError:
+            return False
+        return True
 
     def _add_parts(self, scene: MarginGuardScene, step: StepResult) -> None:
         content = self.content

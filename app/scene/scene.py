@@ -28,6 +28,7 @@ from app.scene.nodes.node_integrity import NodeIntegrity
 from app.scene.robot_model import RobotModel
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
+NEEDLE_COLOR = (0.33, 1.0, 1.0)  # that of LumpNav
 _TUMOR_OPACITY = 0.4
 _MARGIN_COLOR = (0.55, 0.62, 0.70)  # differs from the colour of each state
 _MARGIN_OPACITY = 0.15
@@ -74,6 +75,9 @@ class MarginGuardScene:
         self.tumor: vtkMRMLModelNode | None = None
         self.margin_surface: vtkMRMLModelNode | None = None
         self.tool: vtkMRMLModelNode | None = None
+        self.needle: vtkMRMLModelNode | None = None
+        self.needle_is_known = True
+        """False while the pose of the needle may not be used, whatever the margin is."""
         self.margin: MarginDisplay | None = None
         self.robots: dict[str, RobotModel] = {}
         self._decision: FixtureDecision | None = None
@@ -189,6 +193,23 @@ class MarginGuardScene:
         """Add a tool without a mesh: a small ball at its tip, the origin of ``frame``."""
         return self._add_tool(ball(_TIP_RADIUS_MM), frame)
 
+    def show_needle(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
+        """Add the needle, or replace its surface; the frame of ``mesh`` is its tip's."""
+        pose, surface = self._pose_node(mesh.frame), smooth_surface(mesh)
+        with self._content():
+            if self.needle is None:
+                self.needle = add_model(
+                    self.scene,
+                    "NeedleModel",
+                    surface,
+                    NEEDLE_COLOR if self.watchdog is None else MarginState.UNKNOWN.color,
+                    parent=pose,
+                )
+            else:
+                self.batch.hold(self.needle)
+                self.needle.SetAndObservePolyData(surface)
+        return self.needle
+
     def add_robot(self, name: str, robot: Robot, base_frame: str) -> RobotModel:
         """Add ``robot`` with its root link at ``base_frame``; each robot has a ``name`` of its own.
 
@@ -277,13 +298,13 @@ class MarginGuardScene:
                 self.remove_robot(name)
             if self.margin is not None:
                 self.margin.remove()
-            for node in (self.tumor, self.margin_surface, self.tool):
+            for node in (self.tumor, self.margin_surface, self.tool, self.needle):
                 if node is not None:
                     remove_displayed(self.scene, node)
             for node in self._adopted_surfaces.values():
                 remove_displayed(self.scene, node)
             self._adopted_surfaces.clear()
-            self.tumor = self.margin_surface = self.tool = self.margin = None
+            self.tumor = self.margin_surface = self.tool = self.needle = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
             self._integrity.record(())
@@ -305,7 +326,7 @@ class MarginGuardScene:
 
     def _parts(self) -> Iterator[vtkMRMLNode]:
         """The nodes that are not frames of the tree."""
-        for node in (self.tumor, self.margin_surface, self.tool):
+        for node in (self.tumor, self.margin_surface, self.tool, self.needle):
             if node is not None:
                 yield node
         if self.margin is not None:
@@ -316,11 +337,15 @@ class MarginGuardScene:
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
         margin.show(shown_margin(self._decision, self.watchdog, now_ns))
-        if self.tool is not None:
-            display = self.tool.GetDisplayNode()
-            self.batch.hold(display)
-            known = margin.state is not MarginState.UNKNOWN
-            display.SetColor(*(TOOL_COLOR if known else MarginState.UNKNOWN.color))
+        known = margin.state is not MarginState.UNKNOWN
+        for node, color, is_known in (
+            (self.tool, TOOL_COLOR, known),
+            (self.needle, NEEDLE_COLOR, known and self.needle_is_known),
+        ):
+            if node is not None:
+                display = node.GetDisplayNode()
+                self.batch.hold(display)
+                display.SetColor(*(color if is_known else MarginState.UNKNOWN.color))
 
     def _show_robots(self, *, known: bool) -> None:
         for name, links_known in self._links_known.items():

@@ -23,7 +23,7 @@ from app.scene.errors import SceneError
 from app.scene.margin.shown_margin import banner
 from app.scene.nodes.convert import vtk_matrix
 from app.scene.nodes.models import Rgb
-from app.scene.scene import TOOL_COLOR, MarginGuardScene
+from app.scene.scene import NEEDLE_COLOR, TOOL_COLOR, MarginGuardScene
 from app.scene.tracks import SAME_INDEX_S, Track, index_text, tracks_of
 
 BROWSER_NAME = "MarginGuard"
@@ -118,12 +118,13 @@ def _margin(
     changes = _changes({ns: state for ns, state, _ in states})
     colors = {ns: state.color for ns, state in changes.items()}
     yield _displays(scene.scene, tumor, colors), tumor.GetDisplayNode()
-    if scene.tool is not None:
-        tool = {
-            ns: state.color if state is MarginState.UNKNOWN else TOOL_COLOR
-            for ns, state in changes.items()
-        }
-        yield _displays(scene.scene, scene.tool, tool), scene.tool.GetDisplayNode()
+    for model, color in ((scene.tool, TOOL_COLOR), (scene.needle, NEEDLE_COLOR)):
+        if model is not None:
+            shown = {
+                ns: state.color if state is MarginState.UNKNOWN else color
+                for ns, state in changes.items()
+            }
+            yield _displays(scene.scene, model, shown), model.GetDisplayNode()
     links = [model for robot in scene.robots.values() for model in robot.models.values()]
     for node in (margin.line, margin.plane.node, *links):
         visible = {stamps[0]: False, now_ns: bool(node.GetDisplayNode().GetVisibility())}

@@ -26,6 +26,8 @@ from app.synthetic.ultrasound_slice import probe_from_image
 IMAGE_TOPIC = "/ultrasound/image"
 CONFIG_NAME, TRUTH_FOLDER = "live.yaml", "truth"
 _STALE_MS = 1000
+_NEEDLE_MM = 14.0
+"""The sensor is in the middle of the tumour, the tip beyond it."""
 
 
 def write_operation(folder: Path, truth: OperationTruth) -> None:
@@ -82,6 +84,7 @@ def _live(truth: OperationTruth) -> dict[str, Any]:
             "mesh": {"path": "ball.stl", "units": "mm"},
             "pose": _matrix(truth.needle_from_tumor),
         },
+        "needle": {"frame": NEEDLE, "length_mm": _NEEDLE_MM},
         "robot": {
             "urdf": "package://marginguard/robots/touch/touch.urdf",
             "base_frame": BASE_FRAME,

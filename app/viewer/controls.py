@@ -33,6 +33,8 @@ _MAX_SEQ = 2**53 - 1
 """Largest integer that JavaScript represents."""
 _MAX_NONCE = 2**64 - 1
 _MAX_RECORDING_NAME = 64
+_MAX_NEEDLE_STEP = 10.0
+"""Largest change in mm of the needle's length at once."""
 _MAX_STOP_MM, _MAX_WARN_MM = (MarginParameters.ranges()[name][1] for name in ("stop_mm", "warn_mm"))
 
 
@@ -166,7 +168,10 @@ class ImageControls:
 
 
 class LiveControls:
-    """Re-arms a live session, whose hold the page shows; changes its margins; records it."""
+    """Re-arms a live session, whose hold the page shows; records it.
+
+    Changes its margins and the length of its needle.
+    """
 
     def __init__(self, commands: Commands, operator: LiveOperator) -> None:
         self._operator = operator
@@ -174,12 +179,17 @@ class LiveControls:
         stop, warn = number(0.0, _MAX_STOP_MM), number(0.0, _MAX_WARN_MM)
         commands.add("margins", self._set_margins, stop, warn, stop, warn)
         commands.add("record", self._record, boolean, text(_MAX_RECORDING_NAME))
+        commands.add("needle_length", self._lengthen, number(-_MAX_NEEDLE_STEP, _MAX_NEEDLE_STEP))
 
     def _record(self, start: bool, name: str) -> None:
         if not self._operator.record(start, name.strip()):
             raise NotDoneError(
                 "recording: the session or the recorder is starting; expected the request later"
             )
+
+    def _lengthen(self, by_mm: float) -> None:
+        if not self._operator.lengthen_needle(by_mm):
+            raise NotDoneError("needle: the session has not begun; expected the request later")
 
     def _set_margins(
         self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float

@@ -20,6 +20,7 @@ from app.viewer.hand_part import HandPart
 from app.viewer.image_part import ImagePart
 from app.viewer.readout.breach_rows import breach_rows
 from app.viewer.readout.directions import Directions
+from app.viewer.readout.needle import needle_values
 from app.viewer.readout.note_rows import note_rows
 from app.viewer.readout.readout import readout
 from app.viewer.readout.recording import recording_values
@@ -81,7 +82,7 @@ class Page:
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
         self._recording = recording
-        state.recording = state.workflow = None
+        state.recording = state.workflow = state.needle = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -152,6 +153,7 @@ class Page:
             state.update(self._new_lists())
             state.notes = note_rows(self._notes.entries, self._timeline)
             state.recording = recording_values(self._recording())
+            state.needle = needle_values(self._now)
             state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()

@@ -62,10 +62,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._patient_to_ras = None
         self._spinner = None
         self._banner = None
-        self._guided = None
-        self._events = None
-        self._contour = None
         self._view = None
+        self._sections = None
         self._shown = None
 
     def setup(self):
@@ -187,14 +185,10 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             (ui.stepButton, lambda logic: logic.step()),
         ):
             self._on_click(button, command)
-        from MarginGuardLib.contour_section import ContourSection
-        from MarginGuardLib.events_section import EventsSection
-        from MarginGuardLib.guided_section import GuidedSection
+        from MarginGuardLib.sections import Sections
         from MarginGuardLib.view_section import ViewSection
 
-        self._guided = GuidedSection(ui, self._on_click)
-        self._events = EventsSection(ui, self._on_click)
-        self._contour = ContourSection(ui, self._on_click)
+        self._sections = Sections(ui, self._on_click)
         self._view = ViewSection(ui, self._on_click)
         ui.muteButton.clicked.connect(self.on_mute)
         ui.seekSlider.valueChanged.connect(self.on_seek)
@@ -275,8 +269,6 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.trackersLabel.setText(status.trackers)
         ui.workflowLabel.setText(status.workflow)
         ui.registrationLabel.setText(status.registration)
-        self._guided.show(status.calibration, status.touch)
-        self._contour.show(status.contour)
         for button in (ui.connectButton, ui.loadButton):
             button.setEnabled(not status.is_live)
         ui.disconnectButton.setEnabled(status.is_live)
@@ -292,11 +284,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.stopRecordingButton.setEnabled(status.is_recording)
         ui.directionsLabel.setText(status.directions)
         has_case = status.position_s is not None
-        self._events.show(
-            events,
-            has_session=status.has_session and bool(status.workflow),
-            is_replay=has_case,
-        )
+        self._sections.show(status, events)
         ui.playButton.setEnabled(has_case and not status.is_playing)
         ui.pauseButton.setEnabled(status.is_playing)
         ui.stepButton.setEnabled(has_case and status.has_session)

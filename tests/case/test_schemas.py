@@ -30,6 +30,7 @@ from tests.valid_documents import (
     IDENTITY,
     IMAGES,
     LIVE_IMAGES,
+    NEEDLE,
     PLAUSIBILITY,
     POINTS,
     ROOT,
@@ -167,6 +168,10 @@ EXAMPLES: dict[str, tuple[str, Edit]] = {
     GENERAL_RULES[1]: ("case", _set("schema", 1.0)),
     RIGID: ("case", _set("tumor.pose.matrix", [2.0, *IDENTITY[1:]])),
     "tumor.frame is not the frame of the tool": ("live", _set("tumor.frame", "cautery")),
+    "needle.frame is not the frame of the tool": (
+        "case",
+        _set("needle", NEEDLE["needle"] | {"frame": "cautery"}),
+    ),
     "warn_mm is more than stop_mm": ("live", _set("margins.stop_mm", 5)),
     "moving_mm has as many points as fixed_mm": (
         "case",

@@ -13,6 +13,7 @@ from app.case import (
     RegistrationValues,
     SessionValues,
     begin_case,
+    load_manifest,
     open_live,
     received_values,
     sent_values,
@@ -20,6 +21,7 @@ from app.case import (
 from app.files.meshes import load_mesh, write_exact_ply
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 
+MODEL = "{path: wire.ply, units: mm}"
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=7.0)
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VALUES = SessionValues(
@@ -34,6 +36,7 @@ VALUES = SessionValues(
         np.diag([1e-6, 2e-6, 3e-6, 0.1, 0.2, 0.3]),
         12,
     ),
+    needle_length_mm=61.5,
 )
 
 
@@ -43,6 +46,7 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
     assert stream.read() == b"next"
     assert found.margins == VALUES.margins
     assert (found.tip_sigma_mm, found.tumor_sigma_mm) == (0.2, 0.45)
+    assert found.needle_length_mm == 61.5
     assert found.tumor is not None and VALUES.tumor is not None
     assert np.array_equal(found.tumor.vertices_mm, VALUES.tumor.vertices_mm)
     assert np.array_equal(found.tumor.faces, VALUES.tumor.faces)
@@ -83,6 +87,20 @@ def test_case_of_a_recording_has_the_values_of_the_session(
     assert VALUES.tumor is not None
     triangles = {np.sort(corners, axis=0).tobytes() for corners in VALUES.tumor.triangles_mm}
     assert {np.sort(corners, axis=0).tobytes() for corners in surface.triangles_mm} == triangles
+
+
+def test_case_of_a_recording_has_the_needle_as_it_is_shown(
+    tmp_path: Path, project_root: Path
+) -> None:
+    path = tmp_path / "live.yaml"
+    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
+    path.write_text(f"{text}\nneedle: {{frame: needle, length_mm: 60, model: {MODEL}}}\n")
+    write_exact_ply(tmp_path / "wire.ply", SurfaceMesh("a", BALL.vertices, BALL.faces))
+    begin_case(open_live(path), tmp_path / "case", VALUES)
+    recorded = load_manifest(tmp_path / "case").needle
+    assert recorded is not None and recorded.model is not None
+    assert (recorded.length_mm, recorded.direction) == (61.5, (0.0, 0.0, 1.0))
+    assert (tmp_path / "case" / recorded.model.path).is_file()
 
 
 def test_session_of_other_frames_than_those_of_the_file_is_refused(

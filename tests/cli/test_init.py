@@ -61,6 +61,15 @@ def test_live_file_opens(folder: Path, options: tuple[str, ...], source: object)
     assert validator("live").is_valid(yaml.safe_load((folder / "live.yaml").read_text()))
 
 
+def test_needle_is_written_with_its_direction(folder: Path) -> None:
+    needle = ("--needle-frame", "needle", "--needle-length-mm", "60")
+    direction = ("--needle-direction", "0", "3", "-4")
+    assert main(["init", "case", str(folder), *BODIES, *RECORDING, *needle, *direction]) == 0
+    found = open_case(folder).manifest.needle
+    assert found is not None and found.model is None
+    assert (found.frame, found.length_mm, found.direction) == ("needle", 60.0, (0.0, 0.6, -0.8))
+
+
 def test_poses_are_read_from_files_and_meshes_elsewhere_are_absolute(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -80,6 +89,20 @@ def test_poses_are_read_from_files_and_meshes_elsewhere_are_absolute(
         (("--tumor-frame", "rod"), "tumor.frame is 'rod', the frame of the tool"),
         (("--warn-mm", "0.5"), "warn_mm is 0.5"),
         (("--recording", "rod.stl"), "rod.stl"),
+        (("--needle-frame", "needle"), "--needle-length-mm is missing; expected it for a needle"),
+        (("--needle-length-mm", "60"), "--needle-frame is missing; expected it for a needle"),
+        (
+            ("--needle-frame", "rod", "--needle-length-mm", "60"),
+            "needle.frame is 'rod', the frame of the tool",
+        ),
+        (
+            ("--needle-frame", "needle", "--needle-length-mm", "0.5"),
+            "needle.length_mm is 0.5; expected",
+        ),
+        (
+            ("--needle-frame", "needle", "--needle-length-mm", "60", "--needle-model", "no.stl"),
+            "no.stl",
+        ),
         (("--images-probe", "rdo"), "--images-calibration is missing; expected it, or a terminal"),
         (("--tool-tip", "none.txt"), "none.txt"),
         (("--tool-frame", ""), "--tool-frame is missing"),

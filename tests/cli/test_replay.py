@@ -2,10 +2,12 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
 import trimesh
+import yaml
 
 from app.cli.main import main
 from app.report import REPORT_FILES
@@ -40,6 +42,20 @@ def test_runs_at_any_rate_give_same_bytes(case, tmp_path):
         assert replay(case, "--report", str(out), *options) == 0
         contents.append((out / "margin.csv").read_bytes())
     assert contents[0] == contents[1] == contents[2]
+    assert contents[0].count(b"\n") == 41
+
+
+def test_a_needle_changes_no_byte_of_the_margins(case, tmp_path):
+    contents = []
+    for name, needle in (("without", {}), ("with", {"frame": "needle", "length_mm": 80})):
+        folder, out = tmp_path / name, tmp_path / f"report {name}"
+        shutil.copytree(case, folder)
+        manifest = yaml.safe_load((folder / "case.yaml").read_text())
+        manifest |= {"needle": needle} if needle else {}
+        (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
+        assert replay(folder, "--report", str(out)) == 0
+        contents.append((out / "margin.csv").read_bytes())
+    assert contents[0] == contents[1]
     assert contents[0].count(b"\n") == 41
 
 

@@ -23,7 +23,8 @@ from app.geometry import (
     Transform,
 )
 from app.registration import DriftBound, given_registration
-from app.runtime import OperatorCommands, RearmRefusedError, SeenHold, StepHolds
+from app.runtime import Needle, OperatorCommands, RearmRefusedError, SeenHold, StepHolds
+from app.runtime.needle import thin_needle
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, sample
 from tests.doubles import frame as frame_of
@@ -127,6 +128,44 @@ def test_margins_change_session_content_and_outputs(world):
     assert world.commands.content.margins == margins
     assert all(output.content is world.commands.content for output in world.outputs)
     assert world.output_events == [*PREPARED, *APPLIED]
+
+
+def with_needle():
+    surface = thin_needle(60.0, "needle_tip")
+    edge = Transform("needle", "needle_tip", np.eye(3), [0.0, 0.0, 60.0])
+    return World(content=replace(CONTENT, needle=Needle(60.0, edge, surface, is_generated=True)))
+
+
+def test_length_of_the_needle_changes_only_what_is_shown():
+    world = with_needle()
+    world.commands.lengthen_needle(5.0, origin="a test")
+    content = world.commands.content
+    assert world.output_events == [*PREPARED, "switch first", "switch second"]
+    assert all(output.content is content for output in world.outputs)
+    assert world.session.setup is world.setup
+    assert world.session.hold_causes == ()
+    assert content.needle.length_mm == 65.0
+    assert content.needle.frame_from_tip.translation_mm.tolist() == [0.0, 0.0, 65.0]
+    assert np.ptp(content.needle.surface.vertices_mm[:, 2]) == 65.0
+    assert content.values(world.content).needle_length_mm == 65.0
+    assert content.replaced_since(world.content) == ("needle",)
+    assert (content.model_id, content.margins) == (world.content.model_id, world.content.margins)
+    assert world.commands.requests.last.line.endswith("from a test accepted: from 60 to 65 mm")
+
+
+@pytest.mark.parametrize("by_mm", [-60.0, 440.5, float("nan")])
+def test_length_out_of_range_is_refused(by_mm):
+    world = with_needle()
+    with pytest.raises(InputError, match=r"^needle: a length of .* mm; expected 1 to 500 mm$"):
+        world.commands.lengthen_needle(by_mm)
+    world.assert_unchanged()
+    assert not world.commands.requests.last.accepted
+
+
+def test_session_without_a_needle_refuses_a_length(world):
+    with pytest.raises(InputError, match=r"^needle: the session has none; expected 'needle' in"):
+        world.commands.lengthen_needle(1.0)
+    world.assert_unchanged()
 
 
 def test_tumour_is_prepared_before_lock_and_revoked_before_switch(world):

@@ -10,10 +10,13 @@ from slicer import vtkMRMLScene
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import SessionContent
+from app.runtime import Needle, SessionContent
+from app.runtime.needle import thin_needle
 from app.scene import SceneApplication, ScenePresenter
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
+from app.scene.scene import NEEDLE_COLOR
+from app.session.known_edges import KnownEdges
 from tests.scene.conftest import MakeStep
 
 Present = Callable[..., ScenePresenter]
@@ -272,3 +275,53 @@ def test_restart_accepts_earlier_samples_and_removes_the_breach_marks(
     presenter.show(make_step(MarginState.NEGATIVE, 9.0, stamp_ns=5), now_ns=5)
     assert {each.age_ns for each in presenter.health(5)} == {0}
     assert presenter.scene.margin.state is MarginState.NEGATIVE
+
+
+def needle(length_mm: float, frame: str = "needle") -> Needle:
+    tip = f"{frame}_tip"
+    edge = Transform(frame, tip, np.eye(3), [0.0, 0.0, length_mm])
+    return Needle(length_mm, edge, thin_needle(length_mm, tip), is_generated=True)
+
+
+def test_needle_is_drawn_at_its_tip_and_follows_its_length(
+    application: SceneApplication, present: Present, content: SessionContent, make_step: MakeStep
+) -> None:
+    presenter = present(replace(content, needle=needle(60.0)))
+    presenter.show(make_step())
+    assert "NeedleTipToNeedle" in names(application, "vtkMRMLLinearTransformNode")
+    assert presenter.scene is not None
+    model, tumor = presenter.scene.needle, presenter.scene.tumor
+    assert model is not None and model.GetName() == "NeedleModel"
+    assert model.GetDisplayNode().GetColor() == NEEDLE_COLOR
+    sensor = world(presenter, "needle")
+    for length_mm in (60.0, 65.0):
+        presenter.set_content(replace(content, needle=needle(length_mm)))
+        presenter.show(make_step())
+        tip = world(presenter, "needle_tip")
+        np.testing.assert_allclose(tip, sensor @ np.array(shifted(length_mm)), atol=1e-9)
+        along = (world_points(model) - tip[:3, 3]) @ tip[:3, 2]
+        assert (along.min(), along.max()) == pytest.approx((-length_mm, 0.0), abs=1e-3)
+    assert presenter.scene.needle is model and presenter.scene.tumor is tumor
+    presenter.show(make_step(MarginState.UNKNOWN, None))
+    assert model.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+    presenter.clear()
+    assert "NeedleModel" not in names(application, "vtkMRMLModelNode")
+
+
+def shifted(length_mm: float) -> list[list[float]]:
+    return [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, length_mm], [0, 0, 0, 1]]
+
+
+def test_needle_on_a_sensor_that_is_not_known_is_grey(
+    present: Present, content: SessionContent, make_step: MakeStep, edges: tuple[Transform, ...]
+) -> None:
+    presenter = present(replace(content, needle=needle(40.0, "wire")))
+    wire = Transform("tracker", "wire", np.eye(3), [1.0, 2.0, 3.0])
+    step = make_step(measured=(*edges, wire))
+    known = {(each.target, each.source): each for each in step.frame.poses}
+    presenter.show(replace(step, edges=KnownEdges((), known)))
+    assert presenter.scene is not None and presenter.scene.needle is not None
+    display = presenter.scene.needle.GetDisplayNode()
+    assert display.GetColor() == NEEDLE_COLOR
+    presenter.show(replace(step, edges=KnownEdges((), {**known, ("tracker", "wire"): None})))
+    assert display.GetColor() == MarginState.UNKNOWN.color

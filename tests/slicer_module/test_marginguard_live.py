@@ -43,7 +43,10 @@ def is_rearmed(panel_logic):
 def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     panel_logic, application, start, frames_file, live_yaml
 ):
-    panel_logic.connect(live_yaml(TRACKED))
+    config = live_yaml(TRACKED)
+    with config.open("a") as file:
+        file.write("needle: {frame: needle, length_mm: 60}\n")
+    panel_logic.connect(config)
     assert panel_logic.spin().session == "connecting ..."
     with pytest.raises(MarginGuardError, match="no case is loaded"):
         panel_logic.pause()
@@ -64,6 +67,14 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     with pytest.raises(MarginGuardError, match="no case is loaded"):
         panel_logic.events.go_to_note(0)
 
+    assert status.needle == "60"
+    panel_logic.needle.lengthen(-5.0)
+    status = panel_logic.spin()
+    assert (status.needle, status.request) == (
+        "55",
+        "needle_length from the panel accepted: from 60 to 55 mm",
+    )
+    assert application.scene.GetFirstNodeByName("NeedleModel") is not None
     with pytest.raises(MarginGuardError, match="warn_mm is 5; expected more than stop_mm 9"):
         panel_logic.set_margins(9.0, 5.0)
     panel_logic.set_margins(1.5, 6.0)

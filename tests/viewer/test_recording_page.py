@@ -33,6 +33,8 @@ def live_server(
     can_draw: None, domain_id: int, live_yaml: Any, cases: Path, tmp_path: Path
 ) -> Iterator[Server]:
     config = live_yaml(TRACKED)
+    with config.open("a") as file:
+        file.write("needle: {frame: needle, length_mm: 60}\n")
     arguments = ["--live", "--config", str(config), "--cases", str(cases)]
     server = Server(arguments, tmp_path / "view.txt")
     yield server
@@ -46,6 +48,12 @@ def test_session_is_recorded_from_the_page(
         page, count = watched.page, watched.page.locator("#recording .count")
         start(str(SENDER), str(frames_file), "tracked", "again")
         expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
+        expect(page.locator("#needle-length")).to_have_text("60")
+        page.get_by_role("button", name="Needle 5 mm longer").click()
+        expect(page.locator("#needle-length")).to_have_text("65")
+        page.get_by_role("button", name="Needle 1 mm shorter").click()
+        expect(page.locator("#needle-length")).to_have_text("64")
+        expect(page.locator("#request")).to_contain_text("needle_length from the page accepted")
         page.click("#record summary")
         expect(page.locator("#record-question")).to_contain_text("Record every source")
         page.fill("#record-name", "../up")
@@ -63,10 +71,14 @@ def test_session_is_recorded_from_the_page(
         viewer = Watched(context.new_page(), live_server.host).open(live_server.view_url)
         expect(viewer.locator("#recording-mark")).to_be_visible()
         expect(viewer.locator("#record")).to_have_count(0)
+        expect(viewer.locator("#needle-length")).to_have_text("64")
+        expect(viewer.locator("#needle button")).to_have_count(0)
         context.close()
         assert violations(page) == []
         while not any(True for _ in open_case(cases / "today").recorded_frames()):
             page.wait_for_timeout(200)
+        recorded = open_case(cases / "today").manifest.needle
+        assert recorded is not None and recorded.length_mm == 64.0
         page.click("#record summary")
         expect(page.locator("#record-name")).to_be_hidden()
         page.click("#record-confirm")

@@ -16,7 +16,7 @@ from app.bridge.node import RosNode
 from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
 from app.registration import RegistrationResult, register_points
 from app.runtime import OperatorCommands, RequestKind
-from app.runtime.commands import MAX_LIVE_TRIANGLES
+from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
 
 MAX_POINTS = 1_000
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from app.case.manifest.entries import CaseManifest, RecordingEntry
 from app.case.manifest.images import read_images
 from app.case.manifest.keys import CASE
+from app.case.manifest.needle import read_needle
 from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
@@ -49,6 +50,7 @@ def read_manifest(document: Section) -> CaseManifest:
         expected=document.text("expected") if "expected" in document else None,
         package_dirs=read_package_dirs(document),
         images=read_images(document),
+        needle=read_needle(document, tool),
     )
 
 

@@ -112,6 +112,25 @@ class TumorEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class NeedleEntry:
+    """A needle that is shown: its tip is ``length_mm`` along ``direction`` from its sensor.
+
+    ``frame`` is the tracked frame of the sensor, ``direction`` a unit vector in it. ``model`` is
+    in the frame of the tip; None for a generated one. No distance depends on it.
+    """
+
+    frame: str
+    length_mm: float
+    direction: tuple[float, float, float]
+    model: MeshEntry | None
+
+    @property
+    def tip_frame(self) -> str:
+        """The frame of the tip and of the model."""
+        return f"{self.frame}_tip"
+
+
+@dataclass(frozen=True, slots=True)
 class RobotEntry:
     """The robot that holds the tool. ``joint_states``: topic of its joints, None without any.
 
@@ -211,6 +230,7 @@ class CaseManifest:
     plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
     package_dirs: Mapping[str, str] = field(default_factory=dict)
     images: ImagesEntry | None = None
+    needle: NeedleEntry | None = None
 
     def recorded(self) -> RecordingEntry:
         """The recording; `InputError` for a live case."""

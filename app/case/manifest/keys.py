@@ -4,6 +4,7 @@ import re
 
 from app.case.manifest.image_keys import IMAGES
 from app.case.manifest.key_rules import MATRIX, RIGID, TOPIC, TOPIC_EXPECTED
+from app.case.manifest.needle_keys import NEEDLE
 from app.case.manifest.plausibility_keys import PLAUSIBILITY
 from app.case.tumor import SEGMENTATION_ENDING
 from app.files.keys import (
@@ -316,6 +317,7 @@ CASE = Block(
         "clock": CLOCK,
         "tool": _TOOL,
         "tumor": _TUMOR,
+        "needle": NEEDLE,
         "robot": _ROBOT,
         "package_dirs": _PACKAGE_DIRS,
         "registration": REGISTRATION,

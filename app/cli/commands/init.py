@@ -24,6 +24,7 @@ _MARGINS = {
     "stale_after_ms": (200.0, "maximum age of a sample"),
 }
 _POSE_HELP = "file with the pose of the %s (16 numbers, ITK, YAML), or 'identity'"
+_NEEDLE = {"needle_frame", "needle_length_mm", "needle_direction", "needle_model"}
 _SOURCES = ("tracked_transforms", "tf", "igtl")
 
 
@@ -45,9 +46,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "tumor-frame": "tracked frame that the tumour moves with",
         "tumor-mesh": "closed surface of the tumour",
         "tumor-pose": _POSE_HELP % "tumour in its frame",
+        "needle-frame": "tracked frame of a needle, which is drawn and nothing else",
+        "needle-model": "its surface in the frame of its tip; by default a thin needle",
     }
     for name, text in texts.items():
         parser.add_argument(f"--{name}", metavar="TEXT", help=text)
+    parser.add_argument(
+        "--needle-length-mm", type=float, metavar="N", help="from the needle's sensor to its tip"
+    )
+    parser.add_argument(
+        "--needle-direction", type=float, nargs=3, metavar=("X", "Y", "Z"),
+        help="direction from the needle's sensor to its tip, in its frame (0 0 1)",
+    )  # fmt: skip
     parser.add_argument(
         "--kind", choices=("recorded", "simulated"), default="recorded",
         help="origin of the data (%(default)s)",
@@ -59,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="live: the stamps are of this machine's clock, or of another one (%(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--units", choices=("mm", "cm", "m"), default="mm", help="of both meshes (%(default)s)"
+        "--units", choices=("mm", "cm", "m"), default="mm", help="of the meshes (%(default)s)"
     )
     for name, (value, text) in _MARGINS.items():
         parser.add_argument(
@@ -177,8 +187,32 @@ def _values(answers: _Answers) -> dict[str, Any]:
         "pose": {"matrix": pose},
     }
     values["margins"] = {name: getattr(options, name) for name in _MARGINS}
+    if _NEEDLE.intersection(name for name, given in vars(options).items() if given is not None):
+        values["needle"] = _needle(answers)
     if options.images_probe is not None:
         values["images"] = _images(answers)
+    return values
+
+
+def _needle(answers: _Answers) -> dict[str, Any]:
+    from app.geometry import InputError
+
+    options = answers.options
+    for name in ("needle_frame", "needle_length_mm"):
+        if getattr(options, name) is None:
+            raise InputError(
+                f"--{name.replace('_', '-')} is missing; expected it for a needle, which has a "
+                "frame and a length"
+            )
+    values: dict[str, Any] = {
+        "frame": options.needle_frame,
+        "length_mm": options.needle_length_mm,
+    }
+    if options.needle_direction is not None:
+        values["tip_from"] = {"direction": options.needle_direction}
+    if options.needle_model is not None:
+        path = answers.file("needle_model", "Model of the needle")
+        values["model"] = {"path": path, "units": options.units}
     return values
 
 

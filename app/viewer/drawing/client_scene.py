@@ -96,6 +96,7 @@ def _models(scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
         ("tumor", scene.tumor),
         ("margin", scene.margin_surface),
         ("tool", scene.tool),
+        ("needle", scene.needle),
     ):
         if model is not None:
             yield name, model

@@ -19,6 +19,8 @@ def closed_models(
         surfaces.append((scene.margin_surface, [margin_surface]))
     if content.tool is not None:
         surfaces.append((scene.tool, [content.tool]))
+    if content.needle is not None and content.needle.is_generated:
+        surfaces.append((scene.needle, [content.needle.surface]))
     if content.robot is not None:
         links = {link.name: link for link in content.robot.robot.links}
         for robot in scene.robots.values():

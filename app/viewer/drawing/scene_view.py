@@ -32,6 +32,7 @@ class Part(Enum):
     TUMOR = "Tumour"
     MARGIN = "Margin surface"
     TOOL = "Tool"
+    NEEDLE = "Needle"
     ROBOT = "Robot"
     BODIES = "Simulated bodies"
 
@@ -84,6 +85,8 @@ class SceneView:
             absent.add(Part.MARGIN)
         if self.content.robot is None:
             absent.add(Part.ROBOT)
+        if self.content.needle is None:
+            absent.add(Part.NEEDLE)
         if not self._has_bodies:
             absent.add(Part.BODIES)
         return tuple(part for part in Part if part not in absent)
@@ -195,6 +198,7 @@ class SceneView:
             Part.TUMOR: [scene.tumor],
             Part.MARGIN: [scene.margin_surface],
             Part.TOOL: [scene.tool],
+            Part.NEEDLE: [scene.needle],
             Part.ROBOT: links,
             Part.BODIES: list(self.bodies.values()),
         }[part]

@@ -69,7 +69,8 @@ class TranslucentOrder:
         self, scene: MarginGuardScene, bodies: Iterable[vtkMRMLModelNode]
     ) -> dict[vtkMRMLModelNode, vtkActor]:
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
-        models = [scene.tumor, scene.margin_surface, scene.tool, *links, *bodies]
+        parts = (scene.tumor, scene.margin_surface, scene.tool, scene.needle)
+        models = [*parts, *links, *bodies]
         found = {
             model: self._models.GetActorByID(model.GetDisplayNode().GetID())
             for model in models

@@ -98,6 +98,13 @@ class LiveOperator:
         )
         return True
 
+    def lengthen_needle(self, by_mm: float) -> bool:
+        """Begin to show the needle longer by ``by_mm``; False before `connect`."""
+        if self._commands is None:
+            return False
+        self._workers.submit(_lengthen_needle, self._commands, by_mm)
+        return True
+
     def set_tip(self, change: TipChange) -> bool:
         """Begin to use a tip; False before `connect` and while an earlier request runs."""
         running = self._calibrating is not None and not self._calibrating.done()
@@ -149,6 +156,13 @@ def _set_tip(commands: OperatorCommands, change: TipChange) -> None:
     with suppress(MarginGuardError):
         commands.requests.admit(RequestKind.TIP)
         commands.set_tip(change.tool_from_tip, sigma_mm=change.sigma_mm, origin=THE_PAGE)
+
+
+def _lengthen_needle(commands: OperatorCommands, by_mm: float) -> None:
+    # A refusal is in the list of requests.
+    with suppress(MarginGuardError):
+        commands.requests.admit(RequestKind.NEEDLE)
+        commands.lengthen_needle(by_mm, origin=THE_PAGE)
 
 
 def _set_registration(commands: OperatorCommands, result: RegistrationResult) -> None:

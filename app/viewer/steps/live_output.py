@@ -22,8 +22,9 @@ from app.viewer.steps.live_operator import LiveOperator
 class LiveOutput(PassiveOutput):
     """`Output` that puts every step into ``feed``.
 
-    The margin surface of a new content takes a second to compute in ``workers``; until then there
-    is none, never that of the content before. ``operator`` identifies the hold of each step.
+    The margin surface of another tumour or stop margin takes a second to compute in ``workers``;
+    until then there is none, never that of the content before. ``operator`` identifies the hold of
+    each step.
     ``guides`` record the poses of all steps, also of those that the page leaves out.
     """
 
@@ -59,7 +60,10 @@ class LiveOutput(PassiveOutput):
         return self._use
 
     def _use(self, content: SessionContent) -> None:
-        self._content = content
+        before, self._content = self._content, content
+        is_same_stop = content.margins.stop_mm == before.margins.stop_mm
+        if content.tumor is before.tumor and is_same_stop:
+            return
         self._margin_surface = None
         self._computing = self._workers.submit(stop_surface, content)
 

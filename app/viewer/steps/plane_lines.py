@@ -1,4 +1,4 @@
-"""Surfaces in the plane of an image: the lines in which it cuts tumour, stop margin and tool."""
+"""Surfaces in the plane of an image: the lines in which it cuts tumour, margin, tool, needle."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -8,7 +8,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPlane, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
-from app.geometry import FloatArray, ImageSample, SurfaceMesh, Transform
+from app.geometry import FloatArray, FrameError, ImageSample, SurfaceMesh, Transform
 from app.scene.frames.frame_graph import poses_in
 from app.scene.nodes.convert import poly_data
 from app.viewer.steps.view_state import ViewState
@@ -35,6 +35,7 @@ class ImageView:
     tumor: Lines = ()
     margin: Lines = ()
     tool: Lines = ()
+    needle: Lines = ()
     tip: FloatArray | None = None
     closest: FloatArray | None = None
     edges: str = ""
@@ -75,7 +76,7 @@ class SurfaceCuts:
 
 
 class PlaneLines:
-    """Adds the lines of tumour, stop margin and tool to images. Keeps the converted surfaces."""
+    """Adds the lines of tumour, stop margin, tool and needle. Keeps the converted surfaces."""
 
     def __init__(self) -> None:
         self._cuts = SurfaceCuts()
@@ -84,6 +85,7 @@ class PlaneLines:
         self, view: ImageView, shown: ViewState, root_from_tumor: Transform, tip: Transform
     ) -> ImageView:
         """``view`` with the lines of the step of ``shown``; ``tip`` is the tumour-from-tip pose."""
+        root = root_from_tumor.target
         to_pixels = pixels_from_root(view.matrix) @ root_from_tumor.matrix
         content, proximity = shown.content, shown.step.decision.proximity
         margin, tool = shown.margin_surface, content.tool
@@ -96,9 +98,22 @@ class PlaneLines:
             tumor=self._cuts.cut(content.tumor, to_pixels),
             margin=() if margin is None else self._cuts.cut(margin, to_pixels),
             tool=() if tool is None else self._cuts.cut(tool, to_pixels @ tip.matrix),
+            needle=self._needle(view, shown, root),
             tip=_mapped(to_pixels, tip.translation_mm[None])[0],
             closest=closest,
         )
+
+    def _needle(self, view: ImageView, shown: ViewState, root: str) -> Lines:
+        """The lines of the needle, none while its pose may not be used."""
+        needle = shown.content.needle
+        if needle is None:
+            return ()
+        try:
+            holder, _ = shown.step.edges.between(root, needle.frame_from_tip.target)
+        except FrameError:
+            return ()
+        to_pixels = pixels_from_root(view.matrix) @ (holder @ needle.frame_from_tip).matrix
+        return self._cuts.cut(needle.surface, to_pixels)
 
 
 def root_from_tumor(shown: ViewState, root: str) -> Transform | None:

@@ -1,5 +1,5 @@
-// What an operator types: event notes, the margins and the recording of a live session. The fields keep what is being typed
-// while the values of the page change.
+// What an operator types: event notes, and in a live session the margins, the recording and the length of the needle. The
+// fields keep what is being typed while the values of the page change.
 
 const NOTE = `
   <input id="note-text" type="text" maxlength="200" aria-label="Note on this moment" placeholder="note on this moment">
@@ -19,6 +19,11 @@ const RECORD = `
     <p id="record-question"></p>
     <button id="record-confirm" type="button"></button>
     <p class="answer" id="record-answer" role="status"></p></details>`;
+
+const NEEDLE = [-5, -1, 1, 5]
+  .map((mm) => `<button type="button" data-mm="${mm}" aria-label="Needle ${Math.abs(mm)} mm ${mm < 0 ? "shorter" : "longer"}">${mm > 0 ? "+" : "\u2212"}${Math.abs(mm)}</button>`)
+  .join(" ");
+const NEEDLE_ANSWER = `<p class="answer" id="needle-answer" role="status"></p>`;
 
 export function listenToOperator(trame) {
   const find = (id) => document.getElementById(id);
@@ -48,6 +53,13 @@ export function listenToOperator(trame) {
       find("note-text").addEventListener("keydown", (event) => {
         if (event.key === "Enter") note();
       });
+    }
+    const needle = document.querySelector(".needle-tools");
+    if (needle && !needle.firstElementChild) {
+      needle.innerHTML = NEEDLE + NEEDLE_ANSWER;
+      for (const button of needle.querySelectorAll("button")) {
+        button.addEventListener("click", () => send("needle-answer", "needle_length", [Number(button.dataset.mm)]));
+      }
     }
     const margins = document.querySelector(".margin-tools");
     if (margins && !margins.firstElementChild) {

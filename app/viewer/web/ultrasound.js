@@ -3,7 +3,7 @@
 // has frozen it: then it is labelled FROZEN.
 
 const LATE_MS = 500; // an image that was named this long ago and has not arrived makes the shown one old
-const NAMES = ["margin", "tumor", "tool", "closest"];
+const NAMES = ["margin", "tumor", "needle", "tool", "closest"];
 
 const TEMPLATE = `
   <div class="us-bar">
@@ -24,7 +24,7 @@ const TEMPLATE = `
   </div>
   <ul class="us-legend">
     <li class="us-tumor">tumour</li><li class="us-margin">stop margin</li><li class="us-tool">tool in the plane</li>
-    <li class="us-closest">closest points</li>
+    <li class="us-closest">closest points</li><li class="us-needle" id="us-needle-name" hidden>needle in the plane</li>
   </ul>
   <p class="numbers" id="us-tip"></p>`;
 
@@ -59,6 +59,7 @@ export function showUltrasound(trame) {
     const svg = find("#us-image");
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     for (const name of NAMES) find(`path.us-${name}`).setAttribute("d", values[name]);
+    find("#us-needle-name").hidden = !trame.state.get("needle");
     const [x, y, mm] = values.tip ?? [];
     const tip = find("g.us-tip");
     tip.style.display = values.tip ? "" : "none";

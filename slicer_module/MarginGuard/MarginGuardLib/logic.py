@@ -27,6 +27,7 @@ from .events import SessionEvents
 from .guided import GuidedCalibration, GuidedRegistration, GuidedShown, GuidedWork
 from .jobs import Jobs
 from .live_step_run import LiveStepRun
+from .needle import PanelNeedle
 from .recorded import RecordedCase, prepare_recorded
 from .registration_input import (
     registration_of_case,
@@ -67,6 +68,7 @@ class PanelLogic:
         self._jobs = Jobs(changed)
         self._changed = changed
         self.contour = PanelContour(self.session, mrml_scene, logic, self._jobs, changed)
+        self.needle = PanelNeedle(self.session)
         self._guided: GuidedWork | None = None
         self._message = ""
 
@@ -340,6 +342,7 @@ class PanelLogic:
             calibration=GuidedShown() if guided is None else guided.calibration.shown(),
             touch=GuidedShown() if touch is None else touch.shown(),
             contour=self.contour.shown(),
+            needle=self.needle.length(),
         )
 
 

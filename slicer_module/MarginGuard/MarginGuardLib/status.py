@@ -19,6 +19,7 @@ class PanelStatus:
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
     ``directions``: of the tip to the stop margin, in mm.
     ``calibration`` and ``touch``: the guided calibration, and registration by touch.
+    ``needle``: its length in mm, empty without one.
     """
 
     state: MarginState
@@ -42,3 +43,4 @@ class PanelStatus:
     calibration: GuidedShown
     touch: GuidedShown
     contour: ContourShown
+    needle: str

@@ -137,6 +137,33 @@ def test_margins_of_the_page_reach_the_session_with_their_origin(workers):
     assert used == [(2.0, 6.0, "the page")]
 
 
+class NeedleCommands(MarginCommands):
+    """Test double of a session's commands with a needle."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lengthened = []
+
+    def lengthen_needle(self, by_mm, *, origin):
+        self.lengthened.append((by_mm, origin))
+
+
+def test_needle_of_the_page_reaches_the_session_with_its_origin(workers):
+    session, operator, commands = NeedleCommands(), LiveOperator(workers), Commands()
+    LiveControls(commands, operator)
+    with pytest.raises(NotDoneError, match="needle: the session has not begun"):
+        commands.run("needle_length", (5,), Role.OPERATE)
+    operator.connect(session)
+    with pytest.raises(RefusedError, match="role view; expected operate"):
+        commands.run("needle_length", (5,), Role.VIEW)
+    with pytest.raises(RefusedError, match="expected a number from -10 to 10"):
+        commands.run("needle_length", (10.5,), Role.OPERATE)
+    for by_mm in (5, -1):
+        commands.run("needle_length", (by_mm,), Role.OPERATE)
+    workers.shutdown()
+    assert sorted(session.lengthened) == [(-1.0, "the page"), (5.0, "the page")]
+
+
 def test_recording_of_the_page_reaches_the_session_one_request_at_a_time(workers):
     class RecordingCommands(SessionCommands):
         recording = None
