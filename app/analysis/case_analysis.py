@@ -190,7 +190,13 @@ def analyse_case(
         phase_seconds=phase_seconds(phases, held),
         phase_counts=phase_counts(phases),
         coverage=coverage,
-        insertion=insertion_metrics(times, samples.tips_mm, samples.distances_mm),
+        insertion=insertion_metrics(
+            times,
+            samples.tips_mm,
+            samples.distances_mm,
+            rotations=samples.rotations,
+            tissue=tumor,
+        ),
         resection=resection,
         sides=side_results(
             tumor, coverage, breaches, specimen.margins_mm if specimen else {}, axes

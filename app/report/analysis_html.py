@@ -72,6 +72,7 @@ def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterabl
     yield _figure("Coverage of the tumour", figures["coverage.svg"], f"Of the surface: {shares}.")
     yield _sides(found)
     yield _volumes(found)
+    yield _insertion(found)
     yield _what_if(found)
     yield f"<h2>Methods</h2>\n<p>{escape(methods_text(found, case.methods))}</p>"
 
@@ -168,6 +169,19 @@ def _volumes(found: "CaseAnalysis") -> str:
         )
     note = f'<p class="note">No specimen: {escape(resection.why)}.</p>' if resection.why else ""
     return table("Volumes", ("volume", "value"), rows) + note
+
+
+def _insertion(found: "CaseAnalysis") -> str:
+    values = found.insertion
+    rows: list[Sequence[str]] = [
+        ("from the first to the last known tip", f"{values.elapsed_s:.3f} s"),
+        ("path of the tip", f"{values.path_mm:.1f} mm"),
+        ("time in the tumour", f"{values.tissue_s:.3f} s"),
+        ("path in the tumour", f"{values.tissue_path_mm:.1f} mm"),
+    ]
+    if values.tissue_damage_mm2 is not None:
+        rows.append(("swept by the tool's axis", f"{values.tissue_damage_mm2:.1f} mm2"))
+    return table("Insertion", ("metric of Perk Tutor", "value"), rows)
 
 
 def _volume(value_mm3: float) -> str:

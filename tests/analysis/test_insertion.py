@@ -1,5 +1,6 @@
 """Insertion metrics of a recorded hand, compared with arithmetic on the text of the recording."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,41 @@ def test_metrics_of_the_phantom_case_equal_independent_arithmetic(project_root: 
     assert found.path_mm == pytest.approx(path, rel=1e-3)
     assert found.tissue_s == pytest.approx(tissue_s, rel=1e-3)
     assert found.tissue_path_mm == pytest.approx(tissue_path, rel=1e-3)
+
+
+def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(project_root: Path):
+    """The tissue is a ball of 10 mm, whose surface is a mesh in the case."""
+    folder = project_root / "data" / "phantom_case"
+    case = mg.open_case(folder, tip_only=True)
+    content = case.content
+    found = analyse_case(
+        mg.replay(case), name="phantom", margins=content.margins, tumor=content.tumor
+    ).insertion.tissue_damage_mm2
+    manifest = yaml.safe_load((folder / "case.yaml").read_text())
+    reference, stylus = (
+        igsio_samples(folder / "tracking.igs.mha", f"{name}ToTracker").matrices
+        for name in ("Reference", "Stylus")
+    )
+    tip = np.reshape(manifest["tool"]["tip_from"]["matrix"], (4, 4))
+    centre = np.reshape(manifest["tumor"]["pose"]["matrix"], (4, 4))[:3, 3]
+    poses = np.linalg.inv(reference) @ stylus @ tip
+    area, before = 0.0, None
+    for pose in poses:
+        place, back = pose[:3, 3] - centre, -pose[:3, 2]
+        if place @ place >= 100.0:
+            before = None
+            continue
+        along = place @ back
+        out = place + (math.sqrt(along**2 - place @ place + 100.0) - along) * back
+        if before is not None:
+            for one, other in (
+                (place - before[0], out - before[0]),
+                (before[1] - out, before[0] - out),
+            ):
+                area += 0.5 * math.sqrt((one @ one) * (other @ other) - (one @ other) ** 2)
+        before = place, out
+    assert area > 20.0
+    assert found == pytest.approx(area, rel=0.01)
 
 
 def test_a_step_counts_by_its_end():

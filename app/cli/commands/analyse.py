@@ -215,7 +215,12 @@ def as_text(analysis: "CaseAnalysis") -> str:
         "  phases        " + ", ".join(f"{k} {v:.1f} s" for k, v in analysis.phase_seconds.items()),
         "  covered       " + ", ".join(f"{100 * v:.0f} % within {k:g} mm" for k, v in shares),
         f"  in tissue     {insertion.tissue_s:.3f} s of {insertion.elapsed_s:.3f} s, "
-        f"{insertion.tissue_path_mm:.1f} mm of {insertion.path_mm:.1f} mm",
+        f"{insertion.tissue_path_mm:.1f} mm of {insertion.path_mm:.1f} mm"
+        + (
+            ""
+            if insertion.tissue_damage_mm2 is None
+            else f", {insertion.tissue_damage_mm2:.0f} mm2 swept by its axis"
+        ),
     ]
     if analysis.resection is not None:
         lines += _resection(analysis.resection)
