@@ -8,12 +8,14 @@ damping vanishes and the steps are Newton's, with quadratic convergence.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from app.geometry import FloatArray, Transform
 from app.geometry.rotation_vectors import vector_of_rotation
 from app.robot.errors import JointError, UnreachableError
+from app.robot.kinematics.descent import descent_of
 from app.robot.kinematics.joint import Joint
 from app.robot.kinematics.tree import KinematicTree
 
@@ -74,40 +76,64 @@ class _Attempt:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Chain:
+    """The actuated joints that move a link, in order, and their limits (n,)."""
+
+    drivers: tuple[Joint, ...]
+    names: list[str]
+    lower: FloatArray
+    upper: FloatArray
+
+
+_chains: WeakKeyDictionary[KinematicTree, dict[str, _Chain]] = WeakKeyDictionary()
+
+
+def _chain_to(tree: KinematicTree, link: str) -> _Chain:
+    """The joints that move ``link``, found once for each tree."""
+    chains = _chains.setdefault(tree, {})
+    if link not in chains:
+        names = tree.drivers_to(link)
+        drivers = tuple(tree.joint(name) for name in names)
+        chains[link] = _Chain(drivers, names, *_limits(tree, link, drivers, names))
+    return chains[link]
+
+
+def _limits(
+    tree: KinematicTree, link: str, drivers: Sequence[Joint], names: list[str]
+) -> tuple[FloatArray, FloatArray]:
+    """Limits (n,) of the drivers, narrowed by those of their mimic joints."""
+    lower = np.array([joint.lower for joint in drivers])
+    upper = np.array([joint.upper for joint in drivers])
+    base = tree.complete_positions(dict.fromkeys(names, 0.0))
+    for joint in tree.path_to(link):
+        if joint.mimic is None or not joint.moves:
+            continue
+        driver, gain = tree.driver_of(joint)
+        if gain == 0.0:
+            continue
+        ends = sorted((end - base[joint.name]) / gain for end in (joint.lower, joint.upper))
+        column = names.index(driver)
+        lower[column] = max(lower[column], ends[0])
+        upper[column] = min(upper[column], ends[1])
+        if lower[column] > upper[column]:
+            raise UnreachableError(
+                f"joint {driver!r} has no position within the limits of its follower {joint.name!r}"
+            )
+    return lower, upper
+
+
 class _Problem:
     """One link, its goal pose, and the actuated joints that move it."""
 
     def __init__(
         self, tree: KinematicTree, link: str, goal: Transform, fixed: Mapping[str, float]
     ) -> None:
-        names = tree.drivers_to(link)
+        chain = _chain_to(tree, link)
         self.tree, self.link, self.goal = tree, link, goal
-        self.drivers: Sequence[Joint] = [tree.joint(name) for name in names]
-        self.names = names
-        self.fixed = {name: value for name, value in fixed.items() if name not in names}
-        self.lower, self.upper = self._bounds()
-
-    def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Limits (n,) of the drivers, narrowed by those of their mimic joints."""
-        lower = np.array([joint.lower for joint in self.drivers])
-        upper = np.array([joint.upper for joint in self.drivers])
-        base = self.tree.complete_positions(dict.fromkeys(self.names, 0.0))
-        for joint in self.tree.path_to(self.link):
-            if joint.mimic is None or not joint.moves:
-                continue
-            driver, gain = self.tree.driver_of(joint)
-            if gain == 0.0:
-                continue
-            ends = sorted((end - base[joint.name]) / gain for end in (joint.lower, joint.upper))
-            column = self.names.index(driver)
-            lower[column] = max(lower[column], ends[0])
-            upper[column] = min(upper[column], ends[1])
-            if lower[column] > upper[column]:
-                raise UnreachableError(
-                    f"joint {driver!r} has no position within the limits of its follower "
-                    f"{joint.name!r}"
-                )
-        return lower, upper
+        self.drivers, self.names = chain.drivers, chain.names
+        self.fixed = {name: value for name, value in fixed.items() if name not in self.names}
+        self.lower, self.upper = chain.lower, chain.upper
 
     def matrices(self, positions: FloatArray) -> FloatArray:
         given = {**self.fixed, **dict(zip(self.names, positions.tolist(), strict=True))}
@@ -144,6 +170,26 @@ class _Problem:
 
     def minimise(self, start: FloatArray, options: IkOptions) -> _Attempt:
         """Descend from ``start`` to a local minimum of the error within the limits."""
+        if not self.tree.dependent and self.names:
+            found = descent_of(self.tree, self.link, self.names).run(
+                self.fixed,
+                start,
+                (self.lower, self.upper),
+                self.goal,
+                MM_PER_RAD,
+                options,
+                MIN_COST_DROP,
+            )
+            if found is not None:
+                positions, error = found
+                return _Attempt(positions, np.empty((0, 4, 4)), error, float(error @ error))
+        return self.minimise_uncompiled(start, options)
+
+    def minimise_uncompiled(self, start: FloatArray, options: IkOptions) -> _Attempt:
+        """`minimise` for any tree: in one with closed loops the poses need a search of their own.
+
+        Raises `JointError` where a pose is not finite.
+        """
         best, damping = self.attempt(start), 1e-2
         for _ in range(options.max_iterations):
             if best.is_solution(options) or damping > 1e8 or math.isinf(best.cost):

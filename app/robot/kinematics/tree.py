@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +185,11 @@ class KinematicTree:
             jacobian,
         )
         return jacobian
+
+    def compiled_arrays(self, link: str, drivers: tuple[str, ...]) -> tuple[Any, ...]:
+        """What `link_kernel` needs to compute poses, and then the Jacobian of ``link``."""
+        poses = (self._slides, self._origins, self._motions, self._parents)
+        return (*poses, self.link_rows[link], *self._joints_in_jacobian(link, drivers))
 
     def _joints_in_jacobian(self, link: str, drivers: tuple[str, ...]) -> _JacobianJoints:
         """Joints that move ``link`` and follow one of ``drivers``."""

@@ -18,6 +18,7 @@ from app.robot import (
     Robot,
     UnreachableError,
 )
+from app.robot.kinematics import inverse
 
 fractions = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)
 
@@ -178,3 +179,36 @@ def test_unknown_names_are_refused(touch):
 def test_options_out_of_range_are_refused(bad):
     with pytest.raises(JointError, match=r"expected (values above 0|at least)"):
         IkOptions(**bad)
+
+
+@pytest.mark.parametrize(("name", "link"), [("touch", "stylus"), ("panda", "panda_rightfinger")])
+def test_compiled_descent_agrees_with_the_uncompiled_one(request, monkeypatch, rng, name, link):
+    """From starts anywhere, also with a limit in the way and with a mimic joint."""
+    robot = request.getfixturevalue(name)
+    moving = [joint for joint in robot.joints if joint.name in robot.actuated_joint_names]
+    compared = []
+    for _ in range(8):
+        one, other = (
+            {joint.name: rng.uniform(joint.lower, joint.upper) for joint in moving}
+            for _ in range(2)
+        )
+        compared.append((robot.forward_kinematics(one)[link], other))
+    options = IkOptions(restarts=3)
+
+    def solutions():
+        found = []
+        for goal, seed in compared:
+            try:
+                found.append(
+                    list(robot.inverse_kinematics(link, goal, seed=seed, options=options).values())
+                )
+            except UnreachableError as error:
+                found.append(str(error))
+        return found
+
+    compiled = solutions()
+    monkeypatch.setattr(inverse._Problem, "minimise", inverse._Problem.minimise_uncompiled)
+    uncompiled = solutions()
+    assert sum(not isinstance(each, str) for each in compiled) >= 4
+    for one, other in zip(compiled, uncompiled, strict=True):
+        assert one == (other if isinstance(other, str) else pytest.approx(other, abs=1e-9))
