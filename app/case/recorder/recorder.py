@@ -8,11 +8,16 @@ time of a message is its acquisition time, so that the file plays in the order o
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Self
 
 from mcap.writer import CompressionType, Writer
 
 from app.case.frames.samples import JointSample, TrackingFrame
+from app.case.messages.recorded_messages import (
+    joint_state_bytes,
+    tf_bytes,
+    tracked_transform_bytes,
+)
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     JOINT_STATES_TOPIC,
@@ -22,11 +27,8 @@ from app.case.messages.ros_messages import (
     TRACKED_TRANSFORM,
     TRACKED_TRANSFORMS_TOPIC,
     UNFILTERED_TIME_TOPIC,
-    joint_state_message,
     ros_types,
-    tf_message,
     time_reference_message,
-    tracked_transform_message,
 )
 from app.geometry import InputError, TrackingStatus
 
@@ -100,26 +102,26 @@ class Recorder:
         for joints in frame.joints:
             self._write_joints(joints)
         for sample in frame.poses:
-            message = tracked_transform_message(sample)
-            self._add(TRACKED_TRANSFORMS_TOPIC, sample.stamp.ns, message)
+            data = tracked_transform_bytes(sample)
+            self._add(TRACKED_TRANSFORMS_TOPIC, sample.stamp.ns, data)
         valid = [sample for sample in frame.poses if sample.status is TrackingStatus.OK]
         if valid:
-            self._add(TF_TOPIC, frame.stamp.ns, tf_message(valid))
+            self._add(TF_TOPIC, frame.stamp.ns, tf_bytes(valid))
         if frame.unfiltered_stamp is not None:
             message = time_reference_message(frame.stamp, frame.unfiltered_stamp)
-            self._add(UNFILTERED_TIME_TOPIC, frame.stamp.ns, message)
+            data = bytes(ros_types().serialize_cdr(message, TIME_REFERENCE))
+            self._add(UNFILTERED_TIME_TOPIC, frame.stamp.ns, data)
 
     def _write_joints(self, sample: JointSample) -> None:
         robot_ns = sample.stamp.ns
         if sample.stamp.clock == "tracker":
             robot_ns -= self._offset_ns
-        message = joint_state_message(sample, robot_ns)
-        self._add(self._joint_states_topic, robot_ns + self._offset_ns, message)
+        data = joint_state_bytes(sample, robot_ns)
+        self._add(self._joint_states_topic, robot_ns + self._offset_ns, data)
 
-    def _add(self, topic: str, log_ns: int, message: Any) -> None:
+    def _add(self, topic: str, log_ns: int, data: bytes) -> None:
         if not 0 <= log_ns < 2**63:
             raise InputError(f"stamp to record is {log_ns} ns; expected 0 to 2^63 - 1")
-        data = bytes(ros_types().serialize_cdr(message, self._topics[topic]))
         sequence = self._counts[topic] = self._counts.get(topic, -1) + 1
         self._writer.add_message(
             self._channels[topic], log_ns, data, publish_time=log_ns, sequence=sequence

@@ -13,13 +13,13 @@ from app.case.messages.ros_messages import (
     TRACKED_TRANSFORM,
     TRACKED_TRANSFORMS_TOPIC,
     ros_types,
-    tracked_transform_message,
 )
 from app.geometry import NS_PER_MS, InputError, Stamp, TrackedTransform, Transform
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import PROBE_FROM_IMAGE
 from tests.case.messages.test_image_message import encoded, message
 from tests.cli.small_case import write_small_case
+from tests.oracles.ros_objects import tracked_transform_message
 
 TOPIC = "/us/image"
 COUNT, ROWS, COLUMNS = 12, 30, 40

@@ -19,13 +19,11 @@ from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
     TRACKED_TRANSFORM,
-    joint_state_message,
     ros_types,
-    tf_message,
-    tracked_transform_message,
 )
 from app.case.readers.rosbag2 import frames as reader
 from app.geometry import InputError, Stamp, TrackedTransform, Transform
+from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 
 OFFSET_NS = 37_000_000
 TOPICS = {

@@ -17,12 +17,10 @@ from rosbags.rosbag2 import Writer as BagWriter
 from app.case import TrackingFrame, read_mcap, write_recording
 from app.case.messages.ros_messages import (
     TRACKED_TRANSFORM,
-    joint_state_message,
     ros_types,
-    tf_message,
-    tracked_transform_message,
 )
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
+from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 
 Frames = Callable[..., Iterator[TrackingFrame]]
 Same = Callable[..., None]
