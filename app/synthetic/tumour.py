@@ -17,7 +17,9 @@ LOBE_COUNT = 14
 LOBE_HEIGHT = (-0.18, 0.38)
 LOBE_SHARPNESS = (6.0, 26.0)
 
-_GRADIENT_STEP_MM = 1e-4
+_AT_ONCE = 2048
+"""Points of one part of a gradient, whose values stay in the processor's cache."""
+
 _EXTENT_SUBDIVISIONS = 4
 """2562 directions, about 4 degrees apart."""
 
@@ -91,13 +93,30 @@ class Tumour:
 
     def normals(self, surface_mm: FloatArray) -> FloatArray:
         """Outward unit normals (n, 3) at points (n, 3) of the surface: the gradient of height."""
-        gradient = np.empty_like(surface_mm)
-        for axis in range(3):
-            step = np.zeros(3)
-            step[axis] = _GRADIENT_STEP_MM
-            ahead, behind = self.height_mm(surface_mm + step), self.height_mm(surface_mm - step)
-            gradient[:, axis] = (ahead - behind) / (2.0 * _GRADIENT_STEP_MM)
-        return np.asarray(gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
+        normals = np.empty_like(surface_mm)
+        for first in range(0, len(surface_mm), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            normals[part] = self._gradients(surface_mm[part])
+        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def _gradients(self, points_mm: FloatArray) -> FloatArray:
+        """The gradient (n, 3) of `height_mm` at points (n, 3) other than the origin.
+
+        The radius is the product of ellipsoid and lobes, functions of the direction, of which only
+        the part across the ray counts.
+        """
+        distance = np.linalg.norm(points_mm, axis=1, keepdims=True)
+        directions = points_mm / distance
+        scaled = directions / self.semi_axes_mm
+        ellipsoid = 1.0 / np.linalg.norm(scaled, axis=1, keepdims=True)
+        lobes = np.exp(self.lobe_sharpness * (directions @ self.lobe_centres.T - 1.0))
+        lobes *= self.lobe_heights
+        slopes = (ellipsoid * lobes * self.lobe_sharpness) @ self.lobe_centres
+        slopes -= (
+            ellipsoid**3 * (1.0 + lobes.sum(axis=1, keepdims=True)) * scaled / self.semi_axes_mm
+        )
+        along = np.einsum("ij,ij->i", slopes, directions)[:, None] * directions
+        return np.asarray(directions - (slopes - along) / distance)
 
     def mesh(self, subdivisions: int = 5) -> SurfaceMesh:
         """The closed surface with ``20 * 4**subdivisions`` triangles, normals outward."""

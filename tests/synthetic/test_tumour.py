@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import igl
 import numpy as np
 import pytest
@@ -84,3 +86,18 @@ def test_the_icosphere_covers_the_sphere_once(subdivisions):
     assert sphere.is_watertight and sphere.euler_number == 2
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
     assert sphere.volume > 0.0
+
+
+def test_normals_are_the_gradient_of_the_height():
+    """Compared with differences of the height, in more points than one part has."""
+    for irregularity in (0.0, 1.0):
+        tumour = Tumour.generate(np.random.default_rng(8))
+        tumour = replace(tumour, lobe_heights=irregularity * tumour.lobe_heights)
+        points = tumour.surface_mm(icosphere(5)[0])
+        gradient = np.empty_like(points)
+        for axis, step in enumerate(1e-4 * np.eye(3)):
+            ahead, behind = tumour.height_mm(points + step), tumour.height_mm(points - step)
+            gradient[:, axis] = (ahead - behind) / 2e-4
+        gradient /= np.linalg.norm(gradient, axis=1, keepdims=True)
+        assert len(points) > 2048
+        np.testing.assert_allclose(tumour.normals(points), gradient, atol=1e-7)
