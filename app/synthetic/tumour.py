@@ -97,7 +97,7 @@ class Tumour:
         for first in range(0, len(surface_mm), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             normals[part] = self._gradients(surface_mm[part])
-        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     def _gradients(self, points_mm: FloatArray) -> FloatArray:
         """The gradient (n, 3) of `height_mm` at points (n, 3) other than the origin.
