@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
+from app.cli.prompt_process import prompt_process
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState
 
@@ -48,7 +49,6 @@ def live_page(
         from app.bridge.live import live_node
         from app.bridge.world_editor import TRACKER, WORLD
         from app.runtime import (
-            SWITCH_INTERVAL_S,
             RobotRegistration,
             SimulatedWorld,
             ToolCalibration,
@@ -98,8 +98,7 @@ def live_page(
             world=world,
         )
         feed.call_on_change(viewer.wake)
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
-    with operator_thread, ThreadPoolExecutor(max_workers=1) as workers:
+    with prompt_process(), operator_thread, ThreadPoolExecutor(max_workers=1) as workers:
         guides = [each for each in (calibration, registration) if each is not None]
         output = LiveOutput(feed, content, surface, workers, operator, guides)
         with live_node(

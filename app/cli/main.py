@@ -115,10 +115,18 @@ def build_parser() -> CommandParser:
     return parser
 
 
+def _skip_last_collection() -> None:
+    """Skip the garbage collection at exit, which takes half a second.
+
+    nanobind names every object of manifold3d that is left then as a leak, so that one needs it.
+    """
+    if "manifold3d" not in sys.modules:
+        gc.freeze()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
-    # Skip the garbage collection at exit, which takes half a second.
-    atexit.register(gc.freeze)
+    atexit.register(_skip_last_collection)
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = build_parser().parse_args(given)

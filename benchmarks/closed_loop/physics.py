@@ -19,6 +19,7 @@ import numpy as np
 
 from app.bridge import RosNode, prepare_environment
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+from app.cli.prompt_process import prompt_process
 from app.files.shipped import shipped
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import Robot
@@ -138,7 +139,8 @@ def main() -> int:
         shell = TruthShell(node, pushing, tumor.name)
         threading.Thread(target=_read, args=(shell, stop), daemon=True).start()
         _print(event="ready")
-        pace.run(shell, stop)
+        with prompt_process():  # as 'marginguard simulate'
+            pace.run(shell, stop)
     shell.write(options.file)
     _print(event="written")
     return 0

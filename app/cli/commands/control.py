@@ -68,6 +68,7 @@ def _control(file: Path) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.arm_control import NODE_NAME, ControlNode
+            from app.cli.prompt_process import prompt_process
             from app.control import open_control
 
             description = open_control(file)
@@ -78,5 +79,6 @@ def _control(file: Path) -> int:
             print(
                 f"CONTROL of {description.name}, arm {description.arm}; Ctrl-C ends it", flush=True
             )
-            node.run(stop)
+            with prompt_process():
+                node.run(stop)
     return received.exit_status

@@ -87,7 +87,9 @@ def run(options: argparse.Namespace) -> int:
         if options.lifecycle:
             _run_managed(options, received, shown)
         else:
-            with _opened(options, received, shown) as node:
+            from app.cli.prompt_process import prompt_process
+
+            with _opened(options, received, shown) as node, prompt_process():
                 received.stops(node.stop)
                 with closing(node.live_run.steps()) as steps:
                     _print_changes(steps, shown)

@@ -81,6 +81,7 @@ def run(options: argparse.Namespace) -> int:
             from app.bridge import RosNode
             from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
             from app.cli.command_group import CommandGroup
+            from app.cli.prompt_process import prompt_process
             from app.geometry import InputError
             from app.simulation import World, open_world
 
@@ -130,7 +131,7 @@ def run(options: argparse.Namespace) -> int:
             print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
             if server is not None:
                 print(f"OpenIGTLink: port {server.port} of this machine", flush=True)
-            with keys_to(hand):
+            with keys_to(hand), prompt_process():
                 try:
                     pace.run(node, stop)
                 finally:
