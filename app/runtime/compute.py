@@ -5,6 +5,7 @@ for the interpreter lock and for the processors. In a process of its own, with a
 does neither.
 """
 
+import logging
 import os
 import socket
 import subprocess
@@ -17,6 +18,8 @@ from typing import Any, Protocol, Self, TypeVar, cast
 
 from app.geometry import InputError
 from app.runtime.memory_file import read_object, write_object
+
+_LOG = logging.getLogger(__name__)
 
 _Value = TypeVar("_Value")
 
@@ -38,9 +41,8 @@ def compute_here(function: Callable[..., _Value], /, *args: Any) -> _Value:
 class ComputeProcess:
     """A process that computes for this one. Ends with `close`, and when this process has ended.
 
-    It starts with the first call, and again if it has ended by itself: it takes half a second of a
-    processor to load, which a loop in real time on two cores does not have to spare. One call runs
-    at a time; other threads wait. The function, its arguments and its result are pickled; the
+    It starts with the first call or by `start_after`, and again if it has ended by itself. One call
+    runs at a time; other threads wait. The function, its arguments and its result are pickled; the
     arrays of the result are not copied here, but mapped.
     """
 
@@ -49,6 +51,16 @@ class ComputeProcess:
         self._closed = False
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
+        self._timer: threading.Timer | None = None
+
+    def start_after(self, delay_s: float, load: Callable[[], object]) -> None:
+        """Start the process after ``delay_s`` and call ``load`` there, in a thread of its own.
+
+        ``load`` loads what the first call would wait for. Does nothing if a call came before.
+        """
+        self._timer = threading.Timer(delay_s, self._load, (load,))
+        self._timer.daemon = True
+        self._timer.start()
 
     def call(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
         """Return ``function(*args)``, or raise its `MarginGuardError`.
@@ -68,6 +80,8 @@ class ComputeProcess:
     def close(self) -> None:
         """End the process, also during a call, which then raises `InputError`."""
         self._closed = True
+        if self._timer is not None:
+            self._timer.cancel()
         while not self._lock.acquire(timeout=_CLOSE_INTERVAL_S):
             if self._process is not None:
                 self._process.kill()  # so that a call ends, which holds the lock
@@ -79,6 +93,8 @@ class ComputeProcess:
                 self._socket.close()
         finally:
             self._lock.release()
+        if self._timer is not None:
+            self._timer.join()
 
     def __enter__(self) -> Self:
         return self
@@ -90,6 +106,15 @@ class ComputeProcess:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _load(self, load: Callable[[], object]) -> None:
+        if self._process is not None or self._closed:
+            return
+        try:
+            self.call(load)
+        except Exception as error:  # a call starts the process again and reports its failure
+            if not self._closed:
+                _LOG.warning("computing process: not prepared: %s", error)
 
     def _started(self) -> tuple["subprocess.Popen[bytes]", socket.socket]:
         """The running process and the connection to it. Called with the lock."""

@@ -37,7 +37,7 @@ from .shown_state import SHOWN_STATES, STOP, ShownState, shown_state
 from .step_result import StepResult
 from .tracking_error import TrackingError
 from .tumor_change import TumorChange, tumor_change
-from .tumor_replacement import TumorReplacement, prepare_replacement
+from .tumor_replacement import TumorReplacement, load_replacement, prepare_replacement
 
 __all__ = [
     "ADVICE",
@@ -86,6 +86,7 @@ __all__ = [
     "is_tip",
     "limiter_parameters",
     "load_case_robot",
+    "load_replacement",
     "loosened_margins",
     "margin_changes",
     "margin_parameters",

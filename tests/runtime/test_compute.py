@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +88,40 @@ def test_process_starts_with_the_first_call():
         pid = made.call(os.getpid)
 
         assert children() - before == {pid}
+
+
+def test_process_that_starts_later_loads_before_the_first_call(tmp_path):
+    before, loaded = children(), tmp_path / "loaded"
+    with ComputeProcess() as made:
+        made.start_after(0.0, partial(Path.touch, loaded))
+        deadline = time.monotonic() + 60.0
+        while not loaded.exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+
+        assert loaded.exists()
+        assert children() - before == {made.call(os.getpid)}
+
+
+def test_failure_to_load_does_not_affect_a_call(caplog):
+    with ComputeProcess() as made:
+        made.start_after(0.0, partial(divmod, 1, 0))
+        deadline = time.monotonic() + 60.0
+        while "ZeroDivisionError" not in caplog.text and time.monotonic() < deadline:
+            time.sleep(0.02)
+
+        assert "computing process: not prepared: ZeroDivisionError" in caplog.text
+        assert made.call(divmod, 7, 2) == (3, 1)
+
+
+def test_closed_process_does_not_start_later():
+    before = children()
+    process = ComputeProcess()
+    process.start_after(3600.0, os.getpid)
+
+    process.close()
+
+    assert children() == before
+    assert not [each for each in threading.enumerate() if isinstance(each, threading.Timer)]
 
 
 def test_closed_process_refuses_calls():

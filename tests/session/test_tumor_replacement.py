@@ -1,5 +1,9 @@
 """A replacement prepared in one call is that of the separate calls, also in another frame."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +15,25 @@ from benchmarks.fixture_shapes import cautery, lobed_tumor, tumor
 FRAME_FROM_TUMOR = Transform.from_rotation_vector(
     [0.4, -1.2, 0.7], [31.0, -4.0, 12.0], target="needle", source="tumor"
 )
+
+
+LOADED = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from app.geometry import Transform
+from app.session import load_replacement, prepare_replacement
+from benchmarks.fixture_shapes import lobed_tumor
+
+def loaded():
+    found = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {str(each): len(each.overloads) for each in found}
+
+load_replacement()
+before = loaded()
+prepare_replacement(lobed_tumor(81920), lobed_tumor(20480), Transform.identity("tumor", "tumor"))
+assert sum(before.values()) > 20 and loaded() == before, (before, loaded())
+assert [n for name, n in before.items() if "_fill_between" in name] == [1]
+"""
 
 
 def known() -> SurfaceMesh:
@@ -44,3 +67,7 @@ def test_a_surface_that_bounds_no_solid_is_refused() -> None:
 def test_a_surface_in_another_frame_is_refused() -> None:
     with pytest.raises(FrameError):
         prepare_replacement(known(), known(), FRAME_FROM_TUMOR)
+
+
+def test_preparation_finds_its_compiled_functions_loaded(project_root: Path) -> None:
+    subprocess.run([sys.executable, "-c", LOADED], cwd=project_root, check=True)

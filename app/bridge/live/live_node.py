@@ -37,7 +37,7 @@ from app.bridge.security import check_security
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
-from app.fixture import Reason
+from app.fixture import ProximityEngine, Reason
 from app.igtl import IgtlSource
 from app.runtime import (
     AuditOutput,
@@ -55,10 +55,15 @@ from app.session import (
     LiveSession,
     PlaybackRule,
     Session,
+    SessionSetup,
     StepResult,
     guidance_parameters,
     limiter_parameters,
+    load_replacement,
 )
+
+_LOAD_AFTER_S = 2.0
+"""The process for new tumours starts so long after the session, when that has been loaded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +193,7 @@ def live_node(
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
             holds=StreamHolds(publisher.constraints),
-            compute=opened(ComputeProcess()).call,
+            compute=opened(_compute_process(setup)).call,
             recorder=recorder,
         )
         requests = run.commands.requests
@@ -232,6 +237,14 @@ def live_node(
                 pictures.close()
             senders.close()
             playback.close()
+
+
+def _compute_process(setup: SessionSetup) -> ComputeProcess:
+    """The process that prepares a new tumour, loaded while the session waits to be re-armed."""
+    process = ComputeProcess()
+    if isinstance(setup.proximity, ProximityEngine):
+        process.start_after(_LOAD_AFTER_S, load_replacement)
+    return process
 
 
 def _named_edges(entry: LiveSourceEntry) -> Sequence[tuple[str, str]]:
