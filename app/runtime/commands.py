@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
@@ -167,14 +168,17 @@ class OperatorCommands:
                     f"uncertainty of the tumour: is {sigma_mm:.6g} mm; expected 0 to "
                     f"{MAX_TUMOR_SIGMA_MM:g} mm"
                 )
-            proximity, change = replacement_for(
-                setup, shown, frame_from_tumor, tumor, self._compute
-            )
-            if sigma_mm != shown.tumor_sigma_mm:
-                change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
             accepted = replace(self._content, tumor=tumor, tumor_accepted=True)
             content = replace(accepted, tumor_sigma_mm=sigma_mm)
-            switches = self._prepare(content)
+            # At once: the outputs are prepared in this process, the model usually in another one.
+            with ThreadPoolExecutor(max_workers=1) as other_thread:
+                preparing = other_thread.submit(self._prepare, content)
+                proximity, change = replacement_for(
+                    setup, shown, frame_from_tumor, tumor, self._compute
+                )
+                switches = preparing.result()
+            if sigma_mm != shown.tumor_sigma_mm:
+                change += f", uncertainty from {shown.tumor_sigma_mm:.2f} to {sigma_mm:.2f} mm"
             _ = content.model_id  # computed now, before the session waits for it
             with self._between_steps() as session:
                 if shown is not self._acknowledged:

@@ -32,6 +32,7 @@ class Foreign:
     def __init__(self):
         self.node = rclpy.create_node("foreign_peer")
         self.stopped = threading.Event()
+        self.sent_ns = 0  # when the last request had been converted and sent
 
     def publisher(self, kind, topic, qos):
         """A publisher that has a subscriber."""
@@ -49,6 +50,7 @@ class Foreign:
             raise RuntimeError(f"no service {name}")
         ns, done = time.time_ns(), threading.Event()
         future = client.call_async(request)
+        self.sent_ns = time.time_ns()
         future.add_done_callback(lambda _: done.set())
         if not done.wait(TIMEOUT_S):
             raise RuntimeError(f"{name}: no reply")
@@ -98,7 +100,8 @@ class Foreign:
             MeshTriangle(vertex_indices=face) for face in faces.astype(np.uint32)
         ]
         ns, reply = self.call(SetTumor, "/marginguard/set_tumor", request)
-        return {"ns": ns, "success": reply.success, "message": reply.message}
+        outcome = {"success": reply.success, "message": reply.message}
+        return {"ns": ns, "sent_ns": self.sent_ns, **outcome}
 
     def constraint(self, raw, instance_id, hz):
         """Publish a captured constraint with present stamps and without hold, until the end."""

@@ -255,7 +255,8 @@ def _large_tumor(bench: Bench) -> Trial:
     sent = [each.sent_ns for each in bench.controller.records()[0] if each.sent_ns > reply["ns"]]
     gap_ms = max(np.diff(sent)) / NS_PER_MS
     seconds = (reply["reply_ns"] - reply["ns"]) / 1e9
-    note = f"{seconds:.1f} s, longest gap {gap_ms:.0f} ms"
+    client_s = (reply["sent_ns"] - reply["ns"]) / 1e9
+    note = f"{seconds:.2f} s, {client_s:.2f} s of it in the client, longest gap {gap_ms:.0f} ms"
     return Trial(verdict, note=note if reply["success"] else f"refused: {reply['message']}")
 
 
