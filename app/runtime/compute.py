@@ -12,6 +12,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar, cast
@@ -25,12 +27,26 @@ _Value = TypeVar("_Value")
 
 _CLOSE_INTERVAL_S = 0.05
 
+_NICENESS = 5
+"""Low enough for the thread of the constraint to go first, high enough to proceed beside others."""
+
 
 class Compute(Protocol):
     """Returns ``function(*args)``, or raises its `MarginGuardError`."""
 
     def __call__(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
         """Call ``function``."""
+
+
+def call_when_idle(function: Callable[[], object]) -> None:
+    """Call ``function`` in a thread that runs only while a processor has nothing else to do."""
+
+    def work() -> None:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))  # of this thread alone
+        function()
+
+    with ThreadPoolExecutor(max_workers=1) as other_thread:
+        other_thread.submit(work).result()
 
 
 def compute_here(function: Callable[..., _Value], /, *args: Any) -> _Value:
@@ -52,11 +68,14 @@ class ComputeProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
         self._timer: threading.Timer | None = None
+        self._called = False
+        self._loading: subprocess.Popen[bytes] | None = None
 
     def start_after(self, delay_s: float, load: Callable[[], object]) -> None:
-        """Start the process after ``delay_s`` and call ``load`` there, in a thread of its own.
+        """Start the process after ``delay_s`` and call ``load`` there while a processor is idle.
 
-        ``load`` loads what the first call would wait for. Does nothing if a call came before.
+        ``load`` loads what the first call would wait for. A call that comes earlier ends the
+        process and starts another: on a busy machine it would wait long.
         """
         self._timer = threading.Timer(delay_s, self._load, (load,))
         self._timer.daemon = True
@@ -68,6 +87,9 @@ class ComputeProcess:
         Raises `InputError` if the process ended meanwhile, and `RuntimeError` for another error of
         the function, which the process has logged.
         """
+        self._called = True
+        if (loading := self._loading) is not None:
+            loading.kill()
         with self._lock:
             if self._closed:
                 raise InputError("computing process: is closed; expected an open one")
@@ -108,13 +130,20 @@ class ComputeProcess:
         self.close()
 
     def _load(self, load: Callable[[], object]) -> None:
-        if self._process is not None or self._closed:
-            return
-        try:
-            self.call(load)
-        except Exception as error:  # a call starts the process again and reports its failure
-            if not self._closed:
-                _LOG.warning("computing process: not prepared: %s", error)
+        with self._lock:
+            if self._closed or self._called:
+                return
+            self._loading, connection = self._started()
+            try:
+                if self._called or self._closed:  # before it could be seen that this is loading
+                    return
+                succeeded, result = _exchange(self._loading, connection, (call_when_idle, (load,)))
+            except InputError:
+                return  # ended by a call or by `close`, or by itself: the next call starts another
+            finally:
+                self._loading = None
+        if not succeeded:
+            _LOG.warning("computing process: not loaded: %s", result)
 
     def _started(self) -> tuple["subprocess.Popen[bytes]", socket.socket]:
         """The running process and the connection to it. Called with the lock."""
@@ -136,6 +165,8 @@ def _start() -> tuple["subprocess.Popen[bytes]", socket.socket]:
             stdin=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{known}" if known else root},
         )
+    with suppress(ProcessLookupError):  # it has ended: the exchange reports that
+        os.setpriority(os.PRIO_PROCESS, process.pid, os.nice(0) + _NICENESS)
     return process, here
 
 

@@ -2,7 +2,6 @@
 
 import gc
 import logging
-import os
 import signal
 import socket
 import sys
@@ -13,9 +12,6 @@ from app.geometry import MarginGuardError
 from app.runtime.compute import receive_object, send_object
 
 _LOG = logging.getLogger(__name__)
-
-_NICENESS = 5
-"""Low enough for the thread of the constraint to go first, high enough to proceed beside others."""
 
 
 def serve(connection: socket.socket) -> None:
@@ -37,6 +33,5 @@ def serve(connection: socket.socket) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the session ends this process
-    os.nice(_NICENESS)
     with socket.socket(fileno=int(sys.argv[1])) as parent:
         serve(parent)

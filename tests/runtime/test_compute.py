@@ -94,22 +94,38 @@ def test_process_that_starts_later_loads_before_the_first_call(tmp_path):
     before, loaded = children(), tmp_path / "loaded"
     with ComputeProcess() as made:
         made.start_after(0.0, partial(Path.touch, loaded))
-        deadline = time.monotonic() + 60.0
-        while not loaded.exists() and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_for(loaded.exists)
+        (started,) = children() - before
 
-        assert loaded.exists()
-        assert children() - before == {made.call(os.getpid)}
+        assert started > 0
+
+
+def test_process_loads_only_while_a_processor_is_idle(tmp_path):
+    with ComputeProcess() as made:
+        made.start_after(0.0, partial(write_scheduler, tmp_path / "scheduler"))
+        wait_for(lambda: (tmp_path / "scheduler").exists())
+
+        assert (tmp_path / "scheduler").read_text() == str(os.SCHED_IDLE)
+        assert made.call(os.sched_getscheduler, 0) == os.SCHED_OTHER
+
+
+def test_call_does_not_wait_for_a_process_that_is_loading(tmp_path):
+    with ComputeProcess() as made:
+        made.start_after(0.0, partial(write_pid_and_wait, tmp_path / "pid"))
+        wait_for(lambda: (tmp_path / "pid").exists())
+
+        pid = made.call(os.getpid)
+
+        assert pid != int((tmp_path / "pid").read_text())
+        assert made.call(os.getpid) == pid
 
 
 def test_failure_to_load_does_not_affect_a_call(caplog):
     with ComputeProcess() as made:
         made.start_after(0.0, partial(divmod, 1, 0))
-        deadline = time.monotonic() + 60.0
-        while "ZeroDivisionError" not in caplog.text and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_for(lambda: "ZeroDivisionError" in caplog.text)
 
-        assert "computing process: not prepared: ZeroDivisionError" in caplog.text
+        assert "computing process: not loaded: ZeroDivisionError" in caplog.text
         assert made.call(divmod, 7, 2) == (3, 1)
 
 
@@ -151,6 +167,31 @@ def test_process_ends_when_its_starter_is_killed(project_root):
         time.sleep(0.05)
 
     assert not is_running(pid)
+
+
+def write_scheduler(path):
+    """Write the scheduling policy of this thread."""
+    write(path, os.sched_getscheduler(0))
+
+
+def write_pid_and_wait(path):
+    """Load for very long."""
+    write(path, os.getpid())
+    time.sleep(600.0)
+
+
+def write(path, value):
+    """Write a number at once."""
+    path.with_suffix(".part").write_text(str(value))
+    path.with_suffix(".part").rename(path)
+
+
+def wait_for(condition):
+    """Wait for a condition, at most a minute."""
+    deadline = time.monotonic() + 60.0
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert condition()
 
 
 def is_running(pid):

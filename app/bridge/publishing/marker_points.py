@@ -18,6 +18,9 @@ MAX_TRIANGLES = 25_000
 
 _COARSER = 1.15
 
+_MAX_CELLS = 2000
+"""Along the longest side, also where the area is nearly 0, so that the steps to it are few."""
+
 
 def placeholder(number: int) -> Point:
     """The only point of marker ``number`` of an array, for `serialized`."""
@@ -64,8 +67,9 @@ def simplified(
     # `take` and `compress` release the GIL, indexing by an array does not.
     a, b, c = (np.take(vertices, faces[:, k], axis=0) for k in range(3))
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-    cell = max(np.sqrt(2.0 * area / max_faces), 1e-9)
     low = vertices.min(axis=0)
+    side = float((vertices.max(axis=0) - low).max())
+    cell = max(np.sqrt(2.0 * area / max_faces), side / _MAX_CELLS, 1e-9)
     while True:
         cells = ((vertices - low) / cell).astype(np.int64)
         size = cells.max(axis=0) + 1

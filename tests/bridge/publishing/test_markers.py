@@ -89,6 +89,19 @@ def test_message_with_points_elsewhere_is_refused():
         serialized(MarkerArray(markers=[Marker()]), [np.zeros((3, 3))])
 
 
+def test_surface_without_area_is_simplified_in_few_steps(monkeypatch):
+    steps = []
+    unique = np.unique
+    monkeypatch.setattr(np, "unique", lambda *a, **k: steps.append(1) or unique(*a, **k))
+    line = np.linspace(0.0, 1000.0, 3000)[:, None] * np.array([[1.0, 0.0, 0.0]])
+    faces = np.arange(2998)[:, None] + np.arange(3)
+
+    _, kept = simplified(line, faces, 100)
+
+    assert len(kept) <= 100
+    assert len(steps) < 60
+
+
 def test_large_surface_is_simplified_and_stays_close(content):
     ball = lobed_tumor(80_000)
     marker = surfaces(replace(content, tumor=ball)).markers[0]
