@@ -1,6 +1,8 @@
 """A process that has to react switches threads soon and does not collect what it has loaded."""
 
 import gc
+import inspect
+import os
 import sys
 import weakref
 
@@ -42,3 +44,23 @@ def test_settings_are_restored_after_an_error() -> None:
     with pytest.raises(ValueError, match="no arm"), prompt_process():
         raise ValueError("no arm")
     assert (sys.getswitchinterval(), gc.get_freeze_count()) == (before, 0)
+
+
+def test_the_caller_of_a_log_message_is_found_without_a_look_at_all_modules(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(inspect, "modulesbyfile", {})
+    monkeypatch.setattr(inspect, "_filesbymodname", {})
+    looks, realpath = [], os.path.realpath
+    monkeypatch.setattr(os.path, "realpath", lambda path: looks.append(path) or realpath(path))
+
+    def looks_of_a_message() -> int:
+        looks.clear()
+        inspect.getframeinfo(sys._getframe())
+        return len(looks)
+
+    with prompt_process():
+        assert looks_of_a_message() < 10
+    monkeypatch.setattr(inspect, "modulesbyfile", {})
+    monkeypatch.setattr(inspect, "_filesbymodname", {})
+    assert looks_of_a_message() > 100
