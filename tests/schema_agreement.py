@@ -16,6 +16,7 @@ import jsonschema
 from app.case import DOCUMENTS, schema_text
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
+from app.case.manifest.cautery import ONE_SOURCE
 from app.case.manifest.expected import read_expected
 from app.case.manifest.image_keys import FROM_IGTL, NOT_BOTH
 from app.case.manifest.key_rules import RIGID
@@ -39,6 +40,7 @@ UNSTATED = {
     "xacro_args are given for a .xacro only": r"xacro_args are given, but .* is not a \.xacro file",
     NOT_BOTH: r"images has path and topic; expected one",
     FROM_IGTL: r"images has (no topic and the source|topic and device)",
+    ONE_SOURCE: r"cautery(\.device is .* is not igtl| has (neither topic nor|topic and) device)",
     "end_s is start_s or later": r"end_s is .*; expected start_s \(.*\) or later",
 }
 """Rule that a reader of values checks and a schema cannot state -> its message."""

@@ -131,6 +131,7 @@ NEEDLE = {
         "model": {"path": "needle.stl", "units": "mm"},
     }
 }
+CAUTERY = {"cautery": {"topic": "/generator/active", "stale_after_ms": 500.0}}
 BOX = {
     "plausibility": {
         "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
@@ -171,15 +172,20 @@ def complete(document: str) -> list[dict[str, Any]]:
         return [
             values,
             full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,
-            full | BOX | POINTS | segment | LIVE_IMAGES | {"source": igtl, "clock": known},
-            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | NEEDLE,
+            full
+            | BOX
+            | POINTS
+            | segment
+            | LIVE_IMAGES
+            | {"source": igtl, "clock": known, "cautery": {"device": "Cautery"}},
+            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | CAUTERY | NEEDLE,
             full | XACRO | POINTS,
         ]
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
         full | XACRO | POINTS | IMAGES | NEEDLE,
-        full | BOX | mesh | TOPIC_IMAGES | GIVEN | {"clock": known},
+        full | BOX | mesh | TOPIC_IMAGES | GIVEN | CAUTERY | {"clock": known},
         full
         | {
             "registration": {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]},

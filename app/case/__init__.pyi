@@ -3,6 +3,7 @@ from .case_images import CaseImages, image_calibration, open_case_images, stale_
 from .convert import convert_case
 from .copying import recover_recording
 from .frames.assembly import agreed_sample
+from .frames.cautery import CauteryState, CauteryTrail
 from .frames.inventory import EdgeCount, RecordingInventory
 from .frames.playback import Playback, PlayedSamples
 from .frames.player import Player
@@ -68,7 +69,7 @@ from .new_case import TrackedBody, write_case
 from .new_manifest import write_case_manifest, write_live_manifest
 from .readers.igsio.header import read_igsio
 from .readers.mrml.recording import read_mrml
-from .readers.recording_format import JointSource, RecordingFormat, has_ending
+from .readers.recording_format import RecordingFormat, SideTopics, has_ending
 from .readers.registry import read_recording, recording_formats, recording_kinds
 from .readers.rosbag2.frames import read_mcap
 from .recorder.bag_writer import BagTopic, BagWriter
@@ -97,6 +98,8 @@ __all__ = [
     "Case",
     "CaseImages",
     "CaseManifest",
+    "CauteryState",
+    "CauteryTrail",
     "ClockEntry",
     "ContourEntry",
     "CurrentImage",
@@ -116,7 +119,6 @@ __all__ = [
     "ImageSource",
     "ImagesEntry",
     "JointSample",
-    "JointSource",
     "LiveCase",
     "LiveSourceEntry",
     "MarginEntry",
@@ -139,6 +141,7 @@ __all__ = [
     "RobotEntry",
     "SegmentationEntry",
     "SessionValues",
+    "SideTopics",
     "SphereEntry",
     "TfSourceEntry",
     "ToolEntry",

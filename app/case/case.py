@@ -21,7 +21,7 @@ from app.case.manifest.entries import (
     SegmentationEntry,
 )
 from app.case.manifest.expected import Expected, load_expected
-from app.case.readers.recording_format import JointSource, RecordingFormat, note_to
+from app.case.readers.recording_format import RecordingFormat, SideTopics, note_to
 from app.case.readers.registry import format_of, read_recording, recording_kinds
 from app.case.readers.rosbag2.messages import RawMessage
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
@@ -75,7 +75,7 @@ class Case:
                 "clock before their stamps are used (Case.with_joint_offset)"
             )
         topic = robot.joint_states if robot else None
-        joints = JointSource(topic, clock.offset_robot_to_tracker_ns)
+        joints = self._side_topics(topic, clock.offset_robot_to_tracker_ns)
         return read_recording(path, note_to(self._notes), joints, self._rate_hz)
 
     def recorded_messages(self) -> Iterator[RawMessage] | None:
@@ -94,7 +94,13 @@ class Case:
         """
         robot = self.manifest.robot
         topic = robot.joint_states if robot else None
-        return read_recording(path, note_to(self._notes), JointSource(topic))
+        return read_recording(path, note_to(self._notes), self._side_topics(topic))
+
+    def _side_topics(self, joints: str | None, offset_ns: int = 0) -> SideTopics:
+        cautery = self.manifest.cautery
+        if cautery is None:
+            return SideTopics(joints, offset_ns)
+        return SideTopics(joints, offset_ns, cautery.topic, cautery.stale_after_ns)
 
     @property
     def _rate_hz(self) -> float | None:
@@ -297,6 +303,8 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
         raise InputError(
             f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"
         )
+    if manifest.cautery is not None and recording_format.messages is None:
+        raise InputError(f"case.yaml: cautery is given: {recording.name} cannot hold topics")
     case.expected()
     return case
 

@@ -8,7 +8,7 @@ from app.case.images.calibration import read_image_calibration
 from app.case.images.current import CurrentImage, ImagePose
 from app.case.images.sequence import ImageSequence
 from app.case.manifest.entries import ImagesEntry
-from app.case.readers.recording_format import JointSource
+from app.case.readers.recording_format import SideTopics
 from app.case.readers.registry import read_recording
 from app.geometry import (
     NS_PER_MS,
@@ -114,7 +114,7 @@ def _bag_images(case: "Case", entry: ImagesEntry, topic: str) -> BagImages:
     calibration = image_calibration(case, entry)
     if case.recording_path is None:
         raise InputError(f"{case.manifest.file}: images.topic is given without a recording")
-    joints = JointSource(None, 0)  # the poses alone, also before the joints' clock is estimated
+    joints = SideTopics(None, 0)  # the poses alone, also before the joints' clock is estimated
     frames = read_recording(case.recording_path, _ignored, joints)
     samples = [sample for frame in frames for sample in frame.poses]
     if not any(entry.probe in (each.source, each.target) for each in samples):

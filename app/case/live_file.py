@@ -8,7 +8,14 @@ from types import MappingProxyType
 
 from app.case.case import Case
 from app.case.live_keys import LIVE, LIVE_BLOCKS, SOURCE
-from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
+from app.case.manifest.cautery import read_cautery
+from app.case.manifest.entries import (
+    CaseManifest,
+    CauteryEntry,
+    ClockEntry,
+    RegistrationEntry,
+    RobotEntry,
+)
 from app.case.manifest.images import read_images
 from app.case.manifest.needle import read_needle
 from app.case.manifest.plausibility import read_plausibility
@@ -124,6 +131,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
             plausibility=read_plausibility(document),
             images=read_images(document),
             needle=read_needle(document, tool),
+            cautery=_cautery(document, source),
             package_dirs=read_package_dirs(document),
         ),
         None,
@@ -202,6 +210,17 @@ def _image_device(document: Section, source: LiveSourceEntry) -> str | None:
             "sensor_msgs/Image, or source.igtl"
         )
     return block.text("device") if "device" in block else None
+
+
+def _cautery(document: Section, source: LiveSourceEntry) -> CauteryEntry | None:
+    entry = read_cautery(document)
+    is_igtl = isinstance(source, IgtlSourceEntry)
+    if entry is not None and entry.device is not None and not is_igtl:
+        raise InputError(
+            f"{document.place('cautery')}.device is {entry.device!r} and the source is not igtl; "
+            "expected a topic of std_msgs/Bool, or source.igtl"
+        )
+    return entry
 
 
 def _edges(tf: Section) -> tuple[tuple[str, str], ...]:

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+from app.case.manifest.cautery import LIVE_CAUTERY
 from app.case.manifest.image_keys import LIVE_IMAGES
 from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.case.manifest.keys import (
@@ -166,12 +167,13 @@ ONLY_LIVE: dict[str, Key] = {
 }
 """Keys that ``case.yaml`` does not have."""
 
-_ONLY_RECORDED = ("recording", "images", "expected")
+_ONLY_RECORDED = ("recording", "images", "cautery", "expected")
 
 _SHARED = {
     **{name: key for name, key in CASE.keys.items() if name not in _ONLY_RECORDED},
     "clock": replace(CLOCK, variants=(KNOWN_OFFSET,)),
     "images": LIVE_IMAGES,
+    "cautery": LIVE_CAUTERY,
     "registration": replace(REGISTRATION, variants=(BY_MATRIX, BY_POINTS)),
 }
 

@@ -29,6 +29,10 @@ IGTL_IMAGES_TOPIC = "/marginguard/images"
 """Topic in a recording of the images that came over the session's OpenIGTLink connection."""
 
 
+IGTL_CAUTERY_TOPIC = "/marginguard/cautery"
+"""Topic in a recording of the cautery's state that came over the OpenIGTLink connection."""
+
+
 @dataclass(frozen=True, slots=True)
 class SessionChange:
     """Tumour and registration of a session from the time ``received_ns`` (since 1970) on.
@@ -81,6 +85,9 @@ def _write(live: LiveCase, folder: Path, in_use: SessionValues | None) -> None:
         values["images"].pop("device", None)
         if isinstance(live.source, IgtlSourceEntry):
             values["images"].setdefault("topic", IGTL_IMAGES_TOPIC)
+    if live.case.manifest.cautery is not None:
+        values["cautery"].pop("device", None)
+        values["cautery"].setdefault("topic", IGTL_CAUTERY_TOPIC)
     robot = live.case.manifest.robot
     if live.joints_of_host and not live.stamps_of_host and robot and robot.joint_states:
         values["clock"] = {"estimate": True}  # the offset of the two clocks is unknown

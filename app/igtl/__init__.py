@@ -17,6 +17,8 @@ from app.igtl.images import (
 from app.igtl.pose_server import PoseServer
 from app.igtl.queue import SampleQueue
 from app.igtl.source import PORT, IgtlSource
+from app.igtl.stream import Unread
+from app.igtl.strings import pack_string, read_string
 from app.igtl.wire import Header
 
 __all__ = [
@@ -30,8 +32,11 @@ __all__ = [
     "PoseServer",
     "ReceivedImage",
     "SampleQueue",
+    "Unread",
     "image_message",
+    "pack_string",
     "read_image",
+    "read_string",
     "receive_images",
     "send_images",
 ]

@@ -18,6 +18,7 @@ from app.igtl.errors import IgtlError, IgtlFramingError
 from app.igtl.images import MAX_IMAGE_BODY_BYTES
 from app.igtl.poses import TYPES, PoseReader
 from app.igtl.stream import MessageStream, Refusals, Unread
+from app.igtl.strings import MAX_STRING_BODY_BYTES
 from app.igtl.wire import start_tracking_request
 
 PORT = 18944
@@ -39,8 +40,8 @@ class IgtlSource:
     complete message for ``silence_s`` counts as lost. The source reconnects indefinitely, with the
     delays of ``backoff``. The first complete message resets them, not the connection itself, which
     any server accepts. ``images(header, body)`` takes each IMAGE message as it came, in the thread
-    of the source; without it they are skipped. An exception in a function ends the thread and is
-    raised by the next `counts` or by `close`.
+    of the source, and ``strings`` each STRING message; without them they are skipped. An exception
+    in a function ends the thread and is raised by the next `counts` or by `close`.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class IgtlSource:
         backoff: Backoff | None = None,
         silence_s: float = SILENCE_S,
         images: Unread | None = None,
+        strings: Unread | None = None,
     ) -> None:
         if not host or not 0 < port < 1 << 16:
             raise IgtlError(
@@ -61,6 +63,8 @@ class IgtlSource:
         if not silence_s > 0.0:
             raise IgtlError(f"silence_s is {silence_s}; expected more than 0")
         self._unread = {} if images is None else {"IMAGE": (images, MAX_IMAGE_BODY_BYTES)}
+        if strings is not None:
+            self._unread["STRING"] = (strings, MAX_STRING_BODY_BYTES)
         self._address = (host, port)
         self._deliver = deliver
         self._changed = changed

@@ -128,6 +128,8 @@ class ScenePresenter:
                 self._show_breaches(scene, breach_points_mm)
             if scene.tumor is not None:
                 scene.show(step.decision, dict.fromkeys(scene.robots, step.links), now_ns)
+                if step.frame.cautery is not None:
+                    scene.show_cautery(step.frame.cautery.label)
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Show data that are too old at ``now_ns`` as unknown; return each transform's health."""

@@ -12,6 +12,7 @@ from slicer import (
 )
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 
+from app.case import CauteryState
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
@@ -269,6 +270,22 @@ class MarginGuardScene:
                 self._links_known[name] = bool(poses)
             self._show_robots(known=True)
 
+    def show_cautery(self, label: str) -> None:
+        """Show ``label`` in the text node of the cautery, which the first call adds.
+
+        `check` replaces it by UNKNOWN when the data are too old. Display only.
+        """
+        if self.margin is None:
+            return
+        if self.margin.cautery is None:
+            with self._content():
+                self.margin.add_cautery()
+        node = self.margin.cautery
+        with self.update():
+            if node is not None:
+                self.batch.hold(node)
+                node.SetText(label)
+
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Show in grey what is too old at ``now_ns``; return the health of each watched transform.
 
@@ -285,7 +302,10 @@ class MarginGuardScene:
                 robot.restore()
             if self.margin is not None:
                 self._show_margin(self.margin, now_ns)
-            self._show_robots(known=self.watchdog.is_fresh(self._shown_ns, now_ns))
+            is_fresh = self.watchdog.is_fresh(self._shown_ns, now_ns)
+            self._show_robots(known=is_fresh)
+            if self.margin is not None and self.margin.cautery is not None and not is_fresh:
+                self.margin.cautery.SetText(CauteryState.UNKNOWN.label)
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.case import CauteryState
 from app.fixture import Proximity
 from app.geometry import (
     NS_PER_S,
@@ -33,7 +34,8 @@ class BreachEntry:
     letters of the direction, in the RAS axes of the tumour's frame, from the centre of the tumour
     to the point of its surface that is nearest to the deepest point of the tool. ``from_tip_mm``:
     distance of that point of the tool from the tip, None if the tip's pose is not known.
-    ``is_open``: the tool is still inside at the last step.
+    ``is_open``: the tool is still inside at the last step. ``cautery``: on if it was at any step of
+    it, else unknown if it was, None where no source tells it.
     """
 
     number: int
@@ -48,6 +50,7 @@ class BreachEntry:
     place: str
     from_tip_mm: float | None
     is_open: bool
+    cautery: CauteryState | None = None
 
     @property
     def duration_s(self) -> float:
@@ -67,6 +70,13 @@ class BreachEntry:
         if is_tip(self.from_tip_mm):
             return "tip"
         return f"{self.from_tip_mm:.0f} mm from the tip"
+
+    @property
+    def tool_text(self) -> str:
+        """The part of the tool, and the state of the cautery if it is told."""
+        if self.cautery is None:
+            return self.part_text
+        return f"{self.part_text}, cautery {self.cautery}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +167,7 @@ class BreachLog:
             place=place_letters(proximity.on_tumor_mm - self._center_mm),
             from_tip_mm=_from_tip_mm(proximity.on_tool_mm, pose),
             is_open=True,
+            cautery=step.frame.cautery,
         )
 
 
@@ -170,14 +181,17 @@ def _closed(breaches: BreachList) -> BreachList:
 
 def _joined(breach: BreachEntry, here: BreachEntry) -> BreachEntry:
     """``breach`` with its next step ``here``."""
+    states = [each.cautery for each in (breach, here) if each.cautery is not None]
+    cautery = max(states, key=lambda state: state.rank, default=None)
     if here.depth_mm <= breach.depth_mm:
-        return replace(breach, last=here.last, end_ns=here.end_ns)
+        return replace(breach, last=here.last, end_ns=here.end_ns, cautery=cautery)
     return replace(
         here,
         number=breach.number,
         first=breach.first,
         begin_ns=breach.begin_ns,
         begin_s=breach.begin_s,
+        cautery=cautery,
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from app.case import JointSample, TrackingFrame
+from app.case import CauteryState, JointSample, TrackingFrame
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, stale_in_ns
 from app.session.live_clock import SourceClock
@@ -40,7 +40,8 @@ class LiveSession:
     ``outside`` returns the faults that are present outside the samples (a second sender, say), with
     a text for each; it is called once before each step and must be quick.
     ``source_problem`` returns why the source cannot send, such as a server that is gone; empty if
-    it can.
+    it can. ``cautery`` returns the present state of the cautery, which frames carry for displays
+    and records; None where no source tells it.
     """
 
     def __init__(
@@ -54,7 +55,9 @@ class LiveSession:
         outside: Callable[[], Mapping[Reason, str]] = lambda: NOTHING_OUTSIDE,
         wait: Wait = threading.Condition.wait,
         source_problem: Callable[[], str] = lambda: "",
+        cautery: Callable[[], CauteryState] | None = None,
     ) -> None:
+        self._cautery = cautery
         self._source_problem = source_problem
         self._session = session
         self._host_ns = host_ns
@@ -147,6 +150,8 @@ class LiveSession:
             with self._stepping:
                 # Taken under the lock: a frame is stamped when it is taken.
                 frame = self._take()
+                if self._cautery is not None:
+                    frame = replace(frame, cautery=self._cautery())
                 # Checked after the samples were taken: a playback is discovered before them.
                 playback = self._playback.found()
                 checked = self._playback.checked(frame, playback, self.edges)

@@ -42,7 +42,10 @@ class TrackingError:
         if not self.latency_ns:
             return frame
         return TrackingFrame(
-            frame.stamp, tuple(self._acquired(each, frame) for each in frame.poses), frame.joints
+            frame.stamp,
+            tuple(self._acquired(each, frame) for each in frame.poses),
+            frame.joints,
+            cautery=frame.cautery,
         )
 
     def _acquired(self, sample: TrackedTransform, frame: TrackingFrame) -> TrackedTransform:

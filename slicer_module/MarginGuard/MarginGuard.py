@@ -273,12 +273,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             button.setEnabled(not status.is_live)
         ui.disconnectButton.setEnabled(status.is_live)
         ui.acceptButton.setEnabled(status.can_accept)
-        for button in (
-            ui.setTumorButton,
-            ui.applyMarginsButton,
-            ui.rearmButton,
-            ui.deleteMarkersButton,
-        ):
+        for button in (ui.setTumorButton, ui.applyMarginsButton, ui.rearmButton):
             button.setEnabled(status.has_session)
         ui.recordButton.setEnabled(status.is_live and not status.is_recording)
         ui.stopRecordingButton.setEnabled(status.is_recording)
@@ -293,7 +288,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def _show_position(self, status):
         """Show what a user may have moved meanwhile."""
         ui = self.ui
-        self._view.show(self.logic.panel_logic.view)
+        self._view.show(self.logic.panel_logic.view, status)
         has_case = status.position_s is not None
         if has_case and not ui.seekSlider.underMouse():
             ui.seekSlider.blockSignals(True)

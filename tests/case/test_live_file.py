@@ -1,5 +1,6 @@
 import math
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from app.case import (
     open_case,
     open_live,
 )
+from app.case.manifest.entries import CauteryEntry
 from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
 from app.geometry import InputError
 from app.session import guidance_parameters, limiter_parameters, tumor_motion_parameters
@@ -231,3 +233,31 @@ def test_recorded_case_omits_live_sections_and_estimates_the_clocks(tmp_path, va
     written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
     assert not {"source", "guidance", "limiter"} & written.keys()
     assert written["clock"] == {"estimate": True}
+
+
+@pytest.mark.parametrize(
+    ("cautery", "message"),
+    [
+        ({}, "cautery has neither topic nor device; expected one of them"),
+        ({"topic": "/a", "device": "A"}, "cautery has topic and device; expected one of them"),
+        ({"device": "A"}, "cautery.device is 'A' and the source is not igtl; expected a topic"),
+    ],
+)
+def test_cautery_has_one_source(tmp_path, values, cautery, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        opened(tmp_path, values | {"cautery": cautery})
+
+
+def test_cautery_of_a_session_is_in_its_recorded_case(tmp_path, project_root):
+    path = project_root / "data" / "live_example"
+    live = open_live(path / "live.yaml")
+    assert live.case.manifest.cautery is None
+    text = (path / "live.yaml").read_text() + "\ncautery: {topic: /generator/active}\n"
+    folder = tmp_path / "live"
+    shutil.copytree(path, folder)
+    (folder / "live.yaml").write_text(text)
+    live = open_live(folder / "live.yaml")
+    assert live.case.manifest.cautery == CauteryEntry("/generator/active", None, 10**9)
+    begin_case(live, tmp_path / "case")
+    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    assert written["cautery"] == {"topic": "/generator/active"}

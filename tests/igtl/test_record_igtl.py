@@ -15,7 +15,7 @@ import pyigtl
 import pytest
 import yaml
 
-from app.case import open_case, open_case_images
+from app.case import CauteryState, open_case, open_case_images
 from app.geometry import TrackingStatus, join_transform_name
 from benchmarks.images.session import POSES_MM, TOPIC, write_session
 from tests.igtl.conftest import DEADLINE_S
@@ -46,6 +46,8 @@ def packets() -> Iterator[bytes]:
                 time_s=time_s,
                 metadata={"TransformStatus": status},
             ).pack()
+        text = "on" if number % 2 else "off"
+        yield pyigtl.StringMessage(text, timestamp=time_s, device_name="Cautery").pack()
         yield pyigtl.ImageMessage(
             image(number)[None], np.eye(4), "ras", timestamp=time_s, device_name="Image_Reference"
         ).pack()
@@ -79,6 +81,7 @@ def test_igtl_source_is_recorded_with_status_stamps_and_images(
     values = yaml.safe_load(config.read_text())
     values["source"] = {"igtl": {"host": "127.0.0.1", "port": server}, "clock": "estimate"}
     del values["images"]["topic"]
+    values["cautery"] = {"device": "Cautery", "stale_after_ms": 60_000}
     config.write_text(yaml.safe_dump(values))
     case = tmp_path / "case"
     arguments = ["record", "--json", "-o", str(case), "--config", str(config)]
@@ -92,7 +95,7 @@ def test_igtl_source_is_recorded_with_status_stamps_and_images(
     deadline = threading.Timer(DEADLINE_S, recorder.kill)
     deadline.start()
     assert recorder.stdout is not None
-    count = FRAMES * (len(POSES_MM) + 1)
+    count = FRAMES * (len(POSES_MM) + 2)
     status = {}
     for line in recorder.stdout:
         status = json.loads(line).get("status", status)
@@ -104,6 +107,7 @@ def test_igtl_source_is_recorded_with_status_stamps_and_images(
     assert recorder.returncode == 130, errors
     assert status["topics"]["/tracked_transforms"] == FRAMES * len(POSES_MM)
     assert status["topics"]["/marginguard/images"] == FRAMES
+    assert status["topics"]["/marginguard/cautery"] == FRAMES
     assert (status["lost"], status["problem"]) == ({}, "")
     assert TOPIC not in status["topics"]
 
@@ -119,6 +123,8 @@ def test_igtl_source_is_recorded_with_status_stamps_and_images(
         assert sample.status is TrackingStatus.OK and sample.transform is not None
         expected = np.array(POSES_MM[sample.source]) + round(number)
         assert sample.transform.translation_mm == pytest.approx(expected, abs=1e-9)
+    # The last word is "on"; the words of one read come before its poses.
+    assert [frame.cautery for frame in opened.recorded_frames()][-1] is CauteryState.ON
     images = open_case_images(opened)
     assert images is not None and len(images) == FRAMES
     for number in range(FRAMES):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from app.case import CauteryState
 from app.fixture import MarginState, Reason
 from app.runtime import AuditLog, AuditOutput, OperatorRequest, RequestKind
 from tests.session_content import one_link_content
@@ -15,12 +16,12 @@ CONTENT = one_link_content()
 NOW_NS = 1_700_000_000_123_456_789
 
 
-def step(*causes, hold=True):
+def step(*causes, hold=True, cautery=None):
     """Test double of a step: the values that the audit log reads."""
     decision = SimpleNamespace(
         hold=hold, state=MarginState.WARNING, reasons=(Reason.LATCHED,) if hold else (Reason.CLEAR,)
     )
-    frame = SimpleNamespace(stamp=SimpleNamespace(ns=5))
+    frame = SimpleNamespace(stamp=SimpleNamespace(ns=5), cautery=cautery)
     return SimpleNamespace(
         decision=decision, hold_causes=causes, index=3, frame=frame, playback="case"
     )
@@ -100,3 +101,13 @@ def test_stuck_or_full_disk_delays_nobody_and_is_counted(tmp_path, monkeypatch):
     (line,) = lines(log)
     assert (line["event"], line["lost"]) == ("second", 1)
     assert "No space left on device" in warned[0]
+
+
+def test_changes_of_the_cautery_are_listed(log):
+    output = AuditOutput(log, CONTENT, lambda: 0)
+    unknown, off, on = CauteryState.UNKNOWN, CauteryState.OFF, CauteryState.ON
+    for state in (unknown, off, off, on, on, off, unknown):
+        output.publish(step(hold=False, cautery=state), None)
+    found = [line for line in lines(log) if line["event"] == "cautery"]
+    assert [line["cautery"] for line in found] == ["unknown", "off", "on", "off", "unknown"]
+    assert {(line["step"], line["stamp_ns"]) for line in found} == {(3, 5)}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from slicer import vtkMRMLScene
 
+from app.case import CauteryState
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
@@ -325,3 +326,21 @@ def test_needle_on_a_sensor_that_is_not_known_is_grey(
     assert display.GetColor() == NEEDLE_COLOR
     presenter.show(replace(step, edges=KnownEdges((), {**known, ("tracker", "wire"): None})))
     assert display.GetColor() == MarginState.UNKNOWN.color
+
+
+def test_cautery_has_a_text_node_where_it_is_told(
+    application: SceneApplication, present: Present, make_step: MakeStep
+) -> None:
+    presenter, step = present(is_live=True), make_step(MarginState.NEGATIVE)
+    now_ns = step.frame.stamp.ns
+    presenter.show(step, now_ns=now_ns)
+    assert application.scene.GetFirstNodeByName("CauteryState") is None
+    for state in CauteryState:
+        told = replace(step, frame=replace(step.frame, cautery=state))
+        presenter.show(told, now_ns=now_ns)
+        node = application.scene.GetFirstNodeByName("CauteryState")
+        assert node.GetText() == state.label
+    presenter.check(now_ns + 10**12)
+    assert node.GetText() == "UNKNOWN"
+    presenter.clear()
+    assert application.scene.GetFirstNodeByName("CauteryState") is None

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from app.analysis import find_breaches
-from app.case import TrackingFrame
+from app.case import CauteryState, TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import NS_PER_MS, Stamp, SurfaceMesh, Transform
 from app.report import ReportRow
@@ -35,6 +35,7 @@ def step_of(
     ns: int | None = None,
     side: Sequence[float] = (0.0, 0.0, 10.0),
     behind_tip_mm: float = 0.0,
+    cautery: CauteryState | None = None,
 ) -> StepResult:
     """A step whose deepest tool point lies ``behind_tip_mm`` from the tip, at ``side``."""
     on_tumor = CENTER_MM + np.array(side)
@@ -51,7 +52,7 @@ def step_of(
     matrix[:3, 3] = on_tool - np.array([behind_tip_mm, 0.0, 0.0])
     return StepResult(
         index=index,
-        frame=TrackingFrame(stamp, (), ()),
+        frame=TrackingFrame(stamp, (), (), cautery=cautery),
         decision=decision,
         tumor_from_tip=Transform.from_matrix(matrix, target="needle_tumor", source="tip"),
         virtual_fixture=None,
@@ -127,3 +128,26 @@ def test_tool_inside_the_stop_margin_has_a_display_of_its_own() -> None:
     assert keys == ["WARNING", STOP, "POSITIVE", "UNKNOWN"]
     displays = [shown_state(each) for each in (warning, stopped, inside, unknown)]
     assert len({each.symbol for each in displays}) == len({each.label for each in displays}) == 4
+
+
+@pytest.mark.parametrize(
+    ("states", "text"),
+    [
+        ((None, None), "tip"),
+        ((CauteryState.OFF, CauteryState.OFF), "tip, cautery off"),
+        ((CauteryState.OFF, CauteryState.UNKNOWN), "tip, cautery unknown"),
+        ((CauteryState.ON, CauteryState.UNKNOWN), "tip, cautery on"),
+        ((CauteryState.OFF, CauteryState.ON), "tip, cautery on"),
+    ],
+)
+def test_breach_says_whether_the_cautery_was_on(
+    tumor: SurfaceMesh, states: Sequence[CauteryState | None], text: str
+) -> None:
+    """It changes neither the number nor the depth of breaches."""
+    log, plain = (BreachLog(tumor, STALE_NS) for _ in range(2))
+    for index, state in enumerate(states):
+        log.observe(step_of(index, -1.0 - index, cautery=state))
+        plain.observe(step_of(index, -1.0 - index))
+    (entry,), (same,) = log.breaches.entries, plain.breaches.entries
+    assert entry.tool_text == text
+    assert replace(entry, cautery=None) == same

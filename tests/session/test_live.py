@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.case import CauteryState
 from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
@@ -35,6 +36,7 @@ class SimulatedHost:
         edges=(),
         playback=NO_PLAYBACK,
         source_problem=lambda: "",
+        cautery=None,
     ) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
@@ -54,6 +56,7 @@ class SimulatedHost:
             playback=playback,
             wait=self.wait,
             source_problem=source_problem,
+            cautery=cautery,
         )
 
     def at(self, ms, action):
@@ -120,6 +123,25 @@ def test_frame_is_stepped_on_arrival_of_its_last_sample():
         assert len(step.frame.poses) == 2
         assert step.decision.state is MarginState.NEGATIVE
         assert step.decision.proximity.signed_distance_mm == pytest.approx(20.0)
+
+
+def test_cautery_is_in_each_frame_and_changes_no_decision():
+    states = [CauteryState.UNKNOWN, CauteryState.OFF, CauteryState.ON]
+    told = iter(states * 1000)
+    hosts = SimulatedHost(cautery=lambda: next(told)), SimulatedHost()
+    for host in hosts:
+        track(host, 0, 200)
+    with_cautery, without = (host.run(400) for host in hosts)
+    assert {step.frame.cautery for _, step in with_cautery} == set(states)
+    assert {step.frame.cautery for _, step in without} == {None}
+
+    def judged(steps):
+        return [
+            (at, step.decision.state, step.decision.reasons, step.decision.hold, step.index)
+            for at, step in steps
+        ]
+
+    assert judged(with_cautery) == judged(without)
 
 
 def test_silent_source_is_stale_at_once_and_stays_held():

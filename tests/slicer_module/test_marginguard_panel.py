@@ -399,7 +399,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 15
+    assert len(messages) == 16
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

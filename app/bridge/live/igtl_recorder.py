@@ -4,26 +4,30 @@ from collections.abc import Callable, Sequence
 
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
+from std_msgs.msg import Bool
 
 from app.bridge.bag_topics import bag_topic
 from app.bridge.igtl_images import message_of_image
+from app.bridge.live.cautery_input import said_by
 from app.bridge.live.recorder import RosRecorder
 from app.bridge.qos import NEWEST, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, tracked_message
 from app.case import LiveCase
 from app.case.live_file import IgtlSourceEntry
-from app.case.live_recording import IGTL_IMAGES_TOPIC
+from app.case.live_recording import IGTL_CAUTERY_TOPIC, IGTL_IMAGES_TOPIC
 from app.geometry import MarginGuardError, TrackedTransform
 from app.igtl import DeviceImages, Header, IgtlSource
 
 _IMAGES = Topic(IGTL_IMAGES_TOPIC, Image, NEWEST)
+_CAUTERY = Topic(IGTL_CAUTERY_TOPIC, Bool, NEWEST)
 
 
 class IgtlRecorder:
     """Writes the poses, and the images of ``live``, that its server sends to ``recorder``.
 
     It is a client of the server of its own. Every pose is on ``/tracked_transforms``, with the
-    server's stamp and status, and every image of the session's device on `IGTL_IMAGES_TOPIC`.
+    server's stamp and status, every image of the session's device on `IGTL_IMAGES_TOPIC`, and the
+    state of the cautery on `IGTL_CAUTERY_TOPIC`.
     ``report`` takes changes of the connection, and why an image is refused, until the reason
     changes.
     """
@@ -44,8 +48,19 @@ class IgtlRecorder:
             recorder.add_own(bag_topic(_IMAGES.name, _IMAGES))
             self._images = DeviceImages(live.image_device)
             images = self._write_image
+        cautery = live.case.manifest.cautery
+        self._cautery_device = None if cautery is None else cautery.device
+        strings = None
+        if self._cautery_device is not None:
+            recorder.add_own(bag_topic(_CAUTERY.name, _CAUTERY))
+            strings = self._write_cautery
         self._source = IgtlSource(
-            source.host, source.port, self._write_poses, changed=report, images=images
+            source.host,
+            source.port,
+            self._write_poses,
+            changed=report,
+            images=images,
+            strings=strings,
         )
 
     @property
@@ -62,6 +77,14 @@ class IgtlRecorder:
         for sample in samples:
             data = bytes(serialize_message(tracked_message(sample)))
             self._recorder.write_own(TRACKED_TRANSFORMS.name, data)
+
+    def _write_cautery(self, header: Header, body: bytes) -> None:
+        said = said_by(self._cautery_device or "", header, body)
+        if isinstance(said, bool):
+            self._recorder.write_own(_CAUTERY.name, bytes(serialize_message(Bool(data=said))))
+        elif said is not None and said != self._problem:
+            self._problem = said
+            self._report(f"state of the cautery not recorded: {said}")
 
     def _write_image(self, header: Header, body: bytes) -> None:
         try:

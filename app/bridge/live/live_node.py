@@ -9,6 +9,7 @@ from pathlib import Path
 
 from app.bridge import topics
 from app.bridge.control import GuidancePublisher, MarginParameterServer, TwistLimiter
+from app.bridge.live.cautery_input import IgtlCautery, cautery_input
 from app.bridge.live.guard_start import guard_start
 from app.bridge.live.image_input import IgtlImages, image_input, with_images
 from app.bridge.live.joints import listen_to_joints
@@ -162,6 +163,7 @@ def live_node(
             new_sender=playback.check,
         )
         rule = PlaybackRule(playback.found, accepted=case.manifest.provenance.kind == "simulated")
+        cautery = cautery_input(node, config)
         live = LiveSession(
             Session(setup),
             host_ns=_host_clock(config.stamps_of_host),
@@ -170,6 +172,7 @@ def live_node(
             playback=rule,
             outside=lambda: _joined(senders.outside(), start.faults(node)),
             source_problem=lambda: "".join(problem() for problem in problems),
+            cautery=None if cautery is None else cautery.state,
         )
         opened = stack.enter_context
         log = opened(audit_log(node, publisher.constraints, audit or audit_file(node)))
@@ -203,7 +206,8 @@ def live_node(
         pictures = image_input(node, config, images)
         deliver = live.add if images is None else with_images(live.add, images, rule.refuses)
         igtl_images = pictures if isinstance(pictures, IgtlImages) else None
-        source = source_of(node, entry, deliver, senders, igtl_images)
+        strings = cautery.receive if isinstance(cautery, IgtlCautery) else None
+        source = source_of(node, entry, deliver, senders, igtl_images, strings)
         if isinstance(source, IgtlSource):
             problems.append(lambda: source.problem)
         senders.start(moving=not isinstance(entry, TfSourceEntry))
@@ -214,8 +218,7 @@ def live_node(
             lambda: {"callbacks that failed": node.failures},
             lambda: {f"twists refused: {why}": n for why, n in dict(twists.refused).items()},
         ]
-        if pictures is not None:
-            counted.append(pictures.counts)
+        counted += [each.counts for each in (pictures, cautery) if each is not None]
         if joint_topic is not None:
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
             add_joints = partial(live.add_joints, of_host=config.joints_of_host)

@@ -16,7 +16,7 @@ from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
 from app.case.messages.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
 from app.case.messages.values import PoseValues
 from app.geometry import MarginGuardError
-from app.igtl import IgtlSource
+from app.igtl import IgtlSource, Unread
 from app.runtime import Deliver, Source
 
 
@@ -93,11 +93,12 @@ def source_of(
     deliver: Deliver,
     senders: SampleFilter,
     images: IgtlImages | None = None,
+    strings: Unread | None = None,
 ) -> Source:
     """Create the source that ``live.yaml`` configures.
 
     An OpenIGTLink source is one TCP connection, which has one sender: nothing is filtered. It also
-    receives ``images``.
+    receives ``images``, and passes STRING messages to ``strings``.
     """
     if isinstance(entry, IgtlSourceEntry):
         return IgtlSource(
@@ -106,6 +107,7 @@ def source_of(
             deliver,
             changed=ros.node.get_logger().info,
             images=None if images is None else images.receive,
+            strings=strings,
         )
     if isinstance(entry, TfSourceEntry):
         return TfSource(ros, deliver, senders)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.case.frames.cautery import CauteryState
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus
 
@@ -22,6 +23,7 @@ class _Draft:
     stamp: Stamp
     poses: dict[tuple[str, str], TrackedTransform]
     unfiltered: Stamp | None = None
+    cautery: CauteryState | None = None
 
 
 class FrameAssembler:
@@ -30,11 +32,15 @@ class FrameAssembler:
     A sample older than that counts as a clock that jumped back: all buffered frames are returned
     and the order starts anew, so that the jump stays visible. Joints go with the first frame that
     is not older than they are; the last frame takes the rest. Two samples of an edge with one stamp
-    count once where they agree; where they differ the edge is lost.
+    count once where they agree; where they differ the edge is lost. ``cautery()`` is its state at
+    the arrival of the first sample of a frame; None for a recording without it.
     """
 
-    def __init__(self, note: Callable[[str], None]) -> None:
+    def __init__(
+        self, note: Callable[[str], None], cautery: Callable[[], CauteryState] | None = None
+    ) -> None:
         self._note = note
+        self._cautery = cautery
         self._drafts: dict[int, _Draft] = {}
         self._order: list[int] = []  # stamps of the drafts, sorted
         self._joints: list[JointSample] = []  # sorted by stamp
@@ -48,7 +54,8 @@ class FrameAssembler:
         draft = self._drafts.get(stamp.ns)
         if draft is None:
             finished = self._begin(stamp.ns)
-            self._drafts[stamp.ns] = _Draft(stamp, {edge: sample})
+            cautery = None if self._cautery is None else self._cautery()
+            self._drafts[stamp.ns] = _Draft(stamp, {edge: sample}, cautery=cautery)
             insort_right(self._order, stamp.ns)
             return finished
         known = draft.poses.get(edge)
@@ -113,7 +120,8 @@ class FrameAssembler:
         count = len(self._joints) if last else bisect_right(self._joints, ns, key=_ns)
         joints = tuple(self._joints[:count])
         del self._joints[:count]
-        return TrackingFrame(draft.stamp, tuple(draft.poses.values()), joints, draft.unfiltered)
+        poses = tuple(draft.poses.values())
+        return TrackingFrame(draft.stamp, poses, joints, draft.unfiltered, draft.cautery)
 
 
 def agreed_sample(known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from app.case.frames.cautery import CauteryState
 from app.geometry import InputError, Stamp, TrackedTransform, slot_setters
 
 
@@ -53,10 +54,11 @@ class TrackingFrame:
 
     ``poses`` holds one sample per edge, of any status. A frame without poses is a watchdog frame:
     the source sent nothing for too long. ``unfiltered_stamp`` is the time by the second clock of an
-    IGSIO recording, before its smoothing.
+    IGSIO recording, before its smoothing. ``cautery``: None where no source tells it.
     """
 
     stamp: Stamp
     poses: tuple[TrackedTransform, ...]
     joints: tuple[JointSample, ...] = ()
     unfiltered_stamp: Stamp | None = None
+    cautery: CauteryState | None = None

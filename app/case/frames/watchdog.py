@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+from app.case.frames.cautery import CauteryState
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.geometry import Freshness, FreshnessLimits, freshness_of
 
@@ -32,7 +33,8 @@ def with_watchdog(frames: Iterator[TrackingFrame], stale_after_ns: int) -> Itera
 def _watchdog(
     frame: TrackingFrame, stamp_ns: int, joints: tuple[JointSample, ...]
 ) -> TrackingFrame:
-    return TrackingFrame(replace(frame.stamp, ns=stamp_ns), (), joints)
+    cautery = None if frame.cautery is None else CauteryState.UNKNOWN
+    return TrackingFrame(replace(frame.stamp, ns=stamp_ns), (), joints, cautery=cautery)
 
 
 def _split(

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from app.case.manifest.cautery import read_cautery
 from app.case.manifest.entries import CaseManifest, RecordingEntry
 from app.case.manifest.images import read_images
 from app.case.manifest.keys import CASE
@@ -51,6 +52,7 @@ def read_manifest(document: Section) -> CaseManifest:
         package_dirs=read_package_dirs(document),
         images=read_images(document),
         needle=read_needle(document, tool),
+        cautery=read_cautery(document),
     )
 
 

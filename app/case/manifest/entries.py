@@ -192,6 +192,18 @@ class ImagesEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class CauteryEntry:
+    """Where the state of the cautery is said: a ROS ``topic``, or an OpenIGTLink ``device``.
+
+    Older than ``stale_after_ns`` it is unknown.
+    """
+
+    topic: str | None
+    device: str | None
+    stale_after_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class MarginEntry:
     """The margins of the fixture, and the limits of freshness.
 
@@ -231,6 +243,7 @@ class CaseManifest:
     package_dirs: Mapping[str, str] = field(default_factory=dict)
     images: ImagesEntry | None = None
     needle: NeedleEntry | None = None
+    cautery: CauteryEntry | None = None
 
     def recorded(self) -> RecordingEntry:
         """The recording; `InputError` for a live case."""

@@ -2,6 +2,7 @@
 
 import re
 
+from app.case.manifest.cautery import CAUTERY
 from app.case.manifest.image_keys import IMAGES
 from app.case.manifest.key_rules import MATRIX, RIGID, TOPIC, TOPIC_EXPECTED
 from app.case.manifest.needle_keys import NEEDLE
@@ -314,6 +315,7 @@ CASE = Block(
         "provenance": _PROVENANCE,
         "recording": _RECORDING,
         "images": IMAGES,
+        "cautery": CAUTERY,
         "clock": CLOCK,
         "tool": _TOOL,
         "tumor": _TUMOR,

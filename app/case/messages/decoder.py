@@ -18,13 +18,20 @@ from app.case.messages.cdr_batch import Batch
 from app.case.messages.cdr_layout import LayoutReader
 from app.case.messages.cdr_reader import bytes_reader
 from app.case.messages.ros_messages import (
+    BOOL,
     JOINT_STATE,
     TF_MESSAGE,
     TIME_REFERENCE,
     TRACKED_TRANSFORM,
     ros_types,
 )
-from app.case.messages.values import joint_values, tf_values, time_values, tracked_values
+from app.case.messages.values import (
+    bool_value,
+    joint_values,
+    tf_values,
+    time_values,
+    tracked_values,
+)
 from app.geometry import InputError
 
 MAX_DEFINITION_CHARS = 16 * 1024
@@ -40,6 +47,7 @@ _VALUES_OF: dict[str, Callable[[Any], Any]] = {
     TF_MESSAGE: tf_values,
     JOINT_STATE: joint_values,
     TIME_REFERENCE: time_values,
+    BOOL: bool_value,
 }
 
 

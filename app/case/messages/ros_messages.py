@@ -19,6 +19,7 @@ TRACKED_TRANSFORM = "marginguard_msgs/msg/TrackedTransform"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
+BOOL = "std_msgs/msg/Bool"
 
 TRACKED_TRANSFORM_DEFINITION = """\
 uint8 OK=0

@@ -112,6 +112,11 @@ def time_values(message: Any) -> TimeValues:
     return TimeValues(_ns(message.header.stamp), _ns(message.time_ref))
 
 
+def bool_value(message: Any) -> bool:
+    """Value of a ``std_msgs/Bool``."""
+    return bool(message.data)
+
+
 def frame_name(text: str) -> str:
     """The name of a frame without the leading '/' that tf had before ROS 2."""
     return text.removeprefix("/")

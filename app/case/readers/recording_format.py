@@ -32,18 +32,21 @@ def note_to(notes: list[str]) -> Note:
 
 
 @dataclass(frozen=True, slots=True)
-class JointSource:
-    """Where a recording holds the joints of the robot, and the offset of their clock.
+class SideTopics:
+    """ROS topics of a recording beside the poses: joints of the robot, and the cautery.
 
-    ``topic`` is the ROS topic of the joints; None reads no joints. Their stamps are moved to the
-    tracker's clock: tracker = robot + ``offset_ns``.
+    ``topic`` is that of the joints; None reads no joints. Their stamps are moved to the tracker's
+    clock: tracker = robot + ``offset_ns``. ``cautery`` is that of ``std_msgs/Bool``; what it said
+    is unknown after ``cautery_stale_after_ns``.
     """
 
     topic: str | None = None
     offset_ns: int = 0
+    cautery: str | None = None
+    cautery_stale_after_ns: int = 0
 
 
-ReadFrames: TypeAlias = "Callable[[Path, Note, JointSource], Iterator[TrackingFrame]]"
+ReadFrames: TypeAlias = "Callable[[Path, Note, SideTopics], Iterator[TrackingFrame]]"
 ReadAtRate: TypeAlias = "Callable[[Path, Note, float], Iterator[TrackingFrame]] | None"
 ReadMessages: TypeAlias = "Callable[[Path, Note], Iterator[RawMessage]] | None"
 

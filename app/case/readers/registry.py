@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import app.case.readers
-from app.case.readers.recording_format import JointSource, Note, RecordingFormat
+from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
 
-_NO_JOINTS = JointSource()
+_NONE = SideTopics()
 _NOT_FORMATS = ("recording_format", "registry")
 
 
@@ -46,7 +46,7 @@ def format_of(path: Path) -> RecordingFormat:
 
 
 def read_recording(
-    path: Path, note: Note, joints: JointSource = _NO_JOINTS, rate_hz: float | None = None
+    path: Path, note: Note, joints: SideTopics = _NONE, rate_hz: float | None = None
 ) -> "Iterator[TrackingFrame]":
     """Yield the frames of the recording at ``path``, in any of the formats.
 

@@ -5,6 +5,7 @@ from slicer import (
     vtkMRMLModelNode,
     vtkMRMLNode,
     vtkMRMLScene,
+    vtkMRMLTextNode,
     vtkMRMLTransformNode,
 )
 
@@ -19,6 +20,7 @@ from app.scene.nodes.models import remove_displayed, remove_node, show_while_kno
 _INK = (0.08, 0.12, 0.16)
 _LINE_NAME = "ClosestPoints"
 _STATUS_NAME = "MarginStatus"
+_CAUTERY_NAME = "CauteryState"
 _TEXT_SCALE = 4.2  # percent of the view's height
 _POINT_MM = 0.9
 _LINE_MM = 0.35
@@ -71,6 +73,7 @@ class MarginDisplay:
         display.GetTextProperty().SetBackgroundOpacity(0.7)
         self.status = scene.AddNewNodeByClass("vtkMRMLTextNode", _STATUS_NAME)
 
+        self.cautery: vtkMRMLTextNode | None = None
         self.plane = FixturePlane(scene, batch, tumor_pose)
         self.breaches = BreachMarkers(scene, batch, tumor_pose)
 
@@ -88,14 +91,21 @@ class MarginDisplay:
         if shown.proximity is not None and shown.proximity.signed_distance_mm < 0.0:
             self.breaches.add(shown.proximity.on_tool_mm)
 
+    def add_cautery(self) -> None:
+        """Add the text node of the cautery's state."""
+        self.cautery = self._scene.AddNewNodeByClass("vtkMRMLTextNode", _CAUTERY_NAME)
+
     def nodes(self) -> tuple[vtkMRMLNode, ...]:
         """The nodes of this display, without the tumour."""
-        return (self.line, self.status, self.plane.node, self.breaches.node)
+        own = (self.line, self.status, self.plane.node, self.breaches.node)
+        return own if self.cautery is None else (*own, self.cautery)
 
     def remove(self) -> None:
         """Remove the nodes from the scene; the tumour keeps its last colour."""
         remove_displayed(self._scene, self.line)
         remove_node(self._scene, self.status)
+        if self.cautery is not None:
+            remove_node(self._scene, self.cautery)
         self.plane.remove()
         self.breaches.remove()
 

@@ -25,7 +25,7 @@ def breach_rows(breaches: BreachList) -> dict[str, Any]:
                 "depth": f"{entry.depth_mm:.1f} mm",
                 "place": entry.place_text,
                 "letters": entry.place,
-                "part": entry.part_text,
+                "part": entry.tool_text,
                 "deepest": entry is deepest,
                 "open": entry.is_open,
             }

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from app.case import CauteryState
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
 from app.runtime import OperatorRequest, SeenHold, SessionContent
@@ -50,6 +51,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         single=SINGLE_SOURCE if shown.step.single_source else "",
         causes=list(shown.step.hold_causes) if decision.hold else [],
         request=_request(shown.request),
+        cautery=_cautery(shown),
     )
 
 
@@ -88,6 +90,7 @@ def _values(
     single: str = "",
     causes: list[str] | None = None,
     request: dict[str, str | bool] | None = None,
+    cautery: dict[str, str] | None = None,
 ) -> dict[str, Any]:
     return {
         "state": state.name,
@@ -112,6 +115,7 @@ def _values(
         "single": single,
         "causes": causes or [],
         "request": request,
+        "cautery": cautery,
     }
 
 
@@ -132,6 +136,15 @@ def _rearm(seen: SeenHold | None, state: MarginState) -> dict[str, int | str] | 
 
 def _request(request: OperatorRequest | None) -> dict[str, str | bool] | None:
     return None if request is None else {"line": request.line, "accepted": request.accepted}
+
+
+def _cautery(shown: ViewState) -> dict[str, str] | None:
+    """The state of the cautery; unknown while the session is silent, None where it is not told."""
+    told = shown.step.frame.cautery
+    if told is None:
+        return None
+    state = CauteryState.UNKNOWN if shown.silent else told
+    return {"state": state.value, "symbol": state.symbol, "label": state.label}
 
 
 def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:

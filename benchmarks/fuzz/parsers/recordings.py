@@ -19,7 +19,7 @@ from app.case import open_live, recover_recording, tumor_from_contour, tumor_fro
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.case.manifest.case_file import load_manifest
 from app.case.manifest.expected import load_expected
-from app.case.readers.recording_format import JointSource
+from app.case.readers.recording_format import SideTopics
 from app.case.readers.registry import read_recording
 from app.case.recorder.recorder import write_recording
 from app.files.shipped import shipped
@@ -237,7 +237,7 @@ def _read_at_rate(path: Path) -> None:
 
 def _read_frames(path: Path) -> None:
     notes: list[str] = []
-    for _ in read_recording(path, notes.append, JointSource(_JOINTS)):
+    for _ in read_recording(path, notes.append, SideTopics(_JOINTS)):
         pass
     for note in notes:
         if "\n" in note:

@@ -43,7 +43,7 @@ class SessionEvents:
                 f"{each.begin_s:.1f} s",
                 f"{each.depth_mm:.1f} mm{' (deepest)' if each is deepest else ''}",
                 each.place_text,
-                each.part_text,
+                each.tool_text,
             )
             for each in self._listed()
         )
@@ -86,7 +86,7 @@ class SessionEvents:
     def to_table(self) -> None:
         """Add a table of all events to the scene, which Slicer saves as CSV."""
         events = [
-            (each.begin_s, "breach", f"{each.depth_mm:.2f}", f"{each.place_text}, {each.part_text}")
+            (each.begin_s, "breach", f"{each.depth_mm:.2f}", f"{each.place_text}, {each.tool_text}")
             for each in self.breaches.entries
         ]
         events += [(each.begin_s, "note", "", each.text) for each in self.notes]

@@ -339,6 +339,7 @@ class PanelLogic:
             is_recording=recording is not None and recording.active,
             workflow=self._workflow(),
             directions=self._tip_directions(),
+            cautery=self.session.cautery(),
             calibration=GuidedShown() if guided is None else guided.calibration.shown(),
             touch=GuidedShown() if touch is None else touch.shown(),
             contour=self.contour.shown(),

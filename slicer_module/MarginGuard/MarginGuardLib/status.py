@@ -17,7 +17,8 @@ class PanelStatus:
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
     transform. ``recording``: the last recording of the live session, empty before one.
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
-    ``directions``: of the tip to the stop margin, in mm.
+    ``directions``: of the tip to the stop margin, in mm. ``cautery``: its state, empty where no
+    source tells it.
     ``calibration`` and ``touch``: the guided calibration, and registration by touch.
     ``needle``: its length in mm, empty without one.
     """
@@ -40,6 +41,7 @@ class PanelStatus:
     is_recording: bool
     workflow: str
     directions: str
+    cautery: str
     calibration: GuidedShown
     touch: GuidedShown
     contour: ContourShown

@@ -1,10 +1,11 @@
-"""The widgets of the views: sides, bullseye, breach markers."""
+"""The widgets of the views: sides, bullseye, breach markers, state of the cautery."""
 
 from collections.abc import Callable
 from typing import Any
 
 from app.scene import Preset
 
+from .status import PanelStatus
 from .view import PanelView
 
 
@@ -28,6 +29,8 @@ class ViewSection:
         ):
             on_click(button, command)
 
-    def show(self, view: PanelView) -> None:
-        """Show what ``view`` follows."""
+    def show(self, view: PanelView, status: PanelStatus) -> None:
+        """Show what ``view`` follows, and the cautery of ``status``."""
         self._ui.bullseyeButton.setChecked(view.follows_tool)
+        self._ui.deleteMarkersButton.setEnabled(status.has_session)
+        self._ui.cauteryLabel.setText(status.cautery)

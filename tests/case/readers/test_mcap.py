@@ -14,8 +14,9 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 
-from app.case import TrackingFrame, read_mcap, write_recording
+from app.case import CauteryState, TrackingFrame, read_mcap, write_recording
 from app.case.messages.ros_messages import (
+    BOOL,
     TRACKED_TRANSFORM,
     ros_types,
 )
@@ -371,3 +372,22 @@ def test_record_length_beyond_the_file_is_not_trusted(tmp_path: Path) -> None:
     write_messages(path, [tracked(pose(10**9))])
     path.write_bytes(path.read_bytes()[:-60] + b"\x06" + b"\xff" * 8)
     assert len(read(path)[0]) == 1
+
+
+def test_frames_have_the_state_of_the_cautery_at_their_receipt(tmp_path: Path) -> None:
+    """Messages are received 1 ns apart; what was said is unknown after 4 ns."""
+
+    def said(on: bool) -> tuple[str, str, Any]:
+        return "/cautery", BOOL, ros_types().types[BOOL](data=on)
+
+    def tip(number: int) -> tuple[str, str, Any]:
+        return tracked(pose(10**9 + number * 10**7, x_mm=float(number)))
+
+    messages = [tip(0), said(True), tip(1), said(False), tip(2), *(tip(n) for n in range(3, 8))]
+    path = tmp_path / "x.mcap"
+    write_messages(path, messages)
+    frames, notes = read(path, cautery="/cautery", cautery_stale_after_ns=4)
+    unknown, on, off = CauteryState.UNKNOWN, CauteryState.ON, CauteryState.OFF
+    assert [each.cautery for each in frames] == [unknown, on, off, off, off, off, unknown, unknown]
+    assert notes == []
+    assert {each.cautery for each in read(path)[0]} == {None}

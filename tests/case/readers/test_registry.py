@@ -21,7 +21,7 @@ NEW_FORMAT = '''
 
 import numpy as np
 
-from app.case import JointSource, RecordingFormat, TrackingFrame, has_ending
+from app.case import SideTopics, RecordingFormat, TrackingFrame, has_ending
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 
 

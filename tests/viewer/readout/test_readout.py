@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.case import CauteryState
 from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
 from app.registration import (
@@ -140,3 +141,15 @@ def test_computed_registration_states_what_it_adds(parts):
     assert values["tre"] == "k\N{MIDDLE DOT}TRE at the tip 0.34 mm"
     # A known uncertainty may be small; an unknown one has no number.
     assert readout(registered(shown, found, 0.0))["tre"].endswith(" 0.00 mm")
+
+
+def test_cautery_of_a_silent_session_is_unknown(parts):
+    shown = parts.feed.shown[0]
+    assert readout(shown)["cautery"] is None
+    for state in CauteryState:
+        frame = replace(shown.step.frame, cautery=state)
+        told = replace(shown, step=replace(shown.step, frame=frame))
+        values = readout(told)
+        assert values["cautery"]["state"] == state.value
+        assert {**values, "cautery": None} == readout(shown)
+        assert readout(told.as_unknown("nothing comes"))["cautery"]["state"] == "unknown"

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.case.readers.recording_format import JointSource, Note, RecordingFormat, has_ending
+from app.case.readers.recording_format import Note, RecordingFormat, SideTopics, has_ending
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 _ENDINGS = (".igs.mha", ".igs.mhd", ".igs.nrrd", ".igs.nhdr", ".seq.mha", ".seq.mhd", ".seq.nrrd")
 
 
-def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
+def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
     from app.case.readers.igsio.header import read_igsio
 
     return read_igsio(path, note)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.case.readers.recording_format import JointSource, Note, RecordingFormat
+from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
@@ -27,7 +27,7 @@ def _recognises(path: Path) -> bool:
         return False
 
 
-def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
+def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
     from app.case.readers.perk_tutor.log import read_log
 
     return read_log(path, note)

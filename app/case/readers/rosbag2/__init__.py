@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.case.readers.recording_format import JointSource, Note, RecordingFormat
+from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
@@ -20,11 +20,18 @@ def _recognises(path: Path) -> bool:
     return is_folder(path) or path.name.lower().endswith(".mcap")
 
 
-def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
+def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
     from app.case.readers.rosbag2.frames import read_mcap  # loads rosbags
 
     _note_changes(path, note)
-    return read_mcap(path, note, joint_states_topic=joints.topic, offset_ns=joints.offset_ns)
+    return read_mcap(
+        path,
+        note,
+        joint_states_topic=joints.topic,
+        offset_ns=joints.offset_ns,
+        cautery=joints.cautery,
+        cautery_stale_after_ns=joints.cautery_stale_after_ns,
+    )
 
 
 def _messages(path: Path, note: Note) -> "Iterator[RawMessage]":

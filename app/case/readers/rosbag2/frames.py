@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from app.case.frames.assembly import FrameAssembler
+from app.case.frames.cautery import CauteryState, CauteryTrail
 from app.case.frames.samples import TrackingFrame
 from app.case.messages.cdr_batch import Batch, joint_samples, tf_samples, tracked_samples
 from app.case.messages.decoder import MessageDecoder, message_decoder
 from app.case.messages.ros_messages import (
+    BOOL,
     JOINT_STATE,
     TF_MESSAGE,
     TF_TOPIC,
@@ -25,7 +27,7 @@ from app.case.messages.ros_messages import (
     UNFILTERED_TIME_TOPIC,
 )
 from app.case.messages.values import JointValues, PoseValues, TimeValues
-from app.case.readers.recording_format import Note
+from app.case.readers.recording_format import Note, SideTopics
 from app.case.readers.rosbag2.bag import read_bag_runs
 from app.case.readers.rosbag2.messages import Connection, MessageRun, RunMessage
 from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
@@ -44,18 +46,24 @@ _MIN_BATCH = 4
 
 
 def read_mcap(
-    path: Path, note: Note, *, joint_states_topic: str | None, offset_ns: int = 0
+    path: Path,
+    note: Note,
+    *,
+    joint_states_topic: str | None,
+    offset_ns: int = 0,
+    cautery: str | None = None,
+    cautery_stale_after_ns: int = 0,
 ) -> Iterator[TrackingFrame]:
     """Yield the frames of an MCAP file or rosbag2 folder, ordered by acquisition stamp.
 
-    Joint stamps are moved to the tracker's clock: tracker = robot + ``offset_ns``. Cut, damaged and
-    unreadable parts are skipped and reported to ``note``. Raises `InputError` when the recording
-    holds no tracked transform at all.
+    The topics are those of `SideTopics`. A frame has the state of the cautery at the receipt of
+    its first sample. Cut, damaged and unreadable parts are skipped and reported to ``note``. Raises
+    `InputError` when the recording holds no tracked transform at all.
     """
     frames = 0
-    for frame in _FrameReader(path, note, joint_states_topic, offset_ns).frames(
-        read_bag_runs(path, note)
-    ):
+    for frame in _FrameReader(
+        path, note, SideTopics(joint_states_topic, offset_ns, cautery, cautery_stale_after_ns)
+    ).frames(read_bag_runs(path, note)):
         frames += 1
         yield frame
     if not frames:
@@ -92,13 +100,13 @@ class _FrameReader:
     samples in a known layout. All are then used one after the other in their order.
     """
 
-    def __init__(
-        self, path: Path, note: Note, joint_states_topic: str | None, offset_ns: int
-    ) -> None:
+    def __init__(self, path: Path, note: Note, side: SideTopics) -> None:
         self._path = path
         self._note = note
-        self._offset_ns = offset_ns
-        self._assembler = FrameAssembler(note)
+        self._offset_ns = side.offset_ns
+        self._received_ns = 0
+        self._cautery = None if side.cautery is None else CauteryTrail(side.cautery_stale_after_ns)
+        self._assembler = FrameAssembler(note, None if side.cautery is None else self._burns)
         self._tracked_edges: set[tuple[str, str]] = set()
         self._decoders: dict[tuple[str, bytes], MessageDecoder | InputError] = {}
         self._definition_chars = 0
@@ -120,12 +128,12 @@ class _FrameReader:
             ),
             _Topic(UNFILTERED_TIME_TOPIC, TIME_REFERENCE, self._add_unfiltered),
         ]
-        if joint_states_topic is not None:
-            joints = partial(joint_samples, offset_ns=offset_ns)
+        if side.topic is not None:
+            joints = partial(joint_samples, offset_ns=side.offset_ns)
             add_sample = self._assembler.add_joints
-            topics.append(
-                _Topic(joint_states_topic, JOINT_STATE, self._add_joints, joints, add_sample)
-            )
+            topics.append(_Topic(side.topic, JOINT_STATE, self._add_joints, joints, add_sample))
+        if side.cautery is not None:
+            topics.append(_Topic(side.cautery, BOOL, self._add_cautery))
         self._topics = {topic.name: topic for topic in topics}
         self._used: dict[Connection, _Topic | None] = {}
         self._skipped: list[_Topic] = []
@@ -148,7 +156,8 @@ class _FrameReader:
                 alike[key] = [index]
         samples: list[Any] = [None] * len(run.messages)
         topics: dict[int, _Topic | None] = {}
-        for index, (number, data, _, _, _) in enumerate(run.messages):
+        for index, (number, data, received_ns, _, _) in enumerate(run.messages):
+            self._received_ns = received_ns
             sample = samples[index]
             if sample is not None:
                 topic = topics[number]
@@ -267,6 +276,17 @@ class _FrameReader:
     def _add_unfiltered(self, values: TimeValues) -> Iterable[TrackingFrame]:
         self._assembler.add_unfiltered(Stamp(values.ns), Stamp(values.unfiltered_ns))
         return ()
+
+    def _add_cautery(self, on: bool) -> Iterable[TrackingFrame]:
+        if self._cautery is not None:
+            self._cautery.hear(on, self._received_ns)
+        return ()
+
+    def _burns(self) -> CauteryState:
+        """The state of the cautery when the present message was received."""
+        if self._cautery is None:
+            return CauteryState.UNKNOWN
+        return self._cautery.at(self._received_ns)
 
     def _add_joints(self, values: JointValues) -> Iterable[TrackingFrame]:
         return self._assembler.add_joints(values.sample(offset_ns=self._offset_ns))

@@ -1,0 +1,89 @@
+"""The state of the cautery from a ROS topic and from OpenIGTLink STRING messages."""
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from std_msgs.msg import Bool
+
+from app.bridge import RosNode
+from app.bridge.live.cautery_input import IgtlCautery, TopicCautery
+from app.bridge.qos import STREAM, Topic
+from app.case import CauteryState, CauteryTrail
+from app.igtl import pack_string
+from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
+from tests.ros_domain import domain_id as domain_id
+
+DEADLINE_S = 60.0
+TOPIC = Topic("/generator/active", Bool, STREAM)
+LIMIT_NS = 1000
+
+
+def until(condition: Callable[[], bool], act: Callable[[], None]) -> None:
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        act()
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def nodes(domain_id: int) -> Iterator[tuple[RosNode, RosNode]]:
+    with (
+        RosNode("session", domain_id=domain_id) as session,
+        RosNode("generator", domain_id=domain_id) as generator,
+    ):
+        yield session, generator
+
+
+def test_topic_says_on_and_off_until_it_is_too_old(nodes: tuple[RosNode, RosNode]) -> None:
+    session, generator = nodes
+    now = [0]
+    cautery = TopicCautery(session, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: now[0])
+    publisher = generator.publisher(TOPIC)
+    assert cautery.state() is CauteryState.UNKNOWN
+    for on, state in ((True, CauteryState.ON), (False, CauteryState.OFF)):
+        until(
+            lambda state=state: cautery.state() is state,  # type: ignore[misc]
+            lambda on=on: publisher.publish(Bool(data=on)),  # type: ignore[misc]
+        )
+    now[0] += LIMIT_NS + 1
+    assert cautery.state() is CauteryState.UNKNOWN
+    assert cautery.counts()[f"{TOPIC.name}: messages"] >= 2
+
+
+def test_two_publishers_make_the_state_unknown(nodes: tuple[RosNode, RosNode]) -> None:
+    session, generator = nodes
+    cautery = TopicCautery(session, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: 0)
+    publishers = [generator.publisher(TOPIC), session.publisher(TOPIC)]
+
+    def send() -> None:
+        for publisher in publishers:
+            publisher.publish(Bool(data=True))
+
+    until(lambda: cautery.counts().get(f"{TOPIC.name}: of two publishers", 0) > 2, send)
+    assert cautery.state() is CauteryState.UNKNOWN
+
+
+def packet(text: str, device: str = "Cautery") -> tuple[Header, bytes]:
+    content = pack_message("STRING", device, 0, pack_string(text))
+    return read_header(content[:HEADER_BYTES]), content[HEADER_BYTES:]
+
+
+def test_string_of_the_device_says_on_and_off() -> None:
+    cautery = IgtlCautery("Cautery", CauteryTrail(LIMIT_NS), lambda: 0)
+    for text, state in (
+        ("ON", CauteryState.ON),
+        ("0", CauteryState.OFF),
+        ("true", CauteryState.ON),
+        ("standby", CauteryState.UNKNOWN),
+        (" off ", CauteryState.OFF),
+    ):
+        cautery.receive(*packet(text))
+        assert cautery.state() is state
+    cautery.receive(*packet("on", "Other"))
+    assert cautery.state() is CauteryState.OFF
+    assert cautery.counts() == {"cautery: messages": 5, "cautery: refused": 1}
+    header, body = packet("on")
+    cautery.receive(header, body[:-1] + b"x")
+    assert cautery.state() is CauteryState.UNKNOWN
