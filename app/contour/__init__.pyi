@@ -1,4 +1,5 @@
 from .editor import Change, ContourEditor
+from .hydromark import MAX_RADIUS_MM, hydromark_surface
 from .points import MAX_POINTS, Contour, ContourPoint
 from .surface import MAX_DILATION_MM, ContourSurface, contour_surface
 from .text import contour_count, contour_sigma, contour_size
@@ -7,6 +8,7 @@ from .uncertainty import ContourUncertainty
 __all__ = [
     "MAX_DILATION_MM",
     "MAX_POINTS",
+    "MAX_RADIUS_MM",
     "Change",
     "Contour",
     "ContourEditor",
@@ -17,4 +19,5 @@ __all__ = [
     "contour_sigma",
     "contour_size",
     "contour_surface",
+    "hydromark_surface",
 ]

@@ -93,6 +93,11 @@ class ContourEditor:
         self.require_seen(change)
         self._use(change, replace(self.contour, dilation_mm=dilation_mm))
 
+    def mark_hydromark(self, change: Change, radius_mm: float) -> None:
+        """Let the points mark a hydromark of this radius; 0: they are on the tumour's surface."""
+        self.require_seen(change)
+        self._use(change, replace(self.contour, hydromark_mm=radius_mm))
+
     def calibrate(self, change: Change, calibration_mm: float) -> None:
         """Set the standard deviation of a point by the calibration of probe or tip."""
         self.require_seen(change)

@@ -34,12 +34,14 @@ class Contour:
 
     ``dilation_mm``: by how much their surface is dilated. ``calibration_mm``: standard deviation of
     a point's place by the calibration of probe or tip; None until it is stated.
+    ``hydromark_mm``: above 0 the points mark a clip of that radius, and are not on a surface.
     """
 
     frame: str
     points: tuple[ContourPoint, ...] = ()
     dilation_mm: float = 0.0
     calibration_mm: float | None = None
+    hydromark_mm: float = 0.0
 
     @property
     def positions_mm(self) -> FloatArray:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from app.case.tumor import surface_around
+from app.contour.hydromark import hydromark_surface
 from app.contour.outline import require_simple_outlines
 from app.contour.points import Contour
 from app.contour.uncertainty import ContourUncertainty, spacing_sigma
@@ -24,6 +25,8 @@ class ContourSurface:
 def contour_surface(contour: Contour, pixel_sigma_mm: float) -> ContourSurface:
     """The convex hull of the points, rounded outward, all points inside; then dilated.
 
+    Points of a hydromark are inside of it: its surface is around them at its radius, dilated.
+
     The hull is that of `app.case.tumor.surface_around`, as for a contour in a file, so that
     hollows are filled as in LumpNav. ``pixel_sigma_mm``: standard deviation of a click. Raises
     `MeshError` in one line for fewer than four points, points that are nearly in one plane, an
@@ -35,6 +38,8 @@ def contour_surface(contour: Contour, pixel_sigma_mm: float) -> ContourSurface:
             f"dilation of the contour: is {dilation_mm:.6g} mm; "
             f"expected 0 to {MAX_DILATION_MM:g} mm"
         )
+    if contour.hydromark_mm:
+        return _hydromark(contour, pixel_sigma_mm)
     require_simple_outlines(contour)
     points = contour.positions_mm
     if len(points) < 4:
@@ -49,4 +54,15 @@ def contour_surface(contour: Contour, pixel_sigma_mm: float) -> ContourSurface:
         )
     if dilation_mm > 0.0:
         mesh = margin_surface(mesh, dilation_mm, spacing_mm=_SPACING_MM)
+    return ContourSurface(mesh, uncertainty)
+
+
+def _hydromark(contour: Contour, pixel_sigma_mm: float) -> ContourSurface:
+    mesh = hydromark_surface(
+        contour.positions_mm, contour.hydromark_mm, contour.dilation_mm, contour.frame
+    )
+    if contour.calibration_mm is None:
+        return ContourSurface(mesh, None)
+    # The shape is given: nothing is guessed between the points.
+    uncertainty = ContourUncertainty(contour.calibration_mm, pixel_sigma_mm, spacing_mm=0.0)
     return ContourSurface(mesh, uncertainty)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from app.contour import MAX_DILATION_MM, Change
+from app.contour import MAX_DILATION_MM, MAX_RADIUS_MM, Change
 from app.geometry import FloatArray, InputError
 from app.viewer.contour_part import ContourPart
 from app.viewer.messages.checks import integer, number, text
@@ -21,7 +21,7 @@ _pixel = number(-_MAX_PIXEL, _MAX_PIXEL)
 
 
 class ContourControls:
-    """Add, move and erase points, undo, delete all, dilate, state the error, accept.
+    """Add, move and erase points, undo, delete all, dilate, mark a clip, state the error, accept.
 
     A change that cannot be made, also because another page has changed the contour, raises
     `NotDoneError`: the page that asked shows its text, and the contour stays as it is.
@@ -43,6 +43,8 @@ class ContourControls:
         dilation = number(0.0, MAX_DILATION_MM)
         commands.add("contour_dilation", self._dilate, _author, _seen, dilation)
         error = number(0.0, MAX_CALIBRATION_MM)
+        radius = number(0.0, MAX_RADIUS_MM)
+        commands.add("contour_hydromark", self._mark, _author, _seen, radius)
         commands.add("contour_calibration", self._calibrate, _author, _seen, error)
         if live:
             commands.add("contour_accept", self._accept, _author, _seen)
@@ -80,6 +82,9 @@ class ContourControls:
 
     def _dilate(self, author: str, seen: int, dilation_mm: float) -> None:
         self._do(lambda: self._part.editor.dilate(Change(author, seen), dilation_mm))
+
+    def _mark(self, author: str, seen: int, radius_mm: float) -> None:
+        self._do(lambda: self._part.editor.mark_hydromark(Change(author, seen), radius_mm))
 
     def _calibrate(self, author: str, seen: int, error_mm: float) -> None:
         self._do(lambda: self._part.editor.calibrate(Change(author, seen), error_mm))

@@ -133,7 +133,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             )
             self.logic.panel_logic.set_rate(self.settings.rate)
             self.logic.panel_logic.contour.set_options(
-                self.settings.dilation_mm, self.settings.contour_error_mm
+                self.settings.dilation_mm,
+                self.settings.contour_error_mm,
+                self.settings.hydromark_mm,
             )
         patient_to_ras = self.settings.patient_to_ras
         if patient_to_ras is not self._patient_to_ras:  # a refused one is reported once

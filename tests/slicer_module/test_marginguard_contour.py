@@ -73,7 +73,7 @@ def test_clicks_of_slicer_become_the_surface_of_the_page(panel_logic, applicatio
     assert interaction.GetCurrentInteractionMode() == interaction.Place
     frame = edge(panel_logic).target
     assert node.GetParentTransformNode() is panel_logic.session.display.frame_node(frame)
-    panel_logic.contour.set_options(2.0, ERROR_MM)
+    panel_logic.contour.set_options(2.0, ERROR_MM, 0.0)
     status = spin_until(panel_logic, lambda now: now.contour.can_use)
     points = tuple(ContourPoint(n, each) for n, each in enumerate(ball(panel_logic), 1))
     expected = contour_surface(Contour(frame, points, 2.0, ERROR_MM), 0.0)
@@ -93,7 +93,7 @@ def test_accepted_contour_is_the_tumour_of_the_session_with_its_uncertainty(
     spin_until(panel_logic, lambda now: "cm" in now.contour.text)
     with pytest.raises(InputError, match="the error of its points is not stated"):
         panel_logic.contour.use()
-    panel_logic.contour.set_options(0.0, ERROR_MM)
+    panel_logic.contour.set_options(0.0, ERROR_MM, 0.0)
     with pytest.raises(InputError, match="its surface is being computed"):
         panel_logic.contour.use()
     spin_until(panel_logic, lambda now: now.contour.can_use)

@@ -69,6 +69,10 @@ class CommandsDouble:
         return RecordedPart("contour", self.calls)
 
     @property
+    def needle(self):
+        return RecordedPart("needle", self.calls)
+
+    @property
     def events(self):
         return RecordedPart("events", self.calls)
 
@@ -178,6 +182,10 @@ EXPECTED_CALLS = {
     "leftViewButton": [("view.look_from", Preset.LEFT)],
     "superiorViewButton": [("view.look_from", Preset.SUPERIOR)],
     "bullseyeButton": [("view.follow_tool", True)],
+    "needleMuchShorterButton": [("needle.lengthen", -5.0)],
+    "needleShorterButton": [("needle.lengthen", -1.0)],
+    "needleLongerButton": [("needle.lengthen", 1.0)],
+    "needleMuchLongerButton": [("needle.lengthen", 5.0)],
     "deleteMarkersButton": [("view.delete_markers",)],
     "muteButton": [],  # a state of the alarm, tested below
     "goToBreachButton": [("events.go_to_breach", -1)],
@@ -262,7 +270,7 @@ def test_slider_seeks_and_settings_take_effect_at_once(panel, pressed, applicati
     assert calls == [("seek", 45.5)]
     panel.ui.dilationSpinBox.setValue(3.0)
     panel.ui.contourErrorSpinBox.setValue(0.4)
-    assert ("contour.set_options", 3.0, 0.4) in calls
+    assert ("contour.set_options", 3.0, 0.4, 0.0) in calls
     calls.clear()
     panel.ui.opacitySlider.setValue(0.7)
     panel.ui.rateSpinBox.setValue(2.0)

@@ -34,6 +34,7 @@ VIEW_REFUSED = {
     "contour_delete_all": ["v", 9],
     "contour_dilation": ["v", 9, 1],
     "contour_calibration": ["v", 9, 1],
+    "contour_hydromark": ["v", 9, 1],
 }
 
 
@@ -176,6 +177,27 @@ def test_keys_move_a_cross_and_add_a_point(watched: Watched) -> None:
     (point,) = points(page)
     assert (point["x"], point["y"]) == (101.5, 90.5)
     assert page.evaluate("trame.state.get('now').frame") == 20
+
+
+def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(watched: Watched) -> None:
+    page = watched.page
+    go_to(page, 20)
+    page.click("#contour-add")
+    click(page, 60, 60)
+    has_points(page, 1)
+    page.fill("#contour-hydromark", "3")
+    page.locator("#contour-hydromark").blur()
+    expect(page.locator("#contour-size")).to_have_text(
+        re.compile(r"^0\.11 cm., 6\.\d x 6\.\d x 6\.\d mm")
+    )
+    click(page, 100, 60)
+    has_points(page, 2)
+    expect(page.locator("#contour-size")).not_to_have_text(re.compile(r"^0\.11 cm"))
+    page.fill("#contour-hydromark", "0")
+    page.locator("#contour-hydromark").blur()
+    expect(page.locator("#contour-problem")).to_have_text(
+        re.compile("^contour: 2 points; expected 4")
+    )
 
 
 def test_second_page_that_edits_at_the_same_time_loses_nothing(

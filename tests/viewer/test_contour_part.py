@@ -84,6 +84,24 @@ def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world):
     assert (request.accepted, request.origin) == (True, "the page")
 
 
+def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(world):
+    with ThreadPoolExecutor(2) as workers:
+        operator = LiveOperator(workers)
+        operator.connect(world.commands)
+        contouring = Contouring(operator.set_tumor)
+        contouring.add(CORNERS[:1])
+        contouring.run("contour_hydromark", contouring.revision, 2.0)
+        contouring.run("contour_dilation", contouring.revision, 1.0)
+        contouring.run("contour_calibration", contouring.revision, 0.5)
+        contouring.finish()
+        contouring.run("contour_accept", contouring.revision)
+    tumor = world.commands.content.tumor.transformed(TUMOR_EDGE)
+    np.testing.assert_allclose(tumor.centroid_mm, CORNERS[0], atol=0.02)
+    assert tumor.signed_volume_mm3 == pytest.approx(36.0 * np.pi, rel=0.01)
+    assert world.session.setup.tumor_sigma_mm == pytest.approx(np.hypot(0.5, 12.0**-0.5))
+    assert "tumour replaced" in world.session.hold_causes[0]
+
+
 def test_contour_that_is_not_ready_is_refused_in_one_line():
     contouring = Contouring(lambda *_: pytest.fail("must not be used"))
     with pytest.raises(NotDoneError, match="no points; expected 4 or more"):

@@ -30,6 +30,7 @@ def contour_values(
         "problem": problem if contour.points else "",
         "dilation": contour.dilation_mm,
         "calibration": contour.calibration_mm,
+        "hydromark": contour.hydromark_mm,
         "sigma": "" if uncertainty is None else contour_sigma(uncertainty),
         "sigma_mm": "" if uncertainty is None else f"{uncertainty.sigma_mm:.2f}",
         "computed": is_computed,

@@ -16,6 +16,8 @@ const TOOLS = `
     <button id="contour-undo" type="button">Undo</button>
   </div>
   <label>Dilation, mm <input id="contour-dilation" type="number" min="0" max="20" step="0.5"></label>
+  <label>Hydromark radius, mm <input id="contour-hydromark" type="number" min="0" max="20" step="0.5"
+    title="Above 0 the points mark a clip of this radius, one or more; 0: they are on the tumour's surface"></label>
   <label>Error of the calibration, mm <input id="contour-calibration" type="number" min="0" max="5" step="0.1"
     title="Standard deviation of a point: calibration of the probe, or of the tool's tip"></label>
   <details id="contour-clear"><summary>Delete all...</summary>
@@ -213,6 +215,7 @@ export function editContour(trame) {
       find("contour-undo").disabled = !contour.undo;
       for (const id of ["contour-stl", "contour-ply"]) find(id).disabled = !contour.computed || (!contour.points.length && !contour.text);
       show("contour-dilation", contour.dilation);
+      show("contour-hydromark", contour.hydromark);
       show("contour-calibration", contour.calibration);
     }
     draw();
@@ -236,7 +239,7 @@ export function editContour(trame) {
     find("contour-undo").addEventListener("click", () => change("contour_undo"));
     find("contour-stl").addEventListener("click", () => save("stl"));
     find("contour-ply").addEventListener("click", () => save("ply"));
-    for (const name of ["dilation", "calibration"]) {
+    for (const name of ["dilation", "hydromark", "calibration"]) {
       const input = find(`contour-${name}`);
       input.addEventListener("change", () => {
         if (input.value !== "" && input.reportValidity()) change(`contour_${name}`, Number(input.value));

@@ -5,7 +5,7 @@ Surface, uncertainty and checks are those of the page (`app.contour`).
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
@@ -65,7 +65,7 @@ class PanelContour:
         self._model: ContourModel | None = None
         self._drawn: ContourSurface | None = None
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="contour")
-        self._settings = 0.0, None
+        self._settings = Contour("")
         self._computing: tuple[Contour, Future[ContourSurface]] | None = None
         self._computed: Contour | None = None
         self._surface: ContourSurface | None = None
@@ -101,9 +101,12 @@ class PanelContour:
         """Restore the points before the last edit."""
         self._edited().undo()
 
-    def set_options(self, dilation_mm: float, error_mm: float) -> None:
-        """Set the dilation, and the standard deviation of a point; 0: it is not stated."""
-        self._settings = dilation_mm, error_mm or None
+    def set_options(self, dilation_mm: float, error_mm: float, hydromark_mm: float) -> None:
+        """Set the dilation, the standard deviation of a point and the radius of a hydromark.
+
+        0 for the second: it is not stated; for the third: the points are on the tumour's surface.
+        """
+        self._settings = Contour("", (), dilation_mm, error_mm or None, hydromark_mm)
 
     def use(self) -> None:
         """Use the contour as the tumour of the session, which is then on hold."""
@@ -192,9 +195,7 @@ class PanelContour:
 
     def _contour(self, frame: str) -> Contour:
         positions_mm = np.empty((0, 3)) if self._points is None else self._points.positions_mm
-        dilation_mm, error_mm = self._settings
-        made = _contour(frame, positions_mm)
-        return replace(made, dilation_mm=dilation_mm, calibration_mm=error_mm)
+        return replace(self._settings, frame=frame, points=_contour(frame, positions_mm).points)
 
     def _follow(self, contour: Contour, commands: OperatorCommands) -> None:
         """Take a surface that is done, and begin to compute that of ``contour`` if it is newer."""
@@ -242,11 +243,9 @@ def _contour(frame: str, positions_mm: FloatArray) -> Contour:
 
 
 def _is_same(first: Contour, second: Contour) -> bool:
-    return (first.frame, first.dilation_mm, first.calibration_mm) == (
-        second.frame,
-        second.dilation_mm,
-        second.calibration_mm,
-    ) and np.array_equal(first.positions_mm, second.positions_mm)
+    names = [each.name for each in fields(Contour) if each.name != "points"]
+    is_same = all(getattr(first, name) == getattr(second, name) for name in names)
+    return is_same and np.array_equal(first.positions_mm, second.positions_mm)
 
 
 def _frame_from_tumor(commands: OperatorCommands) -> Transform:

@@ -22,7 +22,8 @@ class Settings:
 
     ``fixed_points``: landmarks in the scene, in the reference; ``moving_points``: the same ones in
     coordinates of the robot's base. ``contour_error_mm``: standard deviation of a point of the
-    contour, 0 where it is not stated. ``rate``: recorded time over clock time.
+    contour, 0 where it is not stated. ``hydromark_mm``: radius of a marked clip, 0 for points on
+    the tumour's surface. ``rate``: recorded time over clock time.
     """
 
     live_config: pathlib.Path
@@ -41,6 +42,7 @@ class Settings:
     ]
     segment: str
     dilation_mm: Annotated[float, WithinRange(0.0, 20.0), Default(0.0)]
+    hydromark_mm: Annotated[float, WithinRange(0.0, 20.0), Default(0.0)]
     contour_error_mm: Annotated[float, WithinRange(0.0, 5.0), Default(0.0)]
     opacity: Annotated[float, WithinRange(0.0, 1.0), Default(0.4)]
     marker_spacing_mm: Annotated[float, WithinRange(0.2, 20.0), Default(1.0)]

@@ -9,6 +9,9 @@ import pytest
 from app.case import open_case_images
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.cli.signals import SignalState
+from app.geometry import Transform
+from app.runtime import Needle
+from app.runtime.needle import thin_needle
 from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
 from app.viewer.steps.ultrasound import Ultrasound
 from tests.case.images.sequences import some_pixels
@@ -65,6 +68,27 @@ def test_outlines_are_the_circles_of_ball_and_rod(
     assert view.tip is not None
     np.testing.assert_allclose(view.tip, [*(axis / PIXEL_MM), -30.0], atol=1e-6)
     assert view.closest is not None and view.closest.shape == (2, 2)
+
+
+def test_outline_of_the_needle_is_a_circle_while_its_sensor_is_known(
+    parts: ReplayParts, ultrasound: Ultrasound
+) -> None:
+    shown = parts.feed.shown[BREACH]
+    edge = Transform("needle", "needle_tip", np.eye(3), [4.0, 0.0, 20.0])
+    needle = Needle(60.0, edge, thin_needle(60.0, "needle_tip"), is_generated=True)
+    with_needle = replace(shown, content=replace(shown.content, needle=needle))
+    view = ultrasound.at(with_needle, "needle")
+    (line,) = view.needle
+    centre = (np.array([4.0, 0.0]) - PROBE_FROM_IMAGE[:2, 3]) / PIXEL_MM
+    needle_px = 0.001 * (BREACH % 3) / PIXEL_MM
+    found_mm = radii(line, (centre[0] + needle_px, centre[1]))
+    assert (found_mm.min(), found_mm.max()) == pytest.approx((0.75, 0.75), abs=0.02)
+    assert ultrasound_values(view, (COLUMNS, ROWS))["needle"].startswith("M")
+    assert ultrasound.at(shown, "needle").needle == ()
+    lost = replace(edge, target="wire", source="wire_tip")
+    other = replace(needle, frame_from_tip=lost)
+    hidden = replace(shown, content=replace(shown.content, needle=other))
+    assert ultrasound.at(hidden, "needle").needle == ()
 
 
 def test_image_of_each_frame_is_its_own(parts: ReplayParts, ultrasound: Ultrasound) -> None:
