@@ -175,6 +175,8 @@ def _posterior_minima(smoothing: Smoothing, random: np.random.Generator) -> Floa
     counts[int(np.argmax(counts))] += DRAWS - int(counts.sum())
     minima = []
     for (_, mean, covariance), count in zip(smoothing.parts, counts.tolist(), strict=True):
+        if count == 0:
+            continue
         deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
         near = mean - 5.0 * deviation <= (mean + 5.0 * deviation).min()
         values, vectors = np.linalg.eigh(covariance[np.ix_(near, near)])

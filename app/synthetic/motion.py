@@ -1,5 +1,6 @@
 """Smooth motion through waypoints, and the joints of an arm that follows it."""
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -76,11 +77,20 @@ class Path:
 
     def at(self, time_s: float) -> Transform:
         """The pose at ``time_s``, constant before the first and after the last waypoint."""
-        time_s = min(max(time_s, self.start_s), self.end_s)
-        turn = rotation_of_vector(self._turns(time_s))
-        rotation = self._first.rotation @ turn
-        position = np.array(self._positions(time_s))
-        return Transform.unchecked(self._first.target, self._first.source, rotation, position)
+        return self.poses(np.array([time_s]))[0]
+
+    def poses(self, times_s: FloatArray) -> list[Transform]:
+        """The poses at ``times_s`` (n,), constant before the first and after the last waypoint."""
+        within = np.minimum(np.maximum(times_s, self.start_s), self.end_s)
+        return [
+            Transform.unchecked(
+                self._first.target,
+                self._first.source,
+                self._first.rotation @ rotation_of_vector(turn),
+                np.array(position),
+            )
+            for turn, position in zip(self._turns(within), self._positions(within), strict=True)
+        ]
 
 
 class JointMotion:
@@ -103,6 +113,7 @@ class JointMotion:
                 joints, reached = arm.joints_for(pose, joints), pose
             knots[row] = [joints[name] for name in self.joint_names]
         self._positions = PchipInterpolator(times_s, knots)
+        self._knots_s: list[float] = times_s.tolist()
         self._last: tuple[float, Transform] | None = None
 
     def positions(self, time_s: float | FloatArray) -> FloatArray:
@@ -111,7 +122,20 @@ class JointMotion:
         (k, n) for times (k,).
         """
         within = np.minimum(np.maximum(time_s, self._span_s[0]), self._span_s[1])
+        if np.ndim(within) == 0:
+            return self._positions_at(float(within))
         return np.asarray(self._positions(within), dtype=np.float64)
+
+    def _positions_at(self, time_s: float) -> FloatArray:
+        """Joint positions (n,), in the operations of scipy, whose call for one time takes longer.
+
+        A case has thousands of single times, and an array of them the same bits.
+        """
+        part = min(bisect_right(self._knots_s, time_s), len(self._knots_s) - 1) - 1
+        third, second, first, start = self._positions.c[:, part]
+        since = time_s - self._knots_s[part]
+        power = since * since
+        return np.asarray(start + first * since + second * power + third * (power * since))
 
     def base_from_tool(self, time_s: float) -> Transform:
         """The true pose of the tool."""

@@ -56,6 +56,7 @@ CHEST_TURN_RAD = (0.004, 0.0, 0.002)
 CAUTERY_FROM_TIP = Transform.from_rotation_vector(
     (0.5, -0.3, 1.1), (7.0, -3.0, 70.0), target="cautery", source=CAUTERY_TIP_FRAME
 )
+_TIP_FROM_CAUTERY = CAUTERY_FROM_TIP.inverse()
 NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
     (-0.4, 0.7, 0.2), (5.0, -4.0, 31.0), target="needle", source=TUMOR_FRAME
 )
@@ -94,8 +95,7 @@ class Simulation:
     def tracker_from(self, frame: str, time_s: float) -> Transform:
         """The true pose of a tracked frame."""
         if frame == "cautery":
-            tip_from_cautery = CAUTERY_FROM_TIP.inverse()
-            return self.tracker_from_base @ self.base_from_tip(time_s) @ tip_from_cautery
+            return self.tracker_from_base @ self.base_from_tip(time_s) @ _TIP_FROM_CAUTERY
         body = self.reference if frame == "reference" else self.needle
         return body.at(self.breathing.depth(time_s))
 
@@ -186,9 +186,8 @@ def simulate(
 
     base_from_tracker = tracker_from_base.inverse()
 
-    def planned(time_s: float) -> Transform:
+    def planned(time_s: float, tumor_from_tip: Transform) -> Transform:
         tracker_from_needle = needle.at(breathing.depth(time_s))
-        tumor_from_tip = scenario.path.at(time_s)
         return base_from_tracker @ tracker_from_needle @ NEEDLE_FROM_TUMOR @ tumor_from_tip
 
     period_s = KNOT_PERIOD_NS / NS_PER_S
@@ -204,5 +203,5 @@ def simulate(
         reference,
         needle,
         tracker_from_base,
-        JointMotion(arm, knots, [planned(time_s) for time_s in knots.tolist()]),
+        JointMotion(arm, knots, list(map(planned, knots.tolist(), scenario.path.poses(knots)))),
     )

@@ -107,3 +107,13 @@ def test_gantry_kinematics_are_consistent(gantry):
     expected = Transform(BASE_FRAME, CAUTERY_TIP_FRAME, rotation, np.array([120.0, -40.0, 60.0]))
     reached = gantry.base_from_tool(gantry.joints_for(expected, None))
     np.testing.assert_allclose(reached.matrix, expected.matrix, atol=1e-9)
+
+
+def test_positions_at_one_time_have_the_bits_of_those_at_many(gantry):
+    poses = [pose(20.0 * np.sin(k), 5.0 * np.cos(k), 0.1 * k) for k in range(60)]
+    motion = JointMotion(gantry, 0.02 * np.arange(60.0), poses)
+    times = np.concatenate(
+        [np.random.default_rng(2).uniform(-0.1, 1.4, 500), 0.02 * np.arange(60.0)]
+    )
+    one_by_one = [motion.positions(time_s) for time_s in times.tolist()]
+    assert (np.array(one_by_one) == motion.positions(times)).all()
