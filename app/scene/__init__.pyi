@@ -11,7 +11,7 @@ from .margin.breach_markers import BreachMarkers, MarkerStyle
 from .margin.fixture_plane import FixturePlane
 from .nodes.batch import Batch
 from .nodes.shapes import mesh_of_model, mesh_of_segment, points_of_markups
-from .pictures.cameras import Preset, bullseye, forward_of, look_through, preset_camera
+from .pictures.cameras import Preset, bullseye, center_on, forward_of, look_through, preset_camera
 from .pictures.framing import Camera
 from .pictures.movie import movie_gif, movie_mp4
 from .pictures.offscreen import use_offscreen_rendering
@@ -51,6 +51,7 @@ __all__ = [
     "TransformWatchdog",
     "add_sequences",
     "bullseye",
+    "center_on",
     "draw_once_per_update",
     "forward_of",
     "load_scene",

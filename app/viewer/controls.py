@@ -56,12 +56,18 @@ class SceneControls:
         self._state.looks = [preset.value for preset in CameraPreset]
         self._publish_parts()
         part = one_of(Part.__members__)
+        self._state.keeps_tumor = camera.keeps_tumor
+        commands.add("centre", self._keep_tumor, boolean)
         commands.add("look", self._select_camera, one_of(self._state.looks))
         commands.add("part_visible", self._set_visible, part, boolean)
         commands.add("part_opacity", self._set_opacity, part, number(0.0, 1.0))
 
     def _select_camera(self, name: str) -> None:
         self._camera.select(CameraPreset(name))
+        self._changed()
+
+    def _keep_tumor(self, keep: bool) -> None:
+        self._camera.keeps_tumor = self._state.keeps_tumor = keep
         self._changed()
 
     def _set_visible(self, name: str, visible: bool) -> None:

@@ -40,7 +40,7 @@ class RecordedPart:
         self._part = part
         self._calls = calls
 
-    follows_tool = False
+    follows_tool = keeps_tumor = False
 
     def __getattr__(self, name):
         return lambda *arguments: self._calls.append((f"{self._part}.{name}", *arguments))
@@ -181,6 +181,8 @@ EXPECTED_CALLS = {
     "anteriorViewButton": [("view.look_from", Preset.ANTERIOR)],
     "leftViewButton": [("view.look_from", Preset.LEFT)],
     "superiorViewButton": [("view.look_from", Preset.SUPERIOR)],
+    "rightViewButton": [("view.look_from", Preset.RIGHT)],
+    "centreButton": [("view.keep_centred", True)],
     "bullseyeButton": [("view.follow_tool", True)],
     "needleMuchShorterButton": [("needle.lengthen", -5.0)],
     "needleShorterButton": [("needle.lengthen", -1.0)],
@@ -320,7 +322,8 @@ def test_panel_without_session_is_grey_and_enables_possible_commands(panel):
     assert panel.ui.bannerLabel.text() == "? UNKNOWN: nothing was tracked yet"
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
     enabled = {name for name in BUTTONS if getattr(panel.ui, name).isEnabled()}
-    views = {"anteriorViewButton", "leftViewButton", "superiorViewButton", "bullseyeButton"}
+    views = {f"{side}ViewButton" for side in ("anterior", "left", "right", "superior")}
+    views |= {"bullseyeButton", "centreButton"}
     assert enabled == {"connectButton", "registerButton", "muteButton", "loadButton", *views}
 
 

@@ -15,6 +15,7 @@ from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
 from app.runtime import OperatorCommands, StepThread, StepTiming
 from app.scene import Preset, load_scene, save_scene
+from app.scene.nodes.convert import world_points
 from app.session import Session
 from tests.shipped_case import (
     BRIEF,
@@ -411,6 +412,16 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     panel_logic.view.look_from(Preset.LEFT)
     assert not panel_logic.view.follows_tool
 
+    panel_logic.view.keep_centred(True)
+    model = application.scene.GetFirstNodeByName("Tumor")
+    middle = world_points(model).mean(axis=0)
+    assert camera.GetFocalPoint() == pytest.approx(middle, abs=1e-6)
+    camera.SetFocalPoint(0.0, 0.0, 0.0)
+    panel_logic.spin()
+    assert camera.GetFocalPoint() == pytest.approx(middle, abs=1e-6)
+    panel_logic.view.follow_tool(True)
+    assert not panel_logic.view.keeps_tumor
+    panel_logic.view.look_from(Preset.LEFT)
     panel_logic.view.set_opacity(0.9)
     tumor = application.scene.GetFirstNodeByName("Tumor")
     assert tumor.GetDisplayNode().GetOpacity() == 0.9

@@ -103,6 +103,18 @@ def look_through(node: vtkMRMLCameraNode, camera: Camera, angle_deg: float) -> N
     node.EndModify(modifying)
 
 
+def center_on(node: vtkMRMLCameraNode, point: FloatArray) -> None:
+    """Move the camera of ``node`` without a turn until ``point`` (3,) is in the middle."""
+    shift = point - np.array(node.GetFocalPoint())
+    if not shift.any():
+        return
+    modifying = node.StartModify()
+    node.SetPosition((np.array(node.GetPosition()) + shift).tolist())
+    node.SetFocalPoint(point.tolist())
+    node.ResetClippingRange()
+    node.EndModify(modifying)
+
+
 def _across(along: FloatArray) -> FloatArray:
     """Unit vector (3,) perpendicular to ``along``, nearest to a coordinate axis."""
     axis = np.zeros(3)

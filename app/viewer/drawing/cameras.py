@@ -6,7 +6,13 @@ import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.scene.nodes.convert import world_matrix, world_points
-from app.scene.pictures.cameras import VIEW_ANGLE_DEG, bullseye, forward_of, look_through
+from app.scene.pictures.cameras import (
+    VIEW_ANGLE_DEG,
+    bullseye,
+    center_on,
+    forward_of,
+    look_through,
+)
 from app.scene.pictures.framing import Camera, best_direction, fit
 from app.scene.pictures.picture import up_direction
 from app.scene.scene import MarginGuardScene
@@ -32,12 +38,14 @@ class CameraController:
 
     The bullseye follows the tool until another preset is selected or the user moves the camera; the
     other presets place the camera once. A tool without a mesh has no direction: its bullseye is the
-    close-up. ``preset`` is None after the user has moved the camera.
+    close-up. ``preset`` is None after the user has moved the camera. ``keeps_tumor``: the middle of
+    the tumour stays in the middle of the picture, except in the bullseye, which follows the tool.
     """
 
     def __init__(self, view: SceneView) -> None:
         self._view = view
         self.preset: CameraPreset | None = CameraPreset.OVERVIEW
+        self.keeps_tumor = False
         self._is_placed = False
         self._up: FloatArray | None = None
 
@@ -62,12 +70,16 @@ class CameraController:
     def update(self) -> None:
         """Place the camera for the next picture."""
         scene, tool = self._view.scene, self._view.content.tool
-        if scene is None or self.preset is None:
+        if scene is None:
             return
         if self.preset is CameraPreset.BULLSEYE and tool is not None:
             self._put(self._along(scene, tool))
-        elif not self._is_placed:
+            return
+        if self.preset is not None and not self._is_placed:
             self._put(self._framed(scene, self.preset))
+        if self.keeps_tumor and scene.tumor is not None:
+            center_on(self._view.view.get_camera_node(), world_points(scene.tumor).mean(axis=0))
+            self._view.view.renderer().ResetCameraClippingRange()
 
     def _put(self, camera: Camera) -> None:
         look_through(self._view.view.get_camera_node(), camera, VIEW_ANGLE_DEG)

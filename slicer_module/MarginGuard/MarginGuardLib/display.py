@@ -18,6 +18,7 @@ from app.scene import (
     ScenePresenter,
     TransformHealth,
     bullseye,
+    center_on,
     forward_of,
     look_through,
     preset_camera,
@@ -154,6 +155,10 @@ class SessionDisplay:
         )
         self._up = view.up
         look_through(camera, view, VIEW_ANGLE_DEG)
+
+    def center_tumor(self, camera: vtkMRMLCameraNode) -> None:
+        """Move ``camera`` without a turn until the middle of the tumour is in its middle."""
+        center_on(camera, world_points(self._scene().tumor).mean(axis=0))
 
     def tumor_node(self) -> vtkMRMLTransformNode:
         """The transform node of the tumour's frame; `SceneError` before it is tracked."""

@@ -19,6 +19,7 @@ class PanelView:
         self._session = session
         self._mrml_scene = mrml_scene
         self._follow: vtkMRMLCameraNode | None = None
+        self._centred: vtkMRMLCameraNode | None = None
         self.failure = ""
 
     def set_opacity(self, opacity: float) -> None:
@@ -53,11 +54,23 @@ class PanelView:
         self._session.shown().view_from(self._camera(), preset)
 
     def follow_tool(self, follow: bool) -> None:
-        """Start or end following the tool with the camera."""
+        """Start or end following the tool with the camera; centring ends."""
         self._follow = None
         if follow:
             self._session.shown().view_along_tool(self._camera())
-            self._follow = self._camera()
+            self._follow, self._centred = self._camera(), None
+
+    def keep_centred(self, keep: bool) -> None:
+        """Start or end keeping the tumour in the middle of the view; following the tool ends."""
+        self._centred = None
+        if keep:
+            self._session.shown().center_tumor(self._camera())
+            self._centred, self._follow = self._camera(), None
+
+    @property
+    def keeps_tumor(self) -> bool:
+        """True while the tumour is kept in the middle."""
+        return self._centred is not None
 
     @property
     def follows_tool(self) -> bool:
@@ -66,17 +79,21 @@ class PanelView:
 
     def update(self) -> None:
         """Follow; after an error, as for a deleted camera, the view stays."""
-        if self._follow is None or self._session.display is None:
+        display = self._session.display
+        if display is None:
             return
         try:
-            self._session.display.view_along_tool(self._follow)
+            if self._follow is not None:
+                display.view_along_tool(self._follow)
+            elif self._centred is not None:
+                display.center_tumor(self._centred)
         except MarginGuardError as error:
-            self._follow = None
+            self._follow = self._centred = None
             self.failure = one_line(error)
 
     def end(self) -> None:
         """Follow nothing: the session has ended."""
-        self._follow = None
+        self._follow = self._centred = None
         self.failure = ""
 
     def _camera(self) -> vtkMRMLCameraNode:

@@ -20,10 +20,15 @@ class ViewSection:
         for button, command in (
             (ui.anteriorViewButton, lambda logic: logic.view.look_from(Preset.ANTERIOR)),
             (ui.leftViewButton, lambda logic: logic.view.look_from(Preset.LEFT)),
+            (ui.rightViewButton, lambda logic: logic.view.look_from(Preset.RIGHT)),
             (ui.superiorViewButton, lambda logic: logic.view.look_from(Preset.SUPERIOR)),
             (
                 ui.bullseyeButton,
                 lambda logic: logic.view.follow_tool(ui.bullseyeButton.property("checked")),
+            ),
+            (
+                ui.centreButton,
+                lambda logic: logic.view.keep_centred(ui.centreButton.property("checked")),
             ),
             (ui.deleteMarkersButton, lambda logic: logic.view.delete_markers()),
         ):
@@ -32,5 +37,6 @@ class ViewSection:
     def show(self, view: PanelView, status: PanelStatus) -> None:
         """Show what ``view`` follows, and the cautery of ``status``."""
         self._ui.bullseyeButton.setChecked(view.follows_tool)
+        self._ui.centreButton.setChecked(view.keeps_tumor)
         self._ui.deleteMarkersButton.setEnabled(status.has_session)
         self._ui.cauteryLabel.setText(status.cautery)

@@ -16,6 +16,7 @@ CALLS = {
     "look": ("trame.trigger", "look", ["Side"], {}),
     "part_visible": ("trame.trigger", "part_visible", ["TOOL", False], {}),
     "part_opacity": ("trame.trigger", "part_opacity", ["TUMOR", 0.5], {}),
+    "centre": ("trame.trigger", "centre", [True], {}),
     "markers": ("trame.trigger", "markers", [2.0, 3.0], {}),
     "markers_delete": ("trame.trigger", "markers_delete", [], {}),
     "play": ("trame.trigger", "play", [], {}),
@@ -34,6 +35,7 @@ UNDONE = [
     ("trame.trigger", "part_opacity", ["TUMOR", 1.0], {}),
     ("trame.trigger", "rate", [1.0], {}),
     ("trame.trigger", "markers", [1.0, 1.4], {}),
+    ("trame.trigger", "centre", [False], {}),
     ("trame.trigger", "look", ["Overview"], {}),
     ("trame.trigger", "step", [-1000], {}),
 ]

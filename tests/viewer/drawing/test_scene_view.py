@@ -209,3 +209,24 @@ def test_camera_moved_by_the_user_stays(view, parts):
     controller.update()
     assert camera.GetPosition() == before
     assert controller.preset is None
+
+
+def test_centred_tumour_stays_in_the_middle_without_a_turn(view, parts):
+    camera = CameraController(view)
+    camera.update()
+    node = view.view.get_camera_node()
+    camera.keeps_tumor = True
+    camera.release()  # the user turns the view
+    before = np.subtract(node.GetPosition(), node.GetFocalPoint())
+    places = []
+    for frame in (0, 10, 20):
+        view.show(parts.feed.shown[frame])
+        camera.update()
+        middle = world_points(view.scene.tumor).mean(axis=0)
+        assert np.allclose(node.GetFocalPoint(), middle)
+        assert np.allclose(np.subtract(node.GetPosition(), node.GetFocalPoint()), before)
+        places.append(middle)
+    camera.keeps_tumor = False
+    node.SetFocalPoint(1.0, 2.0, 3.0)
+    camera.update()
+    assert node.GetFocalPoint() == (1.0, 2.0, 3.0)
