@@ -111,7 +111,7 @@ class SimulatedTracker:
         if not sd_s:
             return 0
         limit_s = _MAX_TIME_ERROR * self.model.period_s
-        error_s = float(np.clip(self._times.normal(scale=sd_s), -limit_s, limit_s))
+        error_s = min(max(self._times.normal(scale=sd_s), -limit_s), limit_s)
         return round(error_s * NS_PER_S)
 
     def _slow_error(self, frame: str, time_s: float) -> FloatArray:
@@ -149,7 +149,7 @@ class SimulatedTracker:
                 turn = Rotation.from_matrix(rotation, assume_valid=True)
                 angles = _multiple(turn.as_euler("ZYX"), model.rotation_quantum)
                 rotation = Rotation.from_euler("ZYX", angles).as_matrix()
-        return Transform(pose.target, pose.source, rotation, position)
+        return Transform.unchecked(pose.target, pose.source, rotation, position)
 
 
 def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
