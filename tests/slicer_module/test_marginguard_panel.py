@@ -410,7 +410,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 16
+    assert len(messages) == 17
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -46,7 +46,7 @@ class IgtlRecorder:
         images = None
         if entry is not None and entry.topic is None:
             recorder.add_own(bag_topic(_IMAGES.name, _IMAGES))
-            self._images = DeviceImages(live.image_device)
+            self._images = DeviceImages(live.image_device, one_spacing=True)
             images = self._write_image
         cautery = live.case.manifest.cautery
         self._cautery_device = None if cautery is None else cautery.device

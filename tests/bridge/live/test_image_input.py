@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
 from app.bridge import RosNode
@@ -119,9 +120,11 @@ def test_images_of_two_publishers_are_refused(nodes: tuple[RosNode, RosNode]) ->
     topic.close()
 
 
-def packet(device: str, number: int) -> tuple[object, bytes]:
+def packet(device: str, number: int, pixel_mm: float = 1.0) -> tuple[object, bytes]:
+    """An image whose matrix turns it by ``number`` rad and has pixels of that size."""
     sample = ImageSample(0, Stamp((number + 1) * 10**9), ImageStatus.OK, PIXELS[number])
-    content = igtl_message(device, sample, np.eye(4))
+    turn = Rotation.from_rotvec([0.3 * number, number, 0.0]).as_matrix()
+    content = igtl_message(device, sample, affine(pixel_mm * turn))
     return read_header(content[:HEADER_BYTES]), content[HEADER_BYTES:]
 
 
@@ -139,6 +142,31 @@ def test_igtl_images_of_one_device_are_shown() -> None:
     until(lambda: igtl.counts().get("images: received", 0) == 2)
     np.testing.assert_array_equal(shown(reported, 2 * 10**9), PIXELS[1])
     igtl.close()
+
+
+def test_image_of_another_depth_has_no_place_until_the_first_depth_returns() -> None:
+    """Size and type of the pixels stay the same: the calibration would place it wrongly."""
+    reported = Reported()
+    device = IgtlImages("Image", "MF", reported.images)
+    device.receive(*packet("Image", 0, 0.2))
+    until(lambda: device.counts().get("images: received") == 1)
+    device.receive(*packet("Image", 1, 0.25))
+    assert reported.event.wait(DEADLINE_S)
+    assert reported.problems == [
+        "image has pixels of 0.25 x 0.25 mm; expected 0.2 x 0.2 mm, as the first one of the "
+        "session: the calibration holds for one depth"
+    ]
+    assert shown(reported, 2 * 10**9) is None
+    device.receive(*packet("Image", 2, 0.2))
+    until(lambda: device.counts().get("images: received") == 2)
+    assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
+    device.close()
+
+
+def affine(linear: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    return matrix
 
 
 def test_poses_that_a_session_refuses_place_no_image() -> None:
