@@ -100,7 +100,8 @@ def _run_parts(folder: Path, options: argparse.Namespace, figures: dict[str, Any
     if not study.is_dir():
         made = ["make-cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
         made += ["--tracker", "aurora", "--duration", options.duration]
-        subprocess.run(command_of(*made), check=True, stdout=subprocess.DEVNULL)
+        if subprocess.run(command_of(*made), stdout=subprocess.DEVNULL).returncode:
+            raise SystemExit("no cohort was made; expected options of marginguard make-cohort")
     left = []
     for name, (workers, kills) in _parts(options).items():
         out = folder / name
