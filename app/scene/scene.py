@@ -12,7 +12,6 @@ from slicer import (
 )
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 
-from app.case import CauteryState
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
@@ -305,7 +304,7 @@ class MarginGuardScene:
             is_fresh = self.watchdog.is_fresh(self._shown_ns, now_ns)
             self._show_robots(known=is_fresh)
             if self.margin is not None and self.margin.cautery is not None and not is_fresh:
-                self.margin.cautery.SetText(CauteryState.UNKNOWN.label)
+                self.margin.cautery.SetText(MarginState.UNKNOWN.name)
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
