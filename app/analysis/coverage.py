@@ -6,12 +6,16 @@ The distance is that of a face's centre to the tool's surface, which is taken as
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.samples import CaseSamples
 from app.geometry import FloatArray, SurfaceMesh
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
@@ -92,36 +96,55 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
             found, _ = tips.query(centres, distance_upper_bound=limit)
             nearest = np.asarray(found, dtype=np.float64)
         return Coverage(faces, nearest, areas, len(frames))
-    tree = cKDTree(surface_points(tool))
-    # A face is queried again only if it may have become nearer since its last query: first by the
-    # sum of the motions of all faces, then by its own motion since then.
-    at_query, distance_then = np.zeros_like(centres), np.full(len(centres), -np.inf)
-    bound, sought = distance_then.copy(), np.full(len(centres), limit)
-    moved = _largest_motions(samples.tips_mm[frames], samples.rotations[frames], centres)
-    for index, motion in zip(frames.tolist(), moved.tolist(), strict=True):
-        bound -= motion
-        near = np.flatnonzero(bound < sought)
-        in_tip = (centres[near] - samples.tips_mm[index]) @ samples.rotations[index]
-        own = np.sqrt(np.square(in_tip - at_query[near]).sum(axis=1))
-        bound[near] = distance_then[near] - own
-        chosen = bound[near] < sought[near]
-        asked, in_tip = near[chosen], in_tip[chosen]
-        distances, _ = tree.query(in_tip, distance_upper_bound=limit)
-        nearest[asked] = np.minimum(nearest[asked], distances)
-        sought[asked] = np.minimum(sought[asked], distances)
-        at_query[asked], distance_then[asked] = in_tip, np.minimum(distances, limit)
-        bound[asked] = distance_then[asked]
+    if len(frames):
+        tree = cKDTree(surface_points(tool))
+        nearest = _nearest(tree, samples.tips_mm[frames], samples.rotations[frames], centres)
     return Coverage(faces, nearest, areas, len(frames))
 
 
+def _nearest(
+    tool: "cKDTree", tips: FloatArray, rotations: FloatArray, points: FloatArray
+) -> FloatArray:
+    """Least distance (m,) of ``points`` (m, 3) to the points of ``tool`` at any of its poses.
+
+    Infinite beyond the largest of `WITHIN_MM`. Intervals of poses are halved unless the motion
+    within them is too short for a smaller distance than is known.
+    """
+    limit = max(WITHIN_MM)
+    way = np.append(0.0, np.cumsum(_largest_motions(tips, rotations, points)))
+    nearest = np.full(len(points), np.inf)
+
+    def distances(point: NDArray[np.intp], pose: NDArray[np.intp]) -> FloatArray:
+        """At most ``limit``, of each point (k,) at a pose; updates ``nearest``."""
+        in_tip = np.einsum("kji,kj->ki", rotations[pose], points[point] - tips[pose])
+        found, _ = tool.query(in_tip, distance_upper_bound=limit)
+        np.minimum.at(nearest, point, found)
+        return np.minimum(found, limit)
+
+    point = np.arange(len(points))
+    first, last = np.zeros_like(point), np.full_like(point, len(tips) - 1)
+    at_first, at_last = distances(point, first), distances(point, last)
+    while len(point):
+        lowest = 0.5 * (at_first + at_last - (way[last] - way[first]))
+        kept = (last - first > 1) & (lowest < np.minimum(nearest[point], limit))
+        point, first, last = point[kept], first[kept], last[kept]
+        at_first, at_last = at_first[kept], at_last[kept]
+        middle = (first + last) // 2
+        at_middle = distances(point, middle)
+        point = np.concatenate([point, point])
+        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
+        at_first = np.concatenate([at_first, at_middle])
+        at_last = np.concatenate([at_middle, at_last])
+    return nearest
+
+
 def _largest_motions(tips: FloatArray, rotations: FloatArray, points: FloatArray) -> FloatArray:
-    """How far any of ``points`` moves in the tip's frame since the pose before, at most, (n,)."""
+    """How far any of ``points`` moves in the tip's frame between two poses, at most, (n - 1,)."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = float(np.linalg.norm(points - middle, axis=1).max())
     in_tip = np.einsum("nji,nj->ni", rotations, middle - tips)
     turned = np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2))
-    moved = np.linalg.norm(np.diff(in_tip, axis=0), axis=1) + turned * radius
-    return np.append(np.inf, moved)[: len(tips)]
+    return np.asarray(np.linalg.norm(np.diff(in_tip, axis=0), axis=1) + turned * radius)
 
 
 def _near(samples: CaseSamples, limit_mm: float) -> NDArray[np.intp]:

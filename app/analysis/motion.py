@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.analysis.savitzky_golay import savitzky_golay
 from app.geometry import FloatArray
 
 WINDOW_S = 0.4
@@ -90,8 +91,6 @@ def smoothed_path(times_s: FloatArray, values: FloatArray) -> FloatArray:
 
     ``times_s`` (n,) increase without a gap. A path of fewer than 8 samples is returned as it is.
     """
-    from scipy.signal import savgol_filter  # slow to load
-
     if len(times_s) < _MIN_PIECE:
         return values
     period_s = float(np.median(np.diff(times_s)))
@@ -99,7 +98,7 @@ def smoothed_path(times_s: FloatArray, values: FloatArray) -> FloatArray:
     even = np.minimum(times_s[0] + period_s * np.arange(count), times_s[-1])
     path = np.column_stack([np.interp(even, times_s, column) for column in values.T])
     length = _filter_length(count, period_s)
-    return np.asarray(savgol_filter(path, length, 3, axis=0))
+    return savitzky_golay(path, length, 3)
 
 
 def motion_of(times_s: FloatArray, tips_mm: FloatArray, max_gap_s: float) -> Motion:
@@ -139,11 +138,9 @@ def raw_path_mm(times_s: FloatArray, tips_mm: FloatArray, max_gap_s: float) -> f
 
 
 def _smoothed(times: FloatArray, path: FloatArray, period_s: float) -> SmoothPiece:
-    from scipy.signal import savgol_filter  # slow to load
-
     length = _filter_length(len(times), period_s)
     smooth, velocity, jerk = (
-        savgol_filter(path, length, 3, deriv=order, delta=period_s, axis=0) for order in (0, 1, 3)
+        savitzky_golay(path, length, 3, derivative=order, step=period_s) for order in (0, 1, 3)
     )
     return SmoothPiece(times, smooth, velocity, jerk)
 

@@ -191,6 +191,6 @@ def _deviation(path: FloatArray) -> float:
     """
     along, offset = path[-1] - path[0], path[1:-1] - path[0]
     length2 = max(float((along * along).sum()), 1e-18)
-    part = np.clip(np.tensordot(offset, along, axes=2) / length2, 0.0, 1.0)
+    part = np.clip(offset.reshape(-1, 24) @ along.ravel() / length2, 0.0, 1.0)
     off = offset - part[:, None, None] * along
     return math.sqrt(float(np.einsum("nki,nki->nk", off, off).max(initial=0.0)))
