@@ -13,10 +13,11 @@ from app.runtime import SWITCH_INTERVAL_S
 def prompt_process() -> Iterator[None]:
     """Within the context no thread waits long for another one, and collections are short.
 
-    Enter it when all is loaded. A full garbage collection of what a command loads takes about half
-    a second, in which no thread runs: those objects are frozen. A computing thread keeps the
-    interpreter lock for `SWITCH_INTERVAL_S` at most instead of 5 ms. rclpy finds the caller of a
-    log message by `inspect`, which looks at the files of all modules once, for 0.1 s: here.
+    A full garbage collection of what a command loads takes about half a second, in which no thread
+    runs: it is done here, and those objects are frozen. So enter it when all is loaded, and before
+    anything is received. A computing thread keeps the interpreter lock for `SWITCH_INTERVAL_S` at
+    most instead of 5 ms. rclpy finds the caller of a log message by `inspect`, which looks at the
+    files of all modules once, for 0.1 s: here.
     """
     inspect.getmodule(inspect.currentframe())
     switch_s = sys.getswitchinterval()

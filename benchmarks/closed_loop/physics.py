@@ -134,12 +134,14 @@ def main() -> int:
     with RosNode(NODE_NAME, ros_args=remap) as ros:
         pushing = PushingHand(robot.tool.name, tumor.name, hand.force_n, options.seed)
         node = SimulationNode(ros, description, hand=pushing)
-        pace = RealTime(world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep)
-        node.serve(pace)
         shell = TruthShell(node, pushing, tumor.name)
-        threading.Thread(target=_read, args=(shell, stop), daemon=True).start()
-        _print(event="ready")
         with prompt_process():  # as 'marginguard simulate'
+            pace = RealTime(
+                world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
+            )
+            node.serve(pace)
+            threading.Thread(target=_read, args=(shell, stop), daemon=True).start()
+            _print(event="ready")
             pace.run(shell, stop)
     shell.write(options.file)
     _print(event="written")

@@ -145,7 +145,7 @@ def test_widgets_show_coverage_and_points(panel, monkeypatch):
     from app.runtime import Coverage
     from MarginGuardLib.guided import GuidedShown
 
-    ui, section = panel.ui, panel._guided
+    ui, section = panel.ui, panel._sections._guided
     covered = Coverage(np.array([[20.0, 20.0]]), (True, *(False,) * 7), 0.5)
     rows = (("1", "0.21", "0.34"), ("2", "0.30", ""))
     calibration = GuidedShown("pivot: recording", covered, can_start=True, is_recording=True)
@@ -170,7 +170,7 @@ def test_point_of_the_selected_row_is_removed(panel, application):
     from MarginGuardLib.guided import GuidedShown
     from tests.slicer_module.test_marginguard_panel import CommandsDouble
 
-    panel._guided.show(GuidedShown(), GuidedShown(rows=(("1", "", ""), ("2", "", ""))))
+    panel._sections._guided.show(GuidedShown(), GuidedShown(rows=(("1", "", ""), ("2", "", ""))))
     commands = CommandsDouble(panel.logic.panel_logic)
     panel.logic.panel_logic = commands
     panel.ui.touchTableWidget.selectRow(1)

@@ -87,9 +87,7 @@ def run(options: argparse.Namespace) -> int:
         if options.lifecycle:
             _run_managed(options, received, shown)
         else:
-            from app.cli.prompt_process import prompt_process
-
-            with _opened(options, received, shown) as node, prompt_process():
+            with _opened(options, received, shown) as node:
                 received.stops(node.stop)
                 with closing(node.live_run.steps()) as steps:
                     _print_changes(steps, shown)
@@ -131,6 +129,7 @@ def _opened(
 ) -> Iterator["LiveNode"]:
     with received.ends_at_once():
         from app.bridge.live import live_node
+        from app.cli.prompt_process import prompt_process
         from app.runtime import prepare_live
 
         prepared = prepare_live(
@@ -138,14 +137,17 @@ def _opened(
         )
         for note in prepared.case.notes():
             print(note, file=sys.stderr)
-    with live_node(
-        prepared,
-        namespace=options.namespace,
-        constraint_hz=options.constraint_hz,
-        ros=ros,
-        audit=options.audit,
-        cases=options.cases,
-    ) as node:
+    with (
+        prompt_process(),
+        live_node(
+            prepared,
+            namespace=options.namespace,
+            constraint_hz=options.constraint_hz,
+            ros=ros,
+            audit=options.audit,
+            cases=options.cases,
+        ) as node,
+    ):
         shown.begin(node, stamps_of_host=prepared.config.stamps_of_host)
         yield node
 

@@ -123,15 +123,15 @@ def run(options: argparse.Namespace) -> int:
                 send_poses=None if server is None else server.send,
                 clock=options.clock,
             )
-            pace = RealTime(
-                world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
-            )
-            node.serve(pace)
-            arms = ", ".join(f"/{each.name}" for each in description.robots) or "none"
-            print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
-            if server is not None:
-                print(f"OpenIGTLink: port {server.port} of this machine", flush=True)
             with keys_to(hand), prompt_process():
+                pace = RealTime(
+                    world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
+                )
+                node.serve(pace)
+                arms = ", ".join(f"/{each.name}" for each in description.robots) or "none"
+                print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
+                if server is not None:
+                    print(f"OpenIGTLink: port {server.port} of this machine", flush=True)
                 try:
                     pace.run(node, stop)
                 finally:

@@ -13,16 +13,18 @@ from pyigtl.messages import CRC64
 from app.case import JointSample, read_image_message, values_reader
 from app.case.messages.cdr_reader import tf_reader
 from app.case.messages.image_message import IMAGE
+from app.case.messages.recorded_messages import (
+    joint_state_bytes,
+    tf_bytes,
+    tracked_transform_bytes,
+)
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
     TIME_REFERENCE,
     TRACKED_TRANSFORM,
-    joint_state_message,
     ros_types,
-    tf_message,
     time_reference_message,
-    tracked_transform_message,
 )
 from app.case.messages.values import JointValues, PoseValues
 from app.geometry import (
@@ -56,12 +58,12 @@ def _cdr(message: Any, kind: str) -> bytes:
 def _seeds(kind: str) -> Sequence[bytes]:
     tools = [_pose(name) for name in ("reference", "needle", "cautery")]
     if kind == TRACKED_TRANSFORM:
-        return [_cdr(tracked_transform_message(tools[1]), kind)]
+        return [tracked_transform_bytes(tools[1])]
     if kind == TF_MESSAGE:
-        return [_cdr(tf_message(tools), kind), _cdr(tf_message([]), kind)]
+        return [tf_bytes(tools), tf_bytes([])]
     if kind == JOINT_STATE:
         joints = JointSample(("waist", "shoulder"), (0.5, 1.5), _STAMP)
-        return [_cdr(joint_state_message(joints, _STAMP.ns), kind)]
+        return [joint_state_bytes(joints, _STAMP.ns)]
     return [_cdr(time_reference_message(_STAMP, _STAMP), kind)]
 
 
