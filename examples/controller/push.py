@@ -13,9 +13,9 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped, TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 import marginguard as mg
 
@@ -74,13 +74,14 @@ class Push(Node):
 def main() -> int:
     """Push until interrupted."""
     mg.prepare_ros()
-    rclpy.init()
+    # rclpy's own handler of signals can shut down at the same time as the last line.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         rclpy.spin(Push())
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass
     finally:
-        rclpy.try_shutdown()
+        rclpy.shutdown()
     return 0
 
 
