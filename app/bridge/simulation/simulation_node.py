@@ -33,7 +33,7 @@ from app.bridge.calls.service_server import ServiceServer
 from app.bridge.messages import header_message
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
-from app.bridge.simulation.arm_endpoint import ArmEndpoint
+from app.bridge.simulation.arm_endpoint import ArmEndpoint, has_reader
 from app.bridge.simulation.body_edits import BodyEdits
 from app.bridge.simulation.body_shapes import BodyShapes
 from app.bridge.simulation.clock_topic import ClockTopic
@@ -240,12 +240,13 @@ class SimulationNode:
                 self._wrench if is_held else None,
                 stamp,
             )
-        self._tf.publish(
-            write_tf_message(
-                tf_sample(pose.renamed(source=f"{TRUTH}{pose.source}"), stamp)
-                for pose in state.bodies.values()
+        if has_reader(self._tf):
+            self._tf.publish(
+                write_tf_message(
+                    tf_sample(pose.renamed(source=f"{TRUTH}{pose.source}"), stamp)
+                    for pose in state.bodies.values()
+                )
             )
-        )
 
     def _change_states(self, world: World) -> None:
         """Do what has arrived on ``state_command``."""
