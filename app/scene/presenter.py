@@ -246,7 +246,10 @@ class ScenePresenter:
             self._needle_surface = needle.surface
 
     def _is_tracked(self, frame: str, scene: MarginGuardScene, step: StepResult) -> bool:
-        """True if the session may use the pose of ``frame``; the margin tells of the tumour's."""
+        """True if the session may use the pose of ``frame``.
+
+        Also for the tumour's frame: the state of the margin covers that one.
+        """
         if frame == self._static_edge(self.content.tumor.frame).target:
             return True
         try:

@@ -35,7 +35,7 @@ class BreachEntry:
     to the point of its surface that is nearest to the deepest point of the tool. ``from_tip_mm``:
     distance of that point of the tool from the tip, None if the tip's pose is not known.
     ``is_open``: the tool is still inside at the last step. ``cautery``: on if it was at any step of
-    it, else unknown if it was, None where no source tells it.
+    it, else unknown if it was, None without a source of its state.
     """
 
     number: int
@@ -73,7 +73,7 @@ class BreachEntry:
 
     @property
     def tool_text(self) -> str:
-        """The part of the tool, and the state of the cautery if it is told."""
+        """The part of the tool, and the state of the cautery if it has a source."""
         if self.cautery is None:
             return self.part_text
         return f"{self.part_text}, cautery {self.cautery}"

@@ -41,7 +41,7 @@ class LiveSession:
     a text for each; it is called once before each step and must be quick.
     ``source_problem`` returns why the source cannot send, such as a server that is gone; empty if
     it can. ``cautery`` returns the present state of the cautery, which frames carry for displays
-    and records; None where no source tells it.
+    and records; None without such a source.
     """
 
     def __init__(

@@ -54,7 +54,7 @@ class TrackingFrame:
 
     ``poses`` holds one sample per edge, of any status. A frame without poses is a watchdog frame:
     the source sent nothing for too long. ``unfiltered_stamp`` is the time by the second clock of an
-    IGSIO recording, before its smoothing. ``cautery``: None where no source tells it.
+    IGSIO recording, before its smoothing. ``cautery``: None without a source of its state.
     """
 
     stamp: Stamp

@@ -193,7 +193,7 @@ class ImagesEntry:
 
 @dataclass(frozen=True, slots=True)
 class CauteryEntry:
-    """Where the state of the cautery is said: a ROS ``topic``, or an OpenIGTLink ``device``.
+    """Source of the cautery's state: a ROS ``topic``, or an OpenIGTLink ``device``.
 
     Older than ``stale_after_ns`` it is unknown.
     """

@@ -1,7 +1,6 @@
 """The state of the cautery from a ROS topic and from OpenIGTLink STRING messages."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 from std_msgs.msg import Bool
@@ -12,19 +11,11 @@ from app.bridge.qos import STREAM, Topic
 from app.case import CauteryState, CauteryTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
+from tests.bridge.live.test_image_input import until
 from tests.ros_domain import domain_id as domain_id
 
-DEADLINE_S = 60.0
 TOPIC = Topic("/generator/active", Bool, STREAM)
 LIMIT_NS = 1000
-
-
-def until(condition: Callable[[], bool], act: Callable[[], None]) -> None:
-    end_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        act()
-        time.sleep(0.01)
 
 
 @pytest.fixture
