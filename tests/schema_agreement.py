@@ -20,6 +20,7 @@ from app.case.manifest.cautery import ONE_SOURCE
 from app.case.manifest.expected import read_expected
 from app.case.manifest.image_keys import FROM_IGTL, NOT_BOTH
 from app.case.manifest.key_rules import RIGID
+from app.case.manifest.stylus_keys import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.files.document import Section
 from app.files.json_schema import GENERAL_RULES
 from app.geometry import MarginGuardError
@@ -30,6 +31,8 @@ UNSTATED = {
     RIGID: r"(rotation|last row of the matrix) of \S+_from_\S+ is ",
     "tumor.frame is not the frame of the tool": r"tumor\.frame is .*, the frame of the tool;",
     "needle.frame is not the frame of the tool": r"needle\.frame is .*, the frame of the tool;",
+    OWN_STYLUS_FRAME: r"stylus\.frame is .*; expected that of a sensor on the stylus",
+    STYLUS_TIP: r"stylus\.tip_from is \S+ mm from the sensor's origin; expected 1 mm or more",
     "warn_mm is more than stop_mm": r"warn_mm is .*expected more than stop_mm",
     "moving_mm has as many points as fixed_mm": r"moving_mm has \d+ points; expected \d+",
     "dwells do not overlap": r"registration\.dwells overlap",

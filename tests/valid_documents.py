@@ -132,6 +132,13 @@ NEEDLE = {
     }
 }
 CAUTERY = {"cautery": {"topic": "/generator/active", "stale_after_ms": 500.0}}
+STYLUS = {
+    "stylus": {
+        "frame": "pointer",
+        "tip_from": {"matrix": [1.0, 0, 0, 2, 0, 1, 0, 3, 0, 0, 1, 120, 0, 0, 0, 1]},
+        "sigma_mm": 0.3,
+    }
+}
 BOX = {
     "plausibility": {
         "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
@@ -178,13 +185,13 @@ def complete(document: str) -> list[dict[str, Any]]:
             | segment
             | LIVE_IMAGES
             | {"source": igtl, "clock": known, "cautery": {"device": "Cautery"}},
-            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | CAUTERY | NEEDLE,
+            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | CAUTERY | NEEDLE | STYLUS,
             full | XACRO | POINTS,
         ]
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
-        full | XACRO | POINTS | IMAGES | NEEDLE,
+        full | XACRO | POINTS | IMAGES | NEEDLE | STYLUS,
         full | BOX | mesh | TOPIC_IMAGES | GIVEN | CAUTERY | {"clock": known},
         full
         | {

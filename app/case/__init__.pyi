@@ -39,6 +39,7 @@ from .manifest.entries import (
     RegistrationEntry,
     RobotEntry,
     SegmentationEntry,
+    StylusEntry,
     ToolEntry,
     TumorEntry,
 )
@@ -62,6 +63,7 @@ from .manifest.plausibility import (
     SphereEntry,
 )
 from .manifest.sections import check_topic
+from .manifest.stylus_keys import MAX_STYLUS_SIGMA_MM, MIN_STYLUS_MM
 from .messages.decoder import values_reader
 from .messages.definition import message_definition
 from .messages.image_message import read_image_message
@@ -86,7 +88,9 @@ from .tumor import (
 __all__ = [
     "DOCUMENTS",
     "MAX_NEEDLE_MM",
+    "MAX_STYLUS_SIGMA_MM",
     "MIN_NEEDLE_MM",
+    "MIN_STYLUS_MM",
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
@@ -143,6 +147,7 @@ __all__ = [
     "SessionValues",
     "SideTopics",
     "SphereEntry",
+    "StylusEntry",
     "TfSourceEntry",
     "ToolEntry",
     "TopicSourceEntry",

@@ -29,6 +29,7 @@ from app.case.manifest.sections import (
     read_tool,
     read_tumor,
 )
+from app.case.manifest.stylus import read_stylus
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
 from app.files.keys import Number
@@ -111,6 +112,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
     """Read a document with the keys of `LIVE`, of the file ``path``; check no other files."""
     document.integer("schema")
     robot, tool = read_robot(document), read_tool(document)
+    tumor, needle = read_tumor(document, tool), read_needle(document, tool)
     tracker = document.section("source")
     source, stamps_of_host = _source(tracker)
     image_device = _image_device(document, source)
@@ -123,14 +125,15 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
             recording=None,
             clock=_clock(document),
             tool=tool,
-            tumor=read_tumor(document, tool),
+            tumor=tumor,
             robot=robot,
             registration=_registration(document, robot),
             margins=read_margins(document),
             expected=None,
             plausibility=read_plausibility(document),
             images=read_images(document),
-            needle=read_needle(document, tool),
+            needle=needle,
+            stylus=read_stylus(document, tool, tumor, needle),
             cautery=_cautery(document, source),
             package_dirs=read_package_dirs(document),
         ),

@@ -112,6 +112,9 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     values["margins"] = margin_values(in_use.margins)
     if in_use.needle_length_mm is not None and "needle" in values:
         values["needle"]["length_mm"] = in_use.needle_length_mm
+    if in_use.stylus_from_tip is not None and "stylus" in values:
+        matrix = in_use.stylus_from_tip.matrix.ravel().tolist()
+        values["stylus"] |= {"tip_from": {"matrix": matrix}, "sigma_mm": in_use.stylus_sigma_mm}
     if in_use.registration is not None:
         values["registration"] = _given(in_use.registration, values["registration"])
 

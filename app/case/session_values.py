@@ -32,10 +32,11 @@ class RegistrationValues:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionValues:
-    """Tip, tumour, registration and margins in force.
+    """Tips, tumour, registration and margins in force.
 
     ``tumor`` is None while it is that of ``live.yaml``, ``registration`` while none was accepted
-    in the session, ``needle_length_mm`` without a needle.
+    in the session, ``needle_length_mm`` without a needle, ``stylus_from_tip`` while no stylus has a
+    calibrated tip.
     """
 
     tool_from_tip: Transform
@@ -46,11 +47,14 @@ class SessionValues:
     tumor: SurfaceMesh | None = None
     registration: RegistrationValues | None = None
     needle_length_mm: float | None = None
+    stylus_from_tip: Transform | None = None
+    stylus_sigma_mm: float = 0.0
 
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:
     """Yield the bytes from which `received_values` makes ``values``."""
     tumor, registered = values.tumor, values.registration
+    stylus = values.stylus_from_tip
     shape = None if tumor is None else [tumor.frame, len(tumor.vertices_mm), len(tumor.faces)]
     yield (
         json.dumps(
@@ -63,6 +67,8 @@ def sent_values(values: SessionValues) -> Iterator[bytes]:
                 "tumor": shape,
                 "registration": None if registered is None else _plain_registration(registered),
                 "needle_length_mm": values.needle_length_mm,
+                "stylus_from_tip": None if stylus is None else _plain(stylus),
+                "stylus_sigma_mm": values.stylus_sigma_mm,
             }
         ).encode()
         + b"\n"
@@ -80,6 +86,7 @@ def received_values(stream: BinaryIO) -> SessionValues:
     try:
         plain = json.loads(stream.readline(_MAX_LINE))
         registered, needle_mm = plain["registration"], plain["needle_length_mm"]
+        stylus = plain["stylus_from_tip"]
         return SessionValues(
             _transform(plain["tool_from_tip"]),
             float(plain["tip_sigma_mm"]),
@@ -89,6 +96,8 @@ def received_values(stream: BinaryIO) -> SessionValues:
             None if plain["tumor"] is None else _surface(stream, *plain["tumor"]),
             None if registered is None else _registration(registered),
             None if needle_mm is None else float(needle_mm),
+            None if stylus is None else _transform(stylus),
+            float(plain["stylus_sigma_mm"]),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(

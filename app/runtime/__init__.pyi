@@ -40,6 +40,7 @@ from .simulated_world import (
 )
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
+from .stylus import Stylus
 from .wakeup import Wakeup
 from .workflow.calibration_fit import (
     CalibrationFit,
@@ -138,6 +139,7 @@ __all__ = [
     "StepRun",
     "StepThread",
     "StepTiming",
+    "Stylus",
     "SwitchContent",
     "TipChange",
     "TipDirections",

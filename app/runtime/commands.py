@@ -14,6 +14,7 @@ from app.runtime.case_recorder import CaseRecorder, RecordingStatus
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, SeenHold
+from app.runtime.new_tip import check_tip
 from app.runtime.new_tumor import check_size, replacement_for
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
@@ -25,15 +26,11 @@ BetweenSteps = Callable[[], AbstractContextManager[Session]]
 MAX_TUMOR_SIGMA_MM = 10.0
 """Largest uncertainty of a tumour's surface, as in ``tumor.sigma_mm`` of a ``case.yaml``."""
 
-MAX_TIP_SIGMA_MM = 10.0
-"""Largest uncertainty of a calibrated tip."""
-
 THIS_PROCESS = "this process"
 
 _SHORT_WAIT_S = 0.05
 _STEPS_WAIT_S = 0.5
 """For several changes in a row, each of which waits for a step."""
-_SAME_AXIS_RAD = 1e-6
 
 
 class OperatorCommands:
@@ -273,22 +270,7 @@ class OperatorCommands:
         with self._listed(RequestKind.TIP, origin) as done, self._changing:
             setup = self.setup
             known, robot = setup.tool_from_tip, setup.robot
-            if (tool_from_tip.target, tool_from_tip.source) != (known.target, known.source):
-                raise FrameError(
-                    f"tip: is {tool_from_tip.target}_from_{tool_from_tip.source}; expected "
-                    f"{known.target}_from_{known.source}"
-                )
-            if not 0.0 <= sigma_mm <= MAX_TIP_SIGMA_MM:
-                raise InputError(
-                    f"uncertainty of the tip: is {sigma_mm:.6g} mm; expected 0 to "
-                    f"{MAX_TIP_SIGMA_MM:g} mm"
-                )
-            is_mounted = robot is not None and robot.link_from_tip is not None
-            if is_mounted and known.angle_to(tool_from_tip) > _SAME_AXIS_RAD:
-                raise InputError(
-                    "tip: has another axis than the one with which the robot was registered; "
-                    "expected the same axis, or a session that is registered with the new one"
-                )
+            check_tip(setup, tool_from_tip, sigma_mm)
             edges = self._edges(tool_from_tip)
             switches = self._prepare(
                 replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm)
@@ -315,17 +297,37 @@ class OperatorCommands:
             if known is None:
                 raise InputError("needle: the session has none; expected 'needle' in live.yaml")
             needle = known.with_length(known.length_mm + by_mm)
-            content = replace(self._content, needle=needle)
-            switches = self._prepare(content)
-            with self._between_steps():
-                # Nothing is revoked: permissions do not depend on what is drawn.
-                content = replace(self._content, needle=needle)
-                for switch in switches:
-                    switch(content)
-                if self._acknowledged is self._content:
-                    self._acknowledged = content
-                self._content = content
+            self._show(lambda content: replace(content, needle=needle))
             done.append(f"from {known.length_mm:g} to {needle.length_mm:g} mm")
+
+    def set_stylus_tip(
+        self, frame_from_tip: Transform, *, sigma_mm: float = 0.0, origin: str = THIS_PROCESS
+    ) -> None:
+        """Use this tip of the stylus. State, distances, constraint, hold and the tool's tip stay.
+
+        Raises `InputError` without a stylus and while another change is being prepared, and as
+        `Stylus.with_tip`.
+        """
+        change = self._change_at_once("stylus", _STEPS_WAIT_S)
+        with self._listed(RequestKind.STYLUS, origin) as done, change:
+            known = self._content.known_stylus
+            stylus = known.with_tip(frame_from_tip, sigma_mm)
+            self._show(lambda content: replace(content, stylus=stylus))
+            before = known.frame_from_tip or frame_from_tip
+            moved = tip_change_text(before, frame_from_tip)
+            text = "the first tip" if known.frame_from_tip is None else moved
+            done.append(f"{text}, sigma {sigma_mm:.2f} mm")
+
+    def _show(self, change: Callable[[SessionContent], SessionContent]) -> None:
+        """Change what is only shown. Nothing is revoked: permissions do not depend on it."""
+        switches = self._prepare(change(self._content))
+        with self._between_steps():
+            content = change(self._content)
+            for switch in switches:
+                switch(content)
+            if self._acknowledged is self._content:
+                self._acknowledged = content
+            self._content = content
 
     @contextmanager
     def _change_at_once(self, what: str, wait_s: float = _SHORT_WAIT_S) -> Iterator[None]:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from app.case import Case, MarginEntry, RegistrationValues, SessionValues
 from app.fixture import MarginParameters
-from app.geometry import FrameError, SurfaceMesh, Transform
+from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
 from app.runtime.needle import Needle, needle_of
+from app.runtime.stylus import Stylus, stylus_of
 from app.session import RobotSetup, SessionSetup
 
 
@@ -32,8 +33,8 @@ class SessionContent:
     the calibrated tip; 0 where they are not stated. ``robot`` is None for a tool that is held by
     hand. ``robot_file`` with ``package_dirs`` and ``xacro_args`` is where the robot's description
     is read from. ``simulated``: the poses are not a patient's. ``tumor_accepted``: an operator has
-    accepted the tumour in this session. ``needle`` is shown and nothing else: no decision
-    depends on it.
+    accepted the tumour in this session. ``needle`` is shown and nothing else, ``stylus`` is
+    what an operator touches points with: no decision depends on them.
     """
 
     name: str
@@ -51,6 +52,7 @@ class SessionContent:
     tip_sigma_mm: float = 0.0
     tumor_accepted: bool = False
     needle: Needle | None = None
+    stylus: Stylus | None = None
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -83,6 +85,13 @@ class SessionContent:
         raise FrameError(f"static transforms: none places {self.tip_frame!r}; expected one")
 
     @property
+    def known_stylus(self) -> Stylus:
+        """The stylus. Raises `InputError` without one."""
+        if self.stylus is None:
+            raise InputError("stylus: the session has none; expected 'stylus' in live.yaml")
+        return self.stylus
+
+    @property
     def model_id(self) -> str:
         """Digest of the tumour's surface: changes with any of its numbers."""
         return _surface_digest(self.tumor)
@@ -102,7 +111,7 @@ class SessionContent:
         raise FrameError(f"static transforms: none places {self.tumor.frame!r}; expected one")
 
     def replaced_since(self, before: "SessionContent") -> tuple[str, ...]:
-        """Which of tumour, registration, tip, margins and needle are not those of ``before``."""
+        """Which of tumour, registration, tips, margins and needle are not those of ``before``."""
         if self is before:
             return ()
         tumors = [(c.model_id, c.frame_from_tumor, c.tumor_sigma_mm) for c in (self, before)]
@@ -113,6 +122,7 @@ class SessionContent:
             "tip": tips[0] != tips[1],
             "margins": self.margins != before.margins,
             "needle": self.needle is not before.needle,
+            "stylus": self.stylus is not before.stylus,
         }
         return tuple(name for name, differs in parts.items() if differs)
 
@@ -142,6 +152,8 @@ class SessionContent:
                 registration.degrees_of_freedom,
             ),
             needle_length_mm=None if self.needle is None else self.needle.length_mm,
+            stylus_from_tip=None if self.stylus is None else self.stylus.frame_from_tip,
+            stylus_sigma_mm=0.0 if self.stylus is None else self.stylus.sigma_mm,
         )
 
     def robot_description(self) -> str | None:
@@ -170,6 +182,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         tumor_sigma_mm=setup.tumor_sigma_mm,
         tip_sigma_mm=setup.tip_sigma_mm,
         needle=needle_of(case),
+        stylus=stylus_of(case),
     )
 
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from app.case import MAX_NEEDLE_MM, MIN_NEEDLE_MM, Case
 from app.geometry import FloatArray, InputError, SurfaceMesh, Transform
+from app.runtime.pointed_rod import pointed_rod
 
 NEEDLE_RADIUS_MM = 0.75
 """Radius of a needle that is drawn without a model of its own."""
 
 _POINT_MM = 4.0
-_SIDES = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,22 +62,7 @@ def needle_of(case: Case) -> Needle | None:
 
 def thin_needle(length_mm: float, frame: str) -> SurfaceMesh:
     """A closed needle along z in ``frame``, its tip at 0 and its other end at ``-length_mm``."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    circle = NEEDLE_RADIUS_MM * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    heights = -length_mm, -min(_POINT_MM, 0.5 * length_mm)
-    rings = [np.column_stack([circle, np.full(_SIDES, height)]) for height in heights]
-    poles = np.array([[0.0, 0.0, -length_mm], [0.0, 0.0, 0.0]])
-    low = np.arange(_SIDES)
-    following = (low + 1) % _SIDES
-    back, tip = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
-    faces = [
-        (back, following, low),
-        (low, following, following + _SIDES),
-        (low, following + _SIDES, low + _SIDES),
-        (low + _SIDES, following + _SIDES, tip),
-    ]
-    corners = np.concatenate([np.stack(each, axis=1) for each in faces])
-    return SurfaceMesh(frame, np.concatenate([*rings, poles]), corners.astype(np.int32))
+    return pointed_rod(length_mm, NEEDLE_RADIUS_MM, _POINT_MM, frame)
 
 
 def _turned_from_z(direction: FloatArray) -> FloatArray:

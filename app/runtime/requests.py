@@ -24,6 +24,8 @@ class RequestKind(StrEnum):
     """The calibrated tip of the tool."""
     NEEDLE = "needle_length"
     """Length of the needle that is shown; no distance depends on it."""
+    STYLUS = "set_stylus_tip"
+    """The calibrated tip of the stylus; no distance depends on it."""
     NOTE = "note"
     """A text on the present, which changes nothing."""
 
@@ -72,6 +74,7 @@ ADMITTED = {
     RequestKind.REGISTRATION: Allowed(per_s=0.5, burst=5.0),
     RequestKind.RECORD: Allowed(per_s=0.5, burst=5.0),
     RequestKind.TIP: Allowed(per_s=0.5, burst=5.0),
+    RequestKind.STYLUS: Allowed(per_s=0.5, burst=5.0),
     RequestKind.NEEDLE: Allowed(per_s=10.0, burst=50.0),
 }
 """Requests of other processes that are processed. A re-arm is always checked, because a limit that

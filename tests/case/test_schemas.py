@@ -17,6 +17,7 @@ from app.case.manifest.cautery import ONE_SOURCE
 from app.case.manifest.image_keys import FROM_IGTL, NOT_BOTH
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.keys import FILES, OWN_BASE_FRAME, SESSION_LIMITS
+from app.case.manifest.stylus_keys import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.cli.commands.schema import NAMES
 from app.cli.main import main
 from app.files.json_schema import GENERAL_RULES
@@ -36,6 +37,7 @@ from tests.valid_documents import (
     POINTS,
     ROOT,
     SHIPPED,
+    STYLUS,
     VALID,
     XACRO,
     shipped,
@@ -172,6 +174,11 @@ EXAMPLES: dict[str, tuple[str, Edit]] = {
     "needle.frame is not the frame of the tool": (
         "case",
         _set("needle", NEEDLE["needle"] | {"frame": "cautery"}),
+    ),
+    OWN_STYLUS_FRAME: ("live", _set("stylus", STYLUS["stylus"] | {"frame": "cautery"})),
+    STYLUS_TIP: (
+        "case",
+        _set("stylus", STYLUS["stylus"] | {"tip_from": {"matrix": IDENTITY}}),
     ),
     "warn_mm is more than stop_mm": ("live", _set("margins.stop_mm", 5)),
     "moving_mm has as many points as fixed_mm": (

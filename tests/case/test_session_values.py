@@ -37,6 +37,8 @@ VALUES = SessionValues(
         12,
     ),
     needle_length_mm=61.5,
+    stylus_from_tip=Transform("pointer", "pointer_tip", TURN, [2.0, 1 / 3, 140.7]),
+    stylus_sigma_mm=0.35,
 )
 
 
@@ -47,6 +49,8 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
     assert found.margins == VALUES.margins
     assert (found.tip_sigma_mm, found.tumor_sigma_mm) == (0.2, 0.45)
     assert found.needle_length_mm == 61.5
+    assert found.stylus_sigma_mm == 0.35
+    assert found.stylus_from_tip is not None and VALUES.stylus_from_tip is not None
     assert found.tumor is not None and VALUES.tumor is not None
     assert np.array_equal(found.tumor.vertices_mm, VALUES.tumor.vertices_mm)
     assert np.array_equal(found.tumor.faces, VALUES.tumor.faces)
@@ -54,6 +58,7 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
     for mine, sent in (
         (found.tool_from_tip, VALUES.tool_from_tip),
         (found.frame_from_tumor, VALUES.frame_from_tumor),
+        (found.stylus_from_tip, VALUES.stylus_from_tip),
         (found.registration.reference_from_base, VALUES.registration.reference_from_base),
     ):
         assert (mine.target, mine.source) == (sent.target, sent.source)
@@ -101,6 +106,22 @@ def test_case_of_a_recording_has_the_needle_as_it_is_shown(
     assert recorded is not None and recorded.model is not None
     assert (recorded.length_mm, recorded.direction) == (61.5, (0.0, 0.0, 1.0))
     assert (tmp_path / "case" / recorded.model.path).is_file()
+
+
+def test_case_of_a_recording_has_the_calibrated_tip_of_the_stylus(
+    tmp_path: Path, project_root: Path
+) -> None:
+    path = tmp_path / "live.yaml"
+    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
+    path.write_text(f"{text}\nstylus: {{frame: pointer}}\n")
+    stated = open_live(path).case.manifest.stylus
+    assert stated is not None and stated.frame_from_tip is None
+    begin_case(open_live(path), tmp_path / "case", VALUES)
+    recorded = load_manifest(tmp_path / "case").stylus
+    assert recorded is not None and recorded.frame_from_tip is not None
+    assert VALUES.stylus_from_tip is not None
+    assert (recorded.frame, recorded.sigma_mm) == ("pointer", 0.35)
+    assert np.array_equal(recorded.frame_from_tip.matrix, VALUES.stylus_from_tip.matrix)
 
 
 def test_session_of_other_frames_than_those_of_the_file_is_refused(

@@ -70,6 +70,20 @@ def test_needle_is_written_with_its_direction(folder: Path) -> None:
     assert (found.frame, found.length_mm, found.direction) == ("needle", 60.0, (0.0, 0.6, -0.8))
 
 
+@pytest.mark.parametrize("has_tip", [False, True])
+def test_stylus_is_written_with_and_without_its_tip(folder: Path, has_tip: bool) -> None:
+    tip_file = folder / "pointer.txt"
+    tip_file.write_text("1 0 0 2\n0 1 0 3\n0 0 1 120\n0 0 0 1\n")
+    stylus = ["--stylus-frame", "pointer", *(["--stylus-tip", str(tip_file)] if has_tip else [])]
+    assert main(["init", "live", str(folder), *BODIES, "--source", "tf", *stylus]) == 0
+    found = open_live(folder / "live.yaml").case.manifest.stylus
+    assert found is not None and found.frame == "pointer"
+    tip = found.frame_from_tip
+    assert (None if tip is None else tip.translation_mm.tolist()) == (
+        [2.0, 3.0, 120.0] if has_tip else None
+    )
+
+
 def test_poses_are_read_from_files_and_meshes_elsewhere_are_absolute(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -102,6 +116,15 @@ def test_poses_are_read_from_files_and_meshes_elsewhere_are_absolute(
         (
             ("--needle-frame", "needle", "--needle-length-mm", "60", "--needle-model", "no.stl"),
             "no.stl",
+        ),
+        (("--stylus-tip", "identity"), "--stylus-frame is missing; expected it for a stylus"),
+        (
+            ("--stylus-frame", "pointer", "--stylus-tip", "identity"),
+            "stylus.tip_from is 0 mm from the sensor's origin; expected 1 mm or more",
+        ),
+        (
+            ("--stylus-frame", "rod"),
+            "stylus.frame is 'rod', the frame of the tool; expected that of a sensor on the stylus",
         ),
         (("--images-probe", "rdo"), "--images-calibration is missing; expected it, or a terminal"),
         (("--tool-tip", "none.txt"), "none.txt"),

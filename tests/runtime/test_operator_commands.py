@@ -23,7 +23,7 @@ from app.geometry import (
     Transform,
 )
 from app.registration import DriftBound, given_registration
-from app.runtime import Needle, OperatorCommands, RearmRefusedError, SeenHold, StepHolds
+from app.runtime import Needle, OperatorCommands, RearmRefusedError, SeenHold, StepHolds, Stylus
 from app.runtime.needle import thin_needle
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, sample
@@ -165,6 +165,59 @@ def test_length_out_of_range_is_refused(by_mm):
 def test_session_without_a_needle_refuses_a_length(world):
     with pytest.raises(InputError, match=r"^needle: the session has none; expected 'needle' in"):
         world.commands.lengthen_needle(1.0)
+    world.assert_unchanged()
+
+
+STYLUS_TIP = Transform("pointer", "pointer_tip", np.eye(3), [1.0, 2.0, 140.0])
+
+
+def test_tip_of_the_stylus_changes_neither_the_tool_nor_the_session():
+    world = World(content=replace(CONTENT, stylus=Stylus("pointer")))
+    world.commands.set_stylus_tip(STYLUS_TIP, sigma_mm=0.3, origin="a test")
+    content = world.commands.content
+    assert world.output_events == [*PREPARED, "switch first", "switch second"]
+    assert all(output.content is content for output in world.outputs)
+    assert world.session.setup is world.setup
+    assert world.session.hold_causes == ()
+    assert content.tool_from_tip is world.content.tool_from_tip
+    assert content.tip_sigma_mm == world.content.tip_sigma_mm
+    assert content.margins is world.content.margins
+    assert (content.stylus.frame_from_tip, content.stylus.sigma_mm) == (STYLUS_TIP, 0.3)
+    assert np.ptp(content.stylus.surface.vertices_mm[:, 2]) == pytest.approx(140.0, abs=0.1)
+    values = content.values(world.content)
+    assert (values.stylus_from_tip, values.stylus_sigma_mm) == (STYLUS_TIP, 0.3)
+    assert content.replaced_since(world.content) == ("stylus",)
+    request = world.commands.requests.last.line
+    assert request == "set_stylus_tip from a test accepted: the first tip, sigma 0.30 mm"
+    moved = Transform("pointer", "pointer_tip", np.eye(3), [1.0, 2.0, 142.0])
+    world.commands.set_stylus_tip(moved, sigma_mm=0.2)
+    assert "the tip is moved by 2.00 mm" in world.commands.requests.last.text
+
+
+@pytest.mark.parametrize(
+    ("tip", "sigma_mm", "problem"),
+    [
+        (TOOL_EDGE, 0.0, "stylus: the tip is cautery_from_cautery_tip; expected pointer_from_"),
+        (
+            Transform.identity("pointer", "pointer_tip"),
+            0.0,
+            "stylus: the tip is 0 mm from the sensor's origin; expected 1 mm or more",
+        ),
+        (STYLUS_TIP, -0.1, "uncertainty of the stylus' tip: is -0.1 mm; expected 0 to 10 mm"),
+        (STYLUS_TIP, float("nan"), "uncertainty of the stylus' tip: is nan mm"),
+    ],
+)
+def test_bad_tip_of_the_stylus_is_refused(tip, sigma_mm, problem):
+    world = World(content=replace(CONTENT, stylus=Stylus("pointer")))
+    with pytest.raises(MarginGuardError, match=f"^{problem}"):
+        world.commands.set_stylus_tip(tip, sigma_mm=sigma_mm)
+    world.assert_unchanged()
+    assert not world.commands.requests.last.accepted
+
+
+def test_session_without_a_stylus_refuses_its_tip(world):
+    with pytest.raises(InputError, match=r"^stylus: the session has none; expected 'stylus' in"):
+        world.commands.set_stylus_tip(STYLUS_TIP)
     world.assert_unchanged()
 
 

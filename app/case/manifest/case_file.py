@@ -18,6 +18,7 @@ from app.case.manifest.sections import (
     read_tool,
     read_tumor,
 )
+from app.case.manifest.stylus import read_stylus
 from app.files.document import Section
 from app.geometry import InputError
 
@@ -36,6 +37,7 @@ def read_manifest(document: Section) -> CaseManifest:
     """Read a document with the keys of `CASE`; `InputError` for the first fault."""
     document.integer("schema")
     robot, tool = read_robot(document), read_tool(document)
+    tumor, needle = read_tumor(document, tool), read_needle(document, tool)
     return CaseManifest(
         file=MANIFEST_NAME,
         name=document.text("name"),
@@ -43,7 +45,7 @@ def read_manifest(document: Section) -> CaseManifest:
         recording=_recording(document.section("recording")),
         clock=read_clock(document),
         tool=tool,
-        tumor=read_tumor(document, tool),
+        tumor=tumor,
         robot=robot,
         registration=read_registration(document, robot),
         margins=read_margins(document),
@@ -51,7 +53,8 @@ def read_manifest(document: Section) -> CaseManifest:
         expected=document.text("expected") if "expected" in document else None,
         package_dirs=read_package_dirs(document),
         images=read_images(document),
-        needle=read_needle(document, tool),
+        needle=needle,
+        stylus=read_stylus(document, tool, tumor, needle),
         cautery=read_cautery(document),
     )
 

@@ -130,6 +130,20 @@ class NeedleEntry:
         return f"{self.frame}_tip"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StylusEntry:
+    """A tracked stylus with which an operator touches points. No distance depends on it.
+
+    ``frame`` is the tracked frame of its sensor, ``frame_from_tip`` its tip with +z forward, None
+    before a calibration. ``sigma_mm``: standard deviation of the tip in its worst direction, 0
+    where it is not stated.
+    """
+
+    frame: str
+    frame_from_tip: Transform | None
+    sigma_mm: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class RobotEntry:
     """The robot that holds the tool. ``joint_states``: topic of its joints, None without any.
@@ -243,6 +257,7 @@ class CaseManifest:
     package_dirs: Mapping[str, str] = field(default_factory=dict)
     images: ImagesEntry | None = None
     needle: NeedleEntry | None = None
+    stylus: StylusEntry | None = None
     cautery: CauteryEntry | None = None
 
     def recorded(self) -> RecordingEntry:

@@ -7,6 +7,7 @@ from app.case.manifest.image_keys import IMAGES
 from app.case.manifest.key_rules import MATRIX, RIGID, TOPIC, TOPIC_EXPECTED
 from app.case.manifest.needle_keys import NEEDLE
 from app.case.manifest.plausibility_keys import PLAUSIBILITY
+from app.case.manifest.stylus_keys import STYLUS
 from app.case.tumor import SEGMENTATION_ENDING
 from app.files.keys import (
     Block,
@@ -320,6 +321,7 @@ CASE = Block(
         "tool": _TOOL,
         "tumor": _TUMOR,
         "needle": NEEDLE,
+        "stylus": STYLUS,
         "robot": _ROBOT,
         "package_dirs": _PACKAGE_DIRS,
         "registration": REGISTRATION,

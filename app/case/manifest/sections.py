@@ -70,7 +70,7 @@ def read_tool(document: Section) -> ToolEntry:
     return ToolEntry(
         frame,
         _tool_mesh(block.section("mesh")) if "mesh" in block else None,
-        _pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
+        read_pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
         block.number("sigma_mm"),
     )
 
@@ -91,7 +91,7 @@ def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:
     return TumorEntry(
         frame,
         _shape(block),
-        _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME),
+        read_pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME),
         block.number("sigma_mm"),
     )
 
@@ -248,7 +248,8 @@ def _mesh(block: Section, *, repair: bool = False) -> MeshEntry:
     return MeshEntry(block.text("path"), block.choice("units"), repair)
 
 
-def _pose(block: Section, key: str, *, target: str, source: str) -> Transform:
+def read_pose(block: Section, key: str, *, target: str, source: str) -> Transform:
+    """Read the pose ``key`` of ``block`` as ``target_from_source``; `InputError` if not rigid."""
     return _matrix(block.section(key), target=target, source=source)
 
 

@@ -48,6 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "tumor-pose": _POSE_HELP % "tumour in its frame",
         "needle-frame": "tracked frame of a needle, which is drawn and nothing else",
         "needle-model": "its surface in the frame of its tip; by default a thin needle",
+        "stylus-frame": "tracked frame of a stylus, with which points are touched",
+        "stylus-tip": "file with its tip in that frame; without it the session calibrates it",
     }
     for name, text in texts.items():
         parser.add_argument(f"--{name}", metavar="TEXT", help=text)
@@ -189,6 +191,8 @@ def _values(answers: _Answers) -> dict[str, Any]:
     values["margins"] = {name: getattr(options, name) for name in _MARGINS}
     if _NEEDLE.intersection(name for name, given in vars(options).items() if given is not None):
         values["needle"] = _needle(answers)
+    if options.stylus_frame is not None or options.stylus_tip is not None:
+        values["stylus"] = _stylus(answers)
     if options.images_probe is not None:
         values["images"] = _images(answers)
     return values
@@ -214,6 +218,18 @@ def _needle(answers: _Answers) -> dict[str, Any]:
         path = answers.file("needle_model", "Model of the needle")
         values["model"] = {"path": path, "units": options.units}
     return values
+
+
+def _stylus(answers: _Answers) -> dict[str, Any]:
+    from app.geometry import InputError
+
+    frame = answers.options.stylus_frame
+    if frame is None:
+        raise InputError("--stylus-frame is missing; expected it for a stylus, which has a frame")
+    if answers.options.stylus_tip is None:
+        return {"frame": frame}
+    matrix = answers.pose("stylus_tip", "File with the tip of the stylus", frame, f"{frame}_tip")
+    return {"frame": frame, "tip_from": {"matrix": matrix}}
 
 
 def _images(answers: _Answers) -> dict[str, str]:
