@@ -18,7 +18,7 @@ from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
 from app.case.manifest.cautery import ONE_SOURCE
 from app.case.manifest.expected import read_expected
-from app.case.manifest.image_keys import FROM_IGTL, NOT_BOTH
+from app.case.manifest.image_keys import FROM_IGTL, LISTED_DEPTH, NOT_BOTH
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.stylus_keys import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.files.document import Section
@@ -42,6 +42,7 @@ UNSTATED = {
     "every value of max_mm is more than that of min_mm": r"max_mm is .*expected more than min_mm",
     "xacro_args are given for a .xacro only": r"xacro_args are given, but .* is not a \.xacro file",
     NOT_BOTH: r"images has path and topic; expected one",
+    LISTED_DEPTH: r"images\.(calibrations: depth_mm .* is listed twice|depth_mm is .* one of cal)",
     FROM_IGTL: r"images has (no topic and the source|topic and device)",
     ONE_SOURCE: r"cautery(\.device is .* is not igtl| has (neither topic nor|topic and) device)",
     "end_s is start_s or later": r"end_s is .*; expected start_s \(.*\) or later",

@@ -114,6 +114,16 @@ IMAGES = {
 TOPIC_IMAGES = {
     "images": {"topic": "/marginguard/image", "probe": "probe", "calibration": "plus.xml"}
 }
+DEPTHS = {
+    "images": {
+        "probe": "probe",
+        "calibrations": [
+            {"depth_mm": 40, "path": "plus.xml"},
+            {"depth_mm": 55.5, "matrix": [0.1, 0, 0, 0, 0, 0.1, 0, 0, 0, 0, 0.1, 0, 0, 0, 0, 1]},
+        ],
+        "depth_mm": 40,
+    }
+}
 LIVE_IMAGES = {
     "images": {
         "device": "Image",
@@ -186,7 +196,7 @@ def complete(document: str) -> list[dict[str, Any]]:
             | LIVE_IMAGES
             | {"source": igtl, "clock": known, "cautery": {"device": "Cautery"}},
             full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | CAUTERY | NEEDLE | STYLUS,
-            full | XACRO | POINTS,
+            full | XACRO | POINTS | {"images": {"topic": "/image", **DEPTHS["images"]}},
         ]
     return [
         values,
@@ -198,7 +208,8 @@ def complete(document: str) -> list[dict[str, Any]]:
             "registration": {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]},
             "tumor": contour,
             "recording": {"path": "t.igs.mha", "rate_hz": 20.0},
-        },
+        }
+        | DEPTHS,
     ]
 
 

@@ -1,5 +1,5 @@
 from .case import Case, MeshOwner, open_case
-from .case_images import CaseImages, image_calibration, open_case_images, stale_after_ns
+from .case_images import CaseImages, image_depths, open_case_images, stale_after_ns
 from .convert import convert_case
 from .copying import recover_recording
 from .frames.assembly import agreed_sample
@@ -11,8 +11,10 @@ from .frames.samples import JointSample, TrackingFrame
 from .frames.watchdog import with_watchdog
 from .images.calibration import read_image_calibration
 from .images.current import CurrentImage, ImagePose, ImageSource
+from .images.depths import DepthCalibration, ImageDepths
 from .images.orientation import standard_image
 from .images.pose_history import PoseHistory
+from .images.recorded_depths import IMAGE_DEPTH_TOPIC
 from .images.sequence import ImageHeader, ImageSequence, read_image_header
 from .live_file import (
     IgtlSourceEntry,
@@ -52,6 +54,7 @@ from .manifest.expected import (
     load_expected,
     write_expected,
 )
+from .manifest.image_keys import MAX_DEPTH_MM
 from .manifest.needle_keys import MAX_NEEDLE_MM, MIN_NEEDLE_MM
 from .manifest.plausibility import (
     ApproachEntry,
@@ -87,6 +90,8 @@ from .tumor import (
 
 __all__ = [
     "DOCUMENTS",
+    "IMAGE_DEPTH_TOPIC",
+    "MAX_DEPTH_MM",
     "MAX_NEEDLE_MM",
     "MAX_STYLUS_SIGMA_MM",
     "MIN_NEEDLE_MM",
@@ -107,6 +112,7 @@ __all__ = [
     "ClockEntry",
     "ContourEntry",
     "CurrentImage",
+    "DepthCalibration",
     "DistanceEntry",
     "Dwell",
     "EdgeCount",
@@ -117,6 +123,7 @@ __all__ = [
     "ExpectedDropout",
     "ExpectedRegistration",
     "IgtlSourceEntry",
+    "ImageDepths",
     "ImageHeader",
     "ImagePose",
     "ImageSequence",
@@ -159,7 +166,7 @@ __all__ = [
     "check_topic",
     "convert_case",
     "has_ending",
-    "image_calibration",
+    "image_depths",
     "load_expected",
     "load_manifest",
     "message_definition",

@@ -235,10 +235,10 @@ class Case:
         if self.manifest.robot is not None:
             self.robot_urdf()
         if self.manifest.images is not None:
-            from app.case.case_images import image_calibration, open_case_images
+            from app.case.case_images import image_depths, open_case_images
 
             if self.manifest.recording is None:  # a live session
-                image_calibration(self, self.manifest.images)
+                image_depths(self, self.manifest.images)
             elif (images := open_case_images(self)) is not None:
                 images.close()
 

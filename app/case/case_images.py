@@ -3,11 +3,15 @@
 from bisect import bisect_right
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from app.case.images.bag_images import BagImages
-from app.case.images.calibration import read_image_calibration
+from app.case.images.calibration import IMAGE_FRAME, read_image_calibration
 from app.case.images.current import CurrentImage, ImagePose
+from app.case.images.depths import DepthCalibration, ImageDepths
+from app.case.images.recorded_depths import recorded_depths
 from app.case.images.sequence import ImageSequence
-from app.case.manifest.entries import ImagesEntry
+from app.case.manifest.entries import ImageCalibrationEntry, ImagesEntry
 from app.case.readers.recording_format import SideTopics
 from app.case.readers.registry import read_recording
 from app.geometry import (
@@ -30,10 +34,8 @@ class CaseImages:
     An image is current until it is older than ``stale_after_ns``.
     """
 
-    def __init__(
-        self, sequence: ImageSequence, calibration: ImageCalibration, stale_after_ns: int
-    ) -> None:
-        self.sequence, self.calibration = sequence, calibration
+    def __init__(self, sequence: ImageSequence, depths: ImageDepths, stale_after_ns: int) -> None:
+        self.sequence, self._depths = sequence, depths
         self._limits = FreshnessLimits(stale_after_ns)
         timed = sorted(
             (entry.stamp.ns, number)
@@ -58,7 +60,9 @@ class CaseImages:
                 f"{self._limits.stale_after_ns / NS_PER_MS:.0f} ms"
             )
             return CurrentImage(number, ImagePose(None, problem))
-        return CurrentImage(number, self.sequence.pose(number, self.calibration, frame))
+        used = self._depths.at(self._stamps_ns[place])
+        pose = self.sequence.pose(number, used.calibration, frame)
+        return CurrentImage(number, pose, used.depth_mm)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -74,10 +78,23 @@ class CaseImages:
         self.sequence.close()
 
 
-def image_calibration(case: "Case", entry: ImagesEntry) -> ImageCalibration:
-    """Read the calibration of the probe that ``entry`` names; raises `InputError`."""
-    path = case.file(entry.calibration, "images.calibration")
-    return read_image_calibration(path, entry.probe)
+def image_depths(case: "Case", entry: ImagesEntry) -> ImageDepths:
+    """Read the calibrations of the probe that ``entry`` names; raises `InputError`."""
+    found = (_calibration(case, entry, each) for each in entry.calibrations)
+    return ImageDepths(tuple(found), entry.depth_mm)
+
+
+def _calibration(case: "Case", entry: ImagesEntry, each: ImageCalibrationEntry) -> DepthCalibration:
+    depth_mm = each.depth_mm
+    key = "images.calibration" if depth_mm is None else f"images.calibrations, {depth_mm:g} mm"
+    if each.path is not None:
+        calibration = read_image_calibration(case.file(each.path, key), entry.probe)
+    else:
+        try:
+            calibration = ImageCalibration(entry.probe, np.array(each.matrix), IMAGE_FRAME)
+        except InputError as error:
+            raise InputError(f"{case.manifest.file}: {key}: {error}") from error
+    return DepthCalibration(depth_mm, calibration)
 
 
 def stale_after_ns(case: "Case", entry: ImagesEntry) -> int:
@@ -100,20 +117,22 @@ def open_case_images(case: "Case") -> CaseImages | BagImages | None:
     path = case.recording_path if entry.path is None else case.file(entry.path, "images.path")
     if path is None:
         raise InputError(f"{case.manifest.file}: images.path is missing; expected a sequence")
-    calibration = image_calibration(case, entry)
+    depths = image_depths(case, entry)
     sequence = ImageSequence(path, entry.orientation)
     try:
         _require_poses(sequence, entry.probe, case.manifest.file)
     except InputError:
         sequence.close()
         raise
-    return CaseImages(sequence, calibration, stale_after_ns(case, entry))
+    return CaseImages(sequence, depths, stale_after_ns(case, entry))
 
 
 def _bag_images(case: "Case", entry: ImagesEntry, topic: str) -> BagImages:
-    calibration = image_calibration(case, entry)
+    depths = image_depths(case, entry)
     if case.recording_path is None:
         raise InputError(f"{case.manifest.file}: images.topic is given without a recording")
+    for chosen in recorded_depths(case.recording_path) if depths.depths_mm else ():
+        depths.choose(chosen.depth_mm, chosen.from_ns)
     joints = SideTopics(None, 0)  # the poses alone, also before the joints' clock is estimated
     frames = read_recording(case.recording_path, _ignored, joints)
     samples = [sample for frame in frames for sample in frame.poses]
@@ -127,7 +146,7 @@ def _bag_images(case: "Case", entry: ImagesEntry, topic: str) -> BagImages:
         case.recording_path,
         topic,
         entry.orientation or "MF",
-        calibration,
+        depths,
         samples,
         stale_after_ns=stale_after_ns(case, entry),
         max_gap_ns=case.manifest.margins.stale_after_ns,

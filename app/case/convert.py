@@ -78,7 +78,7 @@ def _named_files(case: Case, *, with_tumor: bool) -> list[str]:
     if manifest.expected is not None:
         names.append(manifest.expected)
     if manifest.images is not None:
-        names.append(manifest.images.calibration)
+        names += [each.path for each in manifest.images.calibrations if each.path is not None]
     if manifest.robot is not None and not manifest.robot.urdf.startswith(PACKAGE_SCHEME):
         # A URDF names its meshes relative to itself, so its folder is copied.
         parent = str(PurePosixPath(manifest.robot.urdf).parent)

@@ -115,6 +115,8 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     if in_use.stylus_from_tip is not None and "stylus" in values:
         matrix = in_use.stylus_from_tip.matrix.ravel().tolist()
         values["stylus"] |= {"tip_from": {"matrix": matrix}, "sigma_mm": in_use.stylus_sigma_mm}
+    if in_use.image_depth_mm is not None and "calibrations" in values.get("images", {}):
+        values["images"]["depth_mm"] = in_use.image_depth_mm
     if in_use.registration is not None:
         values["registration"] = _given(in_use.registration, values["registration"])
 

@@ -36,7 +36,7 @@ class SessionValues:
 
     ``tumor`` is None while it is that of ``live.yaml``, ``registration`` while none was accepted
     in the session, ``needle_length_mm`` without a needle, ``stylus_from_tip`` while no stylus has a
-    calibrated tip.
+    calibrated tip, ``image_depth_mm`` without several depths of the images.
     """
 
     tool_from_tip: Transform
@@ -49,6 +49,7 @@ class SessionValues:
     needle_length_mm: float | None = None
     stylus_from_tip: Transform | None = None
     stylus_sigma_mm: float = 0.0
+    image_depth_mm: float | None = None
 
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:
@@ -69,6 +70,7 @@ def sent_values(values: SessionValues) -> Iterator[bytes]:
                 "needle_length_mm": values.needle_length_mm,
                 "stylus_from_tip": None if stylus is None else _plain(stylus),
                 "stylus_sigma_mm": values.stylus_sigma_mm,
+                "image_depth_mm": values.image_depth_mm,
             }
         ).encode()
         + b"\n"
@@ -87,6 +89,7 @@ def received_values(stream: BinaryIO) -> SessionValues:
         plain = json.loads(stream.readline(_MAX_LINE))
         registered, needle_mm = plain["registration"], plain["needle_length_mm"]
         stylus = plain["stylus_from_tip"]
+        depth_mm = plain["image_depth_mm"]
         return SessionValues(
             _transform(plain["tool_from_tip"]),
             float(plain["tip_sigma_mm"]),
@@ -98,6 +101,7 @@ def received_values(stream: BinaryIO) -> SessionValues:
             None if needle_mm is None else float(needle_mm),
             None if stylus is None else _transform(stylus),
             float(plain["stylus_sigma_mm"]),
+            None if depth_mm is None else float(depth_mm),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(

@@ -34,13 +34,15 @@ class ImageSample:
     ``pixels`` is read-only, in the orientation MF: columns towards the marked side of the probe,
     rows away from it. It is None exactly if ``status`` is not `ImageStatus.OK`: an invalid image
     has no pixels that could be shown by mistake. ``stamp`` is None where the source states no time.
-    Raises `InputError` for pixels of another shape or type.
+    ``pixel_mm``: width and height of a pixel, where the message of the image states them. Raises
+    `InputError` for pixels of another shape or type.
     """
 
     number: int
     stamp: Stamp | None
     status: ImageStatus
     pixels: Pixels | None
+    pixel_mm: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if (self.pixels is not None) != (self.status is ImageStatus.OK):

@@ -6,7 +6,7 @@ place of the middle of the image.
 """
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,8 +33,6 @@ _RAS, _LPS = 1, 2
 _TYPES = {2: "i1", 3: "u1", 4: "i2", 5: "u2"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()}
 _LAST_SECOND = 2**31 - 1
-_SPACING_TOLERANCE = 1e-3
-"""Relative: the vectors of a message have single precision and are turned by a pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,40 +157,20 @@ def _matrix(numbers: list[float], columns: int, rows: int, axes: int, name: str)
 
 
 class DeviceImages:
-    """Reads the IMAGE messages of one device; ``device`` None: that of the first image read.
+    """Reads the IMAGE messages of one device; ``device`` None: that of the first image read."""
 
-    ``one_spacing``: refuse images whose pixels are not as large as those of the first image by the
-    matrix of the message. A calibration of the probe holds for one depth of the image.
-    """
-
-    def __init__(self, device: str | None, *, one_spacing: bool = False) -> None:
+    def __init__(self, device: str | None) -> None:
         self._device = device
-        self._one_spacing = one_spacing
-        self._spacing_mm: FloatArray | None = None
 
     def read(self, header: Header, body: bytes) -> ImageSample | None:
-        """The image; None for one of another device. Raises as `read_image`.
+        """The image, with the size of its pixels; None for one of another device.
 
-        Raises `IgtlContentError` for another spacing.
+        Raises as `read_image`.
         """
         name = header.device.decode("ascii", "replace")
         if self._device is not None and name != self._device:
             return None
         found = read_image(header, body)
-        if self._one_spacing:
-            self._check_spacing(found.matrix)
         self._device = name
-        return found.image
-
-    def _check_spacing(self, matrix: FloatArray) -> None:
-        spacing_mm = np.linalg.norm(matrix[:3, :2], axis=0)
-        if self._spacing_mm is None:
-            self._spacing_mm = spacing_mm
-        elif not np.allclose(spacing_mm, self._spacing_mm, rtol=_SPACING_TOLERANCE, atol=0.0):
-            now, first = (
-                " x ".join(f"{each:.4g}" for each in s) for s in (spacing_mm, self._spacing_mm)
-            )
-            raise IgtlContentError(
-                f"image has pixels of {now} mm; expected {first} mm, as the first one of the "
-                "session: the calibration holds for one depth"
-            )
+        width, height = np.linalg.norm(found.matrix[:3, :2], axis=0)
+        return replace(found.image, pixel_mm=(float(width), float(height)))

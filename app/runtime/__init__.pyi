@@ -4,6 +4,8 @@ from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
 from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
+from .image_depth import ImageDepth
+from .image_depth_output import ImageDepthOutput
 from .image_intake import ImageIntake, ImageSink
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
 from .live_run import LiveRun
@@ -28,6 +30,7 @@ from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
+from .shown_changes import ShownChange, longer_needle, other_depth
 from .simulated_world import (
     MAX_BODY_TRIANGLES,
     BodyKind,
@@ -101,6 +104,8 @@ __all__ = [
     "GuidedFits",
     "HoldKeeper",
     "Holds",
+    "ImageDepth",
+    "ImageDepthOutput",
     "ImageIntake",
     "ImageSink",
     "InstanceKey",
@@ -132,6 +137,7 @@ __all__ = [
     "SecondInstanceError",
     "SeenHold",
     "SessionContent",
+    "ShownChange",
     "SimulatedWorld",
     "Source",
     "StateFileError",
@@ -166,8 +172,10 @@ __all__ = [
     "fit_registration",
     "host_id",
     "live_state",
+    "longer_needle",
     "next_step",
     "open_recording",
+    "other_depth",
     "place_text",
     "playback_of",
     "prepare_case",

@@ -87,6 +87,8 @@ class CaseRecorder:
         ]
         self._now = now
         self.ended = ended
+        self.depth: Callable[[], tuple[float, int] | None] = lambda: None
+        """The imaging depth in mm that was chosen last; the stamp in ns after which it holds."""
         self._lock = threading.Lock()
         self._running: _Recording | None = None
 
@@ -137,7 +139,13 @@ class CaseRecorder:
         """
         running = self._running
         if parts and running is not None and running.status.active:
-            running.note_replaced(parts)
+            running.note({"replaced": list(parts)})
+
+    def note_depth(self) -> None:
+        """Write the depth that was chosen last to a running recording."""
+        running, chosen = self._running, self.depth()
+        if chosen is not None and running is not None and running.status.active:
+            running.note({"image_depth": chosen})
 
     def stop(self) -> RecordingStatus:
         """Finish the running recording and return its last status.
@@ -205,9 +213,9 @@ class _Recording:
         if not self._has_begun:
             raise InputError(f"recording: {self._error}")
 
-    def note_replaced(self, parts: Sequence[str]) -> None:
-        """Send the names of the replaced parts to the recorder."""
-        self._write(json.dumps({"replaced": list(parts)}).encode() + b"\n")
+    def note(self, values: Mapping[str, Any]) -> None:
+        """Send a line to the recorder: the names of replaced parts, or a depth."""
+        self._write(json.dumps(values).encode() + b"\n")
 
     def stop(self) -> RecordingStatus:
         """Let the recorder finish its files, and wait for it."""

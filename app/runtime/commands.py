@@ -18,6 +18,7 @@ from app.runtime.new_tip import check_tip
 from app.runtime.new_tumor import check_size, replacement_for
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
+from app.runtime.shown_changes import ShownChange, other_stylus_tip
 from app.session import Session, SessionSetup, margin_changes, tip_change_text
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
@@ -242,6 +243,8 @@ class OperatorCommands:
             recorder, content = self._recording_by(), self._content
             folder = recorder.start(name, content.values(self._initial))
             recorder.note_replaced(self._content.replaced_since(content))
+            if self._content.image_depth != content.image_depth:
+                recorder.note_depth()
             done.append(f"recording to {folder}")
         return recorder.status or RecordingStatus(folder, active=True)
 
@@ -285,49 +288,35 @@ class OperatorCommands:
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 
-    def lengthen_needle(self, by_mm: float, *, origin: str = THIS_PROCESS) -> None:
-        """Show the needle longer by ``by_mm``. State, distances, constraint and hold stay.
+    def change_shown(
+        self, request: tuple[RequestKind, ShownChange], *, origin: str = THIS_PROCESS
+    ) -> None:
+        """Change what is shown (`app.runtime.shown_changes`); state, constraint and hold stay.
 
-        Raises `InputError` without a needle, for a length out of range, and while another change
-        is being prepared.
+        Raises `InputError` for what the change refuses, and while another one is being prepared.
         """
-        change = self._change_at_once("needle", _STEPS_WAIT_S)
-        with self._listed(RequestKind.NEEDLE, origin) as done, change:
-            known = self._content.needle
-            if known is None:
-                raise InputError("needle: the session has none; expected 'needle' in live.yaml")
-            needle = known.with_length(known.length_mm + by_mm)
-            self._show(lambda content: replace(content, needle=needle))
-            done.append(f"from {known.length_mm:g} to {needle.length_mm:g} mm")
+        kind, change = request
+        with self._listed(kind, origin) as done, self._change_at_once(kind, _STEPS_WAIT_S):
+            content, text = change(self._content)
+            switches = self._prepare(content)
+            with self._between_steps():
+                # Nothing is revoked: permissions do not depend on what is drawn.
+                content, text = change(self._content)
+                for switch in switches:
+                    switch(content)
+                if self._acknowledged is self._content:
+                    self._acknowledged = content
+                self._content = content
+            done.append(text)
 
     def set_stylus_tip(
         self, frame_from_tip: Transform, *, sigma_mm: float = 0.0, origin: str = THIS_PROCESS
     ) -> None:
         """Use this tip of the stylus. State, distances, constraint, hold and the tool's tip stay.
 
-        Raises `InputError` without a stylus and while another change is being prepared, and as
-        `Stylus.with_tip`.
+        Raises as `change_shown`, without a stylus too, and as `Stylus.with_tip`.
         """
-        change = self._change_at_once("stylus", _STEPS_WAIT_S)
-        with self._listed(RequestKind.STYLUS, origin) as done, change:
-            known = self._content.known_stylus
-            stylus = known.with_tip(frame_from_tip, sigma_mm)
-            self._show(lambda content: replace(content, stylus=stylus))
-            before = known.frame_from_tip or frame_from_tip
-            moved = tip_change_text(before, frame_from_tip)
-            text = "the first tip" if known.frame_from_tip is None else moved
-            done.append(f"{text}, sigma {sigma_mm:.2f} mm")
-
-    def _show(self, change: Callable[[SessionContent], SessionContent]) -> None:
-        """Change what is only shown. Nothing is revoked: permissions do not depend on it."""
-        switches = self._prepare(change(self._content))
-        with self._between_steps():
-            content = change(self._content)
-            for switch in switches:
-                switch(content)
-            if self._acknowledged is self._content:
-                self._acknowledged = content
-            self._content = content
+        self.change_shown(other_stylus_tip(frame_from_tip, sigma_mm), origin=origin)
 
     @contextmanager
     def _change_at_once(self, what: str, wait_s: float = _SHORT_WAIT_S) -> Iterator[None]:
@@ -353,6 +342,8 @@ class OperatorCommands:
             raise
         if self._recorder is not None and self._content is not before:
             self._recorder.note_replaced(self._content.unpublished_changes(before))
+            if self._content.image_depth != before.image_depth:
+                self._recorder.note_depth()
         self.requests.accepted(kind, origin, "; ".join(done))
 
     def _edges(self, changed: Transform) -> tuple[Transform, ...]:

@@ -15,6 +15,7 @@ from app.fixture import MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
+from app.runtime.image_depth import ImageDepth, image_depth_of
 from app.runtime.needle import Needle, needle_of
 from app.runtime.stylus import Stylus, stylus_of
 from app.session import RobotSetup, SessionSetup
@@ -34,7 +35,8 @@ class SessionContent:
     hand. ``robot_file`` with ``package_dirs`` and ``xacro_args`` is where the robot's description
     is read from. ``simulated``: the poses are not a patient's. ``tumor_accepted``: an operator has
     accepted the tumour in this session. ``needle`` is shown and nothing else, ``stylus`` is
-    what an operator touches points with: no decision depends on them.
+    what an operator touches points with, ``image_depth`` is None for a session without several
+    depths of its images: no decision depends on them.
     """
 
     name: str
@@ -53,6 +55,7 @@ class SessionContent:
     tumor_accepted: bool = False
     needle: Needle | None = None
     stylus: Stylus | None = None
+    image_depth: ImageDepth | None = None
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -154,6 +157,7 @@ class SessionContent:
             needle_length_mm=None if self.needle is None else self.needle.length_mm,
             stylus_from_tip=None if self.stylus is None else self.stylus.frame_from_tip,
             stylus_sigma_mm=0.0 if self.stylus is None else self.stylus.sigma_mm,
+            image_depth_mm=None if self.image_depth is None else self.image_depth.depth_mm,
         )
 
     def robot_description(self) -> str | None:
@@ -183,6 +187,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         tip_sigma_mm=setup.tip_sigma_mm,
         needle=needle_of(case),
         stylus=stylus_of(case),
+        image_depth=image_depth_of(case),
     )
 
 

@@ -10,7 +10,7 @@ from app.case import (
     Case,
     LiveCase,
     Playback,
-    image_calibration,
+    image_depths,
     open_case,
     open_live,
     stale_after_ns,
@@ -100,7 +100,7 @@ class PreparedLive:
         if entry is None:
             return None
         return LiveImages(
-            image_calibration(self.case, entry),
+            image_depths(self.case, entry),
             stale_after_ns=stale_after_ns(self.case, entry),
             max_gap_ns=self.setup.margins.stale_after_ns,
         )

@@ -26,6 +26,8 @@ class RequestKind(StrEnum):
     """Length of the needle that is shown; no distance depends on it."""
     STYLUS = "set_stylus_tip"
     """The calibrated tip of the stylus; no distance depends on it."""
+    DEPTH = "image_depth"
+    """Imaging depth of the ultrasound: by which calibration images are placed."""
     NOTE = "note"
     """A text on the present, which changes nothing."""
 
@@ -76,6 +78,7 @@ ADMITTED = {
     RequestKind.TIP: Allowed(per_s=0.5, burst=5.0),
     RequestKind.STYLUS: Allowed(per_s=0.5, burst=5.0),
     RequestKind.NEEDLE: Allowed(per_s=10.0, burst=50.0),
+    RequestKind.DEPTH: Allowed(per_s=2.0, burst=20.0),
 }
 """Requests of other processes that are processed. A re-arm is always checked, because a limit that
 others can use up would delay a valid one; the check of an invalid one costs microseconds."""

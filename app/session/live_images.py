@@ -5,17 +5,18 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from app.case import CurrentImage, ImagePose, PoseHistory
+from app.case import CurrentImage, DepthCalibration, ImageDepths, ImagePose, PoseHistory
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
     FloatArray,
     Freshness,
     FreshnessLimits,
-    ImageCalibration,
     ImageSample,
     ImageStatus,
     InputError,
+    Pixels,
+    Stamp,
     TrackedTransform,
     freshness_of,
 )
@@ -30,10 +31,14 @@ _JUMP_NS = NS_PER_S // 2
 
 @dataclass(slots=True)
 class _Held:
-    """A received image; ``place``: its matrix in the frame ``frame``, once known."""
+    """A received image; ``place``: its matrix in the frame ``frame``, once known.
+
+    ``depth`` is that at its stamp: it does not change when another depth is chosen.
+    """
 
     image: ImageSample
     stamp_ns: int
+    depth: DepthCalibration
     frame: str = ""
     place: FloatArray | None = None
 
@@ -47,10 +52,10 @@ class LiveImages:
     `problem` is that of the last image if it was refused; no image may be shown then.
     """
 
-    def __init__(
-        self, calibration: ImageCalibration, *, stale_after_ns: int, max_gap_ns: int
-    ) -> None:
-        self.calibration = calibration
+    def __init__(self, depths: ImageDepths, *, stale_after_ns: int, max_gap_ns: int) -> None:
+        self._depths = depths
+        self._last_choice: tuple[float, int] | None = None
+        self._newest_pose_ns: int | None = None
         self.report: Callable[[str], None] = lambda problem: None
         self._limits = FreshnessLimits(stale_after_ns, future_tolerance_ns=stale_after_ns)
         self._poses = PoseHistory(max_gap_ns, _KEEP_NS)
@@ -80,11 +85,41 @@ class LiveImages:
         """Add samples of the tracker."""
         with self._lock:
             self._poses.add(samples)
+            if not samples:
+                return
+            newest_ns = max(sample.stamp.ns for sample in samples)
+            last_ns = self._newest_pose_ns
+            if last_ns is not None and newest_ns < last_ns - _JUMP_NS:
+                self._depths.forget_times()
+                self._newest_pose_ns = newest_ns
+            else:
+                self._newest_pose_ns = newest_ns if last_ns is None else max(last_ns, newest_ns)
+
+    def choose_depth(self, depth_mm: float) -> None:
+        """Place images by the calibration of ``depth_mm`` that are stamped after the present.
+
+        The present is the newest stamp of an image or a pose. Raises `InputError` for a depth that
+        is not listed.
+        """
+        with self._lock:
+            known = [held.stamp_ns for held in list(self._held)[-1:]]
+            if self._newest_pose_ns is not None:
+                known.append(self._newest_pose_ns)
+            from_ns = max(known, default=None)
+            self._depths.choose(depth_mm, from_ns)
+            self._last_choice = depth_mm, 0 if from_ns is None else from_ns
+            self._problem = ""
+
+    @property
+    def last_choice(self) -> tuple[float, int] | None:
+        """The depth in mm that was chosen last, and the stamp in ns after which it holds."""
+        return self._last_choice
 
     def add(self, image: ImageSample) -> None:
         """Add the next image; one without a stamp, or of another size than the first, is refused.
 
-        An image whose stamp is not after the last one's is dropped.
+        So is one whose stated size of a pixel is not that of the depth in use. An image whose stamp
+        is not after the last one's is dropped.
         """
         pixels, stamp = image.pixels, image.stamp
         if pixels is None or stamp is None:
@@ -97,18 +132,11 @@ class LiveImages:
                 f"{self._kind[1]}, as the first one of the session"
             )
             return
-        with self._lock:
-            last_ns = self._held[-1].stamp_ns if self._held else None
-            if last_ns is not None and last_ns - _JUMP_NS <= stamp.ns <= last_ns:
-                self._counts["not after the one before"] += 1
-                return
-            if last_ns is not None and stamp.ns < last_ns:
-                self._held.clear()
-            self._kind, self._problem = kind, ""
-            self._counts["received"] += 1
-            numbered = ImageSample(self._number, stamp, ImageStatus.OK, pixels)
-            self._held.append(_Held(numbered, stamp.ns))
-            self._number += 1
+        try:
+            with self._lock:
+                self._add(image, kind, pixels, stamp.ns)
+        except InputError as error:
+            self.refuse(str(error))
 
     def refuse(self, problem: str) -> None:
         """Show no image until a good one arrives, with the reason ``problem``; report it."""
@@ -134,6 +162,23 @@ class LiveImages:
                     return held.image
         raise InputError(f"image {number} is not held any more; expected one of the last {_HELD}")
 
+    def _add(
+        self, image: ImageSample, kind: tuple[tuple[int, ...], str], pixels: Pixels, stamp_ns: int
+    ) -> None:
+        last_ns = self._held[-1].stamp_ns if self._held else None
+        if last_ns is not None and last_ns - _JUMP_NS <= stamp_ns <= last_ns:
+            self._counts["not after the one before"] += 1
+            return
+        if last_ns is not None and stamp_ns < last_ns:
+            self._held.clear()
+            self._depths.forget_times()
+        self._depths.check(stamp_ns, image.pixel_mm)
+        self._kind, self._problem = kind, ""
+        self._counts["received"] += 1
+        numbered = ImageSample(self._number, Stamp(stamp_ns), ImageStatus.OK, pixels)
+        self._held.append(_Held(numbered, stamp_ns, self._depths.at(stamp_ns)))
+        self._number += 1
+
     def _newest(self, now_ns: int, frame: str) -> CurrentImage:
         """The newest image whose poses have come, or why there is none."""
         waiting: str = ""
@@ -142,14 +187,14 @@ class LiveImages:
             if problem:
                 return CurrentImage(held.image.number, ImagePose(None, waiting or problem))
             if held.frame != frame or held.place is None:
-                found = self._poses.matrix(held.stamp_ns, frame, self.calibration.probe)
+                found = self._poses.matrix(held.stamp_ns, frame, self._depths.probe)
                 if isinstance(found, str):
-                    if self._poses.reaches(held.stamp_ns, frame, self.calibration.probe):
+                    if self._poses.reaches(held.stamp_ns, frame, self._depths.probe):
                         return CurrentImage(held.image.number, ImagePose(None, found))
                     waiting = waiting or found
                     continue
-                held.frame, held.place = frame, found @ self.calibration.matrix
-            return CurrentImage(held.image.number, ImagePose(held.place))
+                held.frame, held.place = frame, found @ held.depth.calibration.matrix
+            return CurrentImage(held.image.number, ImagePose(held.place), held.depth.depth_mm)
         return CurrentImage(None, ImagePose(None, waiting or "no image yet"))
 
     def _age_problem(self, held: _Held, now_ns: int) -> str:

@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 
 from trame_server.state import State
 
+from app.case import MAX_DEPTH_MM
 from app.fixture import MarginParameters
 from app.geometry import InputError
-from app.runtime import SeenHold
+from app.runtime import SeenHold, longer_needle, other_depth
 from app.runtime.workflow.event_notes import MAX_CHARS, EventNotes
 from app.scene import MarkerStyle
 from app.scene.margin.breach_markers import (
@@ -176,7 +177,7 @@ class ImageControls:
 class LiveControls:
     """Re-arms a live session, whose hold the page shows; records it.
 
-    Changes its margins and the length of its needle.
+    Changes its margins, the length of its needle and the depth of its images.
     """
 
     def __init__(self, commands: Commands, operator: LiveOperator) -> None:
@@ -186,6 +187,8 @@ class LiveControls:
         commands.add("margins", self._set_margins, stop, warn, stop, warn)
         commands.add("record", self._record, boolean, text(_MAX_RECORDING_NAME))
         commands.add("needle_length", self._lengthen, number(-_MAX_NEEDLE_STEP, _MAX_NEEDLE_STEP))
+        depth = number(0.0, MAX_DEPTH_MM)
+        commands.add("image_depth", self._choose_depth, depth, depth)
 
     def _record(self, start: bool, name: str) -> None:
         if not self._operator.record(start, name.strip()):
@@ -194,8 +197,21 @@ class LiveControls:
             )
 
     def _lengthen(self, by_mm: float) -> None:
-        if not self._operator.lengthen_needle(by_mm):
+        if not self._operator.change_shown(longer_needle(by_mm)):
             raise NotDoneError("needle: the session has not begun; expected the request later")
+
+    def _choose_depth(self, seen_mm: float, depth_mm: float) -> None:
+        """Use ``depth_mm`` for new images, while the page has shown ``seen_mm`` as in use."""
+        known = self._operator.image_depth
+        if known is not None and known.depth_mm != seen_mm:
+            raise NotDoneError(
+                f"depth of the images: it is now {known.depth_mm:g} mm, and nothing was done; "
+                "expected the same request again, after a look at it"
+            )
+        if not self._operator.change_shown(other_depth(depth_mm)):
+            raise NotDoneError(
+                "depth of the images: the session has not begun; expected the request later"
+            )
 
     def _set_margins(
         self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float

@@ -14,7 +14,7 @@ import yaml
 from app.case import DOCUMENTS, open_live, schema_text
 from app.case.live_keys import ABOVE_0, NEEDS_ROBOT, PASSIVE
 from app.case.manifest.cautery import ONE_SOURCE
-from app.case.manifest.image_keys import FROM_IGTL, NOT_BOTH
+from app.case.manifest.image_keys import FROM_IGTL, LISTED_DEPTH, NOT_BOTH
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.keys import FILES, OWN_BASE_FRAME, SESSION_LIMITS
 from app.case.manifest.stylus_keys import OWN_STYLUS_FRAME, STYLUS_TIP
@@ -29,6 +29,7 @@ from app.session.from_case import margin_parameters
 from tests.schema_agreement import UNSTATED, refusal, validator
 from tests.valid_documents import (
     BOX,
+    DEPTHS,
     IDENTITY,
     IMAGES,
     LIVE_IMAGES,
@@ -205,6 +206,7 @@ EXAMPLES: dict[str, tuple[str, Edit]] = {
     ),
     NOT_BOTH: ("case", _set("images", IMAGES["images"] | {"topic": "/image"})),
     FROM_IGTL: ("live", _set("images", LIVE_IMAGES["images"])),
+    LISTED_DEPTH: ("case", _set("images", DEPTHS["images"] | {"depth_mm": 60})),
     ONE_SOURCE: ("live", _set("cautery", {"device": "Cautery"})),
     "end_s is start_s or later": ("expected", _set("dropouts.0.end_s", 1)),
 }

@@ -39,6 +39,7 @@ VALUES = SessionValues(
     needle_length_mm=61.5,
     stylus_from_tip=Transform("pointer", "pointer_tip", TURN, [2.0, 1 / 3, 140.7]),
     stylus_sigma_mm=0.35,
+    image_depth_mm=45.0,
 )
 
 
@@ -48,9 +49,9 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
     assert stream.read() == b"next"
     assert found.margins == VALUES.margins
     assert (found.tip_sigma_mm, found.tumor_sigma_mm) == (0.2, 0.45)
-    assert found.needle_length_mm == 61.5
     assert found.stylus_sigma_mm == 0.35
     assert found.stylus_from_tip is not None and VALUES.stylus_from_tip is not None
+    assert (found.needle_length_mm, found.image_depth_mm) == (61.5, 45.0)
     assert found.tumor is not None and VALUES.tumor is not None
     assert np.array_equal(found.tumor.vertices_mm, VALUES.tumor.vertices_mm)
     assert np.array_equal(found.tumor.faces, VALUES.tumor.faces)

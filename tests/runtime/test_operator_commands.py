@@ -23,7 +23,17 @@ from app.geometry import (
     Transform,
 )
 from app.registration import DriftBound, given_registration
-from app.runtime import Needle, OperatorCommands, RearmRefusedError, SeenHold, StepHolds, Stylus
+from app.runtime import (
+    ImageDepth,
+    Needle,
+    OperatorCommands,
+    RearmRefusedError,
+    SeenHold,
+    StepHolds,
+    Stylus,
+    longer_needle,
+    other_depth,
+)
 from app.runtime.needle import thin_needle
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, sample
@@ -138,7 +148,7 @@ def with_needle():
 
 def test_length_of_the_needle_changes_only_what_is_shown():
     world = with_needle()
-    world.commands.lengthen_needle(5.0, origin="a test")
+    world.commands.change_shown(longer_needle(5.0), origin="a test")
     content = world.commands.content
     assert world.output_events == [*PREPARED, "switch first", "switch second"]
     assert all(output.content is content for output in world.outputs)
@@ -157,14 +167,14 @@ def test_length_of_the_needle_changes_only_what_is_shown():
 def test_length_out_of_range_is_refused(by_mm):
     world = with_needle()
     with pytest.raises(InputError, match=r"^needle: a length of .* mm; expected 1 to 500 mm$"):
-        world.commands.lengthen_needle(by_mm)
+        world.commands.change_shown(longer_needle(by_mm))
     world.assert_unchanged()
     assert not world.commands.requests.last.accepted
 
 
 def test_session_without_a_needle_refuses_a_length(world):
     with pytest.raises(InputError, match=r"^needle: the session has none; expected 'needle' in"):
-        world.commands.lengthen_needle(1.0)
+        world.commands.change_shown(longer_needle(1.0))
     world.assert_unchanged()
 
 
@@ -211,6 +221,41 @@ def test_bad_tip_of_the_stylus_is_refused(tip, sigma_mm, problem):
     world = World(content=replace(CONTENT, stylus=Stylus("pointer")))
     with pytest.raises(MarginGuardError, match=f"^{problem}"):
         world.commands.set_stylus_tip(tip, sigma_mm=sigma_mm)
+
+
+DEPTHS = ImageDepth((40.0, 60.0), 40.0)
+
+
+def test_depth_of_the_images_changes_only_how_they_are_placed():
+    world = World(content=replace(CONTENT, image_depth=DEPTHS))
+    recorder = RecorderDouble()
+    world.commands = OperatorCommands(
+        world.between_steps, world.content, world.outputs, holds=world.holds, recorder=recorder
+    )
+    world.commands.change_shown(other_depth(60.0), origin="a test")
+    content = world.commands.content
+    assert content.image_depth == ImageDepth((40.0, 60.0), 60.0)
+    assert content.values(world.content).image_depth_mm == 60.0
+    assert all(output.content is content for output in world.outputs)
+    assert world.output_events == [*PREPARED, "switch first", "switch second"]
+    assert world.session.setup is world.setup
+    assert world.session.hold_causes == ()
+    assert recorder.depths == 1 and recorder.noted == [()]
+    line = world.commands.requests.last.line
+    assert line == "image_depth from a test accepted: from 40 to 60 mm"
+
+
+@pytest.mark.parametrize(
+    ("depths", "expected"),
+    [
+        (DEPTHS, r"^depth of the images: 50 mm; expected one of 40, 60$"),
+        (None, r"^depth of the images: the session has one calibration; expected 'images\."),
+    ],
+)
+def test_depth_that_is_not_listed_is_refused(depths, expected):
+    world = World(content=replace(CONTENT, image_depth=depths))
+    with pytest.raises(InputError, match=expected):
+        world.commands.change_shown(other_depth(50.0))
     world.assert_unchanged()
     assert not world.commands.requests.last.accepted
 
@@ -283,7 +328,7 @@ class RecorderDouble:
     status = None
 
     def __init__(self):
-        self.noted, self.values = [], []
+        self.noted, self.values, self.depths = [], [], 0
 
     def start(self, name, values):
         self.values.append(values)
@@ -291,6 +336,9 @@ class RecorderDouble:
 
     def note_replaced(self, parts):
         self.noted.append(parts)
+
+    def note_depth(self):
+        self.depths += 1
 
 
 def test_recording_begins_with_the_values_in_use_and_notes_what_is_replaced_later(world):

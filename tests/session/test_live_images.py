@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from app.case import DepthCalibration, ImageDepths
 from app.geometry import (
     NS_PER_MS,
+    FloatArray,
     ImageCalibration,
     ImageSample,
     ImageStatus,
@@ -13,6 +15,7 @@ from app.geometry import (
     TrackedTransform,
     TrackingStatus,
     Transform,
+    image_corners,
 )
 from app.session import LiveImages
 
@@ -35,7 +38,7 @@ def pose(at_ms: float, x_mm: float = 0.0) -> TrackedTransform:
 
 @pytest.fixture
 def images() -> LiveImages:
-    return LiveImages(CALIBRATION, stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
+    return LiveImages(ImageDepths.one(CALIBRATION), stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
 
 
 def test_newest_image_is_placed_by_the_pose_at_its_own_stamp(images: LiveImages) -> None:
@@ -123,6 +126,68 @@ def test_image_that_came_late_is_dropped_and_one_of_a_clock_set_back_starts_anew
     assert images.at(ns(30), "reference").number == 1
     with pytest.raises(InputError, match="image 0 is not held any more"):
         images.image(0)
+
+
+DEPTHS_MM = {40.0: np.diag([0.1, 0.2, 0.1, 1.0]), 60.0: np.diag([0.15, 0.3, 0.15, 1.0])}
+
+
+@pytest.fixture
+def two_depths() -> LiveImages:
+    calibrations = [
+        DepthCalibration(depth_mm, ImageCalibration("probe", matrix))
+        for depth_mm, matrix in DEPTHS_MM.items()
+    ]
+    depths = ImageDepths(calibrations, 40.0)
+    return LiveImages(depths, stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
+
+
+def corners_at(images: LiveImages, at_ms: float) -> tuple[float | None, FloatArray]:
+    found = images.at(ns(at_ms), "reference")
+    assert found.pose.matrix is not None, found.pose.problem
+    return found.depth_mm, image_corners(found.pose.matrix, 4, 3)
+
+
+def corners_of(depth_mm: float, x_mm: float) -> FloatArray:
+    """By hand: pixels of the depth, moved along x."""
+    width, height = DEPTHS_MM[depth_mm][0, 0], DEPTHS_MM[depth_mm][1, 1]
+    ends = [(0, 0), (3 * width, 0), (3 * width, 2 * height), (0, 2 * height)]
+    return np.array([(x_mm + x, y, 0.0) for x, y in ends])
+
+
+def test_chosen_depth_places_images_that_are_stamped_later_and_no_others(
+    two_depths: LiveImages,
+) -> None:
+    images = two_depths
+    images.add_poses([pose(1000), pose(1100, 100)])
+    images.add(image(1030))
+    assert corners_at(images, 1040)[0] == 40.0
+    images.choose_depth(60.0)  # the newest stamp is that of the last pose, 1100 ms
+    assert images.last_choice == (60.0, ns(1100))
+    for at_ms, depth_mm in ((1030, 40.0), (1090, 40.0), (1100, 40.0), (1101, 60.0)):
+        if at_ms != 1030:  # an image that was acquired before the choice and comes after it
+            images.add(image(at_ms))
+            images.add_poses([pose(at_ms + 60, at_ms - 940.0)])
+        shown_mm, corners = corners_at(images, at_ms)
+        assert shown_mm == depth_mm
+        np.testing.assert_allclose(corners, corners_of(depth_mm, at_ms - 1000), rtol=0, atol=1e-6)
+    images.choose_depth(40.0)
+    assert corners_at(images, 1101)[0] == 60.0  # it is shown already
+    with pytest.raises(InputError, match="expected one of 40, 60"):
+        images.choose_depth(50.0)
+
+
+def test_depth_holds_for_all_images_after_the_clock_was_set_back(two_depths: LiveImages) -> None:
+    two_depths.add_poses([pose(9000), pose(9040)])
+    two_depths.choose_depth(60.0)
+    two_depths.add_poses([pose(1000), pose(1040)])
+    two_depths.add(image(1020))
+    assert corners_at(two_depths, 1020)[0] == 60.0
+    two_depths.add_poses([pose(9000), pose(9040)])
+    two_depths.add(image(9020))
+    two_depths.choose_depth(40.0)
+    two_depths.add(image(1020))
+    two_depths.add_poses([pose(1000), pose(1040)])
+    assert corners_at(two_depths, 1020)[0] == 40.0
 
 
 def test_no_image_yet(images: LiveImages) -> None:

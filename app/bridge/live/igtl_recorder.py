@@ -9,6 +9,7 @@ from std_msgs.msg import Bool
 from app.bridge.bag_topics import bag_topic
 from app.bridge.igtl_images import message_of_image
 from app.bridge.live.cautery_input import said_by
+from app.bridge.live.depth_recorder import DepthRecorder
 from app.bridge.live.recorder import RosRecorder
 from app.bridge.qos import NEWEST, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, tracked_message
@@ -27,9 +28,9 @@ class IgtlRecorder:
 
     It is a client of the server of its own. Every pose is on ``/tracked_transforms``, with the
     server's stamp and status, every image of the session's device on `IGTL_IMAGES_TOPIC`, and the
-    state of the cautery on `IGTL_CAUTERY_TOPIC`.
-    ``report`` takes changes of the connection, and why an image is refused, until the reason
-    changes.
+    state of the cautery on `IGTL_CAUTERY_TOPIC`. Images of another depth than that of ``depths``
+    are refused, as in the session. ``report`` takes changes of the connection, and why an image is
+    refused, until the reason changes.
     """
 
     def __init__(
@@ -37,16 +38,17 @@ class IgtlRecorder:
         recorder: RosRecorder,
         live: LiveCase,
         source: IgtlSourceEntry,
+        depths: DepthRecorder | None,
         report: Callable[[str], None],
     ) -> None:
-        self._recorder, self._report = recorder, report
+        self._recorder, self._report, self._depths = recorder, report, depths
         self._problem = ""
         recorder.add_own(bag_topic(TRACKED_TRANSFORMS.name, TRACKED_TRANSFORMS))
         entry = live.case.manifest.images
         images = None
         if entry is not None and entry.topic is None:
             recorder.add_own(bag_topic(_IMAGES.name, _IMAGES))
-            self._images = DeviceImages(live.image_device, one_spacing=True)
+            self._images = DeviceImages(live.image_device)
             images = self._write_image
         cautery = live.case.manifest.cautery
         self._cautery_device = None if cautery is None else cautery.device
@@ -91,6 +93,8 @@ class IgtlRecorder:
             image = self._images.read(header, body)
             if image is None:  # of another device
                 return
+            if self._depths is not None:
+                self._depths.check(image)
             message = message_of_image(image)
         except MarginGuardError as error:
             if str(error) != self._problem:

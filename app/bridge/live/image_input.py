@@ -56,7 +56,7 @@ class IgtlImages:
     """
 
     def __init__(self, device: str | None, orientation: str, images: LiveImages) -> None:
-        self._images, self._orientation = DeviceImages(device, one_spacing=True), orientation
+        self._images, self._orientation = DeviceImages(device), orientation
         self._intake = ImageIntake(images, self._decode)
 
     def receive(self, header: Header, body: bytes) -> None:

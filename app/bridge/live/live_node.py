@@ -44,6 +44,7 @@ from app.runtime import (
     AuditOutput,
     ComputeProcess,
     HoldKeeper,
+    ImageDepthOutput,
     LiveRun,
     OperatorCommands,
     Output,
@@ -192,6 +193,7 @@ def live_node(
                 TwistOutput(twists, setup.margins),
                 *guidance,
                 AuditOutput(log, prepared.content, time.monotonic_ns),
+                *([] if images is None else [ImageDepthOutput(images, prepared.content)]),
                 *outputs,
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
@@ -200,6 +202,8 @@ def live_node(
             recorder=recorder,
         )
         requests = run.commands.requests
+        if images is not None:
+            recorder.depth = lambda: images.last_choice
         recorder.ended = partial(requests.refused, RequestKind.RECORD, "the recorder")
         requests.listen(log.request)
         margins = opened(served_operators(node, run, config, setup.margins))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.case.images.current import CurrentImage, ImagePose
+from app.case.images.depths import ImageDepths
 from app.case.images.orientation import standard_image
 from app.case.images.pose_history import PoseHistory
 from app.case.messages.image_message import read_image_message
@@ -17,7 +18,6 @@ from app.geometry import (
     NS_PER_MS,
     Freshness,
     FreshnessLimits,
-    ImageCalibration,
     ImageSample,
     InputError,
     TrackedTransform,
@@ -39,8 +39,8 @@ class BagImages:
 
     All are read once, to know their stamps; then one is in memory. Those that are refused
     (`read_image_message`, another size than the first) are left out and counted to ``note``.
-    ``poses`` are the tracker's samples; poses around an image are at most ``max_gap_ns`` apart.
-    Raises `InputError` for a recording without a good image on ``topic``.
+    ``depths`` place them. ``poses`` are the tracker's samples; poses around an image are at most
+    ``max_gap_ns`` apart. Raises `InputError` for a recording without a good image on ``topic``.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class BagImages:
         path: Path,
         topic: str,
         orientation: str,
-        calibration: ImageCalibration,
+        depths: ImageDepths,
         poses: Iterable[TrackedTransform],
         *,
         stale_after_ns: int,
         max_gap_ns: int,
         note: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self._topic, self._orientation, self._calibration = topic, orientation, calibration
+        self._topic, self._orientation, self._depths = topic, orientation, depths
         self._limits = FreshnessLimits(stale_after_ns)
         self._kind: tuple[tuple[int, ...], str] | None = None
         self._refused: list[str] = []
@@ -92,10 +92,11 @@ class BagImages:
                 f"{self._limits.stale_after_ns / NS_PER_MS:.0f} ms"
             )
             return CurrentImage(number, ImagePose(None, problem))
-        found = self._poses.matrix(stamp_ns, frame, self._calibration.probe)
+        found = self._poses.matrix(stamp_ns, frame, self._depths.probe)
         if isinstance(found, str):
             return CurrentImage(number, ImagePose(None, f"image {number}: {found}"))
-        return CurrentImage(number, ImagePose(found @ self._calibration.matrix))
+        used = self._depths.at(stamp_ns)
+        return CurrentImage(number, ImagePose(found @ used.calibration.matrix), used.depth_mm)
 
     def image(self, number: int) -> ImageSample:
         """Read image ``number``, from 0; the last one is kept."""

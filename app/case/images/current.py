@@ -22,11 +22,13 @@ class ImagePose:
 class CurrentImage:
     """The newest image at a time. It may be shown exactly if ``pose`` has a matrix.
 
-    ``number``: None before the first image.
+    ``number``: None before the first image. ``depth_mm``: the imaging depth by whose calibration it
+    is placed; None for a probe with one.
     """
 
     number: int | None
     pose: ImagePose
+    depth_mm: float | None = None
 
 
 class ImageSource(Protocol):

@@ -51,4 +51,7 @@ def standard_image(image: ImageSample, orientation: str) -> ImageSample:
     """Return ``image`` of a checked ``orientation`` in MF; one without pixels as it is."""
     if image.pixels is None:
         return image
-    return replace(image, pixels=to_standard(image.pixels, orientation))
+    pixel_mm = image.pixel_mm
+    if pixel_mm is not None and orientation[0] in "FN":
+        pixel_mm = pixel_mm[::-1]
+    return replace(image, pixels=to_standard(image.pixels, orientation), pixel_mm=pixel_mm)

@@ -189,20 +189,31 @@ class RegistrationEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class ImagesEntry:
-    """Tracked ultrasound: paths as written of the sequence and of the calibration.
+class ImageCalibrationEntry:
+    """``ImageToProbe`` by a file as written, or by 16 numbers. ``depth_mm`` None: any depth."""
 
-    ``path`` None: the recording. ``topic``: that of the images in a bag or in a live session, None
-    for a sequence and for OpenIGTLink. ``orientation`` is that of images that do not name it.
-    ``stale_after_ns``: None for that of the margins.
+    depth_mm: float | None
+    path: str | None
+    matrix: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class ImagesEntry:
+    """Tracked ultrasound: path as written of the sequence, and the calibrations of the probe.
+
+    ``calibrations``: one without a depth, or one for each depth; ``depth_mm`` is then the one at
+    the start. ``path`` None: the recording. ``topic``: that of the images in a bag or in a live
+    session, None for a sequence and for OpenIGTLink. ``orientation`` is that of images that do not
+    name it. ``stale_after_ns``: None for that of the margins.
     """
 
     path: str | None
     probe: str
-    calibration: str
+    calibrations: tuple[ImageCalibrationEntry, ...]
     orientation: str | None
     stale_after_ns: int | None
     topic: str | None = None
+    depth_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from app.case.messages.cdr_reader import bytes_reader
 from app.case.messages.ros_messages import (
     BOOL,
     JOINT_STATE,
+    RANGE,
     TF_MESSAGE,
     TIME_REFERENCE,
     TRACKED_TRANSFORM,
@@ -28,6 +29,7 @@ from app.case.messages.ros_messages import (
 from app.case.messages.values import (
     bool_value,
     joint_values,
+    range_values,
     tf_values,
     time_values,
     tracked_values,
@@ -48,6 +50,7 @@ _VALUES_OF: dict[str, Callable[[Any], Any]] = {
     JOINT_STATE: joint_values,
     TIME_REFERENCE: time_values,
     BOOL: bool_value,
+    RANGE: range_values,
 }
 
 

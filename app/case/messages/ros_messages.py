@@ -20,6 +20,7 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
 BOOL = "std_msgs/msg/Bool"
+RANGE = "sensor_msgs/msg/Range"
 
 TRACKED_TRANSFORM_DEFINITION = """\
 uint8 OK=0

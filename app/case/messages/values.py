@@ -91,6 +91,13 @@ class TimeValues(NamedTuple):
     unfiltered_ns: int
 
 
+class RangeValues(NamedTuple):
+    """A distance in m at a time in ns."""
+
+    stamp_ns: int
+    range_m: float
+
+
 def tracked_values(message: Any) -> PoseValues:
     """Values of a ``marginguard_msgs/TrackedTransform``."""
     return _pose(message)._replace(status=int(message.status))
@@ -115,6 +122,11 @@ def time_values(message: Any) -> TimeValues:
 def bool_value(message: Any) -> bool:
     """Value of a ``std_msgs/Bool``."""
     return bool(message.data)
+
+
+def range_values(message: Any) -> RangeValues:
+    """Stamp and range of a ``sensor_msgs/Range``."""
+    return RangeValues(_ns(message.header.stamp), float(message.range))
 
 
 def frame_name(text: str) -> str:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from queue import SimpleQueue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
@@ -22,6 +22,7 @@ from app.cli.signals import note_signals
 
 if TYPE_CHECKING:
     from app.bridge import RosNode
+    from app.bridge.live.depth_recorder import DepthRecorder
     from app.bridge.live.igtl_recorder import IgtlRecorder
     from app.bridge.live.recorder import RosRecorder
     from app.case import BagWriter, LiveCase, SessionValues
@@ -76,7 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--until-eof",
         action="store_true",
         help="for the program that starts it: also end, with exit status 0, when standard input "
-        'ends; a line {"replaced": ["tip"]} of it is noted in the recording',
+        'ends; a line {"replaced": ["tip"]} of it is noted in the recording, one '
+        '{"image_depth": [40.0, 123]}, in mm and ns, is written to it',
     )
     parser.add_argument(
         "--session-values",
@@ -90,11 +92,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Record until a signal arrives."""
     with note_signals() as received:
-        stop, replaced = threading.Event(), SimpleQueue[str]()
+        stop, notes = threading.Event(), SimpleQueue[dict[str, Any]]()
         received.stops(stop.set)
         values = _session_values(options)
         if options.until_eof:
-            threading.Thread(target=_read_input, args=(stop, replaced), daemon=True).start()
+            threading.Thread(target=_read_input, args=(stop, notes), daemon=True).start()
         topics, live = _topics_and_case(options)
         load_bridge("which 'record' needs")
         print_reach()
@@ -115,7 +117,7 @@ def run(options: argparse.Namespace) -> int:
                 raise
             # The node is closed before the bag, so that no message arrives for a closed bag.
             with closing(bag), ros:
-                _record(ros, bag, topics, stop, replaced, options, live, lines)
+                _record(ros, bag, topics, stop, notes, options, live, values, lines)
         counts = bag.counts
         lines.note(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
         for topic, count in counts.items():
@@ -135,14 +137,15 @@ def _session_values(options: argparse.Namespace) -> "SessionValues | None":
     return received_values(sys.stdin.buffer)
 
 
-def _read_input(stop: threading.Event, replaced: "SimpleQueue[str]") -> None:
-    """Pass on the names of replaced parts in each line of standard input, until its end."""
+def _read_input(stop: threading.Event, notes: "SimpleQueue[dict[str, Any]]") -> None:
+    """Pass on each line of standard input that is an object, until its end."""
     while line := sys.stdin.buffer.readline(_MAX_INPUT_BYTES):
         try:
-            parts = json.loads(line)["replaced"]
-            replaced.put(", ".join(str(each) for each in parts))
-        except (ValueError, KeyError, TypeError):
+            values = json.loads(line)
+        except ValueError:
             continue
+        if isinstance(values, dict):
+            notes.put(values)
     stop.set()
 
 
@@ -215,13 +218,15 @@ def _record(
     bag: "BagWriter",
     topics: list[str],
     stop: threading.Event,
-    replaced: "SimpleQueue[str]",
+    notes: "SimpleQueue[dict[str, Any]]",
     options: argparse.Namespace,
     live: "LiveCase | None",
+    values: "SessionValues | None",
     lines: _Lines,
 ) -> None:
     from app.bridge import BridgeError
     from app.bridge.live import RosRecorder, SessionWatch
+    from app.bridge.live.depth_recorder import DepthRecorder
     from app.case import RECORDING_FOLDER
     from app.case.live_recording import write_changes
     from app.case.recorder.periodic_flush import PeriodicFlush
@@ -231,16 +236,23 @@ def _record(
     session = SessionWatch()
     recorder = RosRecorder(ros, bag, topics)
 
-    def note_replaced() -> None:
-        while not replaced.empty():
-            parts = replaced.get()
+    depths = None if live is None else DepthRecorder.of(recorder, live, values)
+
+    def take_notes() -> None:
+        while not notes.empty():
+            note = notes.get()
+            if depths is not None and "image_depth" in note:
+                lines.note(depths.write(*note["image_depth"]))
+            if "replaced" not in note:
+                continue
+            parts = ", ".join(map(str, note["replaced"]))
             lines.note(f"replaced in the session: {parts}")
             session.note_replaced(time.time_ns(), parts)
             write_changes(session.changes, options.output / RECORDING_FOLDER)
             recorder.add(_session_topic(MARKERS, options))
 
     with PeriodicFlush(recorder.flush, recorder.sync), ExitStack() as stack:
-        server = _igtl_recorder(recorder, live, lines.note)
+        server = _igtl_recorder(recorder, live, depths, lines.note)
         if server is not None:
             stack.callback(server.close)
         polls = 0
@@ -265,17 +277,20 @@ def _record(
                 lines.note("tumour or registration of the session were replaced")
                 write_changes(session.changes, options.output / RECORDING_FOLDER)
                 recorder.add(_session_topic(MARKERS, options))
-            note_replaced()
+            take_notes()
             recorder.flush()  # raises an error of the bag
             if polls % _STATUS_POLLS == 0:
                 lines.status(recorder, bag, "" if server is None else server.problem)
             polls += 1
-        note_replaced()
+        take_notes()
     lines.status(recorder, bag, "")
 
 
 def _igtl_recorder(
-    recorder: "RosRecorder", live: "LiveCase | None", report: Callable[[str], None]
+    recorder: "RosRecorder",
+    live: "LiveCase | None",
+    depths: "DepthRecorder | None",
+    report: Callable[[str], None],
 ) -> "IgtlRecorder | None":
     """Records the OpenIGTLink source of ``live``; None for another source."""
     from app.bridge.live.igtl_recorder import IgtlRecorder
@@ -283,4 +298,4 @@ def _igtl_recorder(
 
     if live is None or not isinstance(live.source, IgtlSourceEntry):
         return None
-    return IgtlRecorder(recorder, live, live.source, report)
+    return IgtlRecorder(recorder, live, live.source, depths, report)

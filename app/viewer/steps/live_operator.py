@@ -7,7 +7,15 @@ from typing import Any, TypeVar
 
 from app.geometry import MarginGuardError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
-from app.runtime import OperatorCommands, RecordingStatus, RequestKind, SeenHold, TipChange
+from app.runtime import (
+    ImageDepth,
+    OperatorCommands,
+    RecordingStatus,
+    RequestKind,
+    SeenHold,
+    ShownChange,
+    TipChange,
+)
 
 _Value = TypeVar("_Value")
 UseMargins = Callable[[float, float, str], None]
@@ -98,11 +106,16 @@ class LiveOperator:
         )
         return True
 
-    def lengthen_needle(self, by_mm: float) -> bool:
-        """Begin to show the needle longer by ``by_mm``; False before `connect`."""
+    @property
+    def image_depth(self) -> ImageDepth | None:
+        """The depths of the images; None before `connect`, and for a session without several."""
+        return None if self._commands is None else self._commands.content.image_depth
+
+    def change_shown(self, request: tuple[RequestKind, ShownChange]) -> bool:
+        """Begin to change what is shown (`app.runtime.shown_changes`); False before `connect`."""
         if self._commands is None:
             return False
-        self._workers.submit(_lengthen_needle, self._commands, by_mm)
+        self._workers.submit(_change_shown, self._commands, request)
         return True
 
     def set_tip(self, change: TipChange) -> bool:
@@ -158,11 +171,11 @@ def _set_tip(commands: OperatorCommands, change: TipChange) -> None:
         commands.set_tip(change.tool_from_tip, sigma_mm=change.sigma_mm, origin=THE_PAGE)
 
 
-def _lengthen_needle(commands: OperatorCommands, by_mm: float) -> None:
+def _change_shown(commands: OperatorCommands, request: tuple[RequestKind, ShownChange]) -> None:
     # A refusal is in the list of requests.
     with suppress(MarginGuardError):
-        commands.requests.admit(RequestKind.NEEDLE)
-        commands.lengthen_needle(by_mm, origin=THE_PAGE)
+        commands.requests.admit(request[0])
+        commands.change_shown(request, origin=THE_PAGE)
 
 
 def _set_registration(commands: OperatorCommands, result: RegistrationResult) -> None:

@@ -1,6 +1,6 @@
 """The needle of the shown session, as the panel's user lengthens it."""
 
-from app.runtime import OperatorCommands
+from app.runtime import OperatorCommands, longer_needle
 
 from .events import THE_PANEL
 from .shown_session import ShownSession
@@ -14,7 +14,7 @@ class PanelNeedle:
 
     def lengthen(self, by_mm: float) -> None:
         """Show the needle longer by ``by_mm``. Raises `InputError` with why not."""
-        self._session.commands().lengthen_needle(by_mm, origin=THE_PANEL)
+        self._session.commands().change_shown(longer_needle(by_mm), origin=THE_PANEL)
 
     def length(self) -> str:
         """The length in mm, empty without a needle."""

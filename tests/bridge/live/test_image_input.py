@@ -13,6 +13,7 @@ from app.bridge import RosNode
 from app.bridge.convert import image_message
 from app.bridge.live.image_input import IgtlImages, TopicImages, with_images
 from app.bridge.qos import NEWEST, Topic
+from app.case import DepthCalibration, ImageDepths
 from app.geometry import (
     ImageCalibration,
     ImageSample,
@@ -37,7 +38,9 @@ class Reported:
 
     def __init__(self) -> None:
         calibration = ImageCalibration("probe", np.diag([0.1, 0.1, 0.1, 1.0]))
-        self.images = LiveImages(calibration, stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
+        self.images = LiveImages(
+            ImageDepths.one(calibration), stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS
+        )
         self.images.report = self._report
         self.problems: list[str] = []
         self.event = threading.Event()
@@ -160,6 +163,38 @@ def test_image_of_another_depth_has_no_place_until_the_first_depth_returns() -> 
     device.receive(*packet("Image", 2, 0.2))
     until(lambda: device.counts().get("images: received") == 2)
     assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
+    device.close()
+
+
+def test_image_of_another_listed_depth_names_the_depth_to_choose() -> None:
+    """It is refused until an operator chooses that depth; then images of it are placed by it."""
+    reported = Reported()
+    matrices = {40.0: np.diag([0.2, 0.2, 0.2, 1.0]), 50.0: np.diag([0.25, 0.25, 0.25, 1.0])}
+    calibrations = [
+        DepthCalibration(depth_mm, ImageCalibration("probe", matrix))
+        for depth_mm, matrix in matrices.items()
+    ]
+    reported.images = LiveImages(
+        ImageDepths(calibrations, 40.0), stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS
+    )
+    reported.images.report = reported._report
+    device = IgtlImages("Image", "MF", reported.images)
+    device.receive(*packet("Image", 0, 0.2))
+    until(lambda: device.counts().get("images: received") == 1)
+    device.receive(*packet("Image", 1, 0.25))
+    assert reported.event.wait(DEADLINE_S)
+    assert reported.problems == [
+        "image has pixels of 0.25 x 0.25 mm, those of depth 50 mm; expected those of depth 40 mm "
+        "(0.2 x 0.2 mm), which is in use: choose depth 50 mm"
+    ]
+    assert shown(reported, 2 * 10**9) is None
+    reported.images.choose_depth(50.0)
+    device.receive(*packet("Image", 2, 0.25))
+    until(lambda: device.counts().get("images: received") == 2)
+    assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
+    found = reported.images.at(3 * 10**9, "reference")
+    assert found.depth_mm == 50.0
+    np.testing.assert_allclose(found.pose.matrix, matrices[50.0], rtol=0, atol=1e-9)
     device.close()
 
 

@@ -8,8 +8,10 @@ import yaml
 
 from app.case import BagTopic, BagWriter, Case, open_case, open_case_images
 from app.case.images.bag_images import BagImages
+from app.case.images.recorded_depths import IMAGE_DEPTH_TOPIC
 from app.case.messages.image_message import IMAGE
 from app.case.messages.ros_messages import (
+    RANGE,
     TRACKED_TRANSFORM,
     TRACKED_TRANSFORMS_TOPIC,
     ros_types,
@@ -45,9 +47,19 @@ def pose(name: str, ns: int) -> bytes:
     return bytes(ros_types().serialize_cdr(tracked_transform_message(sample), TRACKED_TRANSFORM))
 
 
-def write_bag(folder: Path, images: list[bytes]) -> None:
+def chosen_depth(depth_mm: float, ns: int) -> bytes:
+    """A ``sensor_msgs/Range`` by rosbags."""
+    types = ros_types().types
+    time = types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9)
+    header = types["std_msgs/msg/Header"](time, "image")
+    content = types[RANGE](header, 0, 0.0, 0.0, 0.0, depth_mm / 1000.0, 0.0)
+    return bytes(ros_types().serialize_cdr(content, RANGE))
+
+
+def write_bag(folder: Path, images: list[bytes], depths: dict[int, float]) -> None:
     bag = BagWriter(folder)
-    for topic, kind in ((TRACKED_TRANSFORMS_TOPIC, TRACKED_TRANSFORM), (TOPIC, IMAGE)):
+    topics = {TRACKED_TRANSFORMS_TOPIC: TRACKED_TRANSFORM, TOPIC: IMAGE, IMAGE_DEPTH_TOPIC: RANGE}
+    for topic, kind in topics.items():
         definition, _ = ros_types().generate_msgdef(kind, ros_version=2)
         bag.add_topic(BagTopic(topic, kind, definition))
     for tick in range(20):
@@ -59,19 +71,29 @@ def write_bag(folder: Path, images: list[bytes]) -> None:
         bag.write(TOPIC, data, received_ns=stamp(number), published_ns=stamp(number))
         if number % 3 == 0:
             bag.flush()  # ends a chunk
+    for ns, depth_mm in depths.items():
+        data = chosen_depth(depth_mm, ns)
+        bag.write(IMAGE_DEPTH_TOPIC, data, received_ns=ns, published_ns=ns)
     bag.close()
 
 
-def case_with(folder: Path, images: list[bytes], **changes: object) -> Case:
+def case_with(
+    folder: Path,
+    images: list[bytes],
+    chosen_depths: dict[int, float] | None = None,
+    **changes: object,
+) -> Case:
+    """A case with ``changes`` of ``images``; a key that is None is left out."""
     calibration = {"probe": "probe", "calibration": "image_to_probe.txt"}
     entry = {"topic": TOPIC, **calibration, **changes}
+    entry = {key: value for key, value in entry.items() if value is not None}
     write_small_case(
         folder,
         lambda manifest: manifest.update(images=entry, recording={"path": "tracking"}),
     )
     numbers = np.vstack([PROBE_FROM_IMAGE, (0, 0, 0, 1)]).ravel()
     (folder / "image_to_probe.txt").write_text(" ".join(f"{value:g}" for value in numbers))
-    write_bag(folder / "tracking", images)
+    write_bag(folder / "tracking", images, chosen_depths or {})
     return open_case(folder)
 
 

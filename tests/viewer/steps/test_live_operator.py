@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.geometry import InputError
-from app.runtime import RearmRefusedError, RequestKind, RequestLog, SeenHold
+from app.runtime import ImageDepth, RearmRefusedError, RequestKind, RequestLog, SeenHold
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.controls import LiveControls
@@ -144,8 +144,8 @@ class NeedleCommands(MarginCommands):
         super().__init__()
         self.lengthened = []
 
-    def lengthen_needle(self, by_mm, *, origin):
-        self.lengthened.append((by_mm, origin))
+    def change_shown(self, request, *, origin):
+        self.lengthened.append((str(request[0]), origin))
 
 
 def test_needle_of_the_page_reaches_the_session_with_its_origin(workers):
@@ -161,7 +161,23 @@ def test_needle_of_the_page_reaches_the_session_with_its_origin(workers):
     for by_mm in (5, -1):
         commands.run("needle_length", (by_mm,), Role.OPERATE)
     workers.shutdown()
-    assert sorted(session.lengthened) == [(-1.0, "the page"), (5.0, "the page")]
+    assert session.lengthened == [("needle_length", "the page")] * 2
+
+
+def test_depth_of_the_page_reaches_the_session_while_the_page_shows_the_one_in_use(workers):
+    session, operator, commands = NeedleCommands(), LiveOperator(workers), Commands()
+    session.content = SimpleNamespace(image_depth=ImageDepth((40.0, 60.0), 40.0))
+    LiveControls(commands, operator)
+    with pytest.raises(NotDoneError, match="depth of the images: the session has not begun"):
+        commands.run("image_depth", (40, 60), Role.OPERATE)
+    operator.connect(session)
+    with pytest.raises(RefusedError, match="role view; expected operate"):
+        commands.run("image_depth", (40, 60), Role.VIEW)
+    with pytest.raises(NotDoneError, match="depth of the images: it is now 40 mm, and nothing"):
+        commands.run("image_depth", (60, 40), Role.OPERATE)
+    commands.run("image_depth", (40, 60), Role.OPERATE)
+    workers.shutdown()
+    assert session.lengthened == [("image_depth", "the page")]
 
 
 def test_recording_of_the_page_reaches_the_session_one_request_at_a_time(workers):
