@@ -33,6 +33,9 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
         plausibility=manifest.plausibility,
         tumor_sigma_mm=manifest.tumor.sigma_mm,
         tip_sigma_mm=manifest.tool.sigma_mm,
+        shown_frames=tuple(
+            each.frame for each in (manifest.needle, manifest.stylus) if each is not None
+        ),
     )
 
 

@@ -189,11 +189,7 @@ class LiveSession:
                 return frame
             now = self._clock.now(host_ns)
             # Joints are known although the tracker is silent: only the tracker is at fault.
-            return (
-                TrackingFrame(Stamp(0), ())
-                if now is None
-                else TrackingFrame(now, (), self._frames.take_joints(now))
-            )
+            return TrackingFrame(Stamp(0), ()) if now is None else self._frames.take_others(now)
 
     def _faults(self, playback: str) -> Mapping[Reason, str]:
         """Faults outside the frame; a refused playback makes poses invalid, also unknown ones."""

@@ -98,7 +98,8 @@ class SessionSetup:
     ``plausibility``: limits and relations by which a wrong pose is found. ``tracking``: latency and
     errors of the tracker, for the margin. ``tumor_sigma_mm``: standard deviation of the tumour's
     surface along its normal, ``tip_sigma_mm`` that of the calibrated tip in its worst direction; 0
-    where they are not stated.
+    where they are not stated. ``shown_frames``: tracked frames of needle and stylus, which no
+    decision uses.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop. Raises `InputError` for a
@@ -116,6 +117,7 @@ class SessionSetup:
     tracking: TrackingError = NO_ERROR
     tumor_sigma_mm: float = 0.0
     tip_sigma_mm: float = 0.0
+    shown_frames: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:

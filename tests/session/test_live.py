@@ -37,6 +37,7 @@ class SimulatedHost:
         playback=NO_PLAYBACK,
         source_problem=lambda: "",
         cautery=None,
+        shown_frames=(),
     ) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
@@ -47,6 +48,7 @@ class SimulatedHost:
             AnalyticSphere(10.0),
             PARAMETERS,
             robot,
+            shown_frames=shown_frames,
         )
         self.live = LiveSession(
             Session(setup),
