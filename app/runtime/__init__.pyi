@@ -44,7 +44,9 @@ from .simulated_world import (
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
 from .stylus import Stylus
+from .tracked_tool import TrackedTool, tip_mm, tip_of
 from .wakeup import Wakeup
+from .workflow.accepted_tip import tip_request_kind, use_tip
 from .workflow.calibration_fit import (
     CalibrationFit,
     CalibrationKind,
@@ -151,6 +153,7 @@ __all__ = [
     "TipDirections",
     "TooManyRequestsError",
     "ToolCalibration",
+    "TrackedTool",
     "UseRegistration",
     "UseTip",
     "Wakeup",
@@ -186,5 +189,9 @@ __all__ = [
     "registration_count",
     "registration_verdict",
     "stop_surface",
+    "tip_mm",
+    "tip_of",
+    "tip_request_kind",
+    "use_tip",
     "workflow_steps",
 ]

@@ -102,7 +102,8 @@ class SessionSetup:
     decision uses.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
-    robot's base with the name of another frame, which would be a loop. Raises `InputError` for a
+    robot's base with the name of another frame, which would be a loop, and for a link of the robot
+    with that of a shown frame. Raises `InputError` for a
     moving tumour without a robot or a ``motion_frame``: nothing would use the velocity.
     """
 
@@ -141,6 +142,12 @@ class SessionSetup:
             raise FrameError(
                 f"robot.base_frame is {self.robot.base_frame!r}; expected a name of its own, "
                 f"not one of the other frames {', '.join(sorted(others))}"
+            )
+        links = set() if self.robot is None else {link.name for link in self.robot.robot.links}
+        for frame in links.intersection(self.shown_frames):
+            raise FrameError(
+                f"the tracked frame {frame!r} of needle or stylus is also a link of the robot; "
+                "expected another name"
             )
 
     @property

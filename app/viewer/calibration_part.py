@@ -15,6 +15,7 @@ from app.runtime import (
     Compute,
     SessionContent,
     ToolCalibration,
+    TrackedTool,
     UseTip,
     fit_calibration,
 )
@@ -22,6 +23,8 @@ from app.runtime.workflow.guided_fits import GuidedFits
 from app.viewer.access.auth import ROLE
 from app.viewer.access.role import Role
 from app.viewer.readout.calibration import calibration_map, calibration_values
+
+TIP_FILE, STYLUS_FILE = "tip.yaml", "stylus.yaml"
 
 
 class CalibrationPart:
@@ -64,10 +67,18 @@ class CalibrationPart:
         }
 
     async def file(self, request: web.Request) -> web.Response:
-        """The tip that the session uses, as YAML for ``tool.tip_from`` and ``--tip-from``."""
+        """The tip of a tool that the session uses, as YAML for a ``tip_from`` of ``live.yaml``.
+
+        ``tip.yaml`` is that of the guarded tool, ``stylus.yaml`` that of the stylus; 409 without.
+        """
         if not request[ROLE].may(Role.OPERATE):
             raise web.HTTPForbidden
-        change = self.guide.in_use
+        name = request.path.rpartition("/")[2]
+        tool = TrackedTool.STYLUS if name == STYLUS_FILE else TrackedTool.CAUTERY
+        change = self.guide.in_use(tool)
+        if change is None:
+            text = "stylus: it has no calibrated tip; expected one to save"
+            return web.Response(status=409, text=text)
         loop = asyncio.get_running_loop()
         content = await loop.run_in_executor(
             None, _file_content, change.tool_from_tip, f"sigma {change.sigma_mm:.3f} mm"
@@ -75,7 +86,7 @@ class CalibrationPart:
         return web.Response(
             body=content,
             content_type="application/yaml",
-            headers={"Content-Disposition": 'attachment; filename="tip.yaml"'},
+            headers={"Content-Disposition": f'attachment; filename="{name}"'},
         )
 
     def close(self) -> None:

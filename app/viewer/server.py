@@ -22,7 +22,7 @@ from app.viewer.address import Address
 from app.viewer.body_drag import BodyDrag
 from app.viewer.body_upload import BodyUpload
 from app.viewer.calibration_controls import CalibrationControls
-from app.viewer.calibration_part import CalibrationPart
+from app.viewer.calibration_part import STYLUS_FILE, TIP_FILE, CalibrationPart
 from app.viewer.contour_controls import ContourControls
 from app.viewer.contour_part import ContourPart
 from app.viewer.controls import (
@@ -275,7 +275,7 @@ class Viewer:
         if self._contour is not None:
             handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
         if self._calibration is not None:
-            handlers["/tip.yaml"] = self._calibration.file
+            handlers |= {f"/{name}": self._calibration.file for name in (TIP_FILE, STYLUS_FILE)}
         posts: dict[str, Handle] = {"/paraview/": _session}
         if self._world is not None:
             posts["/body/{name}"] = BodyUpload(self._world.world).post

@@ -52,7 +52,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, start, tmp
     status = spin_until(panel_logic, lambda now: "Not yet: the poses of a" in now.calibration.text)
     assert "tilt the tool slowly" in status.calibration.text
     assert status.calibration.is_recording and not status.calibration.can_use
-    assert "a pivot is being recorded" in status.workflow
+    assert "a pivot of the cautery is being recorded" in status.workflow
 
     move(motion, "pivot")
     is_covered = lambda now: "8 of 8" in now.calibration.text and "Good" in now.calibration.text  # noqa: E731
@@ -68,7 +68,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, start, tmp
     pivoted = tip(panel_logic)
     assert np.linalg.norm(pivoted.translation_mm - TIP_MM) < 0.5
     status = spin_until(panel_logic, lambda now: "hold: calibration of the tool" in now.reasons)
-    assert "set_tip from this process accepted" in status.request
+    assert "set_tip from the panel accepted" in status.request
 
     move(motion, "spin")
     tracker.line(lambda line: line.strip() == "spin")

@@ -1,7 +1,8 @@
 """Fit of a guided registration: the dwells of the tool so far, and the registration from them.
 
 The robot's tip and the tracked tip are the same point, so every place where the tool rests gives a
-pair: no landmark has to be known. Means, fit and checks are those of ``marginguard register``.
+pair: no landmark has to be known. A stylus touches the robot's tip with its own. Means, fit and
+checks are those of ``marginguard register``.
 """
 
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from app.registration import (
     detect_dwells,
     register_points,
 )
+from app.runtime.tracked_tool import TrackedTool
 from app.session import REFERENCE, mean_dwell_pose
 
 SETTINGS = DwellSettings(min_turn_rad=0.0)
@@ -55,6 +57,7 @@ class RegistrationTask:
     tool_link: str
     excluded: tuple[Interval, ...]
     targets_mm: FloatArray | None
+    tool: TrackedTool = TrackedTool.CAUTERY
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +127,7 @@ def fit_registration(task: RegistrationTask) -> RegistrationFit:
         points=tuple(points),
         result=result,
         reason=reason,
-        advice=_advice(result),
+        advice=_advice(result, task.tool),
     )
 
 
@@ -181,9 +184,10 @@ def _points(
     return points, pairs
 
 
-def _advice(result: RegistrationResult | None) -> str:
+def _advice(result: RegistrationResult | None, tool: TrackedTool) -> str:
     if result is None:
-        return "hold the tip still for 1 s at each point, around the tumour and not in one plane"
+        tip = "the tip" if tool is TrackedTool.CAUTERY else "robot and stylus, tip on tip,"
+        return f"hold {tip} still for 1 s at each point, around the tumour and not in one plane"
     if result.accepted:
         return ""
     return "remove the point with the largest error and touch it again, or touch more points"

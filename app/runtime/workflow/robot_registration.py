@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from app.geometry import InputError
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent
+from app.runtime.tracked_tool import TrackedTool, tip_of
 from app.runtime.workflow.guided_recording import GuidedRecording, Phase
 from app.runtime.workflow.registration_fit import Interval, RegistrationFit, RegistrationTask
 from app.runtime.workflow.robot_samples import RobotSamples
@@ -21,12 +22,14 @@ UseRegistration = Callable[[RegistrationResult], bool]
 class RegistrationStatus:
     """A guided registration as it is now.
 
-    ``revision`` counts the changes by operators. ``problem``: why no sample is recorded, empty
-    while they come. ``fit`` is the newest one of this recording. ``can_accept``: it is that of all
-    samples, and accepted. ``can_restore``: a removed point can come back.
+    ``revision`` counts the changes by operators. ``tool`` touches the points. ``problem``: why no
+    sample is recorded, empty while they come. ``fit`` is the newest one of this recording.
+    ``can_accept``: it is that of all samples, and accepted. ``can_restore``: a removed point can
+    come back.
     """
 
     revision: int
+    tool: TrackedTool
     phase: Phase
     samples: int
     problem: str
@@ -37,6 +40,8 @@ class RegistrationStatus:
 
 class RobotRegistration(GuidedRecording[RegistrationResult]):
     """Detects where the tool on the robot of ``content`` rests, and registers from these points.
+
+    A stylus touches the robot's tip there with its own, where the tool on the robot is not tracked.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
     The samples are fitted elsewhere: `task` returns those that are due, `use_fit` takes the result.
@@ -49,6 +54,7 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
             raise InputError("registration: the session has no robot; expected one")
         self._robot = content.robot
         self._content = content
+        self._tool = TrackedTool.CAUTERY
         self._samples = RobotSamples()
         self._fit: RegistrationFit | None = None
         self._excluded: tuple[Interval, ...] = ()
@@ -76,6 +82,7 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
             is_recording = self._phase is Phase.RECORDING
             return RegistrationStatus(
                 revision=self._revision,
+                tool=self._tool,
                 phase=self._phase,
                 samples=len(self._samples),
                 problem=self._samples.problem if is_recording else "",
@@ -84,10 +91,15 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
                 can_restore=bool(self._excluded),
             )
 
-    def start(self, seen: int) -> None:
-        """Begin to record; drops the points before."""
+    def start(self, seen: int, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+        """Begin to record where ``tool`` touches; drops the points before.
+
+        Raises `InputError` without a stylus, and for one that is not calibrated.
+        """
         with self._lock:
             self._check(seen)
+            tip_of(self._content, tool)
+            self._tool = tool
             self._begin(Phase.RECORDING)
 
     def remove(self, seen: int, first_ns: int) -> None:
@@ -149,6 +161,6 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         return "" if fit.accepted else f"registration: {fit.reason}"
 
     def _clear(self) -> None:
-        self._samples = RobotSamples()
+        self._samples = RobotSamples(self._tool)
         self._fit = None
         self._excluded = ()

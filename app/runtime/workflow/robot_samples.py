@@ -1,11 +1,12 @@
-"""Poses of a robot's link by its joints, and of the tracked tool on it, at the same moments."""
+"""Poses of a robot's link by its joints, and of the tracked tool at it, at the same moments."""
 
 import numpy as np
 
 from app.geometry import FloatArray, FrameError, Transform
 from app.runtime.content import SessionContent
+from app.runtime.tracked_tool import REFUSED, TrackedTool, tip_of
 from app.runtime.workflow.registration_fit import Interval, RegistrationTask
-from app.runtime.workflow.tool_samples import MIN_INTERVAL_NS, REFUSED
+from app.runtime.workflow.tool_samples import MIN_INTERVAL_NS
 from app.session import REFERENCE, RobotSetup, StepResult, box_corners
 
 MAX_SAMPLES = 30_000
@@ -13,13 +14,14 @@ MAX_SAMPLES = 30_000
 
 
 class RobotSamples:
-    """Samples of steps in which tool and joints are both known.
+    """Samples of steps in which ``tool`` and joints are both known.
 
     ``problem`` is why the last step gave none, empty if it did.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
         self.problem = ""
+        self._touch = tool
         self._times_ns: list[int] = []
         self._tool: list[Transform] = []
         self._link: list[Transform] = []
@@ -48,11 +50,12 @@ class RobotSamples:
             tool_translations_mm=np.array([each.translation_mm for each in self._tool]),
             link_rotations=np.array([each.rotation for each in self._link]),
             link_translations_mm=np.array([each.translation_mm for each in self._link]),
-            tool_from_tip=content.tool_from_tip,
+            tool_from_tip=tip_of(content, self._touch),
             base_frame=robot.base_frame,
             tool_link=robot.tool_link,
             excluded=excluded,
             targets_mm=targets_mm,
+            tool=self._touch,
         )
 
     def _keep(self, step: StepResult, content: SessionContent, robot: RobotSetup) -> str:
@@ -63,12 +66,12 @@ class RobotSamples:
             (e.target for e in content.static_edges if e.source == content.tumor.frame), ""
         )
         try:
-            tool, oldest = step.edges.between(REFERENCE, content.tool_from_tip.target)
+            tool, oldest = step.edges.between(REFERENCE, tip_of(content, self._touch).target)
             link, joints = step.edges.between(robot.base_frame, robot.tool_link)
         except FrameError as error:
             return str(error)
         if oldest is None or joints is None:
-            return "the tool is not tracked, or the robot sends no joints"
+            return f"the {self._touch} is not tracked, or the robot sends no joints"
         if len(self) >= MAX_SAMPLES:
             return f"{len(self)} samples are recorded, and no more are: stop"
         since_ns = MIN_INTERVAL_NS if not self._times_ns else oldest.ns - self._times_ns[-1]

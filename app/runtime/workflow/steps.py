@@ -141,7 +141,8 @@ def _calibrate(content: SessionContent, calibration: CalibrationStatus | None) -
     if calibration is not None and calibration.phase is not Phase.IDLE:
         is_stopped = calibration.phase is Phase.STOPPED
         result = "its result is not used yet" if is_stopped else "is being recorded"
-        problem = f"a {calibration.kind}{':' if is_stopped else ''} {result}"
+        what = f"a {calibration.kind} of the {calibration.tool}"
+        problem = f"{what}{':' if is_stopped else ''} {result}"
     return WorkflowStep(WorkflowName.CALIBRATE, f"the tip of {tip.target}", has, problem)
 
 

@@ -1,10 +1,11 @@
-"""Guided calibration of the session's tool: record poses, see what is missing, accept, undo."""
+"""Guided calibration of a session's tools: record poses, see what is missing, accept, undo."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.geometry import InputError, Transform
 from app.runtime.content import SessionContent
+from app.runtime.tracked_tool import TrackedTool
 from app.runtime.workflow.calibration_fit import (
     CalibrationFit,
     CalibrationKind,
@@ -24,6 +25,7 @@ class TipChange:
 
     tool_from_tip: Transform
     sigma_mm: float
+    tool: TrackedTool = TrackedTool.CAUTERY
 
 
 UseTip = Callable[[TipChange], bool]
@@ -34,12 +36,13 @@ UseTip = Callable[[TipChange], bool]
 class CalibrationStatus:
     """A calibration as it is now.
 
-    ``revision`` counts the changes by operators. ``samples`` poses are recorded; ``problem``: why
-    no further one is, empty while they come. ``fit`` is the newest one of this recording, None
-    before the first. ``can_accept``: the fit is that of all poses, and accepted.
+    ``revision`` counts the changes by operators. ``samples`` poses of ``tool`` are recorded;
+    ``problem``: why no further one is, empty while they come. ``fit`` is the newest one of this
+    recording, None before the first. ``can_accept``: the fit is that of all poses, and accepted.
     """
 
     revision: int
+    tool: TrackedTool
     kind: CalibrationKind
     phase: Phase
     samples: int
@@ -49,7 +52,9 @@ class CalibrationStatus:
 
 
 class ToolCalibration(GuidedRecording[TipChange]):
-    """Records poses of the tool of ``content``, one calibration at a time, for all operators.
+    """Records poses of a tool of ``content``, one calibration at a time, for all operators.
+
+    The tool is that of the guard or the stylus: an accepted result replaces the tip of this one.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
     The poses are fitted elsewhere: `task` returns those that are due, `use_fit` takes the result.
@@ -59,10 +64,10 @@ class ToolCalibration(GuidedRecording[TipChange]):
 
     def __init__(self, content: SessionContent) -> None:
         super().__init__("calibration")
-        self._known = content.tool_from_tip
-        self._sigma_mm = content.tip_sigma_mm
+        self._content = content
+        self._tool = TrackedTool.CAUTERY
         self._kind = CalibrationKind.PIVOT
-        self._samples = ToolSamples(self._known.target)
+        self._samples = ToolSamples(content.tool_from_tip.target)
         self._fit: CalibrationFit | None = None
 
     def observe(self, step: StepResult) -> None:
@@ -74,12 +79,12 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 self._samples.observe(step)
 
     def use_content(self, content: SessionContent) -> None:
-        """Use the tip of ``content``, that of the session now.
+        """Use the tips of ``content``, those of the session now.
 
         A calibration whose tip the session has begun to use ends with it.
         """
         with self._lock:
-            self._known, self._sigma_mm = content.tool_from_tip, content.tip_sigma_mm
+            self._content = content
             self._follow_session()
 
     def status(self) -> CalibrationStatus:
@@ -90,6 +95,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 problem = f"{len(self._samples)} poses are recorded, and no more are: stop"
             return CalibrationStatus(
                 revision=self._revision,
+                tool=self._tool,
                 kind=self._kind,
                 phase=self._phase,
                 samples=len(self._samples),
@@ -98,25 +104,28 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 can_accept=self._refusal() == "",
             )
 
-    @property
-    def in_use(self) -> TipChange:
-        """The tip that the session uses, by the last `use_content`."""
+    def in_use(self, tool: TrackedTool) -> TipChange | None:
+        """The tip of ``tool`` that the session uses, by the last `use_content`; None without."""
         with self._lock:
-            return TipChange(self._known, self._sigma_mm)
+            return self._in_use(tool)
 
-    def start(self, seen: int, kind: CalibrationKind) -> None:
-        """Begin to record; drops what was recorded before.
+    def start(
+        self, seen: int, kind: CalibrationKind, tool: TrackedTool = TrackedTool.CAUTERY
+    ) -> None:
+        """Begin to record poses of ``tool``; drops what was recorded before.
 
-        Raises `InputError` for the spin of a tool without a tip: its axis would have no sign.
+        Raises `InputError` for a stylus that the session does not have, and for the spin of a tool
+        without a tip: its axis would have no sign.
         """
         with self._lock:
             self._check(seen)
-            if kind is CalibrationKind.SPIN and not self._known.translation_mm.any():
+            known = self._known(tool)
+            if kind is CalibrationKind.SPIN and not known.translation_mm.any():
                 raise InputError(
-                    f"spin: the tip of {self._known.target!r} is at the sensor's origin; expected "
+                    f"spin: the tip of {known.target!r} is at the sensor's origin; expected "
                     "a pivot calibration before"
                 )
-            self._kind = kind
+            self._kind, self._tool = kind, tool
             self._begin(Phase.RECORDING)
 
     def task(self) -> CalibrationTask | None:
@@ -133,7 +142,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 self._samples.reference,
                 rotations,
                 translations_mm,
-                self._known,
+                self._known(self._tool),
             )
 
     def use_fit(self, fit: CalibrationFit) -> None:
@@ -146,15 +155,34 @@ class ToolCalibration(GuidedRecording[TipChange]):
     def _is_recording(self) -> bool:
         return self._phase is Phase.RECORDING
 
-    def _replacement(self) -> tuple[TipChange, TipChange]:
-        fit = self._fit
+    def _known(self, tool: TrackedTool) -> Transform:
+        """The tip in use; at the sensor's origin for a stylus that is not calibrated."""
+        if tool is TrackedTool.CAUTERY:
+            return self._content.tool_from_tip
+        stylus = self._content.known_stylus
+        return stylus.frame_from_tip or Transform.identity(stylus.frame, stylus.tip_frame)
+
+    def _in_use(self, tool: TrackedTool) -> TipChange | None:
+        content = self._content
+        if tool is TrackedTool.CAUTERY:
+            return TipChange(content.tool_from_tip, content.tip_sigma_mm)
+        stylus = content.stylus
+        if stylus is None or stylus.frame_from_tip is None:
+            return None
+        return TipChange(stylus.frame_from_tip, stylus.sigma_mm, tool)
+
+    def _replacement(self) -> tuple[TipChange | None, TipChange]:
+        fit, before = self._fit, self._in_use(self._tool)
         if fit is None or fit.tool_from_tip is None:
             raise InputError("calibration: there is no result; expected one")
-        sigma_mm = self._sigma_mm if fit.sigma_mm is None else fit.sigma_mm
-        return TipChange(self._known, self._sigma_mm), TipChange(fit.tool_from_tip, sigma_mm)
+        sigma_mm = fit.sigma_mm
+        if sigma_mm is None:
+            sigma_mm = 0.0 if before is None else before.sigma_mm
+        return before, TipChange(fit.tool_from_tip, sigma_mm, self._tool)
 
     def _is_in_use(self, result: TipChange) -> bool:
-        return result.tool_from_tip is self._known
+        used = self._in_use(result.tool)
+        return used is not None and result.tool_from_tip is used.tool_from_tip
 
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""
@@ -168,5 +196,5 @@ class ToolCalibration(GuidedRecording[TipChange]):
         return "" if self._fit.accepted else f"calibration: {self._fit.reason}"
 
     def _clear(self) -> None:
-        self._samples = ToolSamples(self._known.target)
+        self._samples = ToolSamples(self._known(self._tool).target)
         self._fit = None

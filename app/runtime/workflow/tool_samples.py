@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from app.fixture import Reason
 from app.geometry import NS_PER_MS, FloatArray, FrameError
+from app.runtime.tracked_tool import REFUSED
 from app.session import REFERENCE, StepResult
 
 MAX_POSES = 6000
@@ -11,9 +11,6 @@ MAX_POSES = 6000
 
 MIN_INTERVAL_NS = 15 * NS_PER_MS
 """Shortest time between two poses that are kept: a tracker of 1 kHz fills no list in seconds."""
-
-REFUSED = frozenset({Reason.SECOND_SENDER, Reason.IMPLAUSIBLE})
-"""Faults with which a pose may not be the tool's."""
 
 
 class ToolSamples:

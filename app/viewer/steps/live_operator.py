@@ -15,6 +15,8 @@ from app.runtime import (
     SeenHold,
     ShownChange,
     TipChange,
+    tip_request_kind,
+    use_tip,
 )
 
 _Value = TypeVar("_Value")
@@ -167,8 +169,8 @@ def _record(commands: OperatorCommands, start: bool, name: str) -> None:
 
 def _set_tip(commands: OperatorCommands, change: TipChange) -> None:
     with suppress(MarginGuardError):
-        commands.requests.admit(RequestKind.TIP)
-        commands.set_tip(change.tool_from_tip, sigma_mm=change.sigma_mm, origin=THE_PAGE)
+        commands.requests.admit(tip_request_kind(change))
+        use_tip(commands, change, THE_PAGE)
 
 
 def _change_shown(commands: OperatorCommands, request: tuple[RequestKind, ShownChange]) -> None:

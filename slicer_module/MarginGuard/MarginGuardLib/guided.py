@@ -25,8 +25,10 @@ from app.runtime import (
     fit_registration,
     registration_count,
     registration_verdict,
+    use_tip,
 )
 
+from .events import THE_PANEL
 from .jobs import Jobs
 
 
@@ -212,7 +214,7 @@ def _use_tip(commands: OperatorCommands, jobs: Jobs, change: TipChange) -> bool:
     return _begun(
         jobs,
         "using the tip",
-        lambda: commands.set_tip(change.tool_from_tip, sigma_mm=change.sigma_mm),
+        lambda: use_tip(commands, change, THE_PANEL),
     )
 
 

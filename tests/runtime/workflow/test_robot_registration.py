@@ -5,10 +5,18 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from app.case import open_case
-from app.geometry import FrameError, InputError
-from app.runtime import Phase, RobotRegistration, content_of, fit_registration
+from app.geometry import FrameError, InputError, TrackedTransform, TrackingStatus, Transform
+from app.runtime import (
+    Phase,
+    RobotRegistration,
+    Stylus,
+    TrackedTool,
+    content_of,
+    fit_registration,
+)
 from app.runtime.workflow.robot_samples import RobotSamples
 from app.session import Session, setup_from_case
 from tests.session_content import one_link_content
@@ -214,3 +222,65 @@ def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):
     assert guided.guide.status().problem
     with pytest.raises(FrameError):
         replace(steps[40].edges, measured={}).between("reference", "cautery")
+
+
+STYLUS_TIP = Transform(
+    "pointer",
+    "pointer_tip",
+    Rotation.from_rotvec([0.4, -0.2, 0.1]).as_matrix(),
+    [12.0, -7.0, 163.0],
+)
+
+
+def touched_by_stylus(step, content):
+    """``step`` with a stylus whose tip is where that of the tracked tool is, and its sensor not."""
+    measured = dict(step.edges.measured)
+    try:
+        tool, stamp = step.edges.between("reference", content.tool_from_tip.target)
+    except FrameError:
+        return step
+    pose = tool @ content.tool_from_tip @ STYLUS_TIP.inverse().renamed(target="cautery_tip")
+    measured["reference", "pointer"] = TrackedTransform(pose, stamp, TrackingStatus.OK)
+    return replace(step, edges=replace(step.edges, measured=measured))
+
+
+def test_landmarks_touched_with_the_stylus_give_the_residuals_of_the_cautery(
+    guided, steps, content
+):
+    by_cautery = guided.record(steps)
+    stylus = Stylus("pointer").with_tip(STYLUS_TIP, 0.3)
+    other = Guided(replace(content, stylus=stylus))
+    other.guide.start(other.seen, TrackedTool.STYLUS)
+    for step in steps:
+        other.guide.observe(touched_by_stylus(step, content))
+    other.guide.stop(other.seen)
+    by_stylus = other.fit()
+    assert other.guide.status().tool is TrackedTool.STYLUS
+    assert len(by_stylus.points) == len(by_cautery.points) == 8
+    assert by_stylus.accepted
+    for mine, known in zip(by_stylus.points, by_cautery.points, strict=True):
+        assert mine.interval == known.interval
+        # The mean of a dwell averages rotation and place of the sensor, which is elsewhere.
+        assert mine.residual_mm == pytest.approx(known.residual_mm, abs=0.02)
+    assert by_stylus.result.transform.distance_mm_to(by_cautery.result.transform) < 0.05
+
+
+def test_a_stylus_without_a_tip_touches_nothing(content):
+    for stylus, problem in (
+        (None, "stylus: the session has none; expected 'stylus' in live.yaml"),
+        (Stylus("pointer"), "stylus: it is not calibrated; expected a pivot calibration before"),
+    ):
+        guided = Guided(replace(content, stylus=stylus))
+        with pytest.raises(InputError, match=f"^{problem}$"):
+            guided.guide.start(guided.seen, TrackedTool.STYLUS)
+        assert guided.guide.status().phase is Phase.IDLE
+
+
+def test_advice_for_the_stylus_names_both_tips(content, steps):
+    guided = Guided(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
+    guided.guide.start(guided.seen, TrackedTool.STYLUS)
+    guided.guide.observe(steps[40])
+    assert "'pointer' is not connected" in guided.guide.status().problem
+    for step in steps[40:60]:
+        guided.guide.observe(touched_by_stylus(step, content))
+    assert guided.fit().advice.startswith("hold robot and stylus, tip on tip, still for 1 s")

@@ -80,10 +80,10 @@ def test_tip_at_the_origin_and_unused_calibrations_are_not_done():
     guide = ToolCalibration(CONTENT)
     guide.start(0, CalibrationKind.PIVOT)
     steps = steps_of(stepped(), calibration=guide.status())
-    assert steps["calibrate"].problem == "a pivot is being recorded"
+    assert steps["calibrate"].problem == "a pivot of the cautery is being recorded"
     guide.stop(1)
     steps = steps_of(stepped(), calibration=guide.status())
-    assert steps["calibrate"].problem == "a pivot: its result is not used yet"
+    assert steps["calibrate"].problem == "a pivot of the cautery: its result is not used yet"
     guide.discard(2)
     done = steps_of(stepped(), replace(CONTENT, tip_sigma_mm=0.2), calibration=guide.status())
     assert done["calibrate"].has == "tip 120.0 mm from the sensor, sigma 0.20 mm"
