@@ -25,6 +25,7 @@ from app.viewer.readout.note_rows import note_rows
 from app.viewer.readout.readout import readout
 from app.viewer.readout.recording import recording_values
 from app.viewer.readout.timeline import Timeline
+from app.viewer.readout.ultrasound import depth_values
 from app.viewer.readout.workflow import workflow_values
 from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.feeds import Feed
@@ -82,7 +83,7 @@ class Page:
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
         self._recording = recording
-        state.recording = state.workflow = state.needle = None
+        state.recording = state.workflow = state.needle = state.image_depth = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -154,6 +155,7 @@ class Page:
             state.notes = note_rows(self._notes.entries, self._timeline)
             state.recording = recording_values(self._recording())
             state.needle = needle_values(self._now)
+            state.image_depth = depth_values(self._now)
             state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()

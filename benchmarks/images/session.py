@@ -42,7 +42,7 @@ def write_session(folder: Path, **images: Any) -> Path:
         "images": {
             "topic": TOPIC,
             "probe": "probe",
-            "calibration": "image_to_probe.txt",
+            **({} if "calibrations" in images else {"calibration": "image_to_probe.txt"}),
             "stale_after_ms": 500,
             **images,
         },

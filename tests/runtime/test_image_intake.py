@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 
+from app.case import ImageDepths
 from app.geometry import ImageCalibration, ImageSample, ImageStatus, InputError, Stamp
 from app.runtime import ImageIntake
 from app.session import LiveImages
@@ -13,7 +14,7 @@ DEADLINE_S = 60.0
 
 def some_images() -> LiveImages:
     calibration = ImageCalibration("probe", np.diag([0.1, 0.1, 0.1, 1.0]))
-    return LiveImages(calibration, stale_after_ns=1, max_gap_ns=1)
+    return LiveImages(ImageDepths.one(calibration), stale_after_ns=1, max_gap_ns=1)
 
 
 def image(ns: int) -> ImageSample:

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, expect
 pytest.importorskip("rclpy")
 
 from benchmarks.images.sender import image_values
-from benchmarks.images.session import COLUMNS, ROWS, write_session
+from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_session
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
@@ -27,6 +27,49 @@ def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Serv
     server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
     yield server
     server.close()
+
+
+WIDTH_OF_TUMOR = "() => document.querySelector('path.us-tumor').getBBox().width"
+
+
+@pytest.fixture
+def two_depths(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+    """Pixels of 0.1 mm, and at the other depth of 0.15 mm."""
+    matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
+    calibrations = [
+        {"depth_mm": 40, "path": "image_to_probe.txt"},
+        {"depth_mm": 60, "matrix": matrix.ravel().tolist()},
+    ]
+    config = write_session(
+        tmp_path / "session", stale_after_ms=2000, calibrations=calibrations, depth_mm=40
+    )
+    server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
+    yield server
+    server.close()
+
+
+def test_operator_chooses_another_depth_after_a_question(
+    browser: Browser, two_depths: Server, start: Start
+) -> None:
+    with watching(browser, two_depths) as watched:
+        page = watched.page
+        start(*SENDER)
+        expect(page.locator("#us-time")).to_contain_text("depth 40 mm", timeout=60_000)
+        page.locator("path.us-tumor[d^=M]").wait_for(state="attached", timeout=60_000)
+        assert page.evaluate(WIDTH_OF_TUMOR) == pytest.approx(2 * 8.0 / 0.1, abs=3)
+        expect(page.locator("#us-depth-used")).to_have_text("40 mm")
+        page.click("#us-depth summary")
+        expect(page.locator("#us-depth-choice option")).to_have_text(["40 mm", "60 mm"])
+        page.select_option("#us-depth-choice", "60")
+        page.click("#us-depth-confirm")
+        expect(page.locator("#us-time")).to_contain_text("depth 60 mm", timeout=60_000)
+        expect(page.locator("#us-depth-used")).to_have_text("60 mm")
+        expect(page.locator("#us-depth")).not_to_have_attribute("open", "")
+        page.wait_for_function(f"() => ({WIDTH_OF_TUMOR})() < 115")
+        assert page.evaluate(WIDTH_OF_TUMOR) == pytest.approx(2 * 8.0 / 0.15, abs=3)
+        expected = "image_depth from the page accepted: from 40 to 60 mm"
+        expect(page.locator("#request")).to_contain_text(expected)
+        assert not watched.errors
 
 
 def test_live_image_is_shown_and_covered_without_its_sender(

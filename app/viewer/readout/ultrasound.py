@@ -6,6 +6,7 @@ import numpy as np
 
 from app.geometry import FloatArray, ImageSample, Pixels
 from app.viewer.steps.plane_lines import ImageView, Lines
+from app.viewer.steps.view_state import ViewState
 
 _MAX_POINTS = 4000
 """Points of the lines on one image."""
@@ -23,7 +24,7 @@ def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
         "width": size[0],
         "height": size[1],
         "problem": view.problem,
-        "time": "" if stamp is None else f"{stamp.ns / 1e9:.3f} s",
+        "time": "" if stamp is None else f"{stamp.ns / 1e9:.3f} s{_depth_text(view.depth_mm)}",
         "tumor": svg_path(view.tumor),
         "margin": svg_path(view.margin),
         "tool": svg_path(view.tool),
@@ -32,6 +33,16 @@ def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
         "edges": view.edges,
         "closest": "" if view.closest is None else svg_path((view.closest,)),
     }
+
+
+def depth_values(shown: ViewState | None) -> dict[str, Any] | None:
+    """The listed depths in mm and the one in use for new images; None without several."""
+    depth = None if shown is None else shown.content.image_depth
+    return None if depth is None else {"depths": list(depth.depths_mm), "used": depth.depth_mm}
+
+
+def _depth_text(depth_mm: float | None) -> str:
+    return "" if depth_mm is None else f", depth {depth_mm:g} mm"
 
 
 def eight_bits(image: ImageSample) -> Pixels:

@@ -26,6 +26,7 @@ class ImageView:
     empty while tool and tumour are not known. ``tip``: column, row and distance in mm of the tool's
     tip from the image's plane. ``closest``: the closest points on tumour and tool in it, (2, 2).
     ``edges``: letters of the anatomical directions to the left, right, upper and lower edge.
+    ``depth_mm``: the imaging depth by which it is placed; None for a probe with one, or a cut.
     """
 
     image: ImageSample | None
@@ -39,6 +40,7 @@ class ImageView:
     tip: FloatArray | None = None
     closest: FloatArray | None = None
     edges: str = ""
+    depth_mm: float | None = None
 
 
 class SurfaceCuts:

@@ -43,7 +43,7 @@ class Ultrasound:
             sample = self.image(found.number)
         except InputError as error:  # a file that has changed, an image that newer ones replaced
             return ImageView(None, None, str(error), found.number)
-        view = ImageView(sample, matrix, "", found.number)
+        view = ImageView(sample, matrix, "", found.number, depth_mm=found.depth_mm)
         step, tumor = shown.step, root_from_tumor(shown, root)
         if (
             step.decision.state is MarginState.UNKNOWN

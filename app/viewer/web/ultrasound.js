@@ -10,6 +10,11 @@ const TEMPLATE = `
     <h2><span id="us-kind">Ultrasound</span> <span id="us-time"></span></h2>
     <label id="us-kinds">Image <select></select></label>
     <button id="us-freeze" type="button" aria-pressed="false" title="Keep this image">Freeze</button>
+    <details id="us-depth" hidden><summary>Depth <span id="us-depth-used"></span></summary>
+      <div><label>Depth <select id="us-depth-choice"></select></label>
+      <p>Use another depth? Images that are stamped from now on are placed by its calibration. The ultrasound machine has to be at this depth.</p>
+      <button id="us-depth-confirm" type="button">Use this depth</button>
+      <p class="answer" id="us-depth-answer" role="status"></p></div></details>
     <label>Brightness <input id="us-brightness" type="range" min="0.4" max="2.5" step="0.05" value="1"></label>
   </div>
   <div class="us-stage">
@@ -123,6 +128,34 @@ export function showUltrasound(trame) {
     update();
   }
 
+  function showDepth() {
+    const depth = trame.state.get("image_depth");
+    const offered = depth && trame.state.get("title").live && trame.state.get("role") !== "view";
+    find("#us-depth").hidden = !offered;
+    if (depth) find("#us-depth-used").textContent = `${depth.used} mm`;
+  }
+
+  function offerDepths() {
+    let seen = null; // the depth that was in use when the question was opened
+    const choice = find("#us-depth-choice");
+    const answer = find("#us-depth-answer");
+    find("#us-depth").addEventListener("toggle", () => {
+      const { depths, used } = trame.state.get("image_depth");
+      seen = used;
+      answer.textContent = "";
+      choice.replaceChildren(...depths.map((mm) => new Option(`${mm} mm`, mm, mm === used, mm === used)));
+    });
+    find("#us-depth-confirm").addEventListener("click", async () => {
+      try {
+        await trame.trigger("image_depth", [seen, Number(choice.value)]);
+        find("#us-depth").open = false;
+      } catch (error) {
+        answer.textContent = error?.data?.exception ?? error?.message ?? String(error);
+      }
+    });
+    showDepth();
+  }
+
   function offerKinds() {
     const kinds = trame.state.get("title").images;
     const choice = find("#us-kinds select");
@@ -142,6 +175,7 @@ export function showUltrasound(trame) {
     part.innerHTML = TEMPLATE;
     cover("waiting for the first image");
     offerKinds();
+    offerDepths();
     find("#us-freeze").addEventListener("click", freeze);
     find("#us-brightness").addEventListener("input", (event) => {
       find("image").style.filter = `brightness(${event.target.value})`;
@@ -150,7 +184,9 @@ export function showUltrasound(trame) {
   }
 
   trame.state.addListener(({ type, keys }) => {
-    if (type === "dirty-state" && keys.includes("ultrasound")) update();
+    if (type !== "dirty-state") return;
+    if (keys.includes("ultrasound")) update();
+    if (part && keys.includes("image_depth")) showDepth();
   });
   new MutationObserver(connect).observe(document.body, { childList: true, subtree: true });
   connect();
