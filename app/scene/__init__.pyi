@@ -7,6 +7,7 @@ from .frames.poses import PoseNodes
 from .frames.transform_tree import TransformTree
 from .frames.watchdog import TransformHealth, TransformWatchdog
 from .image_plane import ImagePlane
+from .image_volume import ImageVolume
 from .margin.breach_markers import BreachMarkers, MarkerStyle
 from .margin.fixture_plane import FixturePlane
 from .nodes.batch import Batch
@@ -35,6 +36,7 @@ __all__ = [
     "EditedTransform",
     "FixturePlane",
     "ImagePlane",
+    "ImageVolume",
     "MarginGuardScene",
     "MarkerStyle",
     "OffscreenError",

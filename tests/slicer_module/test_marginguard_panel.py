@@ -23,6 +23,8 @@ from tests.slicer_module.marginguard_module import (
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
 
+from MarginGuardLib.ultrasound import UltrasoundShown  # isort: skip
+
 BUTTONS = sorted(
     element.get("name")
     for element in ElementTree.parse(UI).getroot().iter("widget")
@@ -71,6 +73,10 @@ class CommandsDouble:
     @property
     def needle(self):
         return RecordedPart("needle", self.calls)
+
+    @property
+    def ultrasound(self):
+        return RecordedPart("ultrasound", self.calls)
 
     @property
     def events(self):
@@ -188,6 +194,9 @@ EXPECTED_CALLS = {
     "needleShorterButton": [("needle.lengthen", -1.0)],
     "needleLongerButton": [("needle.lengthen", 1.0)],
     "needleMuchLongerButton": [("needle.lengthen", 5.0)],
+    "followImageButton": [("ultrasound.follow", True)],
+    "freezeImageButton": [("ultrasound.freeze", True)],
+    "useDepthButton": [],  # there are no depths; the choice is tested below
     "deleteMarkersButton": [("view.delete_markers",)],
     "muteButton": [],  # a state of the alarm, tested below
     "goToBreachButton": [("events.go_to_breach", -1)],
@@ -250,6 +259,21 @@ def test_points_are_deleted_and_contour_is_used_after_a_question(pressed, confir
     ]
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
     assert pressed("deletePointsButton") == pressed("useContourButton") == []
+
+
+def test_depth_is_chosen_among_the_listed_ones_after_a_question(
+    panel, pressed, confirmed, monkeypatch
+):
+    shown = UltrasoundShown("image 3, depth 40 mm", True, (40.0, 60.0), 40.0, can_choose=True)
+    panel._sections._ultrasound.show(shown)
+    assert (panel.ui.imageLabel.text(), panel.ui.depthLabel.text()) == (shown.text, "40 mm")
+    panel.ui.depthComboBox.setCurrentIndex(1)
+    assert pressed("useDepthButton") == [("ultrasound.choose_depth", 60.0)]
+    assert confirmed[0].startswith("Use the depth 60 mm? Images that are stamped from now on")
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
+    assert pressed("useDepthButton") == []
+    panel._sections._ultrasound.show(UltrasoundShown())
+    assert not panel.ui.useDepthButton.isEnabled()
 
 
 def test_landmarks_are_registered_from_chosen_lists(panel, pressed, application):
@@ -410,7 +434,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 17
+    assert len(messages) == 19
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -71,7 +71,9 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(
         verdict = page.locator("#calibration-verdict")
         expect(verdict).to_contain_text("Not yet: the poses of a pivot rotate", timeout=WAIT_MS)
         expect(page.locator("#calibration-advice")).to_contain_text("tilt the tool slowly")
-        expect(page.locator("#workflow-next")).to_contain_text("calibrate: a pivot of the cautery is being")
+        expect(page.locator("#workflow-next")).to_contain_text(
+            "calibrate: a pivot of the cautery is being"
+        )
         page.click("#workflow summary")
         states = page.locator("#workflow li").evaluate_all("all => all.map((e) => e.dataset.state)")
         expected = ["done", "not done", "done", "not needed", "done", "not done"]

@@ -18,6 +18,7 @@ from app.contour import (
     contour_size,
     contour_surface,
 )
+from app.contour.uncertainty import pixel_sigma
 from app.fixture import MarginState
 from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh, Transform
 from app.runtime import OperatorCommands
@@ -70,6 +71,12 @@ class PanelContour:
         self._computed: Contour | None = None
         self._surface: ContourSurface | None = None
         self._problem = ""
+        self._pixel_sigma_mm = 0.0
+
+    def note_pixel(self, pixel_mm: tuple[float, float] | None) -> None:
+        """Points may be placed on an image with pixels of this size; None: no image is shown."""
+        if pixel_mm is not None:
+            self._pixel_sigma_mm = max(self._pixel_sigma_mm, pixel_sigma(pixel_mm))
 
     def place(self) -> None:
         """Let clicks in Slicer's views add points, until the mouse mode is changed."""
@@ -207,7 +214,9 @@ class PanelContour:
                 self._surface, self._problem = None, str(error)
         is_new = self._computed is None or not _is_same(self._computed, contour)
         if self._computing is None and is_new:
-            future = self._worker.submit(commands.compute, contour_surface, contour, 0.0)
+            future = self._worker.submit(
+                commands.compute, contour_surface, contour, self._pixel_sigma_mm
+            )
             self._computing = contour, future
             future.add_done_callback(lambda _: self._changed())
 
@@ -235,6 +244,7 @@ class PanelContour:
         self._points = self._model = self._drawn = None
         self._computing = self._computed = self._surface = None
         self._problem = ""
+        self._pixel_sigma_mm = 0.0
 
 
 def _contour(frame: str, positions_mm: FloatArray) -> Contour:

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.bridge import BridgeError, prepare_environment
 from app.bridge.live import LiveNode, live_node
 from app.runtime import OperatorCommands, WorkflowOutput, prepare_live
-from app.session import StepResult
+from app.session import LiveImages, StepResult
 
 CONSTRAINT_HZ = 1000.0
 
@@ -20,6 +20,8 @@ class LiveStepRun:
         self._config = config
         self.workflow: WorkflowOutput | None = None
         """Guided recordings and breaches; None until the file is open."""
+        self.images: LiveImages | None = None
+        """Images of the session; None until the file is open, and for one without images."""
         self._node: LiveNode | None = None
         self._lock = threading.Lock()
         self._stopped = False
@@ -34,8 +36,13 @@ class LiveStepRun:
         logging.info(prepare_environment())
         prepared = prepare_live(self._config)
         self.workflow = workflow = WorkflowOutput(prepared.content)
+        self.images = prepared.live_images()
         with live_node(
-            prepared, namespace="", constraint_hz=CONSTRAINT_HZ, outputs=(workflow,)
+            prepared,
+            namespace="",
+            constraint_hz=CONSTRAINT_HZ,
+            outputs=(workflow,),
+            images=self.images,
         ) as node:
             with self._lock:
                 self._node = node

@@ -37,6 +37,7 @@ from .registration_input import (
 from .shown_session import ShownSession
 from .status import PanelStatus
 from .tumor_input import surface_of
+from .ultrasound import PanelUltrasound
 from .view import PanelView
 
 
@@ -69,6 +70,7 @@ class PanelLogic:
         self._changed = changed
         self.contour = PanelContour(self.session, mrml_scene, logic, self._jobs, changed)
         self.needle = PanelNeedle(self.session)
+        self.ultrasound = PanelUltrasound(self.session, mrml_scene)
         self._guided: GuidedWork | None = None
         self._message = ""
 
@@ -97,6 +99,7 @@ class PanelLogic:
         def opened(recorded: RecordedCase) -> None:
             self._end()
             self.session.begin_replay(recorded.case, recorded.breaches)
+            self.ultrasound.replay(recorded.images)
 
         self._jobs.submit("opening the case", lambda: prepare_recorded(folder), opened)
 
@@ -222,6 +225,8 @@ class PanelLogic:
             self._message = session.failure
         self._update_guided()
         self.view.update()
+        self.ultrasound.update()
+        self.contour.note_pixel(self.ultrasound.pixel_mm)
         if self.view.failure:
             self._message = self.view.failure
         self._jobs.wait(wait_s)
@@ -265,6 +270,7 @@ class PanelLogic:
 
     def _end(self) -> None:
         self.contour.clear()
+        self.ultrasound.clear()
         self.session.end()
         self._update_guided()
         self.view.end()
@@ -344,6 +350,7 @@ class PanelLogic:
             touch=GuidedShown() if touch is None else touch.shown(),
             contour=self.contour.shown(),
             needle=self.needle.length(),
+            ultrasound=self.ultrasound.shown(),
         )
 
 

@@ -9,6 +9,7 @@ from .events_section import EventsSection
 from .guided_section import GuidedSection
 from .needle_section import NeedleSection
 from .status import PanelStatus
+from .ultrasound_section import UltrasoundSection
 
 
 class Sections:
@@ -22,12 +23,14 @@ class Sections:
         self._events = EventsSection(ui, on_click)
         self._contour = ContourSection(ui, on_click)
         self._needle = NeedleSection(ui, on_click)
+        self._ultrasound = UltrasoundSection(ui, on_click)
 
     def show(self, status: PanelStatus, events: SessionEvents) -> None:
         """Show ``status`` and what ``events`` lists now."""
         self._guided.show(status.calibration, status.touch)
         self._contour.show(status.contour)
         self._needle.show(status.needle, is_live=status.is_live)
+        self._ultrasound.show(status.ultrasound)
         self._events.show(
             events,
             has_session=status.has_session and bool(status.workflow),

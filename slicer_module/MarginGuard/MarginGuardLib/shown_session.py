@@ -172,6 +172,21 @@ class ShownSession:
         return self.is_running and self.opened is not None and not self.replay().player.paused
 
     @property
+    def present_ns(self) -> int | None:
+        """The present on the clock of the stamps; None before the first step."""
+        if self.thread is None or self._last is None:
+            return None
+        return self.thread.present_ns(self._last)
+
+    @property
+    def silent(self) -> str:
+        """Why the shown step is not the present, empty while it is."""
+        if self._last is None or self.display is None:
+            return NOT_TRACKED_YET
+        is_stale = self.readout()[0] is not self._last.step.decision.state
+        return "no step has followed" if is_stale else ""
+
+    @property
     def workflow(self) -> WorkflowOutput | None:
         """Guided recordings and breaches of all steps; None before a session has begun."""
         run = None if self.thread is None else self.thread.run

@@ -6,6 +6,7 @@ from app.fixture import MarginState
 
 from .contour import ContourShown
 from .guided import GuidedShown
+from .ultrasound import UltrasoundShown
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +47,4 @@ class PanelStatus:
     touch: GuidedShown
     contour: ContourShown
     needle: str
+    ultrasound: UltrasoundShown

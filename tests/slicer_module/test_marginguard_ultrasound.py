@@ -1,0 +1,184 @@
+"""The ultrasound image in the panel: its place against the page's, a slice view, freeze, depth."""
+
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
+from app.case import open_case_images
+from app.geometry import InputError, image_corners
+from app.runtime import prepare_case
+from app.scene.image_volume import TRANSFORM_NAME, VOLUME_NAME
+from app.scene.nodes.convert import world_matrix
+from benchmarks.images.session import PROBE_FROM_IMAGE, write_session
+from tests.bridge.live.conftest import Start
+from tests.bridge.live.conftest import start as start
+from tests.case.images.sequences import some_pixels
+from tests.case.images.ultrasound_case import (
+    COLUMNS,
+    INVALID,
+    LOST,
+    PIXEL_MM,
+    ROWS,
+    write_ultrasound_case,
+)
+from tests.cli.small_case import FRAMES
+from tests.ros_domain import domain_id as domain_id
+from tests.slicer_module.marginguard_module import MAX_SPINS, spin_until
+from tests.slicer_module.marginguard_module import application as application
+
+from MarginGuardLib.logic import PanelLogic  # isort: skip
+
+SENDER = ("-m", "benchmarks.images.sender")
+FIRST = 2
+
+
+@pytest.fixture
+def panel_logic(application):
+    logic = PanelLogic(application.scene, application.logic)
+    yield logic
+    logic.close()
+
+
+def shown_image(logic, number):
+    """Show the moment of image ``number`` of the case; return the status."""
+    for _ in range(MAX_SPINS):
+        status = logic.spin(0.02)
+        if status.ultrasound.text == f"image {number}":
+            return status
+        if status.position_s is not None and not status.is_playing:
+            logic.step()
+    raise AssertionError(f"{status.ultrasound.text}; expected image {number} within the spins")
+
+
+def corners(application):
+    """Corner pixels (4, 3) in mm of the world, by the nodes alone."""
+    node = application.scene.GetFirstNodeByName(VOLUME_NAME)
+    columns, rows, _ = node.GetImageData().GetDimensions()
+    ijk = vtkMatrix4x4()
+    node.GetIJKToRASMatrix(ijk)
+    to_local = np.array([[ijk.GetElement(r, c) for c in range(4)] for r in range(4)])
+    to_world = world_matrix(node.GetParentTransformNode()) @ to_local
+    ends = [(0, 0), (columns - 1, 0), (columns - 1, rows - 1), (0, rows - 1)]
+    return np.array([(to_world @ (c, r, 0, 1))[:3] for c, r in ends])
+
+
+def slice_view(application, name="Red"):
+    view = application.scene.AddNewNodeByClass("vtkMRMLSliceNode")
+    view.SetLayoutName(name)
+    composite = application.scene.AddNewNodeByClass("vtkMRMLSliceCompositeNode")
+    composite.SetLayoutName(name)
+    return view, composite
+
+
+@pytest.fixture
+def case_folder(tmp_path):
+    return write_ultrasound_case(tmp_path / "case")
+
+
+def test_image_of_a_replay_is_where_the_page_shows_it_with_its_pixels(
+    panel_logic, application, case_folder
+):
+    view, composite = slice_view(application)
+    slice_view(application, "Yellow")
+    panel_logic.load_case(case_folder)
+    spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("image"))
+    panel_logic.ultrasound.follow(True)
+    images = open_case_images(prepare_case(case_folder).case)
+    for number in (FIRST, FIRST + 2):
+        shown_image(panel_logic, number)
+        scene = panel_logic.session.display.scene
+        now_ns = panel_logic.session.shown_step.frame.stamp.ns
+        found = images.at(now_ns, scene.reference)
+        root = world_matrix(scene.tree.node(scene.reference))
+        expected = image_corners(root @ found.pose.matrix, COLUMNS, ROWS)
+        np.testing.assert_allclose(corners(application), expected, rtol=0, atol=1e-6)
+        node = application.scene.GetFirstNodeByName(VOLUME_NAME)
+        assert node.GetClassName() == "vtkMRMLScalarVolumeNode"
+        assert node.GetParentTransformNode().GetName() == TRANSFORM_NAME
+        assert composite.GetBackgroundVolumeID() == node.GetID()
+        assert panel_logic.ultrasound.pixel_mm == pytest.approx((PIXEL_MM, PIXEL_MM))
+        values = vtk_to_numpy(node.GetImageData().GetPointData().GetScalars())
+        pixels = some_pixels(FRAMES, ROWS, COLUMNS)[number]
+        np.testing.assert_array_equal(values.reshape(ROWS, COLUMNS), pixels)
+        # The slice: to the right along the columns, up against the rows, its middle the image's.
+        slice_to_ras = view.GetSliceToRAS()
+        axes = np.array([[slice_to_ras.GetElement(r, c) for c in range(4)] for r in range(3)])
+        first, right, last, below = expected
+        np.testing.assert_allclose(axes[:, 3], (first + last) / 2.0, rtol=0, atol=1e-6)
+        unit = (right - first) / np.linalg.norm(right - first)
+        np.testing.assert_allclose(axes[:, 0], unit, rtol=0, atol=1e-9)
+        assert axes[:, 1] @ (first - below) == pytest.approx(np.linalg.norm(first - below))
+    images.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "problem"), [(INVALID, "has status INVALID"), (LOST, "probe is OUT_OF_VIEW")]
+)
+def test_image_that_is_not_current_has_no_pixels_in_the_scene(
+    panel_logic, application, case_folder, number, problem
+):
+    panel_logic.load_case(case_folder)
+    shown_image(panel_logic, number - 1)
+    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is not None
+    panel_logic.step()
+    status = spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT"))
+    assert problem in status.ultrasound.text
+    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is None
+    with pytest.raises(InputError, match="expected a current one"):
+        panel_logic.ultrasound.freeze(True)
+    shown_image(panel_logic, number + 1)
+    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is not None
+
+
+def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
+    panel_logic, application, case_folder
+):
+    panel_logic.load_case(case_folder)
+    shown_image(panel_logic, FIRST)
+    before = corners(application)
+    panel_logic.ultrasound.freeze(True)
+    np.testing.assert_allclose(corners(application), before, rtol=0, atol=1e-6)
+    node = application.scene.GetFirstNodeByName(TRANSFORM_NAME)
+    frame = panel_logic.session.commands().content.frame_from_tumor.target
+    assert node.GetParentTransformNode() is panel_logic.session.display.frame_node(frame)
+    position = panel_logic.spin().position_s
+    panel_logic.step()
+    status = spin_until(panel_logic, lambda now: now.position_s > position)
+    assert status.ultrasound.text == f"FROZEN: not current, image {FIRST}"
+    panel_logic.ultrasound.freeze(False)
+    assert panel_logic.spin().ultrasound.text == f"image {FIRST + 1}"
+    panel_logic.end_session()
+    assert application.scene.GetFirstNodeByName(VOLUME_NAME) is None
+    assert application.scene.GetFirstNodeByName(TRANSFORM_NAME) is None
+
+
+def test_slice_view_that_does_not_exist_is_refused(panel_logic):
+    with pytest.raises(InputError, match="the scene has no slice view Red; expected one"):
+        panel_logic.ultrasound.follow(True)
+
+
+def test_live_image_is_placed_by_the_chosen_depth_and_hidden_without_its_sender(
+    panel_logic, application, start: Start, tmp_path
+):
+    matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
+    calibrations = [
+        {"depth_mm": 40, "path": "image_to_probe.txt"},
+        {"depth_mm": 60, "matrix": matrix.ravel().tolist()},
+    ]
+    changes = {"calibrations": calibrations, "depth_mm": 40, "stale_after_ms": 2000}
+    panel_logic.connect(write_session(tmp_path / "session", **changes))
+    sender = start(*SENDER)
+    spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 40 mm"))
+    width, height = 639, 479
+    sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
+    np.testing.assert_allclose(sides[:2], (0.1 * width, 0.1 * height), rtol=0, atol=1e-6)
+    panel_logic.ultrasound.choose_depth(60.0)
+    status = spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 60 mm"))
+    assert status.request == "image_depth from the panel accepted: from 40 to 60 mm"
+    assert (status.ultrasound.depth_mm, status.ultrasound.can_choose) == (60.0, True)
+    sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
+    np.testing.assert_allclose(sides[:2], (0.15 * width, 0.15 * height), rtol=0, atol=1e-6)
+    sender.end(9)
+    spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT IMAGE"))
+    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is None
