@@ -4,7 +4,7 @@ from .case_analysis import CaseAnalysis, analyse_case
 from .case_breaches import AnalysedBreach
 from .coverage import Coverage, coverage_of
 from .depth import DepthEstimate, estimate_depth
-from .insertion import Insertion, insertion_metrics
+from .insertion import Insertion, case_insertion, insertion_metrics
 from .jitter import Jitter, estimate_jitter
 from .motion import Motion, motion_of
 from .phases import PHASES, phases_of
@@ -24,6 +24,7 @@ __all__ = [
     "Motion",
     "analyse_case",
     "breach_probability",
+    "case_insertion",
     "coverage_of",
     "estimate_depth",
     "estimate_jitter",

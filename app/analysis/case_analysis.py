@@ -15,7 +15,7 @@ from app.analysis.breach_probability import (
 from app.analysis.case_breaches import AnalysedBreach, analyse_breaches, sides_of
 from app.analysis.coverage import WITHIN_MM, Coverage, coverage_of
 from app.analysis.directions import SideResult, side_results
-from app.analysis.insertion import Insertion, insertion_metrics
+from app.analysis.insertion import Insertion, case_insertion
 from app.analysis.jitter import Jitter, estimate_jitter
 from app.analysis.motion import Motion, motion_of
 from app.analysis.phases import phase_counts, phase_seconds, phases_of
@@ -134,6 +134,7 @@ def analyse_case(
     covariances_mm2: Mapping[str, FloatArray] | None = None,
     stops_mm: tuple[float, ...] = (),
     cutting_mm: float | None = None,
+    insertion: Insertion | None = None,
 ) -> CaseAnalysis:
     """Analyse the ``steps`` of a session, as `ReplayRun.steps` yields them; reads them once.
     Or the ``steps`` that were read before.
@@ -143,7 +144,8 @@ def analyse_case(
     anterior and superior; without it the tumour's axes are taken as these. ``jitter`` replaces the
     estimated one. ``bias_sigma_mm`` as in `estimate_depth`; ``covariances_mm2`` and ``stops_mm`` as
     in `breach_probability`. ``cutting_mm``: length of the cutting part, whose swept volume is
-    computed; None leaves it out. Raises `InputError` without a step.
+    computed; None leaves it out. ``insertion``: the metrics of `case_insertion`, where they are
+    known already. Raises `InputError` without a step.
     """
     axes = checked_axes(ras_from_tumor)
     samples = steps if isinstance(steps, CaseSamples) else CaseSamples.from_steps(steps)
@@ -190,13 +192,7 @@ def analyse_case(
         phase_seconds=phase_seconds(phases, held),
         phase_counts=phase_counts(phases),
         coverage=coverage,
-        insertion=insertion_metrics(
-            times,
-            samples.tips_mm,
-            samples.distances_mm,
-            rotations=samples.rotations,
-            tissue=tumor,
-        ),
+        insertion=insertion or case_insertion(samples, tumor),
         resection=resection,
         sides=side_results(
             tumor, coverage, breaches, specimen.margins_mm if specimen else {}, axes

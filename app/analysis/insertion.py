@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.analysis.samples import CaseSamples
 from app.analysis.tissue_damage import tissue_damage_mm2
 from app.geometry import FloatArray, InputError, SurfaceMesh
 
@@ -26,6 +27,17 @@ class Insertion:
     tissue_s: float
     tissue_path_mm: float
     tissue_damage_mm2: float | None = None
+
+
+def case_insertion(samples: CaseSamples, tumor: SurfaceMesh) -> Insertion:
+    """The metrics of a case, whose tissue is the surface ``tumor``, with the tissue damage."""
+    return insertion_metrics(
+        samples.times_s,
+        samples.tips_mm,
+        samples.distances_mm,
+        rotations=samples.rotations,
+        tissue=tumor,
+    )
 
 
 def insertion_metrics(

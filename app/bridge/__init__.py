@@ -11,15 +11,15 @@ from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.bridge.replay_node import replay_node
-from app.bridge.session_bag import session_bag
+from app.bridge.session_bag import SessionBag
 
 __all__ = [
     "BridgeError",
     "PlayerServices",
     "PublishPolicy",
     "RosNode",
+    "SessionBag",
     "SessionPublisher",
     "prepare_environment",
     "replay_node",
-    "session_bag",
 ]

@@ -5,9 +5,11 @@ itself. The time of a message is that of its step, so that the bag plays in the 
 """
 
 import random
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
 from rclpy.logging import get_logger
 from rclpy.serialization import serialize_message
@@ -15,73 +17,50 @@ from rclpy.serialization import serialize_message
 from app.bridge import topics
 from app.bridge.bag_topics import bag_topic
 from app.bridge.message_definitions import check_installed
-from app.bridge.messages import playback_text
 from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
 from app.bridge.qos import Topic
 from app.case import BagWriter
-from app.files.atomic_io import new_folder
-from app.runtime import ReplayRun, SessionContent, StepTiming, SwitchContent
+from app.runtime import SessionContent, StepTiming
 from app.session import StepResult
 
 
-class _CancelledError(Exception):
-    """The replay was stopped: its bag is not kept."""
-
-
-@contextmanager
-def session_bag(run: ReplayRun, folder: Path, *, keep: Callable[[], bool]) -> Iterator[None]:
-    """Within the context the steps of ``run`` are written to the new rosbag2 folder ``folder``.
-
-    It appears complete at the end, unless the body raises or ``keep()`` is false. The same case
-    gives the same messages. Raises `InputError` for a folder that exists or cannot be written.
-    """
-    check_installed()
-    try:
-        with new_folder(folder) as partial:
-            partial.rmdir()  # the bag creates its folder
-            bag = BagWriter(partial)
-            try:
-                output = SessionBag(run, bag)
-                run.outputs.append(output)
-                try:
-                    yield
-                finally:
-                    run.outputs.remove(output)
-                    output.close()
-            finally:
-                bag.close()
-            if not keep():
-                raise _CancelledError
-    except _CancelledError:
-        return
-
-
 class SessionBag:
-    """`Output` that writes the messages of a session to ``bag``."""
+    """Writes the messages of a session to the new rosbag2 folder ``folder``.
 
-    def __init__(self, run: ReplayRun, bag: BagWriter) -> None:
-        self._endpoints = _BagEndpoints(bag)
-        content = run.commands.content
-        self._publisher = SessionPublisher(
-            content,
-            playback=playback_text(run.prepared.case.manifest),
-            endpoints=self._endpoints,
-            random_bits=random.Random(content.model_id).getrandbits,
-            clock_ns=lambda: self._endpoints.now_ns or 0,
-        )
+    Use as ``with SessionBag(content, playback, folder) as bag``; at the end the bag is complete.
+    ``playback`` is the text of `app.bridge.messages.playback_text`. The same steps give the same
+    messages. Raises `InputError` for a folder that exists or cannot be written.
+    """
 
-    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+    def __init__(self, content: SessionContent, playback: str, folder: Path) -> None:
+        check_installed()
+        self._bag = BagWriter(folder)
+        self._content = content
+        self._endpoints = _BagEndpoints(self._bag)
+        try:
+            self._publisher = SessionPublisher(
+                content,
+                playback=playback,
+                endpoints=self._endpoints,
+                random_bits=random.Random(content.model_id).getrandbits,
+                clock_ns=lambda: self._endpoints.now_ns or 0,
+            )
+        except BaseException:
+            self._bag.close()
+            raise
+
+    def publish(self, step: StepResult) -> None:
         """Write the messages of ``step``. A bag permits no motion: no step is too late."""
         self._endpoints.begin(step.frame.stamp.ns)
-        self._publisher.publish(step, timing)
-        return True
+        self._publisher.publish(step, StepTiming())
 
-    def prepare(self, content: SessionContent) -> SwitchContent:
-        """As that of `SessionPublisher`."""
-        return self._publisher.prepare(content)
+    def use(self, **changes: Any) -> None:
+        """Use the content with these fields changed from the next step on.
 
-    def revoke(self) -> None:
-        """Nothing to withdraw."""
+        Fields that have not changed stay the same objects: see `SessionPublisher.prepare`.
+        """
+        self._content = replace(self._content, **changes)
+        self._publisher.prepare(self._content)(self._content)
 
     def latch(self, causes: Sequence[str]) -> None:
         """Write the hold."""
@@ -91,9 +70,19 @@ class SessionBag:
         """Write a last constraint on hold."""
         self._publisher.end()
 
-    def close(self) -> None:
-        """Write nothing more."""
-        self._publisher.close()
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self._publisher.close()
+        finally:
+            self._bag.close()
 
 
 class _BagEndpoints:
@@ -110,11 +99,11 @@ class _BagEndpoints:
         self._names: set[str] = set()
         self.now_ns: int | None = None
 
-    def publisher(self, topic: Topic) -> "_BagPublisher":
+    def publisher(self, topic: Topic) -> "_BagPublisher | _NoPublisher":
         """A publisher that writes to the bag; that of the clock writes nothing."""
         name = topic.name.replace("~", f"/{NODE_NAME}", 1)
         if topic is topics.CLOCK:
-            return _BagPublisher(lambda data: None)
+            return _NoPublisher()
         if name not in self._names:
             self._names.add(name)
             self._bag.add_topic(bag_topic(name, topic))
@@ -149,3 +138,8 @@ class _BagPublisher:
         """Write ``message``, which may be serialised already."""
         data = message if isinstance(message, bytes) else bytes(serialize_message(message))
         self._write(data)
+
+
+class _NoPublisher:
+    def publish(self, message: object) -> None:
+        """Write nothing."""

@@ -21,13 +21,30 @@ def write_dicom(
 ) -> "DicomStudy":
     """Write the study of ``structures`` to the new ``folder`` and return it.
 
-    The first structure is the tumour. ``ras_from_tumor`` (3, 3) turns their axes to RAS, which they
-    are without it. ``options`` as in `dicom_study`. Raises as that does, and `InputError` for a
-    folder that is not empty.
+    The arguments are those of `study_of`. Raises as that does, and `InputError` for a folder that
+    is not empty.
+    """
+    from app.files.atomic_io import new_folder
+
+    study = study_of(structures, ras_from_tumor=ras_from_tumor, **options)
+    with new_folder(folder, may_be_empty=True) as partial:
+        write_study(partial, study)
+    return study
+
+
+def study_of(
+    structures: Sequence["Structure"],
+    *,
+    ras_from_tumor: Sequence[Sequence[float]] | None,
+    **options: Any,
+) -> "DicomStudy":
+    """The study of ``structures``, of which the first is the tumour.
+
+    ``ras_from_tumor`` (3, 3) turns their axes to RAS, which they are without it. ``options`` as in
+    `dicom_study`. Raises as that does.
     """
     from app import __version__
     from app.dicom import Structure, dicom_study
-    from app.files.atomic_io import new_folder
     from app.geometry import SurfaceMesh
     from app.session import checked_axes
 
@@ -42,11 +59,13 @@ def write_dicom(
             )
             for each in structures
         ]
-    study = dicom_study(structures, version=__version__, **options)
-    with new_folder(folder, may_be_empty=True) as partial:
-        for name, data in study.files.items():
-            (partial / name).write_bytes(data)
-    return study
+    return dicom_study(structures, version=__version__, **options)
+
+
+def write_study(folder: Path, study: "DicomStudy") -> None:
+    """Write the files of ``study`` into ``folder``."""
+    for name, data in study.files.items():
+        (folder / name).write_bytes(data)
 
 
 def resected_structures(tumor: "SurfaceMesh", analysis: "CaseAnalysis") -> list["Structure"]:

@@ -92,14 +92,18 @@ class ReplayParts:
             return (Path(folder) / name).read_bytes()
 
     def _pdf(self) -> bytes:
+        from app.analysis import case_insertion
         from app.cli.report_pdf import pdf_of
         from app.report import summarise
+        from app.report.methods import input_digests
 
         record = self._record()
+        digests = input_digests(self.run.prepared.case)
+        insertion = case_insertion(self.log.samples(), self.content.tumor)
         with ScenePainter() as painter:
             if self.log.deepest is not None:
                 painter.begin(self.content, self.log.deepest)
-            return pdf_of(self.run.prepared, record, summarise(record), painter.picture())
+            return pdf_of(record, summarise(record), painter.picture(), digests, insertion)
 
     def _margin_csv(self) -> bytes:
         from app.report import margin_csv

@@ -1,19 +1,28 @@
 """The report of a replay as PDF."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from app.analysis import Insertion
     from app.report import ReplayRecord
-    from app.runtime import PreparedCase
 
 
 def pdf_of(
-    prepared: "PreparedCase", record: "ReplayRecord", summary: dict[str, Any], scene: bytes | None
+    record: "ReplayRecord",
+    summary: dict[str, Any],
+    scene: bytes | None,
+    digests: Mapping[str, str],
+    insertion: "Insertion | None",
 ) -> bytes:
-    """The report as PDF, with the digests of the case's files; ``scene`` is a PNG."""
+    """The report as PDF.
+
+    ``scene`` is a PNG, ``digests`` are those of the case's files by `input_digests`. ``insertion``
+    as of `case_insertion`, None for a replay without frames.
+    """
     from app import __version__
-    from app.report.methods import input_digests
     from app.report.pdf import report_pdf
 
-    digests = input_digests(prepared.case)
-    return report_pdf(record, summary, scene, version=__version__, inputs_sha256=digests)
+    return report_pdf(
+        record, summary, scene, version=__version__, inputs_sha256=digests, insertion=insertion
+    )

@@ -1,9 +1,8 @@
 """Load ROS for a command, and publish a replay with it."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -34,16 +33,6 @@ def print_reach() -> None:
 
     check_security()
     print(prepare_environment(), file=sys.stderr)
-
-
-def bag_of(
-    run: "ReplayRun", folder: Path, keep: Callable[[], bool]
-) -> AbstractContextManager[None]:
-    """The context in which the steps of ``run`` are written to the bag ``folder``."""
-    load_bridge("which --mcap needs")
-    from app.bridge import session_bag
-
-    return session_bag(run, folder, keep=keep)
 
 
 @contextmanager

@@ -100,6 +100,38 @@ def new_folder(folder: Path, *, may_be_empty: bool = False) -> Iterator[Path]:
             raise InputError(f"{folder} cannot be written: {error}") from error
 
 
+@contextmanager
+def staging_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder in ``folder``, which is created; `install_folder` takes from it.
+
+    Nothing is left of it, nor of a created ``folder`` that is still empty. Raises `InputError`.
+    """
+    created = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        staging = _temporary_folder(folder)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
+    try:
+        with staging as path:
+            yield Path(path)
+    finally:
+        if created and _is_empty_folder(folder):
+            folder.rmdir()
+
+
+def install_folder(staging: Path, name: str, *, keep: bool) -> None:
+    """Move the folder ``name`` of a `staging_folder` to its place; remove an earlier one.
+
+    Without ``keep`` the earlier one is removed alone. Raises `OSError`.
+    """
+    place = staging.parent / name
+    if place.is_dir():
+        place.rename(staging / f"earlier-{name}")  # removed with the staging folder
+    if keep:
+        (staging / name).rename(place)
+
+
 def check_output_path(path: Path, error: type[MarginGuardError] = InputError) -> None:
     """Raise ``error`` unless a file can be written to ``path``; call it before long work."""
     if path.is_dir() or not path.parent.is_dir():

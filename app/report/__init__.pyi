@@ -3,8 +3,8 @@ from .analysis_html import AnalysedCase, analysis_page
 from .checks import Check, check_expected
 from .errors import ReportError
 from .margin_csv import margin_csv
-from .plot_process import draw_margin_plot, margin_plot_process
 from .record import ReplayLog, ReplayRecord, record_of
+from .report_process import ReportPart, ReportProcess, draw_margin_plot
 from .rows import ReportRow
 from .summary import all_passed, summarise
 from .write import ANALYSIS_FILES, REPORT_FILES, check_writable, write_report
@@ -17,6 +17,8 @@ __all__ = [
     "ReplayLog",
     "ReplayRecord",
     "ReportError",
+    "ReportPart",
+    "ReportProcess",
     "ReportRow",
     "all_passed",
     "analysed_case",
@@ -26,7 +28,6 @@ __all__ = [
     "check_writable",
     "draw_margin_plot",
     "margin_csv",
-    "margin_plot_process",
     "record_of",
     "summarise",
     "write_report",

@@ -11,18 +11,23 @@ from app.report.methods import methods_of
 from app.session import checked_axes
 
 if TYPE_CHECKING:
-    from app.analysis import CaseSamples
+    from app.analysis import CaseSamples, Insertion
     from app.report.record import ReplayLog
     from app.runtime import PreparedCase, ReplayRun
 
 
-def analysed_replay(run: "ReplayRun", log: "ReplayLog", program: str) -> AnalysedCase | None:
+def analysed_replay(
+    run: "ReplayRun", log: "ReplayLog", program: str, *, insertion: "Insertion | None" = None
+) -> AnalysedCase | None:
     """Analyse the steps of ``run`` that ``log`` has received; None without a step.
 
-    ``program`` is the version of MarginGuard. Constant errors are not known: there is no
-    probability of a breach (`marginguard analyse --error`).
+    ``insertion``: its metrics, where they are known already. ``program`` is the version of
+    MarginGuard. Constant errors are not known: there is no probability of a breach (`marginguard
+    analyse --error`).
     """
-    return analysed_case(run.prepared, log.samples(), program) if log.rows else None
+    if not log.rows:
+        return None
+    return analysed_case(run.prepared, log.samples(), program, insertion=insertion)
 
 
 def analysed_case(
@@ -35,6 +40,7 @@ def analysed_case(
     bias_sigma_mm: float = 0.0,
     error_sigmas_mm: Mapping[str, float] | None = None,
     stops_mm: tuple[float, ...] = (),
+    insertion: "Insertion | None" = None,
 ) -> AnalysedCase:
     """Analyse ``samples`` of a replay of ``prepared``; ``program`` is the version of MarginGuard.
 
@@ -56,6 +62,7 @@ def analysed_case(
         covariances_mm2={name: sigma**2 * np.eye(3) for name, sigma in sigmas.items()},
         stops_mm=stops_mm,
         cutting_mm=CUTTING_MM if cutting_mm is None else cutting_mm,
+        insertion=insertion,
     )
     methods = methods_of(
         prepared,

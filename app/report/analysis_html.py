@@ -10,6 +10,7 @@ from app.geometry import ANATOMICAL_WORDS
 from app.report.case_plots import analysed_distance_plot, probability_plot
 from app.report.coverage_svg import coverage_svg
 from app.report.distance_svg import distance_svg
+from app.report.insertion_table import insertion_rows
 from app.report.methods import methods_text
 from app.report.page import NOT_A_DEVICE, document, length, table, time_text
 from app.report.time_plot import TimePlot
@@ -137,7 +138,7 @@ def _sides(found: "CaseAnalysis") -> str:
     rows = [
         (
             side.side,
-            f"{side.area_mm2:.0f} mm2",
+            f"{side.area_mm2:.0f} mm²",
             length(side.nearest_mm),
             *("-" if v is None else f"{100.0 * v:.0f} %" for v in side.shares.values()),
             str(side.breaches),
@@ -172,20 +173,11 @@ def _volumes(found: "CaseAnalysis") -> str:
 
 
 def _insertion(found: "CaseAnalysis") -> str:
-    values = found.insertion
-    rows: list[Sequence[str]] = [
-        ("from the first to the last known tip", f"{values.elapsed_s:.3f} s"),
-        ("path of the tip", f"{values.path_mm:.1f} mm"),
-        ("time in the tumour", f"{values.tissue_s:.3f} s"),
-        ("path in the tumour", f"{values.tissue_path_mm:.1f} mm"),
-    ]
-    if values.tissue_damage_mm2 is not None:
-        rows.append(("swept by the tool's axis", f"{values.tissue_damage_mm2:.1f} mm2"))
-    return table("Insertion", ("metric of Perk Tutor", "value"), rows)
+    return table("Insertion", ("metric of Perk Tutor", "value"), insertion_rows(found.insertion))
 
 
 def _volume(value_mm3: float) -> str:
-    return f"{value_mm3:.1f} mm3"
+    return f"{value_mm3:.1f} mm³"
 
 
 def _what_if(found: "CaseAnalysis") -> str:

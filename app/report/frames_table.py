@@ -1,13 +1,14 @@
 """Per-frame results of an analysis as a Parquet file."""
 
 import math
-from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.analysis.motion import smooth_pieces
 from app.geometry import NS_PER_S, FloatArray
+from app.runtime import PassiveOutput, StepTiming
 
 if TYPE_CHECKING:
     from app.session import StepResult
@@ -24,8 +25,8 @@ COLUMNS = (
 )
 
 
-class FramesTable:
-    """Collects one row per step, in the tumour's frame; unknown values are null.
+class FramesTable(PassiveOutput):
+    """`Output` that keeps one row per step, in the tumour's frame; unknown values are null.
 
     ``max_gap_s``: the velocity is not known across a longer gap.
     """
@@ -34,11 +35,10 @@ class FramesTable:
         self._max_gap_s = max_gap_s
         self._rows: list[dict[str, Any]] = []
 
-    def observing(self, steps: "Iterable[StepResult]") -> "Iterator[StepResult]":
-        """Yield ``steps``, and add each to the table."""
-        for step in steps:
-            self._rows.append(_row(step))
-            yield step
+    def publish(self, step: "StepResult", timing: StepTiming) -> bool:
+        """Keep the row of ``step``."""
+        self._rows.append(_row(step))
+        return True
 
     def parquet(self) -> bytes:
         """The Parquet file: the same steps give the same bytes.
@@ -57,7 +57,8 @@ class FramesTable:
         ).T  # None becomes NaN
         for axis, values in zip(_XYZ, self._velocities(times, tips).T.tolist(), strict=True):
             columns[f"velocity_{axis}_mm_s"] = [None if math.isnan(v) else v for v in values]
-        table = pa.table({name: pa.array(values, _type(name)) for name, values in columns.items()})
+        arrays = [_array(name, values) for name, values in columns.items()]
+        table = pa.Table.from_arrays(arrays, names=list(columns))
         sink = pa.BufferOutputStream()
         pq.write_table(table, sink, compression="zstd")
         return bytes(sink.getvalue())
@@ -110,11 +111,26 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _type(name: str) -> Any:
+def _array(name: str, values: list[Any]) -> Any:
+    """The column as an array of pyarrow, of its buffers: `pyarrow.array` loads pandas."""
     import pyarrow as pa
 
-    if name in ("hold", "between_frames"):
-        return pa.bool_()
+    known = np.array([value is not None for value in values], dtype=np.bool_)
+    valid = None if known.all() else _bits(known)
     if name in ("state", "reasons", "hold_causes"):
-        return pa.string()
-    return pa.int64() if name == "stamp_ns" else pa.float64()
+        texts = [(value or "").encode() for value in values]
+        ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+        buffers = [valid, pa.py_buffer(ends.tobytes()), pa.py_buffer(b"".join(texts))]
+        return pa.Array.from_buffers(pa.string(), len(values), buffers)
+    if name in ("hold", "between_frames"):
+        bits = _bits(np.array([bool(value) for value in values]))
+        return pa.Array.from_buffers(pa.bool_(), len(values), [valid, bits])
+    kind, number = (pa.int64(), np.int64) if name == "stamp_ns" else (pa.float64(), np.float64)
+    numbers = np.array([0 if value is None else value for value in values], dtype=number)
+    return pa.Array.from_buffers(kind, len(values), [valid, pa.py_buffer(numbers.tobytes())])
+
+
+def _bits(flags: NDArray[np.bool_]) -> Any:
+    import pyarrow as pa
+
+    return pa.py_buffer(np.packbits(flags, bitorder="little").tobytes())

@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from app.analysis import Insertion
 from app.analysis.breaches import find_breaches
+from app.report.insertion_table import insertion_rows
 from app.report.margin_plot import margin_figure
 from app.report.page import NOT_A_DEVICE
 from app.report.pdf_layout import SOFT, PdfLayout
@@ -27,11 +29,12 @@ def report_pdf(
     *,
     version: str,
     inputs_sha256: Mapping[str, str],
+    insertion: Insertion | None = None,
 ) -> bytes:
     """The report as PDF. The same arguments give the same bytes.
 
     ``summary`` is that of ``record``; its ``timing`` is left out. ``inputs_sha256`` are the
-    digests of the files of the case, by name.
+    digests of the files of the case, by name. ``insertion``: its metrics; None leaves them out.
     """
     case = str(summary["case"])
     breaches = find_breaches(record.rows, record.margins.stale_after_ns)
@@ -49,6 +52,10 @@ def report_pdf(
             )
         else:
             pdf.paragraph("The tool was never in the tumour.")
+        if insertion is not None:
+            pdf.heading("Insertion")
+            rows = insertion_rows(insertion)
+            pdf.table(("metric of Perk Tutor", "value"), rows, (0.5, 0.5))
         pdf.heading("Margin states")
         seconds, counts = summary["state_seconds"], summary["state_counts"]
         states = [(name, str(counts[name]), f"{seconds[name]:.3f} s") for name in counts]

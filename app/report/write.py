@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,9 @@ from app.report.case_plots import distance_plot
 from app.report.errors import ReportError
 from app.report.html import report_html
 from app.report.margin_csv import margin_csv
-from app.report.plot_process import draw_margin_plot
 from app.report.reasons import count_reasons
 from app.report.record import ReplayRecord
+from app.report.report_process import draw_margin_plot
 from app.report.summary import summarise
 
 REPORT_FILES = ("summary.json", "margin.csv", "margin.png", "scene.png", "report.html")
@@ -57,13 +57,15 @@ def write_report(
     version: str,
     analysed: AnalysedCase | None = None,
     margin_plot: Callable[[], bytes] | None = None,
+    others: Callable[[], Mapping[str, bytes | None]] = dict,
 ) -> dict[str, Any]:
     """Write the files of `REPORT_FILES` into ``folder`` and return the summary.
 
     ``scene_png`` returns the picture of the deepest point. It is called last, because another
     process may still draw it. If it returns None, no ``scene.png`` is written and an earlier one is
     removed. ``analysed`` adds the sections and files of the analysis; None removes earlier files.
-    ``margin_plot`` returns the PNG of `draw_margin_plot`; None draws it here.
+    ``margin_plot`` returns the PNG of `draw_margin_plot`; None draws it here. ``others`` returns
+    further files by name, for which it may wait; an earlier file is removed for None.
     Earlier report files are replaced after all new ones are complete; other files in the folder are
     kept. Raises `ReportError` for a folder that cannot be written and for a replay without frames.
     """
@@ -71,8 +73,10 @@ def write_report(
     check_writable(folder)
     summary, contents = _contents(record, scene_png, version, analysed, margin_plot)
     try:
+        more = others()
+        contents |= {name: content for name, content in more.items() if content is not None}
         write_files(folder, contents)
-        for name in set(_ALL_FILES) - set(contents):
+        for name in {*_ALL_FILES, *more} - set(contents):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable(folder, error) from error

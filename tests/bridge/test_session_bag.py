@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from app.bridge import session_bag
+from app.cli.bag_writing import BagProcess, bag_of
 from app.cli.main import main
+from app.geometry import SurfaceMesh
 from app.runtime import ReplayRun, prepare_case
 from tests.cli.small_case import FRAMES, write_small_case
 
@@ -94,20 +96,55 @@ def test_an_existing_folder_is_not_overwritten(case, tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_replay_that_fails_leaves_no_bag(case, tmp_path, capsys, monkeypatch):
-    from app.bridge.session_bag import SessionBag
+def test_a_bag_whose_process_ends_is_not_kept(case, tmp_path, capsys, monkeypatch):
+    begin = BagProcess.begin
 
-    def fail(self: SessionBag, step: object, timing: object) -> bool:
-        raise OSError(28, "No space left on device")
+    def begin_and_kill(self: BagProcess, run: ReplayRun, folder: Path) -> None:
+        begin(self, run, folder)
+        self._process.kill()
 
-    monkeypatch.setattr(SessionBag, "publish", fail)
+    monkeypatch.setattr(BagProcess, "begin", begin_and_kill)
     assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "bag")]) == 2
-    assert "No space left on device" in capsys.readouterr().err
+    assert "ended with status -9" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bag_that_cannot_be_written_is_not_kept(case, tmp_path, capsys, monkeypatch):
+    begin = BagProcess.begin
+
+    def begin_in_a_file(self: BagProcess, run: ReplayRun, folder: Path) -> None:
+        folder.parent.joinpath("file").write_text("")
+        begin(self, run, folder.parent / "file" / "bag")
+
+    monkeypatch.setattr(BagProcess, "begin", begin_in_a_file)
+    assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "bag")]) == 2
+    assert "bag cannot be written: Not a directory" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_replay_that_was_stopped_leaves_no_bag(case, tmp_path):
     replay = ReplayRun(prepare_case(case), clock_ns=time.monotonic_ns)
-    with session_bag(replay, tmp_path / "bag", keep=lambda: False):
+    with BagProcess() as bag, bag_of(bag, replay, tmp_path / "bag", lambda: False):
         next(replay.steps())
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("other_tumor", [False, True])
+def test_a_change_of_the_content_is_in_the_bag(case, bag, tmp_path, other_tumor):
+    prepared = prepare_case(case)
+    content = prepared.content
+    if other_tumor:
+        vertices = content.tumor.vertices_mm + 0.5
+        tumor = SurfaceMesh(content.tumor.frame, vertices, content.tumor.faces)
+        content = replace(content, tumor=tumor)
+    replay = ReplayRun(prepared, clock_ns=time.monotonic_ns)
+    with BagProcess() as process, bag_of(process, replay, tmp_path / "bag", lambda: True):
+        for number, _ in enumerate(replay.steps()):
+            if number == 9:
+                process.prepare(content)(content)
+    before, after = decoded(bag), decoded(tmp_path / "bag")
+    # Another tumour makes the margin UNKNOWN at once; equal surfaces are not new.
+    unknown = [topic for topic, _, message in after if topic == CONSTRAINT and message.state == 3]
+    known = [topic for topic, _, message in before if topic == CONSTRAINT and message.state == 3]
+    assert len(unknown) - len(known) == other_tumor
+    assert (len(after) == len(before)) is not other_tumor

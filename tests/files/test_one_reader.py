@@ -103,6 +103,7 @@ OPENS_FILES = {
     # A video in a temporary folder of its own.
     "files/video_file.py": {"av.open"},
     # Pipes between processes, and the folder of own caches.
+    "cli/bag_process.py": {"os.fdopen"},
     "cli/scene_process.py": {"os.fdopen"},
     "files/hdf5_child.py": {"os.open", "os.fdopen"},
     "robot/description/xacro_child.py": {"os.open", "os.fdopen"},

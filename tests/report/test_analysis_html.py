@@ -9,12 +9,13 @@ import pyarrow.parquet as pq
 import pytest
 
 import marginguard as mg
-from app.analysis import CaseSamples, analyse_case
+from app.analysis import analyse_case
 from app.report import ANALYSIS_FILES, AnalysedCase, ReplayRecord, analysis_page, write_report
 from app.report.coverage_svg import COLORS
 from app.report.distance_svg import distance_svg
 from app.report.frames_table import COLUMNS, FramesTable
 from app.report.methods import methods_of, methods_text, recorded_on
+from app.runtime import StepTiming
 from tests.report.test_html import Page
 from tests.report.test_time_plot import without_scripts
 
@@ -71,7 +72,7 @@ def test_page_has_the_numbers_of_the_analysis(analysed, page):
     assert breach.direction in text
     for side in ("right", "left", "anterior", "posterior", "superior", "inferior"):
         assert any(row[:1] == [side] for row in Page(page).rows)
-    assert f"{analysed.analysis.resection.swept.volume_mm3:.1f} mm3" in text
+    assert f"{analysed.analysis.resection.swept.volume_mm3:.1f} mm³" in text
     assert "No specimen: the swept volume does not enclose the tumour." in text
     (stop,) = analysed.analysis.probability.stops
     row = next(row for row in Page(page).rows if row[0] == "stop margin of 2 mm")
@@ -137,7 +138,8 @@ def test_coverage_map_has_six_views_with_the_side_of_the_breach_in_the_nearest_c
 
 def test_table_of_frames_has_margins_witnesses_and_velocity(prepared, steps):
     table = FramesTable(0.075)
-    assert CaseSamples.from_steps(table.observing(steps)).stamps_ns[0] == steps[0].frame.stamp.ns
+    for step in steps:
+        assert table.publish(step, StepTiming())
     found = pq.read_table(io.BytesIO(table.parquet())).to_pydict()
     assert tuple(found) == COLUMNS
     assert len(found["t_s"]) == len(steps)

@@ -1,14 +1,18 @@
-"""Transforms and joints of each step as bytes, of which only the numbers change."""
+"""Transforms, joints and margin of each step as bytes, of which only the numbers change."""
 
+import struct
 from array import array
 from collections.abc import Sequence
 
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages
 from app.bridge.number_template import Block, NumberTemplate
 from app.case.frames.samples import JointSample
+from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 
 _MAX_KNOWN = 64
@@ -56,6 +60,27 @@ class SerializedJoints:
                 lambda blocks: _joints(names, blocks), [len(names)]
             )
         return template.serialized([(messages.time_parts(sample.stamp), sample.positions)])
+
+
+class SerializedMargin:
+    """``std_msgs/Float64`` of a distance and ``std_msgs/ColorRGBA`` of a state."""
+
+    def __init__(self) -> None:
+        raw = bytes(serialize_message(Float64()))
+        self._header = raw[:-8]
+        self._number = struct.Struct("<d" if raw[1] & 1 else ">d")  # CDR_LE or CDR_BE
+        self._colors = {
+            state: bytes(serialize_message(messages.color_message(state.color)))
+            for state in MarginState
+        }
+
+    def distance(self, distance_mm: float) -> bytes:
+        """Serialise the message of a distance."""
+        return self._header + self._number.pack(distance_mm)
+
+    def color(self, state: MarginState) -> bytes:
+        """The serialised colour of ``state``."""
+        return self._colors[state]
 
 
 def _transforms(edges: Sequence[tuple[str, str]], blocks: Sequence[Block]) -> TFMessage:

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from typing import Any, Protocol, Self
 
 from rclpy.publisher import Publisher
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 
 from app.bridge import messages, topics
 from app.bridge.errors import BridgeError
@@ -18,7 +18,11 @@ from app.bridge.publishing.constraint_stream import ConstraintStream, RandomBits
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
-from app.bridge.publishing.serialized import SerializedJoints, SerializedTransforms
+from app.bridge.publishing.serialized import (
+    SerializedJoints,
+    SerializedMargin,
+    SerializedTransforms,
+)
 from app.bridge.qos import Topic
 from app.bridge.steady_clock import steady_ns
 from app.bridge.tf.broadcaster import tf_message
@@ -28,8 +32,6 @@ from app.runtime import SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
 
 NODE_NAME = "marginguard"
-
-_COLORS = {state: messages.color_message(state.color) for state in MarginState}
 
 _UNKNOWN_DECISION = FixtureDecision(
     state=MarginState.UNKNOWN,
@@ -118,6 +120,7 @@ class SessionPublisher:
             self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
             self._transforms, self._joints = SerializedTransforms(), SerializedJoints()
+            self._margin = SerializedMargin()
             self._diagnostics = Diagnostics(counts, lambda: self._endpoints.definition_problems)
             self._constraint_builder = ConstraintBuilder(content)
             self._shapes = PreparedShapes(content)
@@ -261,8 +264,8 @@ class SessionPublisher:
         distance_mm = math.nan
         if decision.state is not MarginState.UNKNOWN and decision.proximity is not None:
             distance_mm = float(decision.proximity.signed_distance_mm)
-        self._send(topics.MARGIN_MM, Float64(data=distance_mm))
-        self._send(topics.MARGIN_COLOR, _COLORS[decision.state])
+        self._send(topics.MARGIN_MM, self._margin.distance(distance_mm))
+        self._send(topics.MARGIN_COLOR, self._margin.color(decision.state))
         self._send(topics.MARKERS, self._shapes.text(decision))
         self._show_surfaces(decision.state)
 

@@ -139,12 +139,11 @@ def run(options: argparse.Namespace) -> int:
             options.case, package_dirs=options.package_dirs, tip_only=options.tip_only
         )
         memory.settle()
-        replay = ReplayRun(prepared, clock_ns=time.monotonic_ns)
         content = prepared.content
         frames = FramesTable(content.margins.stale_after_ns / NS_PER_S)
+        outputs = () if options.parquet is None else (frames,)
+        replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=outputs)
         steps = with_progress(replay.steps(), "analysing frame", total=None)
-        if options.parquet is not None:
-            steps = frames.observing(steps)
         samples = CaseSamples.from_steps(steps)
         case = analysed_case(
             prepared,

@@ -1,7 +1,8 @@
 """Replay a recorded case: register, check the tool against the tumour, publish the fixture, report.
 
-Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input; 130 or 143 after a
-signal: the report is then complete or does not exist.
+Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input, or when a part of
+--all could not be written; 130 or 143 after a signal: the report is then complete or does not
+exist.
 """
 
 import argparse
@@ -9,14 +10,14 @@ import json
 import os
 import sys
 import time
-from contextlib import nullcontext
-from functools import cache, partial
+from contextlib import ExitStack, nullcontext
 from typing import TYPE_CHECKING
 
+from app.cli.bag_writing import BagProcess, bag_of
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
-from app.cli.ros import bag_of, published
+from app.cli.ros import published
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO, ScenePainter
 from app.cli.signals import SignalState, note_signals
 from app.cli.stopwatch import Stopwatch
@@ -39,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=folder_path,
         metavar="DIR",
         help="analyse the replay and write the report files there",
+    )
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="with --report: write all results of this replay to DIR, also report.pdf, the tables "
+        "of the analysis (CSV), frames.parquet, dicom and the MCAP bag results; needs the extras "
+        "ros, dicom and cohort",
     )
     parser.add_argument(
         "--pdf",
@@ -90,11 +98,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case; published messages and report come from the same steps."""
-    with note_signals() as received, GcPause() as memory:
+    with note_signals() as received, GcPause() as memory, ExitStack() as processes:
         drawings = _drawings(options)
-        painting = ScenePainter() if drawings else nullcontext()
-        with painting as painter:
-            status = _replay(options, received, memory, drawings, painter)
+        painter = processes.enter_context(ScenePainter()) if drawings else None
+        bag = None
+        if options.mcap is not None or options.all:
+            bag = processes.enter_context(BagProcess())
+        status = _replay(options, received, memory, drawings, painter, bag)
     return received.exit_status or status
 
 
@@ -104,103 +114,84 @@ def _replay(
     memory: GcPause,
     drawings: tuple[str, ...],
     painter: ScenePainter | None,
+    bag: BagProcess | None,
 ) -> int:
     watch = Stopwatch()
-    with received.ends_at_once():
-        from app import __version__
-        from app.cli.keyframes import PICTURES_PER_S
-        from app.cli.report_pdf import pdf_of
-        from app.cli.scene_log import SceneLog
-        from app.files import write_file
-        from app.report import (
-            ReplayLog,
-            all_passed,
-            analysed_replay,
-            margin_plot_process,
-            record_of,
-            summarise,
-            write_report,
-        )
-        from app.runtime import ReplayRun, prepare_case
+    with ExitStack() as contexts:
+        with received.ends_at_once():
+            from app.cli.keyframes import PICTURES_PER_S
+            from app.cli.replay_report import ReplayReport
+            from app.cli.scene_log import SceneLog
+            from app.files import write_file
+            from app.report import ReplayLog, all_passed, record_of, summarise
+            from app.runtime import ReplayRun, prepare_case
 
-        watch.lap("load the program")
-        _check(options, drawings)
-        prepared = prepare_case(
-            options.case,
-            package_dirs=options.package_dirs,
-            tip_only=options.tip_only,
-            on_stage=watch.lap,
-        )
-        memory.settle()
-    log = ReplayLog()
-    scene_log = SceneLog(
-        recording=SCENE in drawings,
-        max_keyframes=round(PICTURES_PER_S * options.movie_seconds)
-        if options.movie is not None
-        else None,
-    )
-    replay = ReplayRun(
-        prepared,
-        clock_ns=time.monotonic_ns,
-        stopwatch_ns=time.perf_counter_ns,
-        rate=options.rate,
-        loop=options.loop,
-        outputs=() if options.loop else (log, scene_log),
-    )
-    received.stops(replay.stop)
-    real_time = options.rate is not None
-    with (
-        nullcontext()
-        if options.mcap is None
-        else bag_of(replay, options.mcap, lambda: received.number is None),
-        nullcontext() if options.no_ros else published(replay, real_time=real_time),
-    ):
-        for _ in with_progress(replay.steps(), "replaying frame", total=_frames(replay, options)):
-            pass
-    watch.lap("read the frames and step")
-    if received.number is not None:
-        return received.exit_status
-    record = record_of(replay, log)
-    if painter is not None and log.deepest is not None:
-        painter.begin(prepared.content, log.deepest, outputs=drawings, log=scene_log)
-    picture = cache(partial(_picture, painter, watch))
-    if options.report is None:
-        summary = summarise(record)
-    else:
-        with margin_plot_process(record) as margin_plot:
-            analysed = analysed_replay(replay, log, __version__)
-            watch.lap("analyse the steps")
-            summary = write_report(
-                options.report,
-                record,
-                scene_png=picture,
-                version=__version__,
-                analysed=analysed,
-                margin_plot=margin_plot,
+            watch.lap("load the program")
+            _check(options, drawings)
+            report = None
+            if options.report is not None or options.pdf is not None:
+                report = contexts.enter_context(ReplayReport(options, watch))
+            prepared = prepare_case(
+                options.case,
+                package_dirs=options.package_dirs,
+                tip_only=options.tip_only,
+                on_stage=watch.lap,
             )
-    watch.lap("write the report")
-    if options.pdf is not None:
-        write_file(options.pdf, pdf_of(prepared, record, summary, picture()))
-        watch.lap("write the PDF")
-    if painter is not None:
-        for name, path in ((SCENE, options.save_scene), (_movie_kind(options), options.movie)):
-            if path is not None:
-                write_file(path, painter.content(name))
-        watch.lap("write scene and movie")
+            memory.settle()
+        log = ReplayLog()
+        scene_log = SceneLog(
+            recording=SCENE in drawings,
+            max_keyframes=round(PICTURES_PER_S * options.movie_seconds)
+            if options.movie is not None
+            else None,
+        )
+        replay = ReplayRun(
+            prepared,
+            clock_ns=time.monotonic_ns,
+            stopwatch_ns=time.perf_counter_ns,
+            rate=options.rate,
+            loop=options.loop,
+            outputs=() if options.loop else (log, scene_log),
+        )
+        received.stops(replay.stop)
+        if report is not None and options.all:
+            assert bag is not None  # started with --all
+            contexts.enter_context(report.with_all(replay, bag))
+        elif bag is not None:
+            contexts.enter_context(
+                bag_of(bag, replay, options.mcap, lambda: received.number is None)
+            )
+        real_time = options.rate is not None
+        with nullcontext() if options.no_ros else published(replay, real_time=real_time):
+            for _ in with_progress(
+                replay.steps(), "replaying frame", total=_frames(replay, options)
+            ):
+                pass
+        watch.lap("read the frames and step")
+        if received.number is not None:
+            return received.exit_status
+        record = record_of(replay, log)
+        if painter is not None and log.deepest is not None:
+            painter.begin(prepared.content, log.deepest, outputs=drawings, log=scene_log)
+        if report is None:
+            summary = summarise(record)
+            watch.lap("summarise")
+        else:
+            picture = painter.picture if painter is not None else lambda: None
+            summary = report.write(replay, log, record, picture)
+        if painter is not None:
+            for name, path in ((SCENE, options.save_scene), (_movie_kind(options), options.movie)):
+                if path is not None:
+                    write_file(path, painter.content(name))
+                    watch.lap("write scene and movie")
+    if bag is not None:
+        watch.lap("wait for the bag")
     if options.timing:
         watch.print_laps()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
+    if report is not None and report.incomplete:
+        return 2
     return 0 if all_passed(summary) else 1
-
-
-def _picture(painter: ScenePainter | None, watch: Stopwatch) -> bytes | None:
-    """Wait for the picture that another process draws; the time counts by itself."""
-    if painter is None:
-        return None
-    watch.lap("write the report")
-    picture = painter.picture()
-    watch.lap("wait for scene.png")
-    return picture
 
 
 def _frames(replay: "ReplayRun", options: argparse.Namespace) -> int | None:
@@ -213,6 +204,7 @@ def _frames(replay: "ReplayRun", options: argparse.Namespace) -> int | None:
 def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
     """Reject, before anything is read, options that contradict each other or cannot be written."""
     from app.case.frames.player import checked_rate
+    from app.cli.complete_report import check_parts
     from app.files import check_output_path
     from app.files.extras import check_installed
     from app.geometry import InputError
@@ -232,6 +224,13 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
             "--loop: without --rate or with an output file; "
             "expected --rate, and no --report, --pdf, --save-scene, --movie or --mcap"
         )
+    if options.all:
+        if options.report is None or options.mcap is not None:
+            raise InputError(
+                "--all: without --report or with --mcap; expected --report DIR, to which it writes "
+                "the bag as well"
+            )
+        check_parts(options.report)
     if options.report is not None:
         check_writable(options.report)
     for path in (options.save_scene, options.movie, options.pdf):

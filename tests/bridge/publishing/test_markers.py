@@ -12,6 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from app.bridge.errors import BridgeError
 from app.bridge.publishing.marker_points import MAX_TRIANGLES, corners_m, serialized, simplified
 from app.bridge.publishing.markers import Markers, margin_text
+from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.fixture import MarginState
 from benchmarks.fixture_shapes import lobed_tumor
 
@@ -63,6 +64,16 @@ def test_text_is_above_the_tumour(content, make_step):
     assert marker.text == "CLEAR +7.5 mm"
     position = marker.pose.position
     assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))
+
+
+def test_known_texts_are_those_of_their_decisions(content, make_step, monkeypatch):
+    monkeypatch.setattr("app.bridge.publishing.prepared_shapes._MAX_TEXTS", 2)
+    shapes = PreparedShapes(content)
+    steps = [make_step(0), make_step(0, lost=True), make_step(0, state=MarginState.WARNING)]
+    for step in [*steps, *steps]:
+        message = serialize_message(Markers(content).text(step.decision))
+        expected = deserialize_message(message, MarkerArray)  # float32
+        assert deserialize_message(shapes.text(step.decision), MarkerArray) == expected
 
 
 def test_text_of_breach_and_unknown(make_step):

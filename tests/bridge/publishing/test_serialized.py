@@ -5,17 +5,22 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Float64, Header
 from tf2_msgs.msg import TFMessage
 
 from app.bridge.errors import BridgeError
-from app.bridge.messages import joint_state_message
+from app.bridge.messages import color_message, joint_state_message
 from app.bridge.number_template import Block, NumberTemplate
-from app.bridge.publishing.serialized import SerializedJoints, SerializedTransforms
+from app.bridge.publishing.serialized import (
+    SerializedJoints,
+    SerializedMargin,
+    SerializedTransforms,
+)
 from app.bridge.tf.broadcaster import tf_message
 from app.case.frames.samples import JointSample
+from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 
 EDGES = (("reference", "needle"), ("reference", "cautery_of_the_robot"), ("base", "link/1"))
@@ -87,3 +92,14 @@ def test_numbers_that_are_not_adjacent_raise(order: tuple[int, int, int]) -> Non
 def test_numbers_that_occur_twice_raise() -> None:
     with pytest.raises(BridgeError, match="a mark occurs 3 times"):
         NumberTemplate(lambda b: point_of([b[0][1][0]] * 3, b[0]), [1])
+
+
+def test_margin_is_that_of_the_messages() -> None:
+    serialized = SerializedMargin()
+    for distance in (0.0, -1.25, 1e300, float("inf"), float("nan")):
+        found = deserialize_message(serialized.distance(distance), Float64).data
+        np.testing.assert_equal(found, distance)
+    for state in MarginState:
+        found = deserialize_message(serialized.color(state), ColorRGBA)
+        expected = serialize_message(color_message(state.color))
+        assert found == deserialize_message(expected, ColorRGBA)  # float32

@@ -1,0 +1,72 @@
+"""The process that writes the bag of a replay: ``python -m app.cli.bag_process``.
+
+It loads ROS, which takes a second, and then reads pickled messages of `app.cli.bag_writing` from
+standard input: a `BagRequest`, what follows in the replay, and None at its end. It writes a pickled
+`BagAnswer` to standard output. Without the None it ends silently; the bag is then not complete.
+"""
+
+import os
+import pickle
+import sys
+import time
+from typing import IO, Any
+
+from app.cli.bag_writing import BagAnswer, BagRequest
+from app.cli.gc_control import GcPause
+from app.files.extras import install_hint
+
+
+def main() -> None:
+    """Write one bag."""
+    # Libraries that print to standard output must not corrupt the answer.
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, GcPause() as memory:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        pickle.dump(_answered(sys.stdin.buffer, memory), answer)
+    sys.stderr.flush()
+    # Skip the teardown of native libraries: everything is written.
+    os._exit(0)
+
+
+def _answered(stream: IO[bytes], memory: GcPause) -> BagAnswer:
+    from app.geometry import MarginGuardError
+
+    try:
+        import app.bridge  # noqa: F401  (slow to load: before the request arrives)
+    except ImportError as error:
+        return BagAnswer(f"ROS 2 cannot be loaded ({error}): {install_hint(error)}")
+    memory.settle()
+    try:
+        return _written(stream)
+    except EOFError:
+        return BagAnswer("the replay ended before its last step")
+    except OSError as error:
+        return BagAnswer(error.strerror or str(error))
+    except MarginGuardError as error:
+        return BagAnswer(str(error))
+
+
+def _written(stream: IO[bytes]) -> BagAnswer:
+    from app.bridge import SessionBag
+    from app.bridge.messages import playback_text
+
+    request: BagRequest = pickle.load(stream)
+    with SessionBag(request.content, playback_text(request.manifest), request.folder) as bag:
+        while (message := pickle.load(stream)) is not None:
+            _act(bag, *message)
+    return BagAnswer(processor_s=time.process_time())
+
+
+def _act(bag: Any, name: str, value: Any) -> None:
+    if name == "steps":
+        for step in value:
+            bag.publish(step)
+    elif name == "content":
+        bag.use(**value)
+    elif name == "latch":
+        bag.latch(value)
+    else:
+        bag.end()
+
+
+if __name__ == "__main__":
+    main()
