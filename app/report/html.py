@@ -7,6 +7,7 @@ from typing import Any
 
 from app.report.page import NOT_A_DEVICE, document, length, table, text_of, time_text
 from app.report.reasons import ReasonCount
+from app.report.summary import CAUTERY_AT_ENTRY
 from app.report.time_plot import TimePlot
 from app.session import SINGLE_SOURCE
 
@@ -104,12 +105,14 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
             length(breach["path_lower_bound_mm"]),
             "-" if breach["deepest_s"] is None else time_text(breach["deepest_s"]),
             "between frames" if breach["between_frames"] else "in frames",
+            *((breach[CAUTERY_AT_ENTRY],) if CAUTERY_AT_ENTRY in breach else ()),
         )
         for number, breach in enumerate(breaches, start=1)
     ]
     header = (
         *("", "from", "to", "lasted", "deepest frame"),
         *("deepest on the path", "not below", "at", "seen"),
+        *(("cautery at entry",) if CAUTERY_AT_ENTRY in breaches[0] else ()),
     )
     note = (
         '<p class="note">The path between two frames is taken as straight. "between frames": the '

@@ -15,6 +15,8 @@ COLUMNS = (
     "tip_y_mm",
     "tip_z_mm",
 )
+CAUTERY = "cautery"
+"""Last column, of a case with a source of the cautery's state."""
 
 
 def margin_csv(rows: Sequence[ReportRow]) -> str:
@@ -23,8 +25,14 @@ def margin_csv(rows: Sequence[ReportRow]) -> str:
     Times and lengths have 6 decimals, an unknown value is an empty cell, reasons are joined by
     ``;``. No cell needs quotes: the names of states and reasons have no commas.
     """
-    lines = [",".join(COLUMNS)]
-    lines.extend(",".join(_cells(row, rows[0].stamp_ns)) for row in rows)
+    if all(row.cautery is None for row in rows):
+        lines = [",".join(COLUMNS)]
+        lines.extend(",".join(_cells(row, rows[0].stamp_ns)) for row in rows)
+    else:
+        lines = [",".join((*COLUMNS, CAUTERY))]
+        lines.extend(
+            ",".join((*_cells(row, rows[0].stamp_ns), str(row.cautery or ""))) for row in rows
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -11,6 +11,7 @@ from app.report.page import NOT_A_DEVICE
 from app.report.pdf_layout import SOFT, PdfLayout
 from app.report.reasons import count_reasons
 from app.report.record import ReplayRecord
+from app.report.summary import CAUTERY_AT_ENTRY
 
 _BREACH_COLUMNS = ("", "from", "to", "lasted", "deepest frame", "deepest on the path", "not below")
 _METHODS = (
@@ -47,9 +48,7 @@ def report_pdf(
         pdf.table(("", "value"), _results(summary), (0.5, 0.5))
         pdf.heading("Breaches")
         if summary["breaches"]:
-            pdf.table(
-                _BREACH_COLUMNS, _breaches(summary["breaches"]), (0.06, *(0.14,) * 4, 0.2, 0.18)
-            )
+            pdf.table(*_breaches(summary["breaches"]))
         else:
             pdf.paragraph("The tool was never in the tumour.")
         if insertion is not None:
@@ -111,17 +110,24 @@ def _results(summary: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
     )
 
 
-def _breaches(breaches: Sequence[Mapping[str, Any]]) -> Sequence[tuple[str, ...]]:
-    return [
+def _breaches(
+    breaches: Sequence[Mapping[str, Any]],
+) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]], tuple[float, ...]]:
+    """Header, rows and widths; the cautery at entry only of a case with a source of its state."""
+    rows = [
         (
             str(number),
             *(f"{breach[key]:.3f} s" for key in ("start_s", "end_s", "duration_s")),
             _length(breach["min_signed_distance_mm"]),
             _length(breach["path_min_signed_distance_mm"]),
             _length(breach["path_lower_bound_mm"]),
+            *((str(breach[CAUTERY_AT_ENTRY]),) if CAUTERY_AT_ENTRY in breach else ()),
         )
         for number, breach in enumerate(breaches, start=1)
     ]
+    if CAUTERY_AT_ENTRY not in breaches[0]:
+        return _BREACH_COLUMNS, rows, (0.06, *(0.14,) * 4, 0.2, 0.18)
+    return (*_BREACH_COLUMNS, "cautery"), rows, (0.05, *(0.12,) * 4, 0.17, 0.16, 0.14)
 
 
 def _registration(registration: Mapping[str, Any]) -> Sequence[tuple[str, str]]:

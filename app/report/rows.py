@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from app.case import CauteryState
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, FloatArray
 from app.report.errors import ReportError
@@ -26,7 +27,7 @@ class ReportRow:
     ``stop_total_mm`` and ``warn_total_mm`` are the margins that the step applied, None where it
     applied none. ``between_frames`` is true if the tool passed through the tumour on the path from
     the last frame and is outside in both; the distance is then that of the deepest point of the
-    path. Raises `ReportError` for a number that is not finite: an unknown value is None.
+    path. ``cautery`` is its state by the source of the case, None without one. Raises `ReportError` for a number that is not finite: an unknown value is None.
     """
 
     stamp_ns: int
@@ -38,6 +39,7 @@ class ReportRow:
     stop_total_mm: float | None = None
     warn_total_mm: float | None = None
     between_frames: bool = False
+    cautery: CauteryState | None = None
 
     def __post_init__(self) -> None:
         numbers = (
@@ -69,6 +71,7 @@ class ReportRow:
             stop_total_mm=_finite(margin.total_mm) if margin else None,
             warn_total_mm=_finite(margin.warn_total_mm) if margin else None,
             between_frames=step.between_frames is not None,
+            cautery=step.frame.cautery,
         )
 
     @property

@@ -73,10 +73,14 @@ def all_passed(summary: dict[str, Any]) -> bool:
     return all(check["result"] == "pass" for check in summary["expected"] or ())
 
 
+CAUTERY_AT_ENTRY = "cautery_at_entry"
+"""State of the cautery in the first frame of a breach; only of a case with a source of it."""
+
+
 def _breach(breach: Breach, record: ReplayRecord) -> dict[str, Any]:
     inside = record.rows[breach.first : breach.last + 1]
     depth = record.depths.get(breach.first)
-    first_ns = record.rows[0].stamp_ns
+    first_ns, cautery = record.rows[0].stamp_ns, record.rows[breach.first].cautery
     return {
         "start_s": _rounded(breach.start_s),
         "end_s": _rounded(breach.end_s),
@@ -87,6 +91,7 @@ def _breach(breach: Breach, record: ReplayRecord) -> dict[str, Any]:
         if depth is None
         else _rounded(seconds_since(first_ns, depth.deepest.stamp.ns)),
         **_deepest(() if depth is None else (depth,)),
+        **({} if cautery is None else {CAUTERY_AT_ENTRY: str(cautery)}),
     }
 
 

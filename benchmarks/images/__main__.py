@@ -76,6 +76,13 @@ class ImageFigures:
         start = self.memory_mb[len(self.memory_mb) // 4]
         return max(self.memory_mb[-2:]) / start - 1.0
 
+    @property
+    def slope_mb_per_min(self) -> float:
+        """Slope of a line through the memory after the first quarter (least squares)."""
+        values = np.array(self.memory_mb[len(self.memory_mb) // 4 :])
+        minutes = np.arange(len(values)) * _SAMPLE_S / 60.0
+        return float(np.polyfit(minutes, values, 1)[0]) if len(values) > 1 else 0.0
+
     def problems(self) -> list[str]:
         """The goals that are missed."""
         found = []
@@ -153,9 +160,11 @@ def main() -> int:
           f"max {figures.delay_max_ms:.0f} ms; {figures.images_hz:.1f} images/s")  # fmt: skip
     print(f"3D view         {figures.pictures_hz:.1f} pictures/s")
     print(f"memory          {figures.memory_mb[0]:.0f} MB at first, {figures.memory_mb[-1]:.0f} MB "
-          f"at the end, {100 * figures.growth:+.1f} % after the first quarter")  # fmt: skip
+          f"at the end; after the first quarter {100 * figures.growth:+.1f} %, "
+          f"{figures.slope_mb_per_min:+.2f} MB a minute")  # fmt: skip
     if options.json is not None:
-        options.json.write_text(json.dumps({**asdict(figures), "growth": figures.growth}) + "\n")
+        derived = {"growth": figures.growth, "slope_mb_per_min": figures.slope_mb_per_min}
+        options.json.write_text(json.dumps({**asdict(figures), **derived}) + "\n")
     problems = figures.problems()
     for problem in problems:
         print(problem, file=sys.stderr)

@@ -1,11 +1,12 @@
 import base64
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 
-from app.case import Expected
+from app.case import CauteryState, Expected
 from app.report import ReplayRecord, summarise
 from app.report.html import report_html
 from app.report.page import NOT_A_DEVICE
@@ -53,6 +54,21 @@ class Page(HTMLParser):
 
 def page_of(record: ReplayRecord, scene: bytes | None = SCENE) -> str:
     return report_html(summarise(record), count_reasons(record.rows), PLOT, scene, "1.2.3")
+
+
+def test_breach_tells_the_state_of_the_cautery_at_its_entry(record_of: Record) -> None:
+    record = record_of([6.0, -1.0, -2.0, 6.0])
+    plain = Page(page_of(record))
+    assert "cautery at entry" not in plain.text
+    states = [CauteryState.OFF, CauteryState.ON, CauteryState.OFF, CauteryState.UNKNOWN]
+    rows = tuple(replace(row, cautery=told) for row, told in zip(record.rows, states, strict=True))
+    told = record_of([], rows=rows)
+    assert summarise(told)["breaches"][0]["cautery_at_entry"] == "on"
+    expected = [
+        [*row, {"": "cautery at entry", "1": "on"}[row[0]]] if len(row) == 9 else row
+        for row in plain.rows
+    ]
+    assert Page(page_of(told)).rows == expected
 
 
 def test_page_has_no_script_and_no_external_resource(record_of: Record) -> None:

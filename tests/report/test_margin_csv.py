@@ -1,10 +1,12 @@
 import csv
 import io
 from collections.abc import Callable
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.case import CauteryState
 from app.fixture import MarginState
 from app.report import ReportRow, margin_csv
 from app.report.margin_csv import COLUMNS
@@ -21,6 +23,17 @@ def test_text_is_exactly_this(rows_of: Rows) -> None:
         "0.020000,1000020000000,UNKNOWN,,,invalid;stale,,,\n"
         "0.040000,1000040000000,POSITIVE,-1.250000,-1.500000,inside,-1.250000,2.000000,-3.000000\n"
     )
+
+
+def test_state_of_the_cautery_is_a_column_of_a_case_with_a_source_only(rows_of: Rows) -> None:
+    rows = rows_of([6.5, None, -1.25])
+    states = (CauteryState.OFF, CauteryState.UNKNOWN, CauteryState.ON)
+    told = [replace(row, cautery=state) for row, state in zip(rows, states, strict=True)]
+    plain, text = margin_csv(rows).splitlines(), margin_csv(told).splitlines()
+    assert text == [
+        f"{line},{cell}"
+        for line, cell in zip(plain, ("cautery", "off", "unknown", "on"), strict=True)
+    ]
 
 
 def test_no_rows_leave_the_header() -> None:

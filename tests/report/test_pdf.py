@@ -2,11 +2,13 @@
 
 import io
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.image import imsave
 from pypdf import PdfReader
 
+from app.case import CauteryState
 from app.report import ReplayRecord
 from app.report.pdf import report_pdf
 from app.report.pdf_layout import PdfLayout
@@ -40,6 +42,14 @@ def test_pdf_has_the_numbers_and_the_digests(record_of: Record) -> None:
     assert PdfReader(io.BytesIO(content)).metadata["/Title"] == "three frames: margin report"
     assert "/CreationDate" not in PdfReader(io.BytesIO(content)).metadata
     assert pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",))) == content
+
+
+def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record_of: Record) -> None:
+    record = record_of([8.0, -1.25, 7.0])
+    rows = tuple(replace(row, cautery=CauteryState.UNKNOWN) for row in record.rows)
+    assert "unknown" not in text_of(pdf_of(record))
+    text = text_of(pdf_of(record_of([], rows=rows)))
+    assert "cautery" in text and "unknown" in text
 
 
 def test_a_picture_is_embedded_and_its_absence_is_no_error(record_of: Record) -> None:

@@ -4,13 +4,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.case import CauteryState
 from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import Stamp, Transform
 from app.report import ReplayLog, ReportError, ReportRow
 from app.runtime import StepTiming
 
 
-def step(distance_mm: float | None, *, ns: int = 5, tip: bool = True) -> SimpleNamespace:
+def step(
+    distance_mm: float | None,
+    *,
+    ns: int = 5,
+    tip: bool = True,
+    cautery: CauteryState | None = None,
+) -> SimpleNamespace:
     proximity = None
     if distance_mm is not None:
         witnesses = Witnesses.single(
@@ -30,7 +37,7 @@ def step(distance_mm: float | None, *, ns: int = 5, tip: bool = True) -> SimpleN
     )
     tip_pose = Transform("tumor", "cautery_tip", np.eye(3), np.array([1.0, 2.0, 3.0]))
     return SimpleNamespace(
-        frame=SimpleNamespace(stamp=Stamp(ns)),
+        frame=SimpleNamespace(stamp=Stamp(ns), cautery=cautery),
         decision=decision,
         tumor_from_tip=tip_pose if tip else None,
         between_frames=None,
@@ -43,6 +50,11 @@ def test_row_of_a_step_keeps_its_numbers() -> None:
         5, MarginState.POSITIVE, ("contact", "inside"), -1.5, -1.6, (1.0, 2.0, 3.0), 1.75, 5.75
     )
     assert row.inside
+
+
+def test_row_of_a_step_keeps_the_state_of_the_cautery() -> None:
+    assert ReportRow.from_step(step(-1.5, cautery=CauteryState.ON)).cautery is CauteryState.ON
+    assert ReportRow.from_step(step(-1.5)).cautery is None
 
 
 def test_row_of_a_step_without_proximity_has_no_numbers() -> None:
