@@ -57,13 +57,6 @@ def canonical_quaternion(rotation: FloatArray) -> FloatArray:
     return np.array([x / norm, y / norm, z / norm, w / norm])
 
 
-def rotation_of_digits(quaternion: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) of a quaternion xyzw (4,) of any length above 0."""
-    x, y, z, w = quaternion.tolist()
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    return _matrix(x / norm, y / norm, z / norm, w / norm)
-
-
 def _matrix(x: float, y: float, z: float, w: float) -> FloatArray:
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w

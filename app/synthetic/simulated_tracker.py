@@ -4,26 +4,19 @@ Nothing here knows of a scenario: a simulation in real time asks for the next ac
 the poses at its time, and sends them at their stamp.
 """
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.geometry import NS_PER_S, FloatArray, Transform
-from app.geometry.rotation_vectors import (
-    canonical_quaternion,
-    rotation_of_digits,
-    rotation_of_vector,
-)
 from app.synthetic.tracker_model import TrackerModel
 
 _MAX_TIME_ERROR = 0.3
 """Of the period: errors of the interval and of both stamps together keep stamps rising."""
-
-_SOFT_MM = 1.0
-"""The direction away from the metal is smooth within this distance of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +40,6 @@ class Metal:
     start_mm: FloatArray
     end_mm: FloatArray
 
-    def nearest(self, point_mm: FloatArray) -> FloatArray:
-        """The nearest point (3,) of it."""
-        along = self.end_mm - self.start_mm
-        share = float((point_mm - self.start_mm) @ along) / max(float(along @ along), 1e-12)
-        return np.asarray(self.start_mm + min(max(share, 0.0), 1.0) * along)
-
 
 class SimulatedTracker:
     """Applies a `TrackerModel`; keeps the state of its correlated noise, one for each sensor.
@@ -67,10 +54,17 @@ class SimulatedTracker:
         self._slow, self._times, self._losses = (
             np.random.default_rng([*seed, stream]) for stream in (1, 2, 3)
         )
-        slow = model.slow
-        self._slow_scale = np.repeat(
-            [slow.position_rms_mm / np.sqrt(3.0), slow.angle_rms_rad / np.sqrt(3.0)], 3
-        )
+        # What the kernel reads: only the pose, the metal and the errors differ between samples.
+        bend, quanta = model.distortion, [model.position_quantum_mm, 0.0]
+        if model.rotation_digits == "quaternion":
+            quanta[1] = model.rotation_quantum
+        self._distortion = np.array([bend.shift_mm, bend.turn_rad, bend.reach_mm])
+        self._undistorted = np.array([0.0, 0.0, bend.reach_mm])
+        self._quanta = np.array(quanta)
+        self._has_slow = bool(model.slow.position_rms_mm or model.slow.angle_rms_rad)
+        self._pose, self._metal_mm = np.empty((3, 4)), np.zeros((2, 3))
+        self._errors = np.empty((1 + self._has_slow, 6))
+        self._white_scale, self._slow_scale = model.white.deviations, model.slow.deviations
         self._states: dict[str, tuple[float, FloatArray]] = {}
 
     def readings(self, duration_s: float) -> Iterator[Reading]:
@@ -96,12 +90,20 @@ class SimulatedTracker:
 
         ``truth`` is its pose in the tracker. Times of one sensor must not fall.
         """
-        model, pose = self.model, truth
-        if metal is not None and (model.distortion.shift_mm or model.distortion.turn_rad):
-            pose = self._distorted(pose, metal)
-        if model.slow.position_rms_mm or model.slow.angle_rms_rad:
-            pose = _moved(pose, self._slow_error(frame, time_s))
-        return self._rounded(model.white.measured(pose, self._white))
+        pose, distortion = self._pose, self._undistorted
+        pose[:, :3], pose[:, 3] = truth.rotation, truth.translation_mm
+        if metal is not None:
+            distortion = self._distortion
+            self._metal_mm[0], self._metal_mm[1] = metal.start_mm, metal.end_mm
+        if self._has_slow:
+            self._errors[0] = self._slow_error(frame, time_s)
+        self._errors[-1] = self._white_scale * self._white.standard_normal(6)
+        rotation, position = np.empty((3, 3)), np.empty(3)
+        measure = _load_kernel()
+        measure(pose, self._metal_mm, distortion, self._errors, self._quanta, rotation, position)
+        if self.model.rotation_digits == "euler" and self.model.rotation_quantum:
+            rotation = _rounded_euler(rotation, self.model.rotation_quantum)
+        return Transform.unchecked(truth.target, truth.source, rotation, position)
 
     def loses(self) -> bool:
         """True if the next sample is marked INVALID by chance."""
@@ -117,7 +119,7 @@ class SimulatedTracker:
     def _slow_error(self, frame: str, time_s: float) -> FloatArray:
         """The exact solution of an Ornstein-Uhlenbeck process at irregular times (6,)."""
         model = self.model
-        fresh = self._slow_scale * self._slow.normal(size=6)
+        fresh = self._slow_scale * self._slow.standard_normal(6)
         if frame in self._states:
             before_s, before = self._states[frame]
             kept = np.exp(-(time_s - before_s) / model.correlation_s)
@@ -125,46 +127,16 @@ class SimulatedTracker:
         self._states[frame] = (time_s, fresh)
         return np.asarray(fresh)
 
-    def _distorted(self, pose: Transform, metal: Metal) -> Transform:
-        distortion = self.model.distortion
-        away = pose.translation_mm - metal.nearest(pose.translation_mm)
-        distance_mm = math.sqrt(float(away @ away))
-        away = away / np.hypot(distance_mm, _SOFT_MM)
-        along = metal.end_mm - metal.start_mm
-        axis = _cross(along / max(math.sqrt(float(along @ along)), 1e-12), away)
-        share = distortion.share(distance_mm)
-        turn = pose.rotation.T @ axis * (distortion.turn_rad * share)
-        return _moved(pose, np.concatenate([distortion.shift_mm * share * away, turn]))
 
-    def _rounded(self, pose: Transform) -> Transform:
-        model = self.model
-        position, rotation = pose.translation_mm, pose.rotation
-        if model.position_quantum_mm:
-            position = _multiple(position, model.position_quantum_mm)
-        if model.rotation_digits != "exact" and model.rotation_quantum:
-            if model.rotation_digits == "quaternion":
-                numbers = _multiple(canonical_quaternion(rotation), model.rotation_quantum)
-                rotation = rotation_of_digits(numbers)
-            else:
-                turn = Rotation.from_matrix(rotation, assume_valid=True)
-                angles = _multiple(turn.as_euler("ZYX"), model.rotation_quantum)
-                rotation = Rotation.from_euler("ZYX", angles).as_matrix()
-        return Transform.unchecked(pose.target, pose.source, rotation, position)
+def _rounded_euler(rotation: FloatArray, quantum_rad: float) -> FloatArray:
+    """The rotation (3, 3) whose Euler angles are rounded to multiples of ``quantum_rad``."""
+    angles = Rotation.from_matrix(rotation, assume_valid=True).as_euler("ZYX")
+    rounded = np.round(angles / quantum_rad) * quantum_rad
+    return np.asarray(Rotation.from_euler("ZYX", rounded).as_matrix())
 
 
-def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The cross product (3,): `numpy.cross` takes ten times as long for two vectors."""
-    (a, b, c), (d, e, f) = first.tolist(), second.tolist()
-    return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
+@cache
+def _load_kernel() -> Callable[..., Any]:
+    from app.synthetic.tracker_kernel import measure_pose
 
-
-def _multiple(values: FloatArray, quantum: float) -> FloatArray:
-    return np.asarray(np.round(values / quantum) * quantum)
-
-
-def _moved(pose: Transform, error: FloatArray) -> Transform:
-    """``pose`` displaced by ``error[:3]`` (mm), and turned about the sensor by ``error[3:]``."""
-    turn = rotation_of_vector(error[3:])
-    return Transform.unchecked(
-        pose.target, pose.source, pose.rotation @ turn, pose.translation_mm + error[:3]
-    )
+    return measure_pose

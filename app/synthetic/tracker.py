@@ -5,8 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from app.geometry import TrackedTransform, TrackingStatus, Transform
-from app.geometry.rotation_vectors import rotation_of_vector
+from app.geometry import FloatArray, TrackedTransform, TrackingStatus
 
 DropoutKind = Literal["invalid", "missing"]
 
@@ -22,16 +21,10 @@ class Jitter:
     position_rms_mm: float = 0.3
     angle_rms_rad: float = float(np.deg2rad(0.3))
 
-    def measured(self, truth: Transform, random: np.random.Generator) -> Transform:
-        """``truth`` with noise: displaced, and rotated about the sensor."""
-        shift = random.normal(scale=self.position_rms_mm / np.sqrt(3.0), size=3)
-        turn = random.normal(scale=self.angle_rms_rad / np.sqrt(3.0), size=3)
-        return Transform.unchecked(
-            truth.target,
-            truth.source,
-            truth.rotation @ rotation_of_vector(turn),
-            truth.translation_mm + shift,
-        )
+    @property
+    def deviations(self) -> FloatArray:
+        """The standard deviations (6,) of displacement in mm and rotation vector in rad."""
+        return np.repeat([self.position_rms_mm, self.angle_rms_rad], 3) / np.sqrt(3.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry.rotation_vectors import (
     canonical_quaternion,
-    rotation_of_digits,
     rotation_of_vector,
     vector_of_rotation,
 )
@@ -29,7 +28,3 @@ def test_rotations_agree_with_scipy(vector):
     np.testing.assert_allclose(vector_of_rotation(found), back.as_rotvec(), rtol=1e-14, atol=1e-15)
     quaternion = canonical_quaternion(found)
     np.testing.assert_allclose(quaternion, back.as_quat(canonical=True), rtol=0.0, atol=1e-15)
-    digits = quaternion.round(4)
-    np.testing.assert_allclose(
-        rotation_of_digits(digits), Rotation.from_quat(digits).as_matrix(), rtol=0.0, atol=1e-15
-    )

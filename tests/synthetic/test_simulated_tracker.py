@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from app.geometry import InputError, Transform
 from app.synthetic.presets import AURORA, POLARIS, PRESETS, TRAKSTAR, WHITE, tracker_preset
@@ -131,6 +132,38 @@ def test_distortion_grows_with_nearness_of_metal_and_is_smooth():
     assert np.abs(np.diff(shifts, n=2)).max() < 0.005
     assert error(60.0) == pytest.approx((1.0, 0.005), rel=1e-3)
     assert error(1000.0)[0] < 1e-3
+
+
+@pytest.mark.parametrize("turn", [(0.4, -0.8, 0.3), (3.1, 0.2, 0.0), (0.1, 3.0, 0.3), (0, 0, -3.1)])
+def test_a_sample_is_bent_moved_and_rounded_in_this_order(turn):
+    """The compiled errors beside the same steps with scipy, from the same streams of numbers."""
+    model = replace(
+        SLOW,
+        white=Jitter(0.2, 0.003),
+        distortion=Distortion(2.0, 0.02, 60.0),
+        position_quantum_mm=0.01,
+        rotation_digits="quaternion",
+        rotation_quantum=1e-4,
+    )
+    metal = Metal(np.array([-80.0, 20.0, 30.0]), np.array([40.0, -50.0, 100.0]))
+    truth = Transform.from_rotation_vector(turn, (30.0, -20.0, 140.0), target="t", source="s")
+    found = SimulatedTracker(model, [6]).measure("s", truth, 0.0, metal)
+
+    along, to_start = metal.end_mm - metal.start_mm, truth.translation_mm - metal.start_mm
+    away = to_start - np.clip(to_start @ along / (along @ along), 0.0, 1.0) * along
+    share, soft = model.distortion.share(np.linalg.norm(away)), np.hypot(np.linalg.norm(away), 1.0)
+    axis = np.cross(along / np.linalg.norm(along), away / soft)
+    rotation = Rotation.from_matrix(truth.rotation)
+    rotation = Rotation.from_rotvec(0.02 * share * axis) * rotation
+    position = truth.translation_mm + 2.0 * share * away / soft
+    for jitter, stream in ((model.slow, [6, 1]), (model.white, [6])):
+        error = np.random.default_rng(stream).standard_normal(6) / np.sqrt(3.0)
+        position = position + jitter.position_rms_mm * error[:3]
+        rotation = rotation * Rotation.from_rotvec(jitter.angle_rms_rad * error[3:])
+    digits = rotation.as_quat(canonical=True).round(4)
+    np.testing.assert_allclose(found.translation_mm, position.round(2), rtol=0.0, atol=1e-12)
+    expected = Rotation.from_quat(digits).as_matrix()
+    np.testing.assert_allclose(found.rotation, expected, rtol=0.0, atol=1e-12)
 
 
 def test_tracker_without_distortion_ignores_metal():

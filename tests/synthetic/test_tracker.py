@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.tracker import Dropout, Jitter, reported
+from app.synthetic.tracker_model import TrackerModel
 
 TRUTH = Transform.from_rotation_vector(
     (0.4, -0.8, 0.3), (100.0, -50.0, 220.0), target="tracker", source="needle"
@@ -11,8 +13,8 @@ TRUTH = Transform.from_rotation_vector(
 
 @pytest.fixture(scope="module")
 def errors():
-    random = np.random.default_rng(11)
-    measured = [Jitter().measured(TRUTH, random) for _ in range(6000)]
+    tracker = SimulatedTracker(TrackerModel("white", 50.0, Jitter()), [11])
+    measured = [tracker.measure("needle", TRUTH, 0.0) for _ in range(6000)]
     shifts = np.array([m.translation_mm - TRUTH.translation_mm for m in measured])
     turns = np.array(
         [(TRUTH.inverse() @ m.renamed(source="measured")).rotation_vector for m in measured]

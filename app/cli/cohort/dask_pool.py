@@ -24,6 +24,11 @@ from app.geometry import InputError
 JOBS_PER_THREAD = 3
 """Jobs that are submitted at a time, for each thread of the workers: memory stays flat."""
 
+_SETTINGS = {
+    "distributed.comm.timeouts.connect": "10s",
+    # A worker of the embedded cluster samples its stacks every 10 ms, and keeps what it has seen.
+    "distributed.worker.profile.enabled": False,
+}
 _POLL_S = 1.0
 _CONNECT_S = 10.0
 
@@ -43,7 +48,7 @@ class DaskPool:
     def __enter__(self) -> Self:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         logging.getLogger("tornado").setLevel(logging.CRITICAL)
-        self._stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": "10s"}))
+        self._stack.enter_context(dask.config.set(_SETTINGS))
         try:
             if self._address is None:
                 # Loopback only, with certificates of this run: jobs are code, and a scheduler

@@ -13,9 +13,11 @@ import yaml
 
 from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_S, TrackedTransform, TrackingStatus, Transform
+from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.simulation import CAUTERY_FROM_TIP
 from app.synthetic.touch_arm import TouchArm
 from app.synthetic.tracker import Jitter
+from app.synthetic.tracker_model import TrackerModel
 
 
 def write_white_case(
@@ -50,14 +52,16 @@ def _frames(case: Path, reference_from_base: Transform, seconds: float) -> Itera
     positions = np.array([sample.positions for sample in samples])
     names = samples[0].names
     arm = TouchArm(base_frame=reference_from_base.source, tip_frame=CAUTERY_FROM_TIP.source)
-    random, jitter = np.random.default_rng(1), Jitter()
+    tracker = SimulatedTracker(TrackerModel("white", 50.0, Jitter()), [1])
     tracker_from_reference = Transform("tracker", "reference", np.eye(3), [10.0, 20.0, 30.0])
     for frame in recorded:
         joints = [float(np.interp(frame.stamp.ns, times_ns, column)) for column in positions.T]
         base_from_tip = arm.base_from_tool(dict(zip(names, joints, strict=True)))
         tool = reference_from_base @ base_from_tip @ CAUTERY_FROM_TIP.inverse()
         poses = tuple(
-            TrackedTransform(jitter.measured(pose, random), frame.stamp, TrackingStatus.OK)
+            TrackedTransform(
+                tracker.measure(pose.source, pose, 0.0), frame.stamp, TrackingStatus.OK
+            )
             for pose in (tracker_from_reference, tracker_from_reference @ tool)
         )
         yield TrackingFrame(frame.stamp, poses, joints=frame.joints)
