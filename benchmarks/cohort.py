@@ -28,7 +28,8 @@ from benchmarks.cohort_run import Run, command_of, run_cohort, second_run
 CASE_CPU_S = 3.0
 SECOND_RUN_S = 10.0
 MAX_GROWTH = 0.05
-"""Share by which a worker's memory may be higher in the second half of its cases."""
+"""Share by which a worker's memory may be higher in the last quarter of its cases than in the first
+quarter, after the warm-up."""
 KILLS = 2
 FIGURES = "figures.json"
 

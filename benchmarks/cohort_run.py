@@ -80,12 +80,15 @@ def run_cohort(study: Path, out: Path, workers: int, *, kills: int = 0) -> Run:
 
 
 def growth_of(values: list[float]) -> float | None:
-    """Memory in the second half of a worker's cases, relative to the first; None of too few."""
+    """Memory in the last quarter of a worker's cases after the warm-up, relative to the first one.
+
+    None of too few cases. Halves would show half of a steady growth only.
+    """
     warm = values[WARM_UP_CASES:]
-    if len(warm) < 2:
+    quarter = len(warm) // 4
+    if quarter == 0:
         return None
-    half = len(warm) // 2
-    return float(np.mean(warm[half:]) / np.mean(warm[:half])) - 1.0
+    return float(np.mean(warm[-quarter:]) / np.mean(warm[:quarter])) - 1.0
 
 
 def second_run(study: Path, out: Path, workers: int) -> tuple[float, bool]:

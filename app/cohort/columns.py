@@ -34,7 +34,13 @@ ANALYSIS = {
     "log_dimensionless_jerk": "motion_log_dimensionless_jerk",
     "idle_s": "motion_idle_s",
 }
-"""Column -> key of the flat record of `app.analysis`, a number."""
+INSERTION = {
+    "tissue_s": "insertion_tissue_s",
+    "tissue_path_mm": "insertion_tissue_path_mm",
+    "tissue_damage_mm2": "insertion_tissue_damage_mm2",
+}
+"""Column -> key of the flat record of `app.analysis`, a number. Those of an insertion are known
+where a distance to the tissue is."""
 
 _DECIMALS = 6
 
@@ -69,7 +75,7 @@ RESULTS: dict[str, Kind] = {
     "registration_fre_mm": "number",
     "checks_passed": "integer",
     "checks_failed": "integer",
-    **dict.fromkeys(ANALYSIS, "number"),
+    **dict.fromkeys(ANALYSIS | INSERTION, "number"),
     "deepest_direction": "text",
     "deepest_part": "text",
     "notes": "text",
@@ -117,6 +123,7 @@ def finished(row: Row, summary: Mapping[str, Any], analysis: Mapping[str, Any]) 
     durations = [breach["duration_s"] for breach in breaches]
     registration = summary["registration"] or {}
     checks = [check["result"] for check in summary["expected"] or ()]
+    numbers = ANALYSIS if analysis["distance_p50_mm"] is None else ANALYSIS | INSERTION
     plain = ("frames", "valid_frames", "inside_frames", "duration_s", "min_signed_distance_mm")
     paths = ("path_min_signed_distance_mm", "path_lower_bound_mm")
     return row | {
@@ -130,7 +137,7 @@ def finished(row: Row, summary: Mapping[str, Any], analysis: Mapping[str, Any]) 
         "registration_fre_mm": registration.get("fre_mm"),
         "checks_passed": checks.count("pass") if checks else None,
         "checks_failed": len(checks) - checks.count("pass") if checks else None,
-        **{column: _rounded(analysis[key]) for column, key in ANALYSIS.items()},
+        **{column: _rounded(analysis[key]) for column, key in numbers.items()},
         "deepest_direction": analysis["deepest_direction"],
         "deepest_part": analysis["deepest_part"],
         "notes": "; ".join(summary["notes"]),

@@ -30,6 +30,7 @@ METRICS = {
     "warning_s": "time in the warning zone (s)",
     "path_mm": "path of the tip (mm)",
     "mean_speed_mm_s": "mean speed of the tip (mm/s)",
+    "tissue_damage_mm2": "tissue damage (mm2)",
     "duration_s": "duration (s)",
 }
 """Column -> label of what is compared, in the order of the report."""

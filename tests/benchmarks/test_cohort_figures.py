@@ -50,10 +50,12 @@ def test_a_second_run_that_works_is_named():
     assert "bytes equal: False" in missed(RUN, unchanged=False)
 
 
-def test_growth_compares_the_halves_after_the_first_cases():
-    assert growth_of([200.0, 290.0, 300.0]) is None
-    assert growth_of([200.0, 290.0, 300.0, 300.0, 330.0, 330.0]) == pytest.approx(0.1)
-    assert growth_of([200.0, 290.0, 300.0, 301.0]) < 0.01
+def test_growth_compares_the_quarters_after_the_first_cases():
+    assert growth_of([200.0, 290.0, 300.0, 300.0, 300.0]) is None
+    assert growth_of([200.0, 290.0, 300.0, 310.0, 320.0, 330.0]) == pytest.approx(0.1)
+    assert growth_of([200.0, 290.0, *([300.0] * 40)]) == 0.0
+    # 1 MB for each of 100 cases: the first quarter has 312 MB on average, the last one 387.
+    assert growth_of([200.0, 290.0, *range(300, 400)]) == pytest.approx(75.0 / 312.0)
 
 
 def test_parts_continue_where_the_one_before_has_ended(tmp_path, monkeypatch, capsys):

@@ -10,7 +10,8 @@ import pytest
 from app import __version__
 from app.cli.cohort.case_run import Job, run_job
 from app.cli.cohort.run import CohortRun
-from app.cohort import Cohort, CohortCase, Dataset, input_hash
+from app.cohort import Cohort, CohortCase, Dataset, finished, identity_of, input_hash
+from app.cohort.columns import ANALYSIS, COLUMNS, INSERTION
 from app.geometry import InputError
 from tests.cli.small_case import write_small_case
 
@@ -55,6 +56,9 @@ def test_failing_case_is_a_row_with_its_reason(cohort, tmp_path):
     assert list(rows) == ["a", "b", "c", "none"]
     assert rows["a"]["status"] == "ok" and rows["a"]["frames"] == 40 and rows["a"]["breaches"] == 1
     assert rows["a"]["min_signed_distance_mm"] == pytest.approx(-3.0, abs=0.1)
+    # Three steps of 1.5 mm end in the ball, with the side of the rod: its tip sweeps nothing.
+    assert rows["a"]["tissue_path_mm"] == pytest.approx(4.5, abs=0.1)
+    assert rows["a"]["tissue_damage_mm2"] == 0.0 and rows["c"]["tissue_damage_mm2"] is None
     assert rows["c"]["status"] == "failed" and "tracking.igs.mha" in rows["c"]["reason"]
     assert rows["none"]["reason"].endswith("no such folder; expected a case folder")
     assert sorted(contents(tmp_path / "out")) == ["part-00000.parquet", "part-00001.parquet"]
@@ -62,6 +66,21 @@ def test_failing_case_is_a_row_with_its_reason(cohort, tmp_path):
         costs = list(csv.DictReader(file))
     assert {row["name"] for row in costs} == {"a", "b", "c"}  # the folder of the fourth is missing
     assert {row["worker"] for row in costs} == {f"{socket.gethostname()}:{os.getpid()}"}
+
+
+@pytest.mark.parametrize(("middle_mm", "damage_mm2"), [(4.0, 12.5), (None, None)])
+def test_tissue_damage_is_unknown_without_a_distance(middle_mm, damage_mm2):
+    keys = ["frames", "valid_frames", "inside_frames", "duration_s", "min_signed_distance_mm"]
+    keys += ["path_min_signed_distance_mm", "path_lower_bound_mm"]
+    seconds = dict.fromkeys(("NEGATIVE", "WARNING", "POSITIVE", "UNKNOWN"), 0.0)
+    summary = dict.fromkeys(keys, 0) | {"state_seconds": seconds, "breaches": [], "notes": []}
+    summary |= {"registration": None, "expected": None}
+    texts = ("deepest_direction", "deepest_part")
+    analysis = dict.fromkeys([*ANALYSIS.values(), *INSERTION.values(), *texts])
+    analysis |= {"distance_p50_mm": middle_mm, "insertion_tissue_damage_mm2": 12.5}
+    row = finished(identity_of(CohortCase("a", "a"), "", "1"), summary, analysis)
+    assert row["status"] == "ok" and row["tissue_damage_mm2"] == damage_mm2
+    assert row.keys() == COLUMNS.keys()
 
 
 def test_second_run_does_nothing_and_changes_no_byte(cohort, tmp_path):

@@ -10,7 +10,9 @@ from contextlib import contextmanager
 
 import psutil
 import pytest
+from distributed import default_client
 
+from app.cli.cohort.dask_pool import DaskPool
 from app.cohort import Dataset
 from tests.cli.small_case import write_small_case
 
@@ -73,6 +75,14 @@ def test_second_run_starts_no_worker(archive, reference):
     assert status == 1 and err == ""
     assert json.loads(out) == {"total": 12, "kept": 12, "done": 0, "failed": 1}
     assert contents(reference) == before
+
+
+def test_worker_does_not_keep_its_stacks():
+    """Dask's profiler would add 1 MB to the memory of a worker with each case."""
+    with DaskPool(None, 1):
+        found = default_client().run(lambda dask_worker: list(dask_worker.periodic_callbacks))
+    (callbacks,) = found.values()
+    assert "heartbeat" in callbacks and "profile" not in callbacks
 
 
 def workers_of(process):

@@ -26,7 +26,7 @@ JOBS_PER_THREAD = 3
 
 _SETTINGS = {
     "distributed.comm.timeouts.connect": "10s",
-    # A worker of the embedded cluster samples its stacks every 10 ms, and keeps what it has seen.
+    # A worker samples its own stacks every 10 ms and keeps them for an hour: 1 MB for each case.
     "distributed.worker.profile.enabled": False,
 }
 _POLL_S = 1.0
