@@ -24,7 +24,7 @@ class Jitter:
     @property
     def deviations(self) -> FloatArray:
         """The standard deviations (6,) of displacement in mm and rotation vector in rad."""
-        return np.repeat([self.position_rms_mm, self.angle_rms_rad], 3) / np.sqrt(3.0)
+        return np.asarray(np.repeat([self.position_rms_mm, self.angle_rms_rad], 3) / np.sqrt(3.0))
 
 
 @dataclass(frozen=True, slots=True)
