@@ -109,7 +109,7 @@ def _run_parts(folder: Path, options: argparse.Namespace, figures: dict[str, Any
         if name in figures["runs"]:
             print(f"{_run_of(figures['runs'][name]).line} (earlier)")
             continue
-        minutes = (time.monotonic() - begin) / 60.0 + _expected_minutes(figures, options, workers)
+        minutes = (time.monotonic() - begin) / 60.0 + _expected_minutes(figures, workers)
         if options.minutes is not None and minutes > options.minutes:
             left.append(name)
             continue
@@ -124,11 +124,12 @@ def _run_parts(folder: Path, options: argparse.Namespace, figures: dict[str, Any
     return left
 
 
-def _expected_minutes(figures: dict[str, Any], options: argparse.Namespace, workers: int) -> float:
-    """Duration of a run by the cost of a case in the runs before; 0 without one."""
-    costs = [run["cpu_s_per_case"] for run in figures["runs"].values()]
-    cost_s = max(costs, default=0.0)
-    return options.cases * cost_s * 1.1 / min(workers, _processors()) / 60.0
+def _expected_minutes(figures: dict[str, Any], workers: int) -> float:
+    """Duration of a run by the wall clock of those before, also on a busy machine; 0 without."""
+    at_once = [min(run["workers"], _processors()) for run in figures["runs"].values()]
+    walls_s = [run["wall_s"] for run in figures["runs"].values()]
+    one_s = max((wall_s * count for wall_s, count in zip(walls_s, at_once, strict=True)), default=0)
+    return one_s * 1.1 / min(workers, _processors()) / 60.0
 
 
 def _figures(folder: Path, options: argparse.Namespace) -> dict[str, Any]:

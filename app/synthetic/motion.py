@@ -121,9 +121,10 @@ class JointMotion:
 
         (k, n) for times (k,).
         """
-        within = np.minimum(np.maximum(time_s, self._span_s[0]), self._span_s[1])
-        if np.ndim(within) == 0:
-            return self._positions_at(float(within))
+        low, high = self._span_s
+        if isinstance(time_s, float):
+            return self._positions_at(min(max(time_s, low), high))
+        within = np.minimum(np.maximum(time_s, low), high)
         return np.asarray(self._positions(within), dtype=np.float64)
 
     def _positions_at(self, time_s: float) -> FloatArray:

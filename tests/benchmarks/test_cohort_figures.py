@@ -65,12 +65,12 @@ def test_parts_continue_where_the_one_before_has_ended(tmp_path, monkeypatch, ca
         assert not out.exists()  # also after a run that was interrupted
         done.append((workers, kills))
         out.mkdir()
-        return replace(RUN, workers=workers, killed=kills, wall_s=100.0 / workers)
+        return replace(RUN, workers=workers, killed=kills, wall_s=600.0 / workers)
 
     monkeypatch.setattr(cohort, "run_cohort", run_cohort)
     monkeypatch.setattr(cohort, "second_run", lambda *_: (2.0, True))
     words = ["bench", "--cases", "240", "--workers", "1", "2", "--keep", str(tmp_path / "kept")]
-    # 240 cases of 2.5 s are 10 minutes with one worker, with two processors 5.
+    # A run takes 10 minutes with one worker, with two processors 5 and a tenth to spare.
     monkeypatch.setattr(sys, "argv", [*words, "--minutes", "5"])
     assert cohort.main() == 1
     assert done == [(1, 0)] and "left: workers-2, killed" in capsys.readouterr().out

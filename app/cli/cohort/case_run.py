@@ -48,6 +48,16 @@ class Outcome:
 def run_job(job: Job) -> Outcome:
     """Run a case. An error becomes the reason of its row and is never raised."""
     wall_s, cpu_s = time.perf_counter(), time.process_time()
+    with GcPause() as memory:
+        memory.settle()  # libraries and what Dask holds stay: only objects of the case are scanned
+        row = _row(job)
+        _release_memory()
+    worker = f"{socket.gethostname()}:{os.getpid()}"
+    wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+    return Outcome(row, wall_s, cpu_s, _resident_mb(), worker)
+
+
+def _row(job: Job) -> Row:
     row = identity_of(job.case, job.input_hash, job.version)
     scratch = _scratch()
     try:
@@ -65,10 +75,7 @@ def run_job(job: Job) -> Outcome:
         row = failed(row, LOST, f"{type(error).__name__}: {reason}")
     except Exception as error:  # a fault in the program must not stop the other cases
         row = failed(row, FAILED, f"unexpected {type(error).__name__}: {error}")
-    _release_memory()
-    worker = f"{socket.gethostname()}:{os.getpid()}"
-    wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-    return Outcome(row, wall_s, cpu_s, _resident_mb(), worker)
+    return row
 
 
 def _case_folder(case: CohortCase, folder: Path) -> Path:
@@ -95,17 +102,15 @@ def _results(folder: Path) -> tuple[dict[str, object], dict[str, object]]:
     from app.runtime import ReplayRun, prepare_case
 
     log = ReplayLog()
-    with GcPause() as memory:
-        prepared = prepare_case(folder)
-        memory.settle()
-        replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=(log,))
-        for _ in replay.steps():
-            pass
-        content = prepared.content
-        analysis = analyse_case(
-            log.samples(), name=content.name, margins=content.margins, tumor=content.tumor
-        )
-        return summarise(record_of(replay, log)), dict(analysis.flat())
+    prepared = prepare_case(folder)
+    replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=(log,))
+    for _ in replay.steps():
+        pass
+    content = prepared.content
+    analysis = analyse_case(
+        log.samples(), name=content.name, margins=content.margins, tumor=content.tumor
+    )
+    return summarise(record_of(replay, log)), dict(analysis.flat())
 
 
 @cache
