@@ -27,7 +27,8 @@ class ReportRow:
     ``stop_total_mm`` and ``warn_total_mm`` are the margins that the step applied, None where it
     applied none. ``between_frames`` is true if the tool passed through the tumour on the path from
     the last frame and is outside in both; the distance is then that of the deepest point of the
-    path. ``cautery`` is its state by the source of the case, None without one. Raises `ReportError` for a number that is not finite: an unknown value is None.
+    path. ``cautery`` is its state by the source of the case, None without one. Raises `ReportError`
+    for a number that is not finite: an unknown value is None.
     """
 
     stamp_ns: int
