@@ -105,6 +105,8 @@ class ReplayReport:
             if complete is not None:
                 complete.install()
                 watch.lap("write DICOM and bag")
+                for name, seconds in complete.processor_s.items():
+                    watch.add(f"of processor time of another process: {name}", seconds)
         if options.pdf is not None and pdf is not None:
             write_file(options.pdf, pdf.wait_or_make())
             watch.lap("write the PDF")

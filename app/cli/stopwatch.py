@@ -17,6 +17,10 @@ class Stopwatch:
         self._laps[name] = self._laps.get(name, 0.0) + now_s - self._last_s
         self._last_s = now_s
 
+    def add(self, name: str, seconds: float) -> None:
+        """Add a time that was measured elsewhere."""
+        self._laps[name] = self._laps.get(name, 0.0) + seconds
+
     def print_laps(self) -> None:
         """Print seconds and name of each lap to standard error."""
         for name, seconds in self._laps.items():

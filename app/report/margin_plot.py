@@ -30,6 +30,8 @@ _SHOWN_TIMES_WARN = 5.0
 """The plot reaches up to this many warning distances."""
 _BAND_ALPHA = 0.16
 _HATCH_COLOR = "#5a5a5a"
+_LABEL_WIDTH = 0.08
+"""Width of the text of a breach as a share of the time axis."""
 
 
 def margin_png(
@@ -160,9 +162,14 @@ def _draw_breaches(
 ) -> None:
     bottom = plot.get_ylim()[0]
     color = MarginState.POSITIVE.display.color
+    ends = [(float(seconds[each.first]), float(seconds[each.last])) for each in breaches]
+    middles = [0.5 * (start_s + end_s) for start_s, end_s in ends]
+    near_s = _LABEL_WIDTH * float(seconds[-1] - seconds[0])
     for number, breach in enumerate(breaches, start=1):
-        start_s, end_s = float(seconds[breach.first]), float(seconds[breach.last])
-        middle_s = 0.5 * (start_s + end_s)
+        start_s, end_s = ends[number - 1]
+        middle_s = middles[number - 1]
+        # The text of a breach shortly before another one ends at it, to leave place for the other.
+        is_close = number < len(middles) and middles[number] - middle_s < near_s
         depth = breach.min_signed_distance_mm
         plot.plot(
             [start_s, end_s], [bottom, bottom], color=color, lw=7,
@@ -170,8 +177,8 @@ def _draw_breaches(
         )  # fmt: skip
         plot.annotate(
             f"breach {number}\n\N{MINUS SIGN}{-depth:.2f} mm", (middle_s, depth), (0, -9),
-            textcoords="offset points", ha="center", va="top", fontsize=10, fontweight="bold",
-            color="#7d1d0d", zorder=7, linespacing=1.15,
+            textcoords="offset points", ha="right" if is_close else "center", va="top",
+            fontsize=10, fontweight="bold", color="#7d1d0d", zorder=7, linespacing=1.15,
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
         )  # fmt: skip
 

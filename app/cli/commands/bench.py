@@ -27,6 +27,7 @@ BENCHMARKS = {
     "soak": "benchmarks.soak",
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
+    "report": "benchmarks.complete_report",
     "view": "benchmarks.view",
     "images": "benchmarks.images",
     "fuzz": "benchmarks.fuzz",
