@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from playwright.sync_api import Browser, expect
 
 pytest.importorskip("rclpy")
@@ -16,6 +17,7 @@ from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, watching
+from tests.viewer.test_operation_page import picture
 from tests.viewer.test_ultrasound_page import PIXELS_OF
 
 SENDER = ("-m", "benchmarks.images.sender")
@@ -43,6 +45,10 @@ def two_depths(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Serve
     config = write_session(
         tmp_path / "session", stale_after_ms=2000, calibrations=calibrations, depth_mm=40
     )
+    values = yaml.safe_load(config.read_text())
+    values["needle"] = {"frame": "needle", "length_mm": 60}
+    values["cautery"] = {"topic": "/generator/active", "stale_after_ms": 60_000}
+    config.write_text(yaml.safe_dump(values, sort_keys=False))
     server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
     yield server
     server.close()
@@ -61,6 +67,10 @@ def test_operator_chooses_another_depth_after_a_question(
         page.click("#us-depth summary")
         expect(page.locator("#us-depth-choice option")).to_have_text(["40 mm", "60 mm"])
         page.select_option("#us-depth-choice", "60")
+        picture(page, "depth", "#us-depth-confirm")
+        page.set_viewport_size({"width": 390, "height": 844})
+        page.click("#us-depth-confirm", trial=True, timeout=60_000)  # nothing covers it
+        page.set_viewport_size({"width": 1280, "height": 720})
         page.click("#us-depth-confirm")
         expect(page.locator("#us-time")).to_contain_text("depth 60 mm", timeout=60_000)
         expect(page.locator("#us-depth-used")).to_have_text("60 mm")
