@@ -170,6 +170,7 @@ LONG = {
         "tests/cli/test_library.py",
         "tests/cli/test_view_hand.py",
         "tests/viewer/test_calibration_page.py",
+        "tests/viewer/test_stylus_page.py",
         "tests/viewer/test_contour_page.py",
         "tests/viewer/test_exports.py",
         "tests/viewer/test_live_ultrasound_page.py",

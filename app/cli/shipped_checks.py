@@ -33,7 +33,8 @@ SHIPPED = {
 PAGE = (
     "page.html", "page.css", "main.js", "accessible.js", "keys.js", "alarm.js", "client.js",
     "watch.js", "icon.svg", "ultrasound.js", "ultrasound.css", "contour.js", "contour.css",
-    "calibration.js", "calibration.css", "guided.js", "registration.js", "world.css", "world.js",
+    "calibration.js", "calibration.css", "guided.js", "registration.js", "tool_choice.js",
+    "world.css", "world.js",
     "timeline.js", "operator.js", "library.html", "library.css", "library.js",
 )  # fmt: skip
 

@@ -44,7 +44,7 @@ from .simulated_world import (
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
 from .stylus import Stylus
-from .tracked_tool import TrackedTool, tip_mm, tip_of
+from .tracked_tool import TrackedTool, stylus_text, tip_mm, tip_of
 from .wakeup import Wakeup
 from .workflow.accepted_tip import tip_request_kind, use_tip
 from .workflow.calibration_fit import (
@@ -60,6 +60,7 @@ from .workflow.guided_recording import Phase
 from .workflow.guided_text import (
     calibration_count,
     calibration_numbers,
+    calibration_title,
     calibration_verdict,
     coverage_text,
     registration_count,
@@ -167,6 +168,7 @@ __all__ = [
     "arm_name",
     "calibration_count",
     "calibration_numbers",
+    "calibration_title",
     "calibration_verdict",
     "compute_here",
     "content_of",
@@ -189,6 +191,7 @@ __all__ = [
     "registration_count",
     "registration_verdict",
     "stop_surface",
+    "stylus_text",
     "tip_mm",
     "tip_of",
     "tip_request_kind",

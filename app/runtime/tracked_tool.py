@@ -2,6 +2,8 @@
 
 from enum import StrEnum
 
+import numpy as np
+
 from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, FrameError, InputError, Transform
 from app.runtime.content import SessionContent
@@ -28,6 +30,18 @@ def tip_of(content: SessionContent, tool: TrackedTool) -> Transform:
     return content.tool_from_tip if tool is TrackedTool.CAUTERY else content.known_stylus.tip
 
 
+def stylus_text(content: SessionContent) -> str:
+    """How far the tip of the stylus is from its sensor, and how well it is known; empty without."""
+    stylus = content.stylus
+    if stylus is None:
+        return ""
+    if stylus.frame_from_tip is None:
+        return "not calibrated"
+    length_mm = float(np.linalg.norm(stylus.frame_from_tip.translation_mm))
+    sigma = f"sigma {stylus.sigma_mm:.2f} mm" if stylus.sigma_mm else "uncertainty not known"
+    return f"tip {length_mm:.1f} mm from the sensor, {sigma}"
+
+
 def tip_mm(
     step: StepResult | None, content: SessionContent, tool: TrackedTool, frame: str
 ) -> FloatArray:
@@ -37,19 +51,19 @@ def tip_mm(
     """
     tip = tip_of(content, tool)
     if step is None:
-        raise InputError(f"the {tool}: its tip's place is UNKNOWN; expected a known one")
+        raise InputError(f"{tool}: the tip's place is UNKNOWN; expected a known one")
     if tool is TrackedTool.CAUTERY:
         place = step.tumor_from_tip
         if step.decision.state is MarginState.UNKNOWN or place is None:
-            raise InputError(f"the {tool}: its tip's place is UNKNOWN; expected a known one")
+            raise InputError(f"{tool}: the tip's place is UNKNOWN; expected a known one")
         return (content.frame_from_tumor @ place).translation_mm
     refused = sorted(reason.text for reason in REFUSED.intersection(step.decision.reasons))
     if refused:
-        raise InputError(f"the {tool}: {', '.join(refused)}; expected a known place of its tip")
+        raise InputError(f"{tool}: {', '.join(refused)}; expected a known place of its tip")
     try:
         pose, oldest = step.edges.between(frame, tip.target)
     except FrameError as error:
-        raise InputError(f"the {tool}: {error}; expected a known place of its tip") from error
+        raise InputError(f"{tool}: {error}; expected a known place of its tip") from error
     if oldest is None:
-        raise InputError(f"the {tool}: it is not tracked; expected a known place of its tip")
+        raise InputError(f"{tool}: it is not tracked; expected a known place of its tip")
     return pose.apply(tip.translation_mm)

@@ -2,15 +2,23 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
+from slicer import vtkMRMLApplicationLogic, vtkMRMLModelNode, vtkMRMLScene
 
-from app.geometry import FloatArray, FrameError, SurfaceMesh, Transform
-from app.runtime import SessionContent
+from app.geometry import (
+    FloatArray,
+    FrameError,
+    Freshness,
+    SurfaceMesh,
+    Transform,
+    join_transform_name,
+)
+from app.runtime import SessionContent, Stylus
 from app.scene.errors import SceneError
 from app.scene.frames.frame_graph import poses_in
 from app.scene.frames.watchdog import TransformHealth
 from app.scene.margin.breach_markers import MarkerStyle
 from app.scene.scene import MarginGuardScene
+from app.scene.stylus_model import StylusModel
 from app.session import REFERENCE, StepResult
 
 GRIP_OPACITY = 0.35
@@ -52,6 +60,7 @@ class ScenePresenter:
         self._margin_surface: SurfaceMesh | None = None
         self._measured: dict[tuple[str, str], Transform] = {}
         self._needle_surface: SurfaceMesh | None = None
+        self._stylus: StylusModel | None = None
         self._breach_count = 0
         self._deleted = 0
         self._marker_style = MarkerStyle()
@@ -123,6 +132,7 @@ class ScenePresenter:
             poses = self._poses(scene, step, edges)
             scene.place(poses.values(), self._placed_static_edges(poses))
             self._show_needle(scene, step, poses)
+            self._show_stylus(scene, step)
             self._add_parts(scene, step)
             if breach_points_mm is not None:
                 self._show_breaches(scene, breach_points_mm)
@@ -133,7 +143,22 @@ class ScenePresenter:
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Show data that are too old at ``now_ns`` as unknown; return each transform's health."""
-        return () if self.scene is None else self.scene.check(now_ns)
+        if self.scene is None:
+            return ()
+        health = self.scene.check(now_ns)
+        if self.content.stylus is not None and not self._is_fresh(self.content.stylus, health):
+            self.hide_stylus()
+        return health
+
+    @property
+    def stylus_node(self) -> vtkMRMLModelNode | None:
+        """The model of the stylus; None before it was tracked with a tip."""
+        return None if self._stylus is None else self._stylus.node
+
+    def hide_stylus(self) -> None:
+        """Hide the stylus until a step places it, as where the steps have ended."""
+        if self._stylus is not None:
+            self._stylus.hide()
 
     def health(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Freshness of each measured transform of a live scene at ``now_ns``."""
@@ -179,6 +204,9 @@ class ScenePresenter:
     def clear(self) -> None:
         """Remove all nodes of this presenter; the next step adds them again."""
         self._breach_count = 0
+        if self._stylus is not None:
+            self._stylus.remove()
+            self._stylus = None
         if self.scene is not None:
             self.scene.clear()
         self.scene = None
@@ -244,6 +272,27 @@ class ScenePresenter:
         if scene.needle is None or needle.surface is not self._needle_surface:
             scene.show_needle(needle.surface)
             self._needle_surface = needle.surface
+
+    def _show_stylus(self, scene: MarginGuardScene, step: StepResult) -> None:
+        """Show the stylus while its pose may be used, and hide it otherwise."""
+        stylus = self.content.stylus
+        if stylus is None:
+            return
+        if self._stylus is None:
+            self._stylus = StylusModel(scene)
+        if self._is_tracked(stylus.frame, scene, step):
+            self._stylus.show(stylus)
+        else:
+            self._stylus.hide()
+
+    def _is_fresh(self, stylus: Stylus, health: Sequence[TransformHealth]) -> bool:
+        """True if no measured edge of ``stylus`` is too old."""
+        names = {
+            join_transform_name(source, target)
+            for target, source in self._measured
+            if stylus.frame in (source, target)
+        }
+        return all(each.freshness is Freshness.VALID for each in health if each.name in names)
 
     def _is_tracked(self, frame: str, scene: MarginGuardScene, step: StepResult) -> bool:
         """True if the session may use the pose of ``frame``.

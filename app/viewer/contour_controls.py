@@ -6,8 +6,9 @@ import numpy as np
 
 from app.contour import MAX_DILATION_MM, MAX_RADIUS_MM, Change
 from app.geometry import FloatArray, InputError
+from app.runtime import TrackedTool
 from app.viewer.contour_part import ContourPart
-from app.viewer.messages.checks import integer, number, text
+from app.viewer.messages.checks import integer, number, one_of, text
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError
 
@@ -34,7 +35,8 @@ class ContourControls:
         self._changed = changed
         image = integer(0, _MAX_NUMBER)
         commands.add("contour_add", self._add, _author, image, _pixel, _pixel)
-        commands.add("contour_tip", self._tip, _author)
+        tool = one_of([each.value for each in TrackedTool])
+        commands.add("contour_tip", self._tip, _author, tool)
         commands.add("contour_move", self._move, _author, _seen, image, _pixel, _pixel)
         radius = number(0.0, MAX_ERASE_MM)
         commands.add("contour_erase", self._erase, _author, _seen, image, _pixel, _pixel, radius)
@@ -54,12 +56,13 @@ class ContourControls:
         editor = self._part.editor
         self._do(lambda: editor.add(Change(author, editor.revision), place, image, (x, y)))
 
-    def _tip(self, author: str) -> None:
-        tip = self._part.places.tip_mm
-        if tip is None:
-            raise NotDoneError("contour: the tip's place is UNKNOWN; expected a known one")
+    def _tip(self, author: str, tool: str) -> None:
+        def add() -> None:
+            place = self._part.places.tip_mm(TrackedTool(tool))
+            editor.add(Change(author, editor.revision), place)
+
         editor = self._part.editor
-        self._do(lambda: editor.add(Change(author, editor.revision), tip))
+        self._do(add)
 
     def _move(self, author: str, seen: int, point: int, x: float, y: float) -> None:
         editor = self._part.editor

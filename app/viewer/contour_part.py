@@ -94,7 +94,7 @@ class ContourPart:
                 ),
                 "revision": editor.revision,
                 "undo": editor.can_undo,
-                "tip": places.tip_mm is not None,
+                "tip": places.has_tip,
                 "image": places.number,
                 "cut": cut,
             }

@@ -24,6 +24,7 @@ from app.viewer.readout.needle import needle_values
 from app.viewer.readout.note_rows import note_rows
 from app.viewer.readout.readout import readout
 from app.viewer.readout.recording import recording_values
+from app.viewer.readout.stylus import stylus_values
 from app.viewer.readout.timeline import Timeline
 from app.viewer.readout.ultrasound import depth_values
 from app.viewer.readout.workflow import workflow_values
@@ -84,6 +85,7 @@ class Page:
         state.notes = []
         self._recording = recording
         state.recording = state.workflow = state.needle = state.image_depth = None
+        state.stylus = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -156,6 +158,7 @@ class Page:
             state.recording = recording_values(self._recording())
             state.needle = needle_values(self._now)
             state.image_depth = depth_values(self._now)
+            state.stylus = stylus_values(self._now)
             state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 
+from app.runtime import TrackedTool
 from app.viewer.guided_controls import GuidedControls, seen_revision
-from app.viewer.messages.checks import text
+from app.viewer.messages.checks import one_of, text
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import RefusedError
 from app.viewer.registration_part import RegistrationPart
@@ -18,12 +19,13 @@ class RegistrationControls(GuidedControls[RegistrationPart]):
         self, commands: Commands, part: RegistrationPart, changed: Callable[[], None]
     ) -> None:
         super().__init__("registration", commands, part, changed)
-        commands.add("registration_start", self._start, seen_revision)
+        tool = one_of([each.value for each in TrackedTool])
+        commands.add("registration_start", self._start, seen_revision, tool)
         commands.add("registration_remove", self._remove, seen_revision, text(_MAX_DIGITS))
         commands.add("registration_restore", self._restore, seen_revision)
 
-    def _start(self, seen: int) -> None:
-        self._do(lambda: self._part.guide.start(seen))
+    def _start(self, seen: int, tool: str) -> None:
+        self._do(lambda: self._part.guide.start(seen, TrackedTool(tool)))
 
     def _remove(self, seen: int, point: str) -> None:
         if not (point.isascii() and point.isdecimal()):

@@ -26,6 +26,9 @@ SHAFT = np.array([0.10, 0.06, 1.0]) / np.linalg.norm([0.10, 0.06, 1.0])
 """True axis, away from the line between sensor and tip."""
 KNOWN_MM = TIP_MM + np.array([2.0, -1.5, 2.5])
 """Tip of the configuration, 3.5 mm off."""
+STYLUS, STYLUS_TIP_MM = "pointer", np.array([-5.0, 8.0, 141.0])
+"""Frame of a stylus, which moves as the tool does, and its true tip in it."""
+STYLUS_DIVOT_MM = np.array([-15.0, -25.0, 55.0])
 DIVOT_MM = np.array([40.0, -20.0, 60.0])
 RATE_HZ = 60.0
 NOISE_MM, NOISE_RAD = 0.1, np.radians(0.05)
@@ -33,8 +36,8 @@ SETTLE_S = 0.5
 CONE_RAD = {"pivot": np.radians(32.0), "narrow": np.radians(3.0), "spin": 0.0}
 
 
-def write_session(folder: Path) -> Path:
-    """Write ``live.yaml`` with its files to ``folder``."""
+def write_session(folder: Path, *, stylus: bool = False) -> Path:
+    """Write ``live.yaml`` with its files to ``folder``, with or without a stylus."""
     folder.mkdir(parents=True)
     trimesh.creation.icosphere(subdivisions=3, radius=8.0).export(folder / "tumor.stl")
     rod = trimesh.creation.cylinder(radius=1.5, height=60.0, sections=24)
@@ -65,6 +68,8 @@ def write_session(folder: Path) -> Path:
             "stale_after_ms": 1000,
         },
     }
+    if stylus:
+        values["stylus"] = {"frame": STYLUS}
     path = folder / "live.yaml"
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     return path
@@ -120,6 +125,7 @@ def main() -> None:
             "reference": (still, np.zeros(3)),
             "needle": (still, np.array([0.0, 0.0, 20.0])),
             "cautery": tool,
+            STYLUS: (tool[0], STYLUS_DIVOT_MM - tool[0].apply(STYLUS_TIP_MM)),
         }.items():
             message = TrackedTransform(status=0)
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(due_ns, 10**9)

@@ -14,15 +14,19 @@ from app.viewer.calibration_part import CalibrationPart
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from tests.runtime.test_operator_commands import CONTENT, TOOL_EDGE, World
+from tests.runtime.workflow.test_stylus_calibration import CONTENT as STYLUS_CONTENT
+from tests.runtime.workflow.test_stylus_calibration import TIP_MM as STYLUS_TIP_MM
+from tests.runtime.workflow.test_stylus_calibration import Guided as StylusGuided
+from tests.runtime.workflow.test_stylus_calibration import pivot
 from tests.runtime.workflow.test_tool_calibration import TIP_MM, Guided, pivot_rotation
 
 
 class Calibrating:
     """A calibration part with its commands, and the waiting for its fits."""
 
-    def __init__(self, use) -> None:
+    def __init__(self, use, guided=None) -> None:
         self.computed = threading.Semaphore(0)
-        self.guided = Guided(CONTENT)
+        self.guided = guided or Guided(CONTENT)
         self.part = CalibrationPart(self.guided.guide, compute_here, self.computed.release, use)
         self.commands = Commands()
         CalibrationControls(self.commands, self.part, lambda: None)
@@ -36,12 +40,12 @@ class Calibrating:
 
     def finish(self):
         """Wait until the present poses are fitted."""
-        self.part.update(CONTENT)
+        self.part.update(self.guided.content)
         for _ in range(3):
             if self.guided.guide.task() is None:
                 return
             assert self.computed.acquire(timeout=60.0)
-            self.part.update(CONTENT)
+            self.part.update(self.guided.content)
         raise AssertionError("not computed")
 
 
@@ -55,7 +59,7 @@ def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world):
         operator = LiveOperator(workers)
         calibrating = Calibrating(operator.set_tip)
         assert calibrating.part.values()["calibration_map"] is None
-        calibrating.run("start", "pivot")
+        calibrating.run("start", "pivot", "cautery")
         for number in range(200):
             calibrating.guided.observe(pivot_rotation(number))
         calibrating.finish()
@@ -84,7 +88,7 @@ def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world):
 def test_page_without_poses_says_why():
     calibrating = Calibrating(lambda change: pytest.fail("must not be used"))
     assert calibrating.values["title"] == calibrating.values["verdict"] == ""
-    calibrating.run("start", "pivot")
+    calibrating.run("start", "pivot", "cautery")
     calibrating.guided.observe(pivot_rotation(0), lost=True)
     assert calibrating.values["problem"] == "'cautery' in 'reference' is not known now"
     assert calibrating.values["count"] == "0 poses"
@@ -94,16 +98,44 @@ def test_page_without_poses_says_why():
     assert calibrating.values["phase"] == "idle"
 
 
+def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold():
+    world = World(content=STYLUS_CONTENT)
+    setup = world.setup
+    with ThreadPoolExecutor(2) as workers:
+        operator = LiveOperator(workers)
+        operator.connect(world.commands)
+        calibrating = Calibrating(operator.set_tip, StylusGuided(STYLUS_CONTENT))
+        calibrating.run("start", "pivot", "stylus")
+        assert calibrating.values["title"] == "pivot of the stylus: recording"
+        for number in range(200):
+            calibrating.guided.observe(pivot(number))
+        calibrating.run("stop")
+        calibrating.finish()
+        calibrating.run("use")
+    content = world.commands.content
+    assert np.linalg.norm(content.stylus.tip.translation_mm - STYLUS_TIP_MM) < 0.3
+    assert content.tool_from_tip is STYLUS_CONTENT.tool_from_tip
+    assert world.session.setup is setup
+    assert world.session.hold_causes == ()
+    assert not any(event.startswith(("revoke", "latch")) for event in world.output_events)
+    request = world.commands.requests.last.line
+    assert request.startswith("set_stylus_tip from the page accepted: the first tip, sigma 0.")
+
+
 def test_viewers_and_outdated_pages_change_nothing():
     calibrating = Calibrating(lambda change: pytest.fail("must not be used"))
     for name in ("start", "stop", "discard", "use", "undo"):
-        args = ["pivot"] if name == "start" else []
+        args = ["pivot", "stylus"] if name == "start" else []
         with pytest.raises(RefusedError, match="role view; expected operate"):
             calibrating.run(name, *args, role=Role.VIEW)
         with pytest.raises(NotDoneError, match="another page has changed it meanwhile"):
             calibrating.commands.run(f"calibration_{name}", [77, *args], Role.OPERATE)
     with pytest.raises(RefusedError, match="expected one of pivot, spin"):
-        calibrating.run("start", "turn")
+        calibrating.run("start", "turn", "cautery")
+    with pytest.raises(RefusedError, match="expected one of cautery, stylus"):
+        calibrating.run("start", "pivot", "needle")
+    with pytest.raises(NotDoneError, match="stylus: the session has none; expected 'stylus' in"):
+        calibrating.run("start", "pivot", "stylus")
     assert calibrating.values["revision"] == 0
 
 

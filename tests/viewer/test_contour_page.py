@@ -27,7 +27,7 @@ ANSWER = """([name, args]) => trame.trigger(name, args)
   .then(() => "done", (error) => error.message)"""
 VIEW_REFUSED = {
     "contour_add": ["v", 20, 1, 1],
-    "contour_tip": ["v"],
+    "contour_tip": ["v", "cautery"],
     "contour_move": ["v", 9, 1, 1, 1],
     "contour_erase": ["v", 9, 20, 1, 1, 5],
     "contour_undo": ["v", 9],

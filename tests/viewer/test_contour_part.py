@@ -2,13 +2,16 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from app.geometry import Transform
-from app.runtime import compute_here
+from app.fixture import MarginState
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.runtime import Stylus, compute_here
+from app.session import KnownEdges
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.contour_controls import ContourControls
@@ -19,6 +22,7 @@ from tests.runtime.test_operator_commands import CONTENT, TUMOR_EDGE, World
 
 WITHOUT_SCENE = SimpleNamespace(scene=None)
 """Test double of a scene view before tool and tumour are known."""
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 CORNERS = np.array([[12, 0, 0], [-12, 0, 0], [0, 12, 0], [0, -12, 0], [0, 0, 12], [0, 0, -12]])
 
 
@@ -125,8 +129,40 @@ def test_clicks_on_unknown_images_and_unknown_tips_are_refused():
     with pytest.raises(NotDoneError, match="the place of image 7 is not known"):
         contouring.run("contour_add", 7, 1.0, 1.0)
     with pytest.raises(NotDoneError, match="the tip's place is UNKNOWN"):
-        contouring.run("contour_tip")
+        contouring.run("contour_tip", "cautery")
     assert contouring.revision == 0
+
+
+def test_point_at_the_tip_of_the_stylus_is_that_of_the_tracker():
+    tip = Transform("stylus", "stylus_tip", np.eye(3), [3.0, -4.0, 150.0])
+    stylus = Transform("needle", "stylus", TURN, [10.0, 20.0, 30.0])
+    tracked = TrackedTransform(stylus, Stamp(1), TrackingStatus.OK)
+    step = SimpleNamespace(
+        edges=KnownEdges(measured={("needle", "stylus"): tracked}),
+        decision=SimpleNamespace(reasons=(), state=MarginState.UNKNOWN),
+        tumor_from_tip=None,
+    )
+    content = replace(CONTENT, stylus=Stylus("stylus").with_tip(tip, 0.2))
+    contouring = Contouring()
+    shown = SimpleNamespace(step=step, content=content, silent="")
+    contouring.part.places.show(shown, None, None)
+    contouring.run("contour_tip", "stylus")
+    point = contouring.part.editor.contour.points[0]
+    np.testing.assert_allclose(point.position_mm, [14.0, 23.0, 180.0], atol=1e-9)
+    with pytest.raises(NotDoneError, match=r"^cautery: the tip's place is UNKNOWN"):
+        contouring.run("contour_tip", "cautery")
+    for state, problem in (
+        ({"silent": "the session has ended"}, "stylus: the tip's place is UNKNOWN"),
+        (
+            {"content": replace(CONTENT, stylus=Stylus("stylus"))},
+            "stylus: it is not calibrated; expected a pivot calibration before",
+        ),
+        ({"content": CONTENT}, "stylus: the session has none; expected 'stylus' in live.yaml"),
+    ):
+        contouring.part.places.show(SimpleNamespace(**{**vars(shown), **state}), None, None)
+        with pytest.raises(NotDoneError, match=f"^{problem}"):
+            contouring.run("contour_tip", "stylus")
+    assert len(contouring.part.editor.contour.points) == 1
 
 
 def test_second_tumour_waits_for_the_first(world):

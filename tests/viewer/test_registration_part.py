@@ -66,7 +66,7 @@ def test_points_with_their_errors_become_the_registration(case):
     used = []
     registering = Registering(case, lambda result: used.append(result) or True)
     assert registering.values["count"] == ""
-    registering.run("start")
+    registering.run("start", "cautery")
     registering.observe()
     registering.finish()
     values = registering.values
@@ -90,7 +90,7 @@ def test_points_with_their_errors_become_the_registration(case):
 
 def test_few_points_are_not_used_and_say_why(case):
     registering = Registering(case, lambda result: pytest.fail("must not be used"))
-    registering.run("start")
+    registering.run("start", "cautery")
     registering.observe(100)
     registering.run("stop")
     registering.finish()
@@ -105,7 +105,7 @@ def test_few_points_are_not_used_and_say_why(case):
 def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):
     registering = Registering(case, lambda result: pytest.fail("must not be used"))
     for name in ("start", "stop", "discard", "remove", "restore", "use", "undo"):
-        args = ["12"] if name == "remove" else []
+        args = {"remove": ["12"], "start": ["cautery"]}.get(name, [])
         with pytest.raises(RefusedError, match="role view; expected operate"):
             registering.run(name, *args, role=Role.VIEW)
         with pytest.raises(NotDoneError, match="another page has changed it meanwhile"):
@@ -113,6 +113,10 @@ def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):
     for point in ("-1", "1e9", "", "\u0661"):
         with pytest.raises(RefusedError, match="expected its decimal number"):
             registering.run("remove", point)
+    with pytest.raises(RefusedError, match="expected one of cautery, stylus"):
+        registering.run("start", "needle")
+    with pytest.raises(NotDoneError, match="stylus: the session has none; expected 'stylus' in"):
+        registering.run("start", "stylus")
     assert registering.values["revision"] == 0
 
 

@@ -3,6 +3,7 @@
 import math
 from typing import Protocol
 
+from app.runtime.tracked_tool import TrackedTool
 from app.runtime.workflow.calibration_fit import CalibrationFit, CalibrationKind
 from app.runtime.workflow.coverage import Coverage
 from app.runtime.workflow.guided_recording import Phase
@@ -19,6 +20,14 @@ class _Fit(Protocol):
 
     @property
     def advice(self) -> str: ...
+
+
+def calibration_title(status: CalibrationStatus) -> str:
+    """What is calibrated and in which phase; empty before a recording."""
+    if status.phase is Phase.IDLE:
+        return ""
+    of = "" if status.tool is TrackedTool.CAUTERY else f" of the {status.tool}"
+    return f"{status.kind}{of}: {status.phase}"
 
 
 def calibration_verdict(status: CalibrationStatus) -> tuple[str, str]:
@@ -83,7 +92,8 @@ def registration_count(status: RegistrationStatus) -> str:
     if status.phase is Phase.IDLE:
         return ""
     count = 0 if status.fit is None else len(status.fit.points)
-    return f"{status.phase}, {count} point{'s' * (count != 1)}"
+    by = "" if status.tool is TrackedTool.CAUTERY else f" with the {status.tool}"
+    return f"{status.phase}, {count} point{'s' * (count != 1)}{by}"
 
 
 def _verdict(fit: _Fit, phase: Phase, when_enough: str) -> tuple[str, str]:

@@ -76,6 +76,8 @@ class ClientScene:
 
     def _models(self, scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
         yield from _models(scene)
+        if self._view.stylus is not None:
+            yield "stylus", self._view.stylus
         for name, model in self._view.bodies.items():
             yield f"body/{name}", model
 

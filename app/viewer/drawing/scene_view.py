@@ -111,7 +111,14 @@ class SceneView:
             measured=shown.measured,
             breach_points_mm=shown.marks[: shown.marked],
         )
+        if shown.silent:
+            self._presenter.hide_stylus()
         self._style_new_nodes()
+
+    @property
+    def stylus(self) -> vtkMRMLModelNode | None:
+        """The model of the stylus; None before it was tracked with a tip."""
+        return self._presenter.stylus_node
 
     def use_bodies(self, bodies: Mapping[str, vtkMRMLModelNode]) -> bool:
         """Style ``bodies``, which the scene has, as a part of their own; True if they changed."""

@@ -7,9 +7,9 @@ from app.runtime import (
     CalibrationKind,
     CalibrationStatus,
     Coverage,
-    Phase,
     calibration_count,
     calibration_numbers,
+    calibration_title,
     calibration_verdict,
     coverage_text,
 )
@@ -20,13 +20,13 @@ _MAX_POINTS = 120
 
 def calibration_values(status: CalibrationStatus, *, can_undo: bool) -> dict[str, Any]:
     """Phase, counts, numbers and verdict; ``can_undo``: the tip before can be restored."""
-    fit, is_idle = status.fit, status.phase is Phase.IDLE
+    fit = status.fit
     verdict, advice = calibration_verdict(status)
     return {
         "revision": status.revision,
         "phase": status.phase.value,
         "kind": status.kind.value,
-        "title": "" if is_idle else f"{status.kind.value}: {status.phase.value}",
+        "title": calibration_title(status),
         "count": calibration_count(status),
         "numbers": calibration_numbers(fit, status.kind),
         "problem": status.problem,

@@ -2,6 +2,8 @@
 // eraser removes those around it. Each change names this page and the revision that it shows: a change of
 // what another page has changed meanwhile is refused, and its reason is shown here alone.
 
+import { chosenTool, toolChoice } from "./tool_choice.js";
+
 const AUTHOR = Math.random().toString(36).slice(2, 12);
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -11,6 +13,7 @@ const TOOLS = `
     <button id="contour-erase" type="button" aria-pressed="false" title="Click on the image to erase the points around it">Erase</button>
     <label>within <input id="contour-radius" type="number" min="0.5" max="30" step="0.5" value="2"> mm</label>
   </div>
+  ${toolChoice("touch", "Touch with")}
   <div>
     <button id="contour-tip" type="button" title="Add a point at the tip of the tool">Point at the tip</button>
     <button id="contour-undo" type="button">Undo</button>
@@ -211,7 +214,8 @@ export function editContour(trame) {
     const tools = document.querySelector(".contour-tools");
     if (tools && !tools.firstElementChild) connect(tools);
     if (tools) {
-      find("contour-tip").disabled = !contour.tip;
+      // With a stylus the answer says what is missing.
+      find("contour-tip").disabled = !contour.tip && chosenTool("touch") === "cautery";
       find("contour-undo").disabled = !contour.undo;
       for (const id of ["contour-stl", "contour-ply"]) find(id).disabled = !contour.computed || (!contour.points.length && !contour.text);
       show("contour-dilation", contour.dilation);
@@ -235,7 +239,7 @@ export function editContour(trame) {
     confirmed("contour-use", "contour_accept");
     find("contour-add").addEventListener("click", () => setMode("add"));
     find("contour-erase").addEventListener("click", () => setMode("erase"));
-    find("contour-tip").addEventListener("click", () => send("contour_tip", AUTHOR));
+    find("contour-tip").addEventListener("click", () => send("contour_tip", AUTHOR, chosenTool("touch")));
     find("contour-undo").addEventListener("click", () => change("contour_undo"));
     find("contour-stl").addEventListener("click", () => save("stl"));
     find("contour-ply").addEventListener("click", () => save("ply"));

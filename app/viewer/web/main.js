@@ -10,6 +10,7 @@ import { listenToOperator } from "./operator.js";
 import { editContour } from "./contour.js";
 import { calibrateTool } from "./calibration.js";
 import { registerRobot } from "./registration.js";
+import { chooseTools } from "./tool_choice.js";
 import { editWorld } from "./world.js";
 
 const updateAlarm = soundAlarm(window.trame);
@@ -19,6 +20,7 @@ listenToKeys(window.trame);
 if (window.trame.state.get("title").images.length) showUltrasound(window.trame);
 if (window.trame.state.get("title").contour) editContour(window.trame);
 showTimeline(window.trame);
+if (window.trame.state.get("role") === "operate") chooseTools(window.trame);
 if (window.trame.state.get("title").live) calibrateTool(window.trame);
 if (window.trame.state.get("title").live) registerRobot(window.trame);
 if (window.trame.state.get("role") === "operate") editWorld(window.trame);

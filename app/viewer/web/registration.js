@@ -1,10 +1,12 @@
 // Buttons of the registration of the robot.
 
 import { guide } from "./guided.js";
+import { chosenTool, toolChoice } from "./tool_choice.js";
 
 const TOOLS = `
+  ${toolChoice("touch", "Touch with")}
   <div>
-    <button id="registration-start" type="button" title="Detect the points at which the tip of the tool rests">Register by touch</button>
+    <button id="registration-start" type="button" title="Detect the points at which the tip rests; a stylus touches the tip of the robot">Register by touch</button>
     <button id="registration-stop" type="button">Stop</button>
     <button id="registration-restore" type="button">Restore the removed point</button>
     <button id="registration-discard" type="button">Discard</button>
@@ -23,7 +25,8 @@ export function registerRobot(trame) {
     "registration",
     TOOLS,
     (find, send) => {
-      for (const name of ["start", "restore"]) find(name).addEventListener("click", () => send(name));
+      find("start").addEventListener("click", () => send("start", chosenTool("touch")));
+      find("restore").addEventListener("click", () => send("restore"));
     },
     ({ phase, restore }) => ({ start: phase !== "recording", restore }),
   );

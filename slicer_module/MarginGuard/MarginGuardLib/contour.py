@@ -19,9 +19,8 @@ from app.contour import (
     contour_surface,
 )
 from app.contour.uncertainty import pixel_sigma
-from app.fixture import MarginState
 from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh, Transform
-from app.runtime import OperatorCommands
+from app.runtime import OperatorCommands, TrackedTool, tip_mm
 from app.scene import ContourModel, SceneError
 
 from .contour_points import ContourPoints
@@ -89,9 +88,9 @@ class PanelContour:
         interaction.SetPlaceModePersistence(1)
         interaction.SetCurrentInteractionMode(interaction.Place)
 
-    def add_tip(self) -> None:
-        """Add a point at the tool's tip."""
-        tip_mm = self._tip_mm()
+    def add_tip(self, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+        """Add a point at the tip of ``tool``."""
+        tip_mm = self._tip_mm(tool)
         points = self._edited()
         points.replace(np.vstack([points.positions_mm, tip_mm]))
 
@@ -192,13 +191,12 @@ class PanelContour:
             self._points = ContourPoints(self._mrml_scene, parent, self._changed)
         return self._points
 
-    def _tip_mm(self) -> FloatArray:
-        step = self._session.shown_step
-        is_known = step is not None and self._session.readout()[0] is not MarginState.UNKNOWN
-        if not is_known or step.tumor_from_tip is None:
-            raise InputError("contour: the tip's place is UNKNOWN; expected a known one")
-        edge = _frame_from_tumor(self._session.commands())
-        return np.asarray((edge @ step.tumor_from_tip).translation_mm)
+    def _tip_mm(self, tool: TrackedTool = TrackedTool.CAUTERY) -> FloatArray:
+        session, commands = self._session, self._session.commands()
+        step, state = session.shown_step, session.readout()[0]
+        is_aged = step is not None and state is not step.decision.state
+        frame = _frame_from_tumor(commands).target
+        return tip_mm(None if is_aged else step, commands.content, tool, frame)
 
     def _contour(self, frame: str) -> Contour:
         positions_mm = np.empty((0, 3)) if self._points is None else self._points.positions_mm

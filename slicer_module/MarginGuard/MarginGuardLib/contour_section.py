@@ -6,6 +6,7 @@ from typing import Any
 import slicer
 
 from .contour import ContourShown
+from .tool_choice import ToolChoice
 
 
 class ContourSection:
@@ -16,9 +17,10 @@ class ContourSection:
 
     def __init__(self, ui: Any, on_click: Callable[[Any, Callable[[Any], object]], None]) -> None:
         self._ui = ui
+        self._tool = ToolChoice(ui.tipToolComboBox)
         for button, command in (
             (ui.placePointsButton, lambda logic: logic.contour.place()),
-            (ui.tipPointButton, lambda logic: logic.contour.add_tip()),
+            (ui.tipPointButton, lambda logic: logic.contour.add_tip(self._tool.tool)),
             (ui.eraseAtTipButton, self._erase),
             (ui.undoPointButton, lambda logic: logic.contour.undo()),
             (ui.deletePointsButton, self._delete_all),
@@ -26,9 +28,10 @@ class ContourSection:
         ):
             on_click(button, command)
 
-    def show(self, shown: ContourShown) -> None:
-        """Show ``shown``."""
+    def show(self, shown: ContourShown, stylus: str) -> None:
+        """Show ``shown``; ``stylus``: its tip in words, empty without one."""
         ui = self._ui
+        self._tool.show(stylus)
         ui.contourLabel.setText(shown.text)
         ui.placePointsButton.setEnabled(shown.can_edit)
         ui.tipPointButton.setEnabled(shown.can_edit)

@@ -16,9 +16,11 @@ from app.runtime import (
     RegistrationStatus,
     RobotRegistration,
     TipChange,
+    TrackedTool,
     WorkflowOutput,
     calibration_count,
     calibration_numbers,
+    calibration_title,
     calibration_verdict,
     coverage_text,
     fit_calibration,
@@ -92,11 +94,11 @@ class _Guided:
 
 
 class GuidedCalibration(_Guided):
-    """Pivot and spin of the tool."""
+    """Pivot and spin of a tool."""
 
-    def start(self, kind: CalibrationKind) -> None:
-        """Begin to record; drops what was recorded before."""
-        self._guide.start(self._seen, kind)
+    def start(self, kind: CalibrationKind, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+        """Begin to record poses of ``tool``; drops what was recorded before."""
+        self._guide.start(self._seen, kind, tool)
 
     @property
     def status(self) -> CalibrationStatus:
@@ -109,7 +111,7 @@ class GuidedCalibration(_Guided):
         status, lines = self.status, []
         fit, is_idle = status.fit, status.phase is Phase.IDLE
         if not is_idle:
-            lines = [f"{status.kind}: {status.phase}", calibration_count(status)]
+            lines = [calibration_title(status), calibration_count(status)]
             lines += [] if fit is None else [coverage_text(fit.coverage, status.kind)]
             lines += calibration_numbers(fit, status.kind)
             lines += [f"No pose is recorded: {status.problem}"] if status.problem else []
@@ -128,9 +130,9 @@ class GuidedCalibration(_Guided):
 class GuidedRegistration(_Guided):
     """Registration of the robot by touch."""
 
-    def start(self) -> None:
-        """Begin to detect the points at which the tool rests; drops those before."""
-        self._guide.start(self._seen)
+    def start(self, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+        """Begin to detect the points at which ``tool`` rests; drops those before."""
+        self._guide.start(self._seen, tool)
 
     def remove(self, row: int) -> None:
         """Remove the point in ``row``, counted from 0."""

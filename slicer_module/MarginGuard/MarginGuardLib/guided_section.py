@@ -1,6 +1,7 @@
 """The widgets of guided calibration and registration."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import slicer
@@ -10,8 +11,10 @@ from app.runtime import CalibrationKind, Coverage
 from .coverage_picture import coverage_picture
 from .guided import GuidedShown
 from .table import fill_table
+from .tool_choice import ToolChoice
 
 _HELD = "The robot is held until an operator re-arms."
+_HELD_AFTER = "After that of the cautery the robot is held until an operator re-arms."
 
 
 class GuidedSection:
@@ -23,14 +26,16 @@ class GuidedSection:
     def __init__(self, ui: Any, on_click: Callable[[Any, Callable[[Any], object]], None]) -> None:
         self._ui = ui
         self._coverage: Coverage | None = None
+        self._calibrated = ToolChoice(ui.calibratedToolComboBox)
+        self._touching = ToolChoice(ui.touchToolComboBox)
         for button, command in (
-            (ui.startPivotButton, lambda logic: logic.calibration().start(CalibrationKind.PIVOT)),
-            (ui.startSpinButton, lambda logic: logic.calibration().start(CalibrationKind.SPIN)),
+            (ui.startPivotButton, partial(self._calibrate, CalibrationKind.PIVOT)),
+            (ui.startSpinButton, partial(self._calibrate, CalibrationKind.SPIN)),
             (ui.stopCalibrationButton, lambda logic: logic.calibration().stop()),
             (ui.discardCalibrationButton, lambda logic: logic.calibration().discard()),
             (ui.useCalibrationButton, self._use_calibration),
             (ui.undoCalibrationButton, self._undo_calibration),
-            (ui.startTouchButton, lambda logic: logic.touch().start()),
+            (ui.startTouchButton, self._touch),
             (ui.stopTouchButton, lambda logic: logic.touch().stop()),
             (ui.discardTouchButton, lambda logic: logic.touch().discard()),
             (ui.removePointButton, self._remove_point),
@@ -40,9 +45,11 @@ class GuidedSection:
         ):
             on_click(button, command)
 
-    def show(self, calibration: GuidedShown, registration: GuidedShown) -> None:
-        """Show both recordings."""
+    def show(self, calibration: GuidedShown, registration: GuidedShown, stylus: str) -> None:
+        """Show both recordings; ``stylus``: its tip in words, empty without one."""
         ui = self._ui
+        self._calibrated.show(stylus)
+        self._touching.show(stylus)
         ui.calibrationLabel.setText(calibration.text)
         if calibration.coverage is None and self._coverage is not None:
             ui.coverageLabel.clear()
@@ -65,12 +72,18 @@ class GuidedSection:
         ui.useTouchButton.setEnabled(registration.can_use)
         ui.undoRegistrationButton.setEnabled(registration.can_undo)
 
+    def _calibrate(self, kind: CalibrationKind, logic: Any) -> None:
+        logic.calibration().start(kind, self._calibrated.tool)
+
+    def _touch(self, logic: Any) -> None:
+        logic.touch().start(self._touching.tool)
+
     def _use_calibration(self, logic: Any) -> None:
-        if slicer.util.confirmOkCancelDisplay(f"Use this calibration of the tool? {_HELD}"):
+        if slicer.util.confirmOkCancelDisplay(f"Use this calibration? {_HELD_AFTER}"):
             logic.calibration().use()
 
     def _undo_calibration(self, logic: Any) -> None:
-        if slicer.util.confirmOkCancelDisplay(f"Use the tip from before? {_HELD}"):
+        if slicer.util.confirmOkCancelDisplay(f"Use the tip from before? {_HELD_AFTER}"):
             logic.calibration().undo()
 
     def _remove_point(self, logic: Any) -> None:

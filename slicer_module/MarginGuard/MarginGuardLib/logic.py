@@ -17,7 +17,7 @@ from slicer import (
 from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.registration import RegistrationResult
-from app.runtime import RecordingStatus, workflow_steps
+from app.runtime import RecordingStatus, stylus_text, workflow_steps
 from app.scene import points_of_markups
 
 from .alarm import Alarm
@@ -314,6 +314,11 @@ class PanelLogic:
             return ""
         return self._directions.text(step, commands.content, commands.compute)
 
+    def _stylus(self) -> str:
+        thread = self.session.thread
+        commands = None if thread is None else thread.run.commands
+        return "" if commands is None else stylus_text(commands.content)
+
     def _recording(self) -> RecordingStatus | None:
         thread = self.session.thread
         commands = None if thread is None else thread.run.commands
@@ -351,6 +356,7 @@ class PanelLogic:
             contour=self.contour.shown(),
             needle=self.needle.length(),
             ultrasound=self.ultrasound.shown(),
+            stylus=self._stylus(),
         )
 
 

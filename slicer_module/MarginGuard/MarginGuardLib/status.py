@@ -21,7 +21,7 @@ class PanelStatus:
     ``directions``: of the tip to the stop margin, in mm. ``cautery``: its state, empty where no
     source tells it.
     ``calibration`` and ``touch``: the guided calibration, and registration by touch.
-    ``needle``: its length in mm, empty without one.
+    ``needle``: its length in mm, ``stylus``: its tip in words; empty without one.
     """
 
     state: MarginState
@@ -48,3 +48,4 @@ class PanelStatus:
     contour: ContourShown
     needle: str
     ultrasound: UltrasoundShown
+    stylus: str

@@ -183,7 +183,7 @@ def test_place_of_the_tip_is_that_of_the_motion(guided):
     found = tip_mm(step, guided.content, STYLUS, "needle")
     np.testing.assert_allclose(found, DIVOT_MM - [1.0, 2.0, 3.0], atol=0.3)
     stale = replace(edges, measured={**edges.measured, ("reference", "stylus"): None})
-    with pytest.raises(InputError, match=r"^the stylus: 'stylus' in 'reference' is not known now;"):
+    with pytest.raises(InputError, match=r"^stylus: 'stylus' in 'reference' is not known now;"):
         tip_mm(
             SimpleNamespace(edges=stale, decision=step.decision), guided.content, STYLUS, "needle"
         )

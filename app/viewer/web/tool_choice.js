@@ -1,0 +1,38 @@
+// The choice of the tracked tool that is calibrated, or that points are touched with: a list for each use of
+// `markup`, hidden without a stylus. Lists of one `name` have the same choice on this page.
+
+export function toolChoice(name, label) {
+  return `<label class="tool-choice" hidden>${label} <select data-tool="${name}"></select></label>`;
+}
+
+// The chosen tool; without a stylus that of the session.
+export function chosenTool(name) {
+  return document.querySelector(`select[data-tool="${name}"]`)?.value || "cautery";
+}
+
+export function chooseTools(trame) {
+  const chosen = {};
+
+  function update() {
+    const tools = trame.state.get("stylus")?.tools ?? [];
+    for (const select of document.querySelectorAll("select[data-tool]")) {
+      const label = select.closest("label");
+      if (label.hidden === tools.length > 1) label.hidden = !label.hidden;
+      if (select.options.length === tools.length) continue;
+      select.replaceChildren(...tools.map((tool) => new Option(tool)));
+      select.value = chosen[select.dataset.tool] ?? tools[0] ?? "";
+    }
+  }
+
+  document.addEventListener("change", ({ target }) => {
+    const name = target.dataset?.tool;
+    if (!name) return;
+    chosen[name] = target.value;
+    for (const select of document.querySelectorAll(`select[data-tool="${name}"]`)) select.value = target.value;
+  });
+  trame.state.addListener(({ type, keys }) => {
+    if (type === "dirty-state" && keys.includes("stylus")) queueMicrotask(update);
+  });
+  // The sections may come later than the value.
+  new MutationObserver(update).observe(document.body, { childList: true, subtree: true });
+}
