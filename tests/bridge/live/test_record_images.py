@@ -1,5 +1,6 @@
 """``marginguard record`` keeps images, and the case that it writes shows them again."""
 
+import json
 import signal
 import time
 from pathlib import Path
@@ -35,6 +36,44 @@ def recorded(start: Start, tmp_path: Path) -> Path:
     wait_for_images(case / "tracking")
     assert recorder.end(signal.SIGINT) == 130
     return case
+
+
+def test_depth_that_a_session_notes_is_that_of_the_replay(start: Start, tmp_path: Path) -> None:
+    """The line is the one that a session writes when an operator has chosen a depth."""
+    matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
+    calibrations = [
+        {"depth_mm": 40, "path": "image_to_probe.txt"},
+        {"depth_mm": 60, "matrix": matrix.ravel().tolist()},
+    ]
+    config = write_session(tmp_path / "session", calibrations=calibrations, depth_mm=40)
+    case = tmp_path / "case"
+    arguments = ("record", "-o", str(case), "--config", str(config), "--until-eof")
+    recorder = start("-m", "app.cli", *arguments)
+    start("-m", "benchmarks.images.sender")
+    recorder.line(lambda line: line == f"recording {TOPIC}\n")
+    chosen_ns = time.time_ns()
+    recorder.send(json.dumps({"image_depth": [60.0, chosen_ns]}))
+    recorder.line(lambda line: line == "depth of the images: 60 mm\n")
+    wait_for_images(case / "tracking")
+    assert recorder.process.stdin is not None
+    recorder.process.stdin.close()
+    recorder.extend_deadline()
+    assert recorder.process.wait() == 0
+    images = open_case_images(open_case(case))
+    assert isinstance(images, BagImages)
+    depths = {40.0: 0, 60.0: 0}
+    for number in range(len(images)):
+        sample = images.image(number)
+        assert sample.stamp is not None
+        found = images.at(sample.stamp.ns, "reference")
+        if found.pose.matrix is None:  # poses around the first and the last may be missing
+            continue
+        expected_mm = 60.0 if sample.stamp.ns > chosen_ns else 40.0
+        assert found.depth_mm == expected_mm
+        expected = matrix if expected_mm == 60.0 else PROBE_FROM_IMAGE
+        np.testing.assert_allclose(found.pose.matrix, expected, rtol=0, atol=0.5)
+        depths[expected_mm] += 1
+    assert depths[60.0] >= 5
 
 
 def test_recorded_images_are_shown_again(recorded: Path) -> None:
