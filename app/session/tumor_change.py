@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.fixture.meshes.face_measures import solid_of
 from app.fixture.surfaces.bvh import indexed_bvh
 from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import FloatArray, FrameError, SurfaceMesh, weld_vertices
@@ -76,11 +77,15 @@ def tumor_change(
         raise FrameError(
             f"tumours to compare: in {before.frame!r} and {after.frame!r}; expected one frame"
         )
-    volumes = (before.signed_volume_mm3, after.signed_volume_mm3)
+    solids = [
+        solid_of(each.vertices_mm, each.faces, each.vertices_mm.mean(axis=0))
+        for each in (before, after)
+    ]
+    volumes = (solids[0][0], solids[1][0])
     sizes = tuple(high - low for low, high in (before.bounds_mm, after.bounds_mm))
-    shift = _centroid_mm(after) - _centroid_mm(before)
-    solids = ((before, None), (after, inside_after))
-    smaller, larger = solids if volumes[0] < volumes[1] else solids[::-1]
+    shift = np.subtract(solids[1][1], solids[0][1])
+    tests = ((before, None), (after, inside_after))
+    smaller, larger = tests if volumes[0] < volumes[1] else tests[::-1]
     return TumorChange(
         volumes_mm3=volumes,
         sizes_mm=(sizes[0], sizes[1]),
@@ -117,15 +122,6 @@ def _spread_points(count: int) -> FloatArray:
     root = 1.2207440846057596  # of x^4 = x + 1
     steps = np.array([root**-1, root**-2, root**-3])
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
-
-
-def _centroid_mm(mesh: SurfaceMesh) -> FloatArray:
-    """Centroid (3,) of the enclosed volume."""
-    origin = mesh.vertices_mm.mean(axis=0)
-    first, second, third = np.moveaxis(mesh.triangles_mm - origin, 1, 0)
-    six_volumes = np.einsum("ij,ij->i", first, np.cross(second, third))
-    moments = six_volumes @ (first + second + third) / 4.0
-    return np.asarray(origin + moments / six_volumes.sum())
 
 
 def _size(size_mm: FloatArray) -> str:
