@@ -4,7 +4,7 @@ import { guide } from "./guided.js";
 import { chosenTool, toolChoice } from "./tool_choice.js";
 
 const TOOLS = `
-  ${toolChoice("calibrated", "Calibrate")}
+  <label class="tool-choice" hidden><span>Calibrate</span> ${toolChoice("calibrated")}</label>
   <div>
     <button id="calibration-pivot" type="button" title="Record poses while the tip rests in a divot">Start pivot</button>
     <button id="calibration-spin" type="button" title="Record poses while the tool rotates about its shaft">Start spin</button>

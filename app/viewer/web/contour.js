@@ -13,7 +13,7 @@ const TOOLS = `
     <button id="contour-erase" type="button" aria-pressed="false" title="Click on the image to erase the points around it">Erase</button>
     <label>within <input id="contour-radius" type="number" min="0.5" max="30" step="0.5" value="2"> mm</label>
   </div>
-  ${toolChoice("touch", "Touch with")}
+  <label class="tool-choice" hidden><span>Touch with</span> ${toolChoice("touch")}</label>
   <div>
     <button id="contour-tip" type="button" title="Add a point at the tip of the tool">Point at the tip</button>
     <button id="contour-undo" type="button">Undo</button>

@@ -4,7 +4,7 @@ import { guide } from "./guided.js";
 import { chosenTool, toolChoice } from "./tool_choice.js";
 
 const TOOLS = `
-  ${toolChoice("touch", "Touch with")}
+  <label class="tool-choice" hidden><span>Touch with</span> ${toolChoice("touch")}</label>
   <div>
     <button id="registration-start" type="button" title="Detect the points at which the tip rests; a stylus touches the tip of the robot">Register by touch</button>
     <button id="registration-stop" type="button">Stop</button>

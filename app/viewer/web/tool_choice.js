@@ -1,8 +1,8 @@
-// The choice of the tracked tool that is calibrated, or that points are touched with: a list for each use of
-// `markup`, hidden without a stylus. Lists of one `name` have the same choice on this page.
+// The choice of the tracked tool that is calibrated, or that points are touched with: a list in a label
+// of the class tool-choice, which is hidden without a stylus. Lists of one `name` have the same choice on this page.
 
-export function toolChoice(name, label) {
-  return `<label class="tool-choice" hidden>${label} <select data-tool="${name}"></select></label>`;
+export function toolChoice(name) {
+  return `<select data-tool="${name}"></select>`;
 }
 
 // The chosen tool; without a stylus that of the session.
