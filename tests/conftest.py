@@ -27,6 +27,7 @@ SLOW = {
         "tests/cli/test_record.py",
         "tests/cli/test_serve.py",
         "tests/cli/test_signals.py",
+        "tests/cli/test_standard_input.py",
         "tests/igtl/test_igtl_command.py",
         "tests/marginguard/test_constraints.py",
     ),

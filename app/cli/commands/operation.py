@@ -17,6 +17,7 @@ from queue import SimpleQueue
 from app.cli.options import folder_path
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
+from app.cli.standard_input import standard_input
 
 SUMMARY = "play a simulated operation with ultrasound, for a live session"
 
@@ -77,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _read_input(stop: threading.Event, lines: "SimpleQueue[str]") -> None:
     """Pass on the lines of standard input, until its end."""
-    while line := sys.stdin.readline(_MAX_LINE):
+    given = standard_input()
+    while line := given.readline(_MAX_LINE):
         if line.strip():
-            lines.put(line)
+            lines.put(line.decode(errors="replace"))
     stop.set()

@@ -19,8 +19,11 @@ from typing import TYPE_CHECKING, Any
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
+from app.cli.standard_input import standard_input
 
 if TYPE_CHECKING:
+    from io import BufferedReader
+
     from app.bridge import RosNode
     from app.bridge.live.depth_recorder import DepthRecorder
     from app.bridge.live.igtl_recorder import IgtlRecorder
@@ -94,9 +97,10 @@ def run(options: argparse.Namespace) -> int:
     with note_signals() as received:
         stop, notes = threading.Event(), SimpleQueue[dict[str, Any]]()
         received.stops(stop.set)
-        values = _session_values(options)
-        if options.until_eof:
-            threading.Thread(target=_read_input, args=(stop, notes), daemon=True).start()
+        given = standard_input() if options.until_eof else None
+        values = _session_values(options, given)
+        if given is not None:
+            threading.Thread(target=_read_input, args=(given, stop, notes), daemon=True).start()
         topics, live = _topics_and_case(options)
         load_bridge("which 'record' needs")
         print_reach()
@@ -125,21 +129,25 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
-def _session_values(options: argparse.Namespace) -> "SessionValues | None":
+def _session_values(
+    options: argparse.Namespace, given: "BufferedReader | None"
+) -> "SessionValues | None":
     """Those that begin standard input, None without ``--session-values``."""
     if not options.session_values:
         return None
     from app.case import received_values
     from app.geometry import InputError
 
-    if not options.until_eof or options.config is None:
+    if given is None or options.config is None:
         raise InputError("--session-values: expected --until-eof and --config with it")
-    return received_values(sys.stdin.buffer)
+    return received_values(given)
 
 
-def _read_input(stop: threading.Event, notes: "SimpleQueue[dict[str, Any]]") -> None:
+def _read_input(
+    given: "BufferedReader", stop: threading.Event, notes: "SimpleQueue[dict[str, Any]]"
+) -> None:
     """Pass on each line of standard input that is an object, until its end."""
-    while line := sys.stdin.buffer.readline(_MAX_INPUT_BYTES):
+    while line := given.readline(_MAX_INPUT_BYTES):
         try:
             values = json.loads(line)
         except ValueError:
