@@ -15,6 +15,7 @@ from types import SimpleNamespace
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
 import slicer
+from PySide6.QtCore import QRect
 
 from app.scene import SceneApplication
 from tests.shipped_case import DEEP, middle_s
@@ -22,7 +23,7 @@ from tests.slicer_module import qt_double, slicer_double
 from tests.slicer_module.marginguard_module import CASE, FOLDER
 
 BREACH_S = middle_s(DEEP)
-SIZE, TOUCH_SIZE = (430, 1480), (430, 760)
+SIZE, TOUCH_SIZE = (490, 1641), (490, 1260)
 DWELLS_END_S = 19.0
 SECTIONS = ("connect", "tumor", "navigation", "breaches", "notes", "replay")
 
@@ -57,7 +58,7 @@ def main(path: str, touch_path: str) -> None:
     def save(target: str, size: tuple[int, int]) -> None:
         widget.parent.resize(*size)
         gui.processEvents()
-        widget.parent.grab().save(target)
+        widget.parent.grab(QRect(0, 0, *size)).save(target)
 
     save(path, SIZE)
     logic = widget.logic.panel_logic

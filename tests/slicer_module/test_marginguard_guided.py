@@ -187,7 +187,8 @@ def test_widgets_show_coverage_and_points(panel, monkeypatch):
     covered = Coverage(np.array([[20.0, 20.0]]), (True, *(False,) * 7), 0.5)
     rows = (("1", "0.21", "0.34"), ("2", "0.30", ""))
     calibration = GuidedShown("pivot: recording", covered, can_start=True, is_recording=True)
-    section.show(calibration, GuidedShown("2 points", rows=rows, can_start=True, can_restore=True))
+    touched = GuidedShown("2 points", rows=rows, can_start=True, can_restore=True)
+    section.show(calibration, touched, "")
     image = ui.coverageLabel.pixmap().toImage()
     sector = image.pixelColor(140, 60)  # right of the middle, a little above: the first sector
     other = image.pixelColor(140, 90)
@@ -198,7 +199,7 @@ def test_widgets_show_coverage_and_points(panel, monkeypatch):
     assert cells == [list(row) for row in rows]
     assert ui.stopCalibrationButton.isEnabled() and not ui.useCalibrationButton.isEnabled()
     assert ui.restorePointButton.isEnabled() and ui.removePointButton.isEnabled()
-    section.show(GuidedShown(), GuidedShown())
+    section.show(GuidedShown(), GuidedShown(), "")
     assert ui.coverageLabel.pixmap().isNull()
     assert table.rowCount() == 0
     assert not ui.startPivotButton.isEnabled()
@@ -208,7 +209,8 @@ def test_point_of_the_selected_row_is_removed(panel, application):
     from MarginGuardLib.guided import GuidedShown
     from tests.slicer_module.test_marginguard_panel import CommandsDouble
 
-    panel._sections._guided.show(GuidedShown(), GuidedShown(rows=(("1", "", ""), ("2", "", ""))))
+    rows = (("1", "", ""), ("2", "", ""))
+    panel._sections._guided.show(GuidedShown(), GuidedShown(rows=rows), "")
     commands = CommandsDouble(panel.logic.panel_logic)
     panel.logic.panel_logic = commands
     panel.ui.touchTableWidget.selectRow(1)

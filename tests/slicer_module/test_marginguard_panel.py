@@ -9,7 +9,7 @@ import pytest
 import slicer
 
 from app.fixture import MarginState
-from app.runtime import CalibrationKind
+from app.runtime import CalibrationKind, TrackedTool
 from app.scene import Preset
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.marginguard_module import (
@@ -158,13 +158,13 @@ def pressed(panel):
 EXPECTED_CALLS = {
     "connectButton": [("connect", Path("live.yaml"))],
     "disconnectButton": [("disconnect",)],
-    "startPivotButton": [("calibration.start", CalibrationKind.PIVOT)],
-    "startSpinButton": [("calibration.start", CalibrationKind.SPIN)],
+    "startPivotButton": [("calibration.start", CalibrationKind.PIVOT, TrackedTool.CAUTERY)],
+    "startSpinButton": [("calibration.start", CalibrationKind.SPIN, TrackedTool.CAUTERY)],
     "stopCalibrationButton": [("calibration.stop",)],
     "discardCalibrationButton": [("calibration.discard",)],
     "useCalibrationButton": [("calibration.use",)],
     "undoCalibrationButton": [("calibration.undo",)],
-    "startTouchButton": [("touch.start",)],
+    "startTouchButton": [("touch.start", TrackedTool.CAUTERY)],
     "stopTouchButton": [("touch.stop",)],
     "discardTouchButton": [("touch.discard",)],
     "removePointButton": [("touch.remove", -1)],
@@ -175,7 +175,7 @@ EXPECTED_CALLS = {
     "acceptButton": [("accept_registration",)],
     "setTumorButton": [("set_tumor", None, "Tumor")],
     "placePointsButton": [("contour.place",)],
-    "tipPointButton": [("contour.add_tip",)],
+    "tipPointButton": [("contour.add_tip", TrackedTool.CAUTERY)],
     "undoPointButton": [("contour.undo",)],
     "eraseAtTipButton": [("contour.erase_at_tip", 2.0)],
     "deletePointsButton": [("contour.delete_all",)],
@@ -227,6 +227,14 @@ def test_button_calls_its_command(panel, pressed, name):
     assert pressed(name) == EXPECTED_CALLS[name]
 
 
+def test_chosen_tool_is_calibrated_and_touches_the_points(panel, pressed):
+    for name in ("calibratedToolComboBox", "touchToolComboBox", "tipToolComboBox"):
+        getattr(panel.ui, name).setCurrentIndex(1)
+    for button in ("startPivotButton", "startSpinButton", "startTouchButton", "tipPointButton"):
+        (call,) = pressed(button)
+        assert call == (*EXPECTED_CALLS[button][0][:-1], TrackedTool.STYLUS)
+
+
 def test_recording_is_ended_after_a_question_only(panel, pressed, confirmed, monkeypatch):
     assert pressed("stopRecordingButton") == [("stop_recording",)]
     assert confirmed == ["End the recording of this session?"]
@@ -237,15 +245,15 @@ def test_recording_is_ended_after_a_question_only(panel, pressed, confirmed, mon
 @pytest.mark.parametrize(
     ("name", "question"),
     [
-        ("useCalibrationButton", "Use this calibration of the tool?"),
-        ("undoCalibrationButton", "Use the tip from before?"),
-        ("useTouchButton", "Use this registration of the robot?"),
-        ("undoRegistrationButton", "Use the registration from before?"),
+        ("useCalibrationButton", "Use this calibration? After that of the cautery the"),
+        ("undoCalibrationButton", "Use the tip from before? After that of the cautery the"),
+        ("useTouchButton", "Use this registration of the robot? The"),
+        ("undoRegistrationButton", "Use the registration from before? The"),
     ],
 )
 def test_result_is_used_after_a_question_only(pressed, confirmed, monkeypatch, name, question):
     assert pressed(name) == EXPECTED_CALLS[name]
-    assert confirmed == [f"{question} The robot is held until an operator re-arms."]
+    assert confirmed == [f"{question} robot is held until an operator re-arms."]
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
     assert pressed(name) == []
 
