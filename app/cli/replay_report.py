@@ -3,7 +3,7 @@
 import argparse
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -17,13 +17,15 @@ if TYPE_CHECKING:
     from app.report import ReplayLog, ReplayRecord
     from app.runtime import ReplayRun
 
-_PDF_MODULES = ("app.report.margin_plot", "app.report.pdf")
+_PLOT_MODULES = ("app.report.margin_plot",)
+_PDF_MODULES = (*_PLOT_MODULES, "app.report.pdf")
 
 
 class ReplayReport:
     """The files of ``--report``, ``--pdf`` and ``--all`` of one replay; a context around it.
 
-    The process that draws plots and PDF starts with the context and loads matplotlib meanwhile.
+    The process that draws plots and PDF starts with the context for ``--all`` and ``--pdf``, and
+    loads matplotlib meanwhile; for a plot alone after the replay, which it would slow down.
     """
 
     def __init__(self, options: argparse.Namespace, watch: Stopwatch) -> None:
@@ -31,11 +33,15 @@ class ReplayReport:
 
         self._options = options
         self._watch = watch
-        self._process = ReportProcess(MODULES if options.all else _PDF_MODULES)
+        self._has_pdf = options.all or options.pdf is not None
+        modules = _PDF_MODULES if self._has_pdf else _PLOT_MODULES
+        self._process = ReportProcess(MODULES if options.all else modules)
+        self._contexts = ExitStack()
         self._complete: CompleteReport | None = None
 
     def __enter__(self) -> Self:
-        self._process.__enter__()
+        if self._has_pdf:
+            self._contexts.enter_context(self._process)
         return self
 
     def __exit__(
@@ -44,7 +50,7 @@ class ReplayReport:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._process.__exit__(kind, error, traceback)
+        self._contexts.close()
 
     @contextmanager
     def with_all(self, run: "ReplayRun", bag: "BagProcess") -> Iterator[None]:
@@ -67,19 +73,23 @@ class ReplayReport:
     ) -> dict[str, Any]:
         """Write all files and return the summary; ``draw`` waits for the picture."""
         from app import __version__
-        from app.analysis import case_insertion
         from app.files import write_file
         from app.report import analysed_replay, summarise, write_report
         from app.report.methods import input_digests
 
         options, watch, content = self._options, self._watch, run.prepared.content
         picture = _Once(draw)
+        if not self._has_pdf:
+            self._contexts.enter_context(self._process)
         plot = None if options.report is None else self._process.begin_margin_plot(record)
-        insertion = case_insertion(log.samples(), content.tumor) if log.rows else None
         summary = summarise(record)
-        digests = input_digests(run.prepared.case)
-        pdf = None
-        if options.pdf is not None or self._complete is not None:
+        insertion, pdf = None, None
+        if self._has_pdf:
+            from app.analysis import case_insertion
+
+            if log.rows:
+                insertion = case_insertion(log.samples(), content.tumor)
+            digests = input_digests(run.prepared.case)
             pdf = self._process.begin(
                 pdf_of, lambda: (record, summary, picture(), digests, insertion)
             )

@@ -17,9 +17,6 @@ from app.runtime import ComputeProcess
 
 _Value = TypeVar("_Value")
 
-PLOT_MODULES = ("app.report.margin_plot",)
-"""What `draw_margin_plot` loads."""
-
 
 class ReportPart(Generic[_Value]):
     """A part that is being made: `wait` returns it, ``processor_s`` is then the time it took."""
@@ -49,7 +46,7 @@ class ReportProcess:
     matplotlib takes longer to load than a plot to draw. It ends with the context.
     """
 
-    def __init__(self, modules: Sequence[str] = PLOT_MODULES) -> None:
+    def __init__(self, modules: Sequence[str]) -> None:
         self._modules = tuple(modules)
 
     def __enter__(self) -> Self:

@@ -14,7 +14,7 @@ Record = Callable[..., ReplayRecord]
 
 def test_plot_of_the_process_has_the_same_bytes(record_of: Record) -> None:
     record = record_of([6.0, 3.0, -1.0])
-    with ReportProcess() as process:
+    with ReportProcess(()) as process:
         plot = process.begin_margin_plot(record)
         drawn = plot.wait()
     assert drawn == draw_margin_plot(record.rows, record.margins, record.case)
@@ -40,5 +40,5 @@ def test_part_is_made_here_after_the_process_was_killed() -> None:
 
 
 def test_replay_without_frames_raises(record_of: Record) -> None:
-    with ReportProcess() as process, pytest.raises(ReportError, match="0 frames"):
+    with ReportProcess(()) as process, pytest.raises(ReportError, match="0 frames"):
         process.begin_margin_plot(record_of([]))
