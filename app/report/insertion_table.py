@@ -11,8 +11,8 @@ def insertion_rows(found: "Insertion") -> list[tuple[str, str]]:
     rows = [
         ("from the first to the last known tip", f"{found.elapsed_s:.3f} s"),
         ("path of the tip", f"{found.path_mm:.1f} mm"),
-        ("time in the tumour", f"{found.tissue_s:.3f} s"),
-        ("path in the tumour", f"{found.tissue_path_mm:.1f} mm"),
+        ("time with the tip in the tumour", f"{found.tissue_s:.3f} s"),
+        ("path of the tip in the tumour", f"{found.tissue_path_mm:.1f} mm"),
     ]
     if found.tissue_damage_mm2 is not None:
         rows.append(

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 import marginguard as mg
-from app.analysis import analyse_case, insertion_metrics
-from app.geometry import InputError
+from app.analysis import CaseSamples, analyse_case, case_insertion, insertion_metrics
+from app.geometry import InputError, SurfaceMesh
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
 
 
@@ -88,21 +89,71 @@ def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(project_root:
     assert found == pytest.approx(area, rel=0.01)
 
 
+def block() -> SurfaceMesh:
+    """20 x 20 x 20 mm around the origin."""
+    made = trimesh.creation.box((20.0, 20.0, 20.0))
+    return SurfaceMesh("tissue", made.vertices, made.faces)
+
+
 def test_a_step_counts_by_its_end():
     times = np.array([0.0, 1.0, 3.0, 6.0])
-    tips = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [7.0, 0.0, 0.0]])
-    found = insertion_metrics(times, tips, np.array([-1.0, 1.0, -1.0, 1.0]))
-    assert (found.elapsed_s, found.path_mm) == (6.0, 7.0)
+    tips = np.array([[0.0, 0.0, 0.0], [11.0, 0.0, 0.0], [9.0, 0.0, 0.0], [13.0, 0.0, 0.0]])
+    found = insertion_metrics(times, tips, block())
+    assert (found.elapsed_s, found.path_mm) == (6.0, 17.0)
     assert (found.tissue_s, found.tissue_path_mm) == (2.0, 2.0)
+
+
+def test_a_step_through_the_tissue_with_both_ends_outside_does_not_count():
+    times, tips = np.array([0.0, 1.0]), np.array([[-40.0, 0.0, 0.0], [40.0, 0.0, 0.0]])
+    found = insertion_metrics(times, tips, block())
+    assert (found.path_mm, found.tissue_s, found.tissue_path_mm) == (80.0, 0.0, 0.0)
+
+
+def test_each_part_and_each_hollow_of_the_tissue_decide():
+    """Two balls, one of them with a hollow."""
+    ball, hollow = trimesh.creation.icosphere(4, 10.0), trimesh.creation.icosphere(3, 4.0)
+    hollow.invert()
+    other = trimesh.creation.icosphere(4, 10.0).apply_translation((30.0, 0.0, 0.0))
+    made = trimesh.util.concatenate([ball, hollow, other])
+    x = np.linspace(-15.0, 45.0, 601)
+    times = 0.01 * np.arange(601)
+    tips = np.stack([x, np.full(601, 0.03), np.full(601, 0.02)], axis=1)
+    found = insertion_metrics(times, tips, SurfaceMesh("tissue", made.vertices, made.faces))
+    assert found.tissue_path_mm == pytest.approx(20.0 - 8.0 + 20.0, abs=0.3)
+    assert found.tissue_s == pytest.approx(0.1 * found.tissue_path_mm, rel=1e-9)
+
+
+def test_the_tip_decides_whatever_the_rest_of_the_tool_does():
+    """The shaft stays in the tissue while the tip has left it on the other side."""
+    made = trimesh.creation.box((20.0, 20.0, 20.0))
+    tissue = SurfaceMesh("tumor", made.vertices, made.faces)
+    z = np.linspace(-30.0, 30.0, 121)
+    distances = np.where(z + 10.0 > 0.0, -1.0, 1.0)
+    samples = CaseSamples.from_rows(
+        [
+            (
+                round(1e7 * k),
+                0,
+                False,
+                (d, 1.0, 0.0, 0.0, float(z[k]), *np.eye(3).ravel(), *[0.0] * 9),
+            )
+            for k, d in enumerate(distances.tolist())
+        ]
+    )
+    found = case_insertion(samples, tissue)
+    assert found.tissue_path_mm == pytest.approx(20.0, abs=0.51)
+    assert found.tissue_s == pytest.approx(0.4, abs=0.011)
 
 
 def test_unknown_frames_are_left_out():
     times = np.array([0.0, 1.0, 2.0])
-    tips = np.array([[0.0, 0.0, 0.0], [np.nan] * 3, [2.0, 0.0, 0.0]])
-    found = insertion_metrics(times, tips, np.array([1.0, np.nan, -1.0]))
-    assert (found.elapsed_s, found.path_mm, found.tissue_s) == (2.0, 2.0, 2.0)
+    tips = np.array([[20.0, 0.0, 0.0], [np.nan] * 3, [2.0, 0.0, 0.0]])
+    found = insertion_metrics(times, tips, block())
+    assert (found.elapsed_s, found.path_mm, found.tissue_s) == (2.0, 18.0, 2.0)
 
 
 def test_other_shapes_are_refused():
     with pytest.raises(InputError, match="expected"):
-        insertion_metrics(np.zeros(2), np.zeros((3, 3)), np.zeros(2))
+        insertion_metrics(np.zeros(2), np.zeros((3, 3)), block())
+    with pytest.raises(InputError, match="expected"):
+        insertion_metrics(np.arange(3.0), np.zeros((3, 3)), block(), rotations=np.zeros((2, 3, 3)))
