@@ -48,6 +48,7 @@ class Case:
     _notes: list[str] = field(default_factory=list)
     _meshes: dict[str, SurfaceMesh] = field(default_factory=dict)
     _mesh_notes: list[str] = field(default_factory=list)
+    _frames: tuple[TrackingFrame, ...] | None = None
 
     @property
     def has_joints(self) -> bool:
@@ -68,6 +69,8 @@ class Case:
         path = self.recording_path
         if path is None:
             raise InputError(f"{self.manifest.file}: a live case has no recording to read")
+        if self._frames is not None:
+            return iter(self._frames)
         robot, clock = self.manifest.robot, self.manifest.clock
         if self.has_joints and clock.estimate:
             raise InputError(
@@ -108,7 +111,15 @@ class Case:
         return None if recording is None else recording.rate_hz
 
     def with_joint_offset(self, offset_ns: int) -> "Case":
-        """A copy of the case with a known clock offset: tracker = robot + ``offset_ns``."""
+        """A copy of the case with a known clock offset: tracker = robot + ``offset_ns``.
+
+        Raises `InputError` for a case that was opened with its frames.
+        """
+        if self._frames is not None:
+            raise InputError(
+                f"{self.manifest.file}: opened with frames, whose joints have the tracker's clock; "
+                "expected a recording to read"
+            )
         clock = ClockEntry(offset_ns, estimate=False)
         return replace(self, manifest=replace(self.manifest, clock=clock), _notes=[])
 
@@ -283,10 +294,17 @@ def _is_xacro(urdf: str) -> bool:
     return urdf.lower().endswith(".xacro")
 
 
-def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
+def open_case(
+    folder: Path,
+    *,
+    package_dirs: Sequence[Path] = (),
+    frames: tuple[TrackingFrame, ...] | None = None,
+) -> Case:
     """Open the case in ``folder`` and check it: manifest, names, files, SHA-256, recording.
 
-    Raises `InputError` for the first fault. Meshes are read on first use.
+    ``frames`` are those of a recording that was not written, joint stamps on the tracker's clock:
+    no file is read or checked for it. Raises `InputError` for the first fault. Meshes are read on
+    first use.
     """
     if not is_folder(folder):
         problem = (
@@ -295,18 +313,28 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
         raise InputError(f"{folder} is not a case: {problem}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()
-    recording = resolve_inside(folder, entry.path, "case.yaml: recording.path")
-    case = Case(folder, manifest, recording, tuple(package_dirs)).with_own_packages()
-    recording_format = _check_recording(recording, entry.sha256)
+    where = "case.yaml: recording.path"
+    recording = (
+        folder / entry.path if frames is not None else resolve_inside(folder, entry.path, where)
+    )
+    case = Case(folder, manifest, recording, tuple(package_dirs), _frames=frames)
+    case = case.with_own_packages()
+    recording_format = None if frames is not None else _check_recording(recording, entry.sha256)
     case.check_files()
+    if recording_format is not None:
+        _check_topics(case, recording, recording_format)
+    case.expected()
+    return case
+
+
+def _check_topics(case: Case, recording: Path, recording_format: RecordingFormat) -> None:
+    """Raise `InputError` for topics in the manifest that the format cannot hold."""
     if case.has_joints and not recording_format.has_joints:
         raise InputError(
             f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"
         )
-    if manifest.cautery is not None and recording_format.messages is None:
+    if case.manifest.cautery is not None and recording_format.messages is None:
         raise InputError(f"case.yaml: cautery is given: {recording.name} cannot hold topics")
-    case.expected()
-    return case
 
 
 def _check_recording(path: Path, sha256: str | None) -> RecordingFormat:

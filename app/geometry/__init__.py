@@ -35,6 +35,7 @@ from app.geometry.image import MAX_IMAGE_SIDE, PIXEL_TYPES, ImageSample, ImageSt
 from app.geometry.image_calibration import ImageCalibration, image_corners
 from app.geometry.mesh import SurfaceMesh
 from app.geometry.plain_number import is_plain_number
+from app.geometry.quaternion_arrays import quaternions_of_rotations, rotations_of_quaternions
 from app.geometry.slots import slot_setters
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
@@ -47,7 +48,6 @@ from app.geometry.transform import (
     quaternion_of_rotation,
     rotation_angle,
     rotation_of_quaternion,
-    rotations_of_quaternions,
 )
 from app.geometry.welding import weld_vertices
 
@@ -89,6 +89,7 @@ __all__ = [
     "join_transform_name",
     "mean_transform",
     "quaternion_of_rotation",
+    "quaternions_of_rotations",
     "rotation_angle",
     "rotation_of_quaternion",
     "rotations_of_quaternions",

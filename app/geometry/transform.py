@@ -272,25 +272,6 @@ def rotation_of_quaternion(
     return np.ndarray((3, 3), np.float64, numbers)
 
 
-def rotations_of_quaternions(quaternions: FloatArray) -> FloatArray:
-    """Return rotations (n, 3, 3) of unit quaternions (n, 4), xyzw, by the Euler-Rodrigues formula.
-
-    The same operations as in `rotation_of_quaternion`, on arrays; norms are not checked.
-    """
-    x, y, z, w = quaternions.T
-    found = np.empty((len(quaternions), 3, 3))
-    found[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    found[:, 0, 1] = 2.0 * (x * y - z * w)
-    found[:, 0, 2] = 2.0 * (x * z + y * w)
-    found[:, 1, 0] = 2.0 * (x * y + z * w)
-    found[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    found[:, 1, 2] = 2.0 * (y * z - x * w)
-    found[:, 2, 0] = 2.0 * (x * z - y * w)
-    found[:, 2, 1] = 2.0 * (y * z + x * w)
-    found[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return found
-
-
 def quaternion_of_rotation(rotation: FloatArray) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) with w >= 0 of a rotation (3, 3).
 

@@ -10,6 +10,7 @@ from app.case import (
     Case,
     LiveCase,
     Playback,
+    TrackingFrame,
     image_depths,
     open_case,
     open_live,
@@ -112,13 +113,15 @@ def prepare_case(
     package_dirs: Sequence[Path] = (),
     tip_only: bool = False,
     on_stage: OnStage = lambda stage: None,
+    frames: tuple[TrackingFrame, ...] | None = None,
 ) -> PreparedCase:
     """Open the case in ``folder``, repair its tumour, estimate its clock, register its robot.
 
-    Takes seconds. Raises `InputError` for a case that cannot be used, and `FrameError` for a
-    recording in which nothing connects the tool with the tumour.
+    ``frames`` are those of a recording that was not written (`open_case`). Takes seconds. Raises
+    `InputError` for a case that cannot be used, and `FrameError` for a recording in which nothing
+    connects the tool with the tumour.
     """
-    case, clock = _open(folder, package_dirs)
+    case, clock = _open(folder, package_dirs, frames)
     on_stage("open the case")
     setup = setup_from_case(case, tip_only=tip_only)
     content = content_of(case, setup, tip_only=tip_only)
@@ -189,7 +192,9 @@ def prepare_live(
     return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))
 
 
-def _open(folder: Path, package_dirs: Sequence[Path]) -> "tuple[Case, TimeOffset | None]":
+def _open(
+    folder: Path, package_dirs: Sequence[Path], frames: tuple[TrackingFrame, ...] | None = None
+) -> "tuple[Case, TimeOffset | None]":
     """Open the case, repair its tumour and estimate the offset of its joints' clock."""
-    opened = open_case(folder, package_dirs=package_dirs)
+    opened = open_case(folder, package_dirs=package_dirs, frames=frames)
     return with_estimated_clock(with_repaired_meshes(opened))

@@ -12,7 +12,7 @@ from app.synthetic.tracker import Jitter
 from app.synthetic.tracker_model import TrackerModel
 from app.synthetic.truth import TrueBreach, find_breaches
 from app.synthetic.tumour import TUMOR_FRAME, Tumour
-from app.synthetic.writing import simulate_case
+from app.synthetic.writing import simulate_case, simulate_unrecorded_case
 
 __all__ = [
     "BASE_FRAME",
@@ -33,4 +33,5 @@ __all__ = [
     "find_breaches",
     "simulate",
     "simulate_case",
+    "simulate_unrecorded_case",
 ]

@@ -1,6 +1,7 @@
 """Writes a simulated case: recording, meshes, manifest, ground truth, README."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from app.case.manifest.expected import (
     write_expected,
 )
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
+from app.case.recorder.frames_as_read import frames_as_read
 from app.case.recorder.recorder import Recorder
 from app.files.atomic_io import new_folder
 from app.files.paths import sha256_of
@@ -35,6 +37,7 @@ from app.synthetic.truth import TrueBreach, find_breaches
 
 TOUCH_URDF = "package://marginguard/robots/touch/touch.urdf"
 TOUCH_TOOL_LINK = "stylus"
+RECORDING = "tracking.mcap"
 MARGINS = {"stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50.0}
 
 
@@ -58,66 +61,96 @@ def simulate_case(
     after an error. ``on_frame(done, total)`` is called for each simulated frame, with the periods
     of the tracker so far and in all.
     """
-    options = CaseOptions() if options is None else options
     with new_folder(folder, may_be_empty=True) as partial:
-        simulation = simulate(
-            arm,
-            np.random.default_rng([seed, 0]),
-            options,
-            contour_random=np.random.default_rng([seed, 2]),
-        )
-        case = SimulatedCase(simulation, options, seed, urdf, tool_link)
-        write_stl(partial / "tumor.stl", simulation.contour.mesh())
-        write_stl(partial / "cautery.stl", cautery_mesh())
-        recording = partial / "tracking.mcap"
-        recorded, frames = _record(recording, case, len(arm.joint_names), on_frame)
-        breaches = find_breaches(
-            simulation.clearance, simulation.tumor_from_tip, simulation.duration_s
-        )
-        expected = _expected(case, recorded, breaches, frames)
-        write_expected(partial / "expected.yaml", expected)
-        (partial / "case.yaml").write_text(
-            yaml.safe_dump(
-                _manifest(case, sha256_of(recording)),
-                sort_keys=False,
-                default_flow_style=None,
-                width=100,
-            ),
-            encoding="utf-8",
-        )
-        (partial / "README.md").write_text(
-            case_readme(case, breaches, recorded, command), encoding="utf-8"
-        )
+        made = _made(seed, arm, options, urdf, tool_link)
+        recording = partial / RECORDING
+        with Recorder(recording, robot_to_tracker_offset_ns=made.case.offset_ns) as recorder:
+            count = _replayed(made, recorder.write, on_frame)
+        _write(partial, made, count, sha256_of(recording), command)
 
 
-def _record(
-    path: Path, case: SimulatedCase, joints: int, on_frame: Callable[[int, int], None]
-) -> tuple[Recording, int]:
-    """Write the recording; returns it and the number of frames of a replay."""
-    seed, options = case.seed, case.options
-    total = round(case.simulation.duration_s * options.tracker.rate_hz) + 1
-    recorded = Recording(
-        case.simulation,
-        SimulatedTracker(options.tracker, [seed, 1]),
-        encoders=Encoders(options.errors, joints, np.random.default_rng([seed, 3])),
-        offset_ns=case.offset_ns,
+def simulate_unrecorded_case(
+    folder: Path, *, seed: int, arm: ArmKinematics, options: CaseOptions | None = None
+) -> tuple[TrackingFrame, ...]:
+    """Write the case of `simulate_case` without its recording; returns the recording's frames.
+
+    They are those that are read of the recording, for `open_case` and `prepare_case`. The manifest
+    has no SHA-256 of it.
+    """
+    frames: list[TrackingFrame] = []
+    with new_folder(folder, may_be_empty=True) as partial:
+        made = _made(seed, arm, options, TOUCH_URDF, TOUCH_TOOL_LINK)
+        count = _replayed(made, frames.append, lambda done, total: None)
+        _write(partial, made, count, None, None)
+    return frames_as_read(frames, robot_to_tracker_offset_ns=made.case.offset_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """A simulated case and what is recorded of it."""
+
+    case: SimulatedCase
+    recorded: Recording
+
+
+def _made(
+    seed: int, arm: ArmKinematics, options: CaseOptions | None, urdf: str, tool_link: str
+) -> _Made:
+    options = CaseOptions() if options is None else options
+    simulation = simulate(
+        arm,
+        np.random.default_rng([seed, 0]),
+        options,
+        contour_random=np.random.default_rng([seed, 2]),
     )
-    with Recorder(path, robot_to_tracker_offset_ns=case.offset_ns) as recorder:
-
-        def written() -> Iterator[TrackingFrame]:
-            for frame in recorded.frames():
-                recorder.write(frame)
-                done = (frame.stamp.ns - FIRST_STAMP_NS) * options.tracker.rate_hz / NS_PER_S
-                on_frame(min(round(done) + 1, total), total)
-                yield frame
-
-        stale_after_ns = options.stale_after_ms * NS_PER_MS
-        count = sum(1 for _ in with_watchdog(written(), stale_after_ns))
-    return recorded, count
+    case = SimulatedCase(simulation, options, seed, urdf, tool_link)
+    encoders = Encoders(options.errors, len(arm.joint_names), np.random.default_rng([seed, 3]))
+    tracker = SimulatedTracker(options.tracker, [seed, 1])
+    recorded = Recording(simulation, tracker, encoders=encoders, offset_ns=case.offset_ns)
+    return _Made(case, recorded)
 
 
-def _manifest(case: SimulatedCase, sha256: str) -> dict[str, Any]:
+def _write(folder: Path, made: _Made, frames: int, sha256: str | None, command: str | None) -> None:
+    """Write all files but the recording, which has been made; ``frames``: of a replay."""
+    case, recorded = made.case, made.recorded
+    simulation = case.simulation
+    write_stl(folder / "tumor.stl", simulation.contour.mesh())
+    write_stl(folder / "cautery.stl", cautery_mesh())
+    breaches = find_breaches(simulation.clearance, simulation.tumor_from_tip, simulation.duration_s)
+    write_expected(folder / "expected.yaml", _expected(case, recorded, breaches, frames))
+    (folder / "case.yaml").write_text(
+        yaml.safe_dump(
+            _manifest(case, sha256), sort_keys=False, default_flow_style=None, width=100
+        ),
+        encoding="utf-8",
+    )
+    (folder / "README.md").write_text(
+        case_readme(case, breaches, recorded, command), encoding="utf-8"
+    )
+
+
+def _replayed(
+    made: _Made,
+    write: Callable[[TrackingFrame], object],
+    on_frame: Callable[[int, int], None],
+) -> int:
+    """Make the frames, call ``write`` with each, and return the number of frames of a replay."""
+    simulation, options = made.case.simulation, made.case.options
+    total = round(simulation.duration_s * options.tracker.rate_hz) + 1
+
+    def written() -> Iterator[TrackingFrame]:
+        for frame in made.recorded.frames():
+            write(frame)
+            done = (frame.stamp.ns - FIRST_STAMP_NS) * options.tracker.rate_hz / NS_PER_S
+            on_frame(min(round(done) + 1, total), total)
+            yield frame
+
+    return sum(1 for _ in with_watchdog(written(), options.stale_after_ms * NS_PER_MS))
+
+
+def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
     simulation, calibrated = case.simulation, case.calibrations()
+    recording = {"path": RECORDING} if sha256 is None else {"path": RECORDING, "sha256": sha256}
     return {
         "schema": 1,
         "name": f"simulated lumpectomy {case.seed}",
@@ -126,7 +159,7 @@ def _manifest(case: SimulatedCase, sha256: str) -> dict[str, Any]:
             "source": f"app.synthetic of this project, seed {case.seed}; no patient, no phantom",
             "licence": LICENCE,
         },
-        "recording": {"path": "tracking.mcap", "sha256": sha256},
+        "recording": recording,
         "clock": {"offset_robot_to_tracker_ms": case.offset_ns / NS_PER_MS},
         "tool": {
             "frame": "cautery",

@@ -3,7 +3,9 @@ import pytest
 
 from app.case import open_case
 from app.geometry import InputError, MarginGuardError
-from app.synthetic import simulate_case
+from app.synthetic import simulate_case, simulate_unrecorded_case
+from app.synthetic.case_options import CaseOptions
+from app.synthetic.presets import PRESETS
 from app.synthetic.simulation import CAUTERY_FROM_TIP, NEEDLE_FROM_TUMOR
 
 FILES = {"case.yaml", "tracking.mcap", "tumor.stl", "cautery.stl", "expected.yaml", "README.md"}
@@ -43,6 +45,36 @@ def test_the_reader_reads_what_was_simulated(case):
     tumor = case.tumor_mesh().require_closed("tumor.stl")
     assert len(tumor.faces) >= 20_000
     case.tool_mesh().require_closed("cautery.stl")
+
+
+@pytest.mark.parametrize("tracker", PRESETS)
+def test_frames_of_an_unrecorded_case_are_those_that_are_read_of_its_recording(
+    tracker, tmp_path, gantry
+):
+    options = CaseOptions.of_tracker(tracker).with_values({"duration_s": 50.0})
+    simulate_case(tmp_path / "written", seed=2, arm=gantry, options=options)
+    frames = simulate_unrecorded_case(tmp_path / "kept", seed=2, arm=gantry, options=options)
+    assert {path.name for path in (tmp_path / "kept").iterdir()} == FILES - {"tracking.mcap"}
+    read, kept = open_case(tmp_path / "written"), open_case(tmp_path / "kept", frames=frames)
+    assert list(map(content, kept.recorded_frames())) == list(map(content, read.recorded_frames()))
+    assert sum(sample.transform is None for frame in frames for sample in frame.poses) > 10
+    for name in FILES - {"tracking.mcap", "case.yaml"}:
+        same = (tmp_path / "kept" / name).read_bytes() == (tmp_path / "written" / name).read_bytes()
+        assert same, name
+    with pytest.raises(InputError, match="opened with frames"):
+        kept.with_joint_offset(0)
+
+
+def content(frame):
+    """All of a frame, its numbers as bytes."""
+    poses = [
+        (each.target, each.source, each.stamp, each.status)
+        if each.transform is None
+        else (each.target, each.source, each.stamp, each.transform.matrix.tobytes())
+        for each in frame.poses
+    ]
+    joints = [(each.names, each.positions, each.stamp) for each in frame.joints]
+    return frame.stamp, poses, joints, frame.unfiltered_stamp, frame.cautery
 
 
 def test_every_frame_can_be_read_back(case):

@@ -97,20 +97,34 @@ def joint_samples(
     ]
 
 
+def pose_arrays(
+    translations_m: FloatArray, quaternions: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Translations (n, 3) in mm and rotations (n, 3, 3), read-only, and which of them are poses.
+
+    Of the numbers in messages: translations (n, 3) in m, quaternions (n, 4) as xyzw. Those that are
+    not finite or not rigid are no pose.
+    """
+    with np.errstate(all="ignore"):  # numbers that are not finite are left out
+        translations_mm: FloatArray = MM_PER_M * translations_m
+        norms = np.array(list(map(math.hypot, *quaternions.T.tolist())))
+        rotations = rotations_of_quaternions(quaternions / norms[:, None])
+        good = np.abs(norms - 1.0) <= ROTATION_TOLERANCE
+        good &= np.isfinite(translations_mm).all(axis=1) & np.isfinite(quaternions).all(axis=1)
+    translations_mm.setflags(write=False)
+    rotations.setflags(write=False)
+    return translations_mm, rotations, good
+
+
 def _poses(
     messages: MessageColumns, columns: Sequence[Column], known: Known, is_ok: NDArray[np.bool_]
 ) -> list[TrackedTransform | None]:
     seconds, nanoseconds, names, numbers = columns
     values = messages.numbers(numbers)
-    with np.errstate(all="ignore"):  # numbers that are not finite are left out
-        translations: FloatArray = MM_PER_M * values[:, :3].astype(np.float64)
-        quaternions = values[:, 3:].astype(np.float64)
-        norms = np.array(list(map(math.hypot, *quaternions.T.tolist())))
-        rotations = rotations_of_quaternions(quaternions / norms[:, None])
-        good = is_ok & (np.abs(norms - 1.0) <= ROTATION_TOLERANCE)
-        good &= np.isfinite(translations).all(axis=1) & np.isfinite(quaternions).all(axis=1)
-    translations.setflags(write=False)
-    rotations.setflags(write=False)
+    translations, rotations, good = pose_arrays(
+        values[:, :3].astype(np.float64), values[:, 3:].astype(np.float64)
+    )
+    good &= is_ok
     named = [
         None if each is None or not is_good else each
         for each, is_good in zip(

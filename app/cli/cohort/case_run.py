@@ -19,6 +19,7 @@ from app.cohort.columns import FAILED, LOST, Row
 from app.geometry import InputError, MarginGuardError
 
 if TYPE_CHECKING:
+    from app.runtime import PreparedCase
     from app.synthetic.touch_arm import TouchArm
 
 
@@ -66,7 +67,7 @@ def _row(job: Job) -> Row:
         with tempfile.TemporaryDirectory(prefix="marginguard-case-", dir=scratch) as temporary:
             folder = Path(temporary) / "case"
             try:
-                row = finished(row, *_results(_case_folder(job.case, folder)))
+                row = finished(row, *_results(_prepared(job.case, folder)))
             except MarginGuardError as error:
                 # The same text on every worker.
                 row = failed(row, FAILED, str(error).replace(f"{folder}", job.case.name))
@@ -78,31 +79,34 @@ def _row(job: Job) -> Row:
     return row
 
 
-def _case_folder(case: CohortCase, folder: Path) -> Path:
-    from app.synthetic import simulate_case
+def _prepared(case: CohortCase, folder: Path) -> "PreparedCase":
+    """The case, ready to be replayed; ``folder`` is for what it does not find elsewhere."""
+    from app.runtime import prepare_case
+    from app.synthetic import simulate_unrecorded_case
 
     if case.synthetic is not None:
         made = case.synthetic
-        simulate_case(folder, seed=made.seed, arm=_arm(), options=made.options())
-        return folder
+        frames = simulate_unrecorded_case(
+            folder, seed=made.seed, arm=_arm(), options=made.options()
+        )
+        return prepare_case(folder, frames=frames)
     if is_url(case.source):
         folder.mkdir()
         fetch(case.source, folder)
-        return folder
+        return prepare_case(folder)
     source = Path(case.source)
     if not source.is_dir():
         raise InputError(f"{source}: no such folder; expected a case folder")
-    return source
+    return prepare_case(source)
 
 
-def _results(folder: Path) -> tuple[dict[str, object], dict[str, object]]:
+def _results(prepared: "PreparedCase") -> tuple[dict[str, object], dict[str, object]]:
     """The summary of a replay of the case, and the flat record of its analysis."""
     from app.analysis import analyse_case
     from app.report import ReplayLog, record_of, summarise
-    from app.runtime import ReplayRun, prepare_case
+    from app.runtime import ReplayRun
 
     log = ReplayLog()
-    prepared = prepare_case(folder)
     replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=(log,))
     for _ in replay.steps():
         pass
