@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from app.bridge.environment import domain_of
 from app.bridge.messages import playback_text
@@ -9,14 +10,17 @@ from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.files.state_folder import state_folder
-from app.runtime import InstanceKey, ReplayRun, host_id, refuse_beside_guard
+from app.runtime import InstanceKey, host_id, refuse_beside_guard
+
+if TYPE_CHECKING:
+    from app.runtime import ReplayRun  # slow to load: with the compiled kernels
 
 HEARTBEAT_HZ = 100.0
 """How often the constraint is repeated while a replay follows real time."""
 
 
 @contextmanager
-def replay_node(run: ReplayRun, *, real_time: bool) -> Iterator[RosNode]:
+def replay_node(run: "ReplayRun", *, real_time: bool) -> Iterator[RosNode]:
     """Publish the steps of ``run`` over ROS and let other nodes control its player.
 
     ``real_time``: the replay follows a clock, so the constraint is repeated between its steps. The

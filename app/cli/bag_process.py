@@ -58,7 +58,7 @@ def _written(stream: IO[bytes]) -> BagAnswer:
 
 def _act(bag: Any, name: str, value: Any) -> None:
     if name == "steps":
-        for step in value:
+        for step in pickle.loads(value):
             bag.publish(step)
     elif name == "content":
         bag.use(**value)

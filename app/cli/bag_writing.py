@@ -140,7 +140,9 @@ class BagProcess:
 
     def _flush(self) -> None:
         if self._steps:
-            self._put(("steps", self._steps))
+            from app.session.step_pickle import pickled_steps
+
+            self._put(("steps", pickled_steps(self._steps)))
             self._steps = []
 
     def _add(self, name: str, value: Any) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
 
 from app.analysis.breaches import find_breaches
 from app.analysis.samples import CaseSamples, SampleRow, sample_row
@@ -11,8 +12,11 @@ from app.registration import RegistrationResult
 from app.report.breach_paths import BreachPaths, breach_depths
 from app.report.errors import ReportError
 from app.report.rows import ReportRow
-from app.runtime import PassiveOutput, ReplayRun, StepTiming
+from app.runtime import PassiveOutput, StepTiming
 from app.session import PathDepth, StepResult
+
+if TYPE_CHECKING:
+    from app.runtime import ReplayRun  # slow to load: with the compiled kernels
 
 
 @dataclass(slots=True)
@@ -75,7 +79,7 @@ class ReplayRecord:
             raise ReportError(f"case {self.case!r}: 0 frames; expected at least 1 for a report")
 
 
-def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
+def record_of(run: "ReplayRun", log: ReplayLog) -> ReplayRecord:
     """The record of ``run``, whose steps ``log`` has received."""
     prepared = run.prepared
     case, setup = prepared.case, prepared.setup
@@ -98,7 +102,7 @@ def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
     )
 
 
-def _notes_of(run: ReplayRun, log: ReplayLog) -> Iterator[str]:
+def _notes_of(run: "ReplayRun", log: ReplayLog) -> Iterator[str]:
     """What a reader of the report should know, though it is no error."""
     session = run.session
     if all(row.state is MarginState.UNKNOWN for row in log.rows):

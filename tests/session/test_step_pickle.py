@@ -1,0 +1,59 @@
+"""Steps that are passed to another process."""
+
+import pickle
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pytest
+
+import marginguard as mg
+from app.robot.kinematics.link_poses import LinkPoses
+from app.session.known_edges import NO_EDGES
+from app.session.step_pickle import pickled_steps
+
+
+@pytest.fixture(scope="module")
+def steps():
+    """Of the recorded case: a breach, and a dropout of the tracker."""
+    case = mg.open_case(mg.example_case())
+    breach = mg.replay(case, start_s=95.5, end_s=96.3)
+    return [*breach, *mg.replay(case, start_s=138.8, end_s=139.5)]
+
+
+def assert_same(found: object, expected: object) -> None:
+    assert type(found) is type(expected)
+    if isinstance(expected, np.ndarray):
+        assert found.dtype == expected.dtype
+        np.testing.assert_array_equal(found, expected)
+        assert not found.flags.writeable
+    elif isinstance(expected, LinkPoses):
+        assert list(found) == list(expected)
+        for name in expected:
+            assert_same(found[name], expected[name])
+    elif isinstance(expected, tuple):
+        assert len(found) == len(expected)
+        for ours, theirs in zip(found, expected, strict=True):
+            assert_same(ours, theirs)
+    elif is_dataclass(expected):
+        for field in fields(expected):
+            if field.name not in ("edges", "contact"):
+                assert_same(getattr(found, field.name), getattr(expected, field.name))
+    else:
+        assert found == expected or (found != found and expected != expected)
+
+
+def test_steps_are_equal_in_the_other_process(steps):
+    found = pickle.loads(pickled_steps(steps))
+    assert len(found) == len(steps)
+    for ours, theirs in zip(found, steps, strict=True):
+        assert_same(ours, theirs)
+        assert ours.edges is NO_EDGES
+        if theirs.decision.proximity is not None:
+            assert ours.decision.proximity.contact == theirs.decision.proximity.contact
+    assert any(sample.transform is None for step in steps for sample in step.frame.poses)
+    assert any(step.links for step in steps)
+    assert any(step.decision.proximity and step.decision.proximity.contact for step in steps)
+
+
+def test_the_pickle_is_smaller_than_that_of_pickle(steps):
+    assert len(pickled_steps(steps)) < len(pickle.dumps(steps, pickle.HIGHEST_PROTOCOL))
