@@ -1,7 +1,9 @@
 """Breaches of a case: when, where, by which part of the tool, how fast and how deep."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +19,10 @@ PAD_S = 0.3
 """Samples this long before and after a breach are used for its depth."""
 EDGE_S = 0.1
 """The lowest point is searched this long before the first and after the last inside frame, too:
-jitter may hide it from a shallow breach."""
-ENTRY_S = 0.1
-"""The speed at entry is that of the straight line through the distances within this time."""
+jitter may hide it from a shallow breach. No further than half way to the next breach."""
+ENTRY_S = (0.1, 0.05)
+"""The speed at entry is that of the straight line through the distances from this long before the
+first inside frame to this long after it: less after it, because a short plunge soon turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +70,34 @@ def analyse_breaches(
     """
     found = find_breaches(samples.rows(), stale_after_ns)
     times, measured = samples.times_s, samples.measured()
+    limits = _search_limits(found)
     return tuple(
         _analysed(
-            samples, times, measured, breach, jitter, centroid_mm, ras_from_tumor, bias_sigma_mm
+            samples,
+            times,
+            measured,
+            breach,
+            limit,
+            jitter,
+            centroid_mm,
+            ras_from_tumor,
+            bias_sigma_mm,
         )
-        for breach in found
+        for breach, limit in zip(found, limits, strict=True)
     )
+
+
+def _search_limits(found: Sequence[Breach]) -> list[tuple[float, float]]:
+    """From when to when, in s, the lowest point of each breach is searched.
+
+    Jitter divides a breach whose depth is near to its standard deviation; each part has its depth.
+    """
+    half_way = [0.5 * (one.end_s + other.start_s) for one, other in pairwise(found)]
+    bounds = [-math.inf, *half_way, math.inf]
+    return [
+        (max(breach.start_s - EDGE_S, bounds[k]), min(breach.end_s + EDGE_S, bounds[k + 1]))
+        for k, breach in enumerate(found)
+    ]
 
 
 def _analysed(
@@ -80,6 +105,7 @@ def _analysed(
     times: FloatArray,
     measured: NDArray[np.intp],
     breach: Breach,
+    limit_s: tuple[float, float],
     jitter: Jitter | None,
     centroid_mm: FloatArray,
     ras_from_tumor: FloatArray | None,
@@ -98,8 +124,8 @@ def _analysed(
             times[near],
             samples.distances_mm[near],
             jitter,
-            start_s=max(breach.start_s - EDGE_S, float(times[near[0]])),
-            end_s=min(breach.end_s + EDGE_S, float(times[near[-1]])),
+            start_s=max(limit_s[0], float(times[near[0]])),
+            end_s=min(limit_s[1], float(times[near[-1]])),
             bias_sigma_mm=bias_sigma_mm,
             seed=breach.first,
         )
@@ -119,7 +145,7 @@ def _analysed(
 
 def _entry_speed(times: FloatArray, distances: FloatArray, start_s: float) -> float | None:
     """Slope at the entry, positive towards the tumour; None with fewer than three samples."""
-    near = np.abs(times - start_s) <= ENTRY_S
+    near = (times >= start_s - ENTRY_S[0]) & (times <= start_s + ENTRY_S[1])
     if near.sum() < 3:
         return None
     elapsed = times[near] - times[near].mean()
