@@ -133,7 +133,10 @@ LONG = {
         "tests/cohort/test_case_run.py",
         "tests/cohort/test_cohort_command.py",
     ),
-    "opens reports in a browser": ("tests/report/test_page_in_browser.py",),
+    "opens reports in a browser": (
+        "tests/report/test_coverage_in_browser.py",
+        "tests/report/test_page_in_browser.py",
+    ),
     "starts rival drivers and waits until they have ended": (
         "tests/bridge/live/test_second_senders.py",
     ),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +10,12 @@ from app.analysis.coverage import WITHIN_MM
 from app.geometry import ANATOMICAL_WORDS
 from app.report.case_plots import analysed_distance_plot, probability_plot
 from app.report.coverage_svg import coverage_svg
+from app.report.coverage_view import coverage_figure
+from app.report.covered_surface import CoveredSurface, covered_surface
 from app.report.distance_svg import distance_svg
 from app.report.insertion_table import insertion_rows
 from app.report.methods import methods_text
-from app.report.page import NOT_A_DEVICE, document, length, table, time_text
+from app.report.page import NOT_A_DEVICE, document, length, scrolling, table, time_text
 from app.report.time_plot import TimePlot
 from app.report.time_svg import time_svg
 
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
 _NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class AnalysedCase:
     """An analysis with what its figures and its methods need.
 
@@ -47,8 +50,14 @@ class AnalysedCase:
             "distances.svg": distance_svg(
                 found.distances_mm, found.held_s, self.margins.stop_mm, self.margins.warn_mm
             ),
-            "coverage.svg": coverage_svg(self.tumor, found.coverage, self.ras_from_tumor),
+            "coverage.svg": coverage_svg(self.covered),
         }
+
+    @cached_property
+    def covered(self) -> CoveredSurface:
+        """The tumour's surface with its coverage, as both figures of it draw it."""
+        places = [breach.on_tumor_mm for breach in self.analysis.breaches]
+        return covered_surface(self.tumor, self.analysis.coverage, places, self.ras_from_tumor)
 
 
 def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
@@ -58,7 +67,7 @@ def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
     plot = analysed_distance_plot(case.analysis, case.margins)
     over_time = f"<h2>Distance over time</h2>\n{_plot(plot, 'Signed distance over time')}"
     sections = [head, over_time, *analysis_sections(case, figures)]
-    return document(f"{name}: analysis", sections, plots=True)
+    return document(f"{name}: analysis", sections, figures=True)
 
 
 def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterable[str]:
@@ -70,7 +79,11 @@ def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterabl
         f"{100.0 * share:.0f} % within {within:g} mm"
         for within, share in found.coverage.shares().items()
     )
-    yield _figure("Coverage of the tumour", figures["coverage.svg"], f"Of the surface: {shares}.")
+    views = figures["coverage.svg"].replace(_NAMESPACE, "").strip()
+    yield (
+        f"<h2>Coverage of the tumour</h2>\n{coverage_figure(case.covered, views)}\n"
+        f'<p class="note">Of the surface: {escape(shares)}.</p>'
+    )
     yield _sides(found)
     yield _volumes(found)
     yield _insertion(found)
@@ -81,7 +94,7 @@ def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterabl
 def _figure(title: str, svg: str, caption: str) -> str:
     inline = svg.replace(_NAMESPACE, "").strip()
     return (
-        f'<h2>{escape(title)}</h2>\n<div class="figure">{inline}</div>\n'
+        f"<h2>{escape(title)}</h2>\n{scrolling(inline, title, 'figure')}\n"
         f'<p class="note">{escape(caption)}</p>'
     )
 
@@ -113,10 +126,11 @@ def _breaches(found: "CaseAnalysis") -> str:
         for number, breach in enumerate(found.breaches, start=1)
     ]
     header = (
-        *("", "from", "lasted", "place", "part", "entry", "lowest sample", "estimate"),
+        *("breach", "from", "lasted", "place", "part", "entry", "lowest sample", "estimate"),
         *("95 % interval", "P(inside)"),
     )
-    return f'<div class="wide">{table("Depth of the breaches", header, rows)}</div>'
+    title = "Depth of the breaches"
+    return scrolling(table(title, header, rows), title)
 
 
 def _estimate(found: "DepthEstimate | None") -> tuple[str, str, str]:
@@ -146,7 +160,8 @@ def _sides(found: "CaseAnalysis") -> str:
         )
         for side in found.sides
     ]
-    return f'<div class="wide">{table("Sides of the tumour", header, rows)}</div>'
+    title = "Sides of the tumour"
+    return scrolling(table(title, header, rows), title)
 
 
 def _volumes(found: "CaseAnalysis") -> str:
@@ -199,14 +214,14 @@ def _what_if(found: "CaseAnalysis") -> str:
         for stop in risk.stops
     )
     header = (
-        *("", "P(breach)", "expected time inside", "lowest distance (5 to 95 %)"),
+        *("question", "P(breach)", "expected time inside", "lowest distance (5 to 95 %)"),
         *("share of variance", "held by the fixture"),
     )
     title = "What if: constant errors and other stop margins"
     moments = probability_plot(found)
     assert moments is not None  # there is a probability
     return (
-        f'<div class="wide">{table(title, header, rows)}</div>\n'
+        f"{scrolling(table(title, header, rows), title)}\n"
         f"{_plot(moments, 'Probability of a breach over time')}"
     )
 

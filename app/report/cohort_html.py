@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.cohort import METRICS, Comparison, Outlier
 from app.cohort.columns import OK, Row
-from app.report.page import NOT_A_DEVICE, document
+from app.report.page import NOT_A_DEVICE, document, scrolling
 
 MAX_LISTED = 200
 """Rows of the tables of outliers and failures; the dataset has all."""
@@ -63,7 +63,8 @@ def _comparison(comparisons: Sequence[Comparison], forest_png: bytes | None) -> 
     if forest_png is not None:
         data = base64.b64encode(forest_png).decode("ascii")
         yield f'<img alt="Forest plot of the differences" src="data:image/png;base64,{data}">'
-    yield from _table(
+    yield _table(
+        "Comparison",
         ("metric", first, second, "difference, 95 %", "pairs", "primary test", "p", "p, Holm"),
         (
             (
@@ -81,7 +82,8 @@ def _comparison(comparisons: Sequence[Comparison], forest_png: bytes | None) -> 
     )
     yield "<h2>Other tests, not adjusted</h2>"
     names = tuple(comparisons[0].tests)
-    yield from _table(
+    yield _table(
+        "Other tests",
         ("metric", *(f"p, {name}" for name in names), "mixed model, effect of the group, 95 %"),
         (
             (METRICS[c.metric], *(p_text(c.tests[name]) for name in names), _effect(c))
@@ -112,26 +114,28 @@ def _outliers(outliers: Sequence[Outlier]) -> Iterable[str]:
         "absolute deviation.</p>"
     )
     if outliers:
-        yield '<div class="wide"><table><tr><th>case</th><th>group</th><th>metric</th>'
-        yield '<th class="number">value</th><th class="number">score</th></tr>'
-        for each in outliers[:MAX_LISTED]:
-            yield (
-                f"<tr><td>{_link(each.row)}</td><td>{escape(str(each.row['group']))}</td>"
-                f"<td>{escape(METRICS[each.metric])}</td>"
-                f'<td class="number">{each.value:.4g}</td>'
-                f'<td class="number">{each.score:+.1f}</td></tr>'
-            )
-        yield "</table></div>"
+        head = (
+            "<th>case</th><th>group</th><th>metric</th>"
+            '<th class="number">value</th><th class="number">score</th>'
+        )
+        lines = (
+            f"<td>{_link(each.row)}</td><td>{escape(str(each.row['group']))}</td>"
+            f"<td>{escape(METRICS[each.metric])}</td>"
+            f'<td class="number">{each.value:.4g}</td><td class="number">{each.score:+.1f}</td>'
+            for each in outliers[:MAX_LISTED]
+        )
+        yield _wide("Outliers", head, lines)
 
 
 def _failures(rows: Sequence[Row]) -> Iterable[str]:
     yield f"<h2>Cases with an error ({len(rows)})</h2>"
     if rows:
-        yield '<div class="wide"><table><tr><th>case</th><th>status</th><th>reason</th></tr>'
-        for row in rows[:MAX_LISTED]:
-            status, reason = escape(str(row["status"])), escape(str(row["reason"]))
-            yield f"<tr><td>{_link(row)}</td><td>{status}</td><td>{reason}</td></tr>"
-        yield "</table></div>"
+        lines = (
+            f"<td>{_link(row)}</td><td>{escape(str(row['status']))}</td>"
+            f"<td>{escape(str(row['reason']))}</td>"
+            for row in rows[:MAX_LISTED]
+        )
+        yield _wide("Cases with an error", "<th>case</th><th>status</th><th>reason</th>", lines)
 
 
 def _link(row: Row) -> str:
@@ -148,9 +152,15 @@ def _link(row: Row) -> str:
     return f'<a href="{escape(url, quote=True)}">{name}</a>'
 
 
-def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> Iterable[str]:
-    yield '<div class="wide"><table><tr>'
-    yield "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>"
-    for line in lines:
-        yield "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in line) + "</tr>"
-    yield "</table></div>"
+def _table(label: str, head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    return _wide(
+        label,
+        "".join(f"<th>{escape(cell)}</th>" for cell in head),
+        ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in lines),
+    )
+
+
+def _wide(label: str, head: str, lines: Iterable[str]) -> str:
+    """A table of cells that are HTML."""
+    rows = "".join(f"<tr>{line}</tr>" for line in (head, *lines))
+    return scrolling(f"<table>{rows}</table>", label)

@@ -1,11 +1,11 @@
 """``report.html``: the report as one file without external resources."""
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from app.report.page import NOT_A_DEVICE, document, length, table, text_of, time_text
+from app.report.page import NOT_A_DEVICE, document, length, scrolling, table, text_of, time_text
 from app.report.reasons import ReasonCount
 from app.report.summary import CAUTERY_AT_ENTRY
 from app.report.time_plot import TimePlot
@@ -18,13 +18,13 @@ def report_html(
     margin_png: bytes,
     scene_png: bytes | None,
     version: str,
-    analysis: Iterable[str] = (),
+    analysis: Sequence[str] = (),
     distances: TimePlot | None = None,
 ) -> str:
     """Return the page: values are escaped, pictures embedded; it has no links.
 
     ``analysis`` are the sections of `analysis_sections`. ``distances`` is the plot whose static
-    picture is ``margin_png``; without it the page has no script.
+    picture is ``margin_png``. Without both the page has no script.
     """
     picture = _image(margin_png, "Signed distance over time")
     if distances is not None:
@@ -45,7 +45,9 @@ def report_html(
         _notes(summary["notes"]),
         _foot(version),
     )
-    return document(f"{case}: margin report", sections, plots=distances is not None)
+    return document(
+        f"{case}: margin report", sections, figures=distances is not None or bool(analysis)
+    )
 
 
 def _head(case: str, summary: dict[str, Any]) -> str:
@@ -110,7 +112,7 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
         for number, breach in enumerate(breaches, start=1)
     ]
     header = (
-        *("", "from", "to", "lasted", "deepest frame"),
+        *("breach", "from", "to", "lasted", "deepest frame"),
         *("deepest on the path", "not below", "at", "seen"),
         *(("cautery at entry",) if CAUTERY_AT_ENTRY in breaches[0] else ()),
     )
@@ -118,7 +120,7 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
         '<p class="note">The path between two frames is taken as straight. "between frames": the '
         "tool is outside in every frame and passed through the tumour between two of them.</p>"
     )
-    return f'<div class="wide">{table("Breaches", header, rows)}</div>{note}'
+    return scrolling(table("Breaches", header, rows), "Breaches") + note
 
 
 def _lowest(summary: dict[str, Any]) -> float | None:
@@ -159,7 +161,7 @@ def _margins(margins: dict[str, Any]) -> str:
 
 def _timing(timing: dict[str, Any]) -> str:
     rows = [(name, text_of(value)) for name, value in timing.items()]
-    return table("Time of one step", ("", "microseconds"), rows)
+    return table("Time of one step", ("statistic", "microseconds"), rows)
 
 
 def _registration(registration: dict[str, Any] | None) -> str:
@@ -176,7 +178,7 @@ def _registration(registration: dict[str, Any] | None) -> str:
     matrix = registration["matrix"]
     lines = [", ".join(f"{value:.6g}" for value in matrix[at : at + 4]) for at in range(0, 16, 4)]
     rows.append((f"{registration['target']}_from_{registration['source']}", "; ".join(lines)))
-    return table("Registration", ("", "value"), rows, numbers=False)
+    return table("Registration", ("quantity", "value"), rows, numbers=False)
 
 
 def _notes(notes: Sequence[str]) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from app.report.time_plot import csp_source, plot_scripts, plot_style
+from app.report.bundle import csp_source, figure_scripts, figure_style
 
 NOT_A_DEVICE = (
     "MarginGuard is research software. It is not a medical device and must not be used to treat "
@@ -55,14 +55,15 @@ img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
 Cell = str | int | float | None
 
 
-def document(title: str, sections: Iterable[str], *, plots: bool = False) -> str:
+def document(title: str, sections: Iterable[str], *, figures: bool = False) -> str:
     """A page of ``sections``, without the empty ones; they are HTML, ``title`` is text.
 
-    With ``plots`` the sections have figures of `TimePlot.html`, and the page the scripts that draw
-    them. The page's policy allows these scripts alone, by their hashes, and no other resources.
+    With ``figures`` the sections have figures of `TimePlot.html` or `coverage_figure`, and the page
+    has the scripts that draw them. Its policy allows these scripts alone, by their hashes, and no
+    other resources.
     """
-    style = PAGE_STYLE + (plot_style() if plots else "")
-    scripts = plot_scripts() if plots else ()
+    style = PAGE_STYLE + (figure_style() if figures else "")
+    scripts = figure_scripts() if figures else ()
     allowed = " ".join(map(csp_source, scripts)) or "'none'"
     policy = (
         f"default-src 'none'; img-src data:; style-src {csp_source(style)}; "
@@ -75,7 +76,7 @@ def document(title: str, sections: Iterable[str], *, plots: bool = False) -> str
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{style}</style>\n</head>\n"
-        "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+        "<body>\n<main>\n" + "\n".join(body) + "\n</main>\n</body>\n</html>\n"
     )
 
 
@@ -94,6 +95,16 @@ def table(
 
     body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
     return f"<h2>{escape(title)}</h2>\n<table><tr>{cells('th', header)}</tr>{body}</table>"
+
+
+def scrolling(content: str, label: str, kind: str = "wide") -> str:
+    """``content`` (HTML) that scrolls sideways where it is wider than the page, also by keys.
+
+    ``kind`` is the class of its style: ``wide`` of a table, ``figure`` of a picture, ``static`` of
+    the picture in an interactive figure.
+    """
+    named = f'tabindex="0" role="group" aria-label="{escape(label)}"'
+    return f'<div class="{kind}" {named}>{content}</div>'
 
 
 def length(value_mm: float | None) -> str:

@@ -4,12 +4,8 @@ Each figure has a static picture, which a browser without scripts and a printer 
 """
 
 import json
-from base64 import b64encode
 from dataclasses import dataclass
-from functools import cache
-from hashlib import sha256
 from html import escape
-from importlib.resources import files
 from itertools import pairwise
 from typing import Any
 
@@ -152,27 +148,6 @@ def extremes(values: FloatArray, max_points: int) -> NDArray[np.intp]:
             chosen.append(first + int(known[part[known].argmin()]))
             chosen.append(first + int(known[part[known].argmax()]))
     return np.unique(chosen)
-
-
-@cache
-def plot_style() -> str:
-    """The style sheets of the plots."""
-    return _text("uplot.min.css") + _text("plots.css")
-
-
-@cache
-def plot_scripts() -> tuple[str, str]:
-    """uPlot, and the script that draws the figures with it; to be put after them."""
-    return _text("uplot.min.js"), _text("plots.js")
-
-
-def csp_source(text: str) -> str:
-    """What allows an element with the content ``text`` in a Content-Security-Policy."""
-    return f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
-
-
-def _text(name: str) -> str:
-    return (files("app.report") / "web" / name).read_text(encoding="utf-8")
 
 
 def _integers(values: FloatArray) -> list[int | None]:

@@ -16,10 +16,10 @@ from playwright.sync_api import Browser, Page, expect
 
 from app.fixture import MarginState
 from tests.cli.small_case import write_small_case
+from tests.page_rules import violations
 from tests.viewer.attacks.raw_page import cookie
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN, Server
 from tests.viewer.conftest import can_draw as can_draw
-from tests.viewer.test_accessibility import violations
 
 WAIT_MS = 90_000
 SIZES = ((1280, 720), (1920, 1080), (390, 844))

@@ -51,7 +51,7 @@ READS_OWN_FILES = {
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "cohort/dataset.py": "the journal and the partitions of an earlier run",
     "files/hdf5_child.py": "a table of the kernel",
-    "report/time_plot.py": "scripts and styles of this project",
+    "report/bundle.py": "scripts and styles of this project",
     "robot/description/xacro_child.py": "a table of the kernel",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
     "viewer/calibration_part.py": "the tip that this process wrote",

@@ -1,12 +1,18 @@
 """Rows and records of the report's tests."""
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from app.fixture import MarginParameters, MarginState
 from app.report import ReplayRecord, ReportRow
 from tests.doubles import PARAMETERS
+
+if TYPE_CHECKING:
+    import marginguard as mg
+    from app.report import AnalysedCase
 
 Distances = Sequence[float | None]
 PERIOD_NS = 20_000_000
@@ -44,6 +50,43 @@ def record_of(
         return ReplayRecord(**{**values, **changes})  # type: ignore[arg-type]
 
     return build
+
+
+@pytest.fixture(scope="session")
+def prepared() -> "mg.PreparedCase":
+    import marginguard as mg
+
+    return mg.open_case(mg.example_case())
+
+
+@pytest.fixture(scope="session")
+def steps(prepared: "mg.PreparedCase") -> "list[mg.StepResult]":
+    """Four seconds of the shipped case, with a breach."""
+    import marginguard as mg
+
+    return list(mg.replay(prepared, start_s=94.0, end_s=98.0))
+
+
+@pytest.fixture(scope="session")
+def analysed(prepared: "mg.PreparedCase", steps: "list[mg.StepResult]") -> "AnalysedCase":
+    from app.analysis import analyse_case
+    from app.report import AnalysedCase
+    from app.report.methods import methods_of
+
+    content = prepared.content
+    analysis = analyse_case(
+        steps,
+        name="a <b> case",
+        margins=content.margins,
+        tumor=content.tumor,
+        tool=content.tool,
+        covariances_mm2={"contour": 0.5 * np.eye(3)},
+        stops_mm=(2.0,),
+        cutting_mm=4.0,
+    )
+    errors = {"contour": 0.7}
+    methods = methods_of(prepared, steps[0].frame.stamp.ns, "9.8.7", error_sigmas_mm=errors)
+    return AnalysedCase(analysis, methods, content.margins, content.tumor)
 
 
 def _row(stamp_ns: int, distance: float | None) -> ReportRow:

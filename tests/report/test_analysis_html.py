@@ -8,47 +8,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import marginguard as mg
-from app.analysis import analyse_case
-from app.report import ANALYSIS_FILES, AnalysedCase, ReplayRecord, analysis_page, write_report
-from app.report.coverage_svg import COLORS
+from app.report import ANALYSIS_FILES, ReplayRecord, analysis_page, write_report
+from app.report.coverage_colors import shaded
 from app.report.distance_svg import distance_svg
 from app.report.frames_table import COLUMNS, FramesTable
-from app.report.methods import methods_of, methods_text, recorded_on
+from app.report.methods import methods_text, recorded_on
 from app.runtime import StepTiming
 from tests.report.test_html import Page
 from tests.report.test_time_plot import without_scripts
 
-START_S, END_S = 94.0, 98.0
 _SVG = "{http://www.w3.org/2000/svg}"
-
-
-@pytest.fixture(scope="module")
-def prepared() -> mg.PreparedCase:
-    return mg.open_case(mg.example_case())
-
-
-@pytest.fixture(scope="module")
-def steps(prepared) -> list[mg.StepResult]:
-    return list(mg.replay(prepared, start_s=START_S, end_s=END_S))
-
-
-@pytest.fixture(scope="module")
-def analysed(prepared, steps) -> AnalysedCase:
-    content = prepared.content
-    analysis = analyse_case(
-        steps,
-        name="a <b> case",
-        margins=content.margins,
-        tumor=content.tumor,
-        tool=content.tool,
-        covariances_mm2={"contour": 0.5 * np.eye(3)},
-        stops_mm=(2.0,),
-        cutting_mm=4.0,
-    )
-    errors = {"contour": 0.7}
-    methods = methods_of(prepared, steps[0].frame.stamp.ns, "9.8.7", error_sigmas_mm=errors)
-    return AnalysedCase(analysis, methods, content.margins, content.tumor)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +29,7 @@ def test_page_has_no_external_resource_and_two_plots(page):
     assert page.count('<figure class="plot"') == 2  # distance and probability
     page = without_scripts(page)
     assert not {"link", "iframe", "object", "base", "img"} & set(Page(page).tags)
-    assert Page(page).tags.count("script") == 2  # the data of the plots
+    assert Page(page).tags.count("script") == 3  # the data of the plots and of the coverage
     assert not re.search(r"https?:|url\(|@import|href", page)
     assert "<b> case" not in page and "a &lt;b&gt; case" in page
 
@@ -117,23 +86,22 @@ def test_histogram_has_the_time_in_each_bin():
 
 def test_coverage_map_has_six_views_with_the_side_of_the_breach_in_the_nearest_class(analysed):
     root = ElementTree.fromstring(analysed.figures()["coverage.svg"])
-    views = {
-        view.find(f"{_SVG}text").text: list(view.iter(f"{_SVG}path"))
-        for view in root.iter(f"{_SVG}g")
-    }
+    groups = {view.find(f"{_SVG}text").text: view for view in root.iter(f"{_SVG}g")}
+    views = {text: list(view.iter(f"{_SVG}path")) for text, view in groups.items()}
     assert len(views) == 6
     (breach,) = analysed.analysis.breaches
 
-    def reddish(paths):
-        colors = [path.get("fill") for path in paths]
-        return sum(int(c[1:3], 16) > 4 * int(c[5:7], 16) + 20 for c in colors)
+    def nearest_class(paths):
+        shades = {shaded(0, light / 100.0) for light in range(80, 101)}
+        return sum(path.get("fill") in shades for path in paths)
 
-    assert int(COLORS[0][1:3], 16) > 4 * int(COLORS[0][5:7], 16) + 20
     opposite = {"right": "left", "anterior": "posterior", "superior": "inferior"}
     opposite |= {value: key for key, value in opposite.items()}
-    assert reddish(views[f"from {breach.side}"]) > 3
-    assert reddish(views[f"from {opposite[breach.side]}"]) == 0
+    assert nearest_class(views[f"from {breach.side}"]) > 3
+    assert nearest_class(views[f"from {opposite[breach.side]}"]) == 0
     assert all(len(paths) < 1600 for paths in views.values())
+    marked = {text: len(list(view.iter(f"{_SVG}circle"))) for text, view in groups.items()}
+    assert marked == {f"from {side}": int(side == breach.side) for side in opposite}
 
 
 def test_table_of_frames_has_margins_witnesses_and_velocity(prepared, steps):

@@ -65,7 +65,7 @@ def test_breach_tells_the_state_of_the_cautery_at_its_entry(record_of: Record) -
     told = record_of([], rows=rows)
     assert summarise(told)["breaches"][0]["cautery_at_entry"] == "on"
     expected = [
-        [*row, {"": "cautery at entry", "1": "on"}[row[0]]] if len(row) == 9 else row
+        [*row, {"breach": "cautery at entry", "1": "on"}[row[0]]] if len(row) == 9 else row
         for row in plain.rows
     ]
     assert Page(page_of(told)).rows == expected

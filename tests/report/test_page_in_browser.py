@@ -6,6 +6,9 @@ import pytest
 from playwright.sync_api import expect
 
 from app.report import write_report
+from tests.page_rules import violations
+from tests.report.test_cohort_html import page as cohort_page
+from tests.report.test_cohort_html import rows as cohort_rows
 
 DISTANCES = [12.0] * 100 + [-2.0] * 10 + [12.0] * 100
 
@@ -41,6 +44,17 @@ def test_plot_zooms_and_shows_values(browser, report):
     expect(figure.locator(".chart")).to_be_hidden()
     assert problems == []
     assert [url for url in requests if not url.startswith("data:")] == [report]
+    page.close()
+
+
+@pytest.mark.parametrize("width", [390, 1920])
+def test_pages_have_no_violations(browser, report, tmp_path, width):
+    cohort = tmp_path / "cohort.html"
+    cohort.write_text(cohort_page(cohort_rows())[0])
+    page = browser.new_page(viewport={"width": width, "height": 844})
+    for address in (report, cohort.as_uri()):
+        page.goto(address)
+        assert violations(page) == []
     page.close()
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from app.analysis.breaches import find_breaches
 from app.report import write_report
+from app.report.bundle import csp_source, figure_scripts
 from app.report.case_plots import distance_plot
 from app.report.page import document
-from app.report.time_plot import MAX_POINTS, Series, TimePlot, csp_source, extremes, plot_scripts
+from app.report.time_plot import MAX_POINTS, Series, TimePlot, extremes
 from app.report.time_svg import _ticks, time_svg
 
 DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]
@@ -43,7 +44,7 @@ def plot(rows_of, margins):
 
 def without_scripts(page):
     """``page`` without what is shipped with this project: uPlot, its style and ours."""
-    for script in plot_scripts():
+    for script in figure_scripts():
         assert page.count(f"<script>{script}</script>") == 1
         page = page.replace(f"<script>{script}</script>", "")
     return page
@@ -67,10 +68,10 @@ def test_data_of_a_page_are_the_distances_states_and_breaches(plot):
     assert [(mark["from"], mark["to"]) for mark in found["marks"]] == [(0.04, 0.06)]
 
 
-def test_policy_allows_the_two_scripts_and_the_style_alone():
-    parts = Parts(document("a page", ["<p>x</p>"], plots=True))
+def test_policy_allows_the_shipped_scripts_and_the_style_alone():
+    parts = Parts(document("a page", ["<p>x</p>"], figures=True))
     scripts = [text for kind, text in parts.contents if kind == "script"]
-    assert tuple(scripts) == plot_scripts()
+    assert tuple(scripts) == figure_scripts()
     (style,) = [text for kind, text in parts.contents if kind == "style"]
     directives = dict(each.split(" ", 1) for each in parts.policy.split("; "))
     assert directives["script-src"] == " ".join(map(csp_source, scripts))

@@ -1,24 +1,13 @@
 """axe-core finds no violation of WCAG 2.2 A and AA on the page, in each state and size."""
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 
+from tests.page_rules import violations
 from tests.viewer.conftest import Serve, Watched
 from tests.viewer.viewed_case import LOST
 
-RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 DESKTOP, PHONE, TABLET = (1920, 1080), (390, 844), (768, 1024)
-
-
-def violations(page: Page) -> list[str]:
-    """Each violated rule with the elements that violate it."""
-    found = Axe().run(page, options={"runOnly": RULES}).response
-    assert len(found["passes"]) > 10
-    return [
-        f"{each['id']}: {', '.join(node['html'][:120] for node in each['nodes'])}"
-        for each in found["violations"]
-    ]
 
 
 @pytest.fixture

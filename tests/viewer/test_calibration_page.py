@@ -13,10 +13,10 @@ from app.files import read_transform
 from app.geometry import Transform
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
+from tests.page_rules import violations
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.calibrated_tool import KNOWN_MM, SHAFT, TIP_MM, move, write_session
 from tests.viewer.conftest import Server, watching
-from tests.viewer.test_accessibility import violations
 
 WAIT_MS = 60_000
 ANSWER = """([name, args]) => trame.trigger(name, args)

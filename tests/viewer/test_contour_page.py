@@ -14,8 +14,8 @@ from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import SurfaceMesh, weld_vertices
 from tests.contour.phantom import clicks_on, dice, is_inside, slice_of, tumor_from_image, tumour
 from tests.contour.phantom_case import CLICKED, offset_mm, write_phantom_case
+from tests.page_rules import violations
 from tests.viewer.conftest import Serve, Server, Watched, wait_until_uncovered, watching
-from tests.viewer.test_accessibility import violations
 
 TO_SCREEN = """([column, row]) => {
   const svg = document.querySelector("#us-image");

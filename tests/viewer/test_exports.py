@@ -11,8 +11,8 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from app.cli.main import main
+from tests.page_rules import violations
 from tests.viewer.conftest import Serve, Watched, watching
-from tests.viewer.test_accessibility import violations
 
 WAIT_MS = 120_000
 NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif", "movie.mp4"]

@@ -16,9 +16,9 @@ from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_record_command import SENDER, TRACKED
+from tests.page_rules import violations
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, Watched, watching
-from tests.viewer.test_accessibility import violations
 
 WAIT_MS = 90_000
 

@@ -11,9 +11,9 @@ pytest.importorskip("rclpy")
 
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
+from tests.page_rules import violations
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, watching
-from tests.viewer.test_accessibility import violations
 
 WAIT_MS = 120_000
 CASE = "package://marginguard/recorded_case"
