@@ -54,8 +54,9 @@ def _answered(stream: IO[bytes], memory: GcPause) -> bytes:
 def _load() -> None:
     """Load what a picture needs, and draw one: the first picture of a process is slow."""
     from app.cli.render_warmup import warmup_step
-    from app.scene import OffscreenError, step_png
+    from app.scene import OffscreenError, load_3d_view_only, step_png
 
+    load_3d_view_only()
     # A picture that is requested reports the error; a scene file needs no renderer.
     with suppress(OffscreenError):
         step_png(*warmup_step(), _WARMUP_SIZE)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from app.geometry import FloatArray, SurfaceMesh
 
@@ -94,6 +93,8 @@ def pixels_inside(
 def _joined(contour: FloatArray, holes: list[FloatArray]) -> FloatArray:
     """``contour`` with ``holes``, the nearest one first: its channel then crosses no other one."""
     left = list(holes)
+    if left:
+        from scipy.spatial import KDTree  # slow to load
     while left:
         tree = KDTree(contour)
         pairs = [tuple(map(np.asarray, tree.query(hole))) for hole in left]

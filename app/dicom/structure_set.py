@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from pydicom.dataelem import DataElement
 from pydicom.dataset import Dataset
 from pydicom.uid import RTStructureSetStorage
 
@@ -12,6 +13,8 @@ from app.dicom.identity import Identity
 from app.geometry import FloatArray
 
 _COLOURS = ((200, 60, 60), (60, 120, 200), (230, 160, 0), (90, 170, 90), (150, 90, 180))
+
+_CONTOUR_DATA = 0x30060050
 
 Contours = Sequence[tuple[FloatArray, ...]]
 """Contours (n, 2) in mm of each slice."""
@@ -72,9 +75,9 @@ def _contour(points: FloatArray, height_mm: float, image: Dataset) -> Dataset:
     contour.ContourImageSequence = [_reference(image)]
     contour.ContourGeometricType = "CLOSED_PLANAR"
     contour.NumberOfContourPoints = len(points)
-    contour.ContourData = [
-        f"{value:.4f}" for x, y in points.tolist() for value in (x, y, height_mm)
-    ]
+    numbers = [f"{value:.4f}" for x, y in points.tolist() for value in (x, y, height_mm)]
+    # Converted already: pydicom would parse each number and check its length, which these meet.
+    contour[_CONTOUR_DATA] = DataElement(_CONTOUR_DATA, "DS", numbers, already_converted=True)
     return contour
 
 

@@ -20,6 +20,7 @@ from .pictures.picture import scene_png
 from .pictures.quick_image import QUICK_TYPE, quick_image
 from .pictures.step_scene import StepScene, step_png
 from .pictures.view import OffscreenView, draw_once_per_update, offscreen_view
+from .pictures.view_modules import load_3d_view_only
 from .presenter import ScenePresenter
 from .robot_model import RobotModel
 from .scene import MarginGuardScene
@@ -56,6 +57,7 @@ __all__ = [
     "center_on",
     "draw_once_per_update",
     "forward_of",
+    "load_3d_view_only",
     "load_scene",
     "look_through",
     "mesh_of_model",

@@ -14,7 +14,7 @@ from app.scene.pictures.offscreen import use_offscreen_rendering
 from app.scene.pictures.pixels import Pixels, pixels_of
 
 if TYPE_CHECKING:
-    from trame_slicer.views import AbstractView
+    from trame_slicer.views.abstract_view import AbstractView
 
 _TOP = (0.97, 0.98, 0.99)
 _BOTTOM = (0.84, 0.88, 0.92)
@@ -31,8 +31,8 @@ class OffscreenView:
     ) -> None:
         """``size`` in pixels. Raises `OffscreenError` where VTK cannot draw without a screen."""
         # Imported here: desktop Slicer imports this module, but has no trame-slicer.
-        from trame_slicer.views import ThreeDView
         from trame_slicer.views.render_scheduler import NoScheduleRendering
+        from trame_slicer.views.threed_view import ThreeDView
 
         use_offscreen_rendering()
         self._scene = application.scene
