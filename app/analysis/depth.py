@@ -38,6 +38,7 @@ MIN_NEAR = 9
 MAX_ACCELERATION_MM_S2 = 600.0
 """Largest standard deviation of the acceleration near the minimum, where the tool turns."""
 _LOW, _HIGH = 2.5, 97.5
+_LEAST_ADDED = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +180,22 @@ def _posterior_minima(smoothing: Smoothing, random: np.random.Generator) -> Floa
             continue
         deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
         near = mean - 5.0 * deviation <= (mean + 5.0 * deviation).min()
-        values, vectors = np.linalg.eigh(covariance[np.ix_(near, near)])
-        kept = values > 1e-9 * max(float(values[-1]), 1e-12)
-        root = vectors[:, kept] * np.sqrt(values[kept])
-        normal = random.standard_normal((count, int(kept.sum())))
-        minima.append((mean[near] + normal @ root.T).min(axis=1))
+        factor = _factor(covariance[np.ix_(near, near)])
+        normal = random.standard_normal((count, len(factor)))
+        minima.append((mean[near] + normal @ factor.T).min(axis=1))
     return np.asarray(random.permutation(np.concatenate(minima)))
+
+
+def _factor(covariance: FloatArray) -> FloatArray:
+    """Lower factor (m, m) of ``covariance``, in which rounding may leave a negative eigenvalue.
+
+    As much is added to the diagonal as the factorisation needs, from 1e-9 of the largest variance:
+    3e-5 of its standard deviation. That of a smooth function is nearly singular.
+    """
+    added = _LEAST_ADDED * max(float(np.diagonal(covariance).max()), 1e-12)
+    while True:
+        try:
+            factor = np.linalg.cholesky(covariance + added * np.eye(len(covariance)))
+            return np.asarray(factor, dtype=np.float64)
+        except np.linalg.LinAlgError:
+            added *= 10.0
