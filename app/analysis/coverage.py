@@ -21,6 +21,8 @@ WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
 MAX_FACES = 1500
 """Of a tumour with more faces, faces that are spread over the surface stand for all of them."""
+_AT_ONCE = 50_000
+"""Intervals of poses that are halved in one step: some 20 MB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +110,8 @@ def _nearest(
     """Least distance (m,) of ``points`` (m, 3) to the points of ``tool`` at any of its poses.
 
     Infinite beyond the largest of `WITHIN_MM`. Intervals of poses are halved unless the motion
-    within them is too short for a smaller distance than is known.
+    within them is too short for a smaller distance than is known. Those that may hold the smallest
+    distances are halved first, at most `_AT_ONCE` at a time, which bounds the memory.
     """
     limit = max(WITHIN_MM)
     way = np.append(0.0, np.cumsum(_largest_motions(tips, rotations, points)))
@@ -123,18 +126,31 @@ def _nearest(
 
     point = np.arange(len(points))
     first, last = np.zeros_like(point), np.full_like(point, len(tips) - 1)
-    at_first, at_last = distances(point, first), distances(point, last)
-    while len(point):
+    left = [(point, first, last, distances(point, first), distances(point, last))]
+    while left:
+        point, first, last, at_first, at_last = left.pop()
         lowest = 0.5 * (at_first + at_last - (way[last] - way[first]))
-        kept = (last - first > 1) & (lowest < np.minimum(nearest[point], limit))
+        kept = np.flatnonzero((last - first > 1) & (lowest < np.minimum(nearest[point], limit)))
+        if len(kept) > _AT_ONCE:
+            kept = kept[np.argpartition(lowest[kept], _AT_ONCE)]
+            later = kept[_AT_ONCE:]
+            left.append((point[later], first[later], last[later], at_first[later], at_last[later]))
+            kept = kept[:_AT_ONCE]
+        if len(kept) == 0:
+            continue
         point, first, last = point[kept], first[kept], last[kept]
         at_first, at_last = at_first[kept], at_last[kept]
         middle = (first + last) // 2
         at_middle = distances(point, middle)
-        point = np.concatenate([point, point])
-        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
-        at_first = np.concatenate([at_first, at_middle])
-        at_last = np.concatenate([at_middle, at_last])
+        left.append(
+            (
+                np.concatenate([point, point]),
+                np.concatenate([first, middle]),
+                np.concatenate([middle, last]),
+                np.concatenate([at_first, at_middle]),
+                np.concatenate([at_middle, at_last]),
+            )
+        )
     return nearest
 
 

@@ -1,5 +1,7 @@
 """Coverage against a count of all pairs of points, and against a ball that passes a ball."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -104,3 +106,31 @@ def test_large_tumour_is_represented_by_some_of_its_faces():
     assert found.share(5.0) == pytest.approx(
         coverage_of(samples(tips), TUMOR, None).share(5.0), abs=0.01
     )
+
+
+def hand(count: int, seed: int) -> CaseSamples:
+    """A tool that jitters much around the tumour, some mm from its surface."""
+    random = np.random.default_rng(seed)
+    t = np.linspace(0.0, 1.0, count)
+    towards = np.stack([np.cos(200.0 * t), np.sin(200.0 * t), np.sin(9.0 * t)], axis=1)
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    tips = (12.0 + 0.5 * np.sin(70.0 * t))[:, None] * towards + random.normal(0.0, 0.6, (count, 3))
+    return samples(tips, Rotation.from_rotvec(0.3 * towards).as_matrix())
+
+
+def test_parts_of_the_work_have_the_same_result_as_all_at_once(monkeypatch):
+    poses = hand(500, 3)
+    whole = coverage_of(poses, TUMOR, TOOL).nearest_mm
+    monkeypatch.setattr("app.analysis.coverage._AT_ONCE", 37)
+    np.testing.assert_array_equal(coverage_of(poses, TUMOR, TOOL).nearest_mm, whole)
+
+
+def test_memory_does_not_grow_with_the_number_of_poses_times_faces():
+    """20 thousand poses and 1280 faces: 26 million pairs."""
+    poses = hand(20_000, 4)
+    coverage_of(hand(100, 4), TUMOR, TOOL)
+    tracemalloc.start()
+    coverage_of(poses, TUMOR, TOOL)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 80e6
