@@ -17,6 +17,7 @@ from matplotlib.patches import Patch
 from app.analysis.breaches import Breach
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
+from app.report.label_layout import spread
 from app.report.rows import ReportRow, played_seconds, state_bands
 
 _INK = "#1c2733"
@@ -30,6 +31,10 @@ _SHOWN_TIMES_WARN = 5.0
 """The plot reaches up to this many warning distances."""
 _BAND_ALPHA = 0.16
 _HATCH_COLOR = "#5a5a5a"
+_LABEL_POINTS = 14.0
+"""Height of the name of a line."""
+_PLOT_POINTS = 0.75 * 72.0 * _SIZE_INCHES[1]
+"""About the height of the plot: at most its true one, so that names have more room."""
 _LABEL_WIDTH = 0.08
 """Width of the text of a breach as a share of the time axis."""
 
@@ -63,6 +68,7 @@ def margin_figure(
     _draw_distance(plot, rows, seconds)
     _draw_margins(plot, rows, seconds, margins)
     _draw_limits(plot, rows, seconds, margins)
+    _label_margins(plot, margins)
     _draw_breaches(plot, breaches, rows, seconds)
     _draw_legend(figure, strip, plot)
     FigureCanvasAgg(figure)
@@ -126,16 +132,29 @@ def _draw_margins(
     ):
         plot.axhline(nominal_mm, color=color, lw=1.2, ls=(0, (6, 4)), zorder=3)
         plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {name}")
-        _label_right(plot, nominal_mm, f"{name} {nominal_mm:g}", color, "bottom")
     plot.axhline(0.0, color=_INK, lw=1.0, zorder=3)
-    _label_right(plot, 0.0, "surface", _INK, "top")
 
 
-def _label_right(plot: Axes, height_mm: float, text: str, color: str, side: str) -> None:
-    plot.annotate(
-        text, (1.0, height_mm), (6, 0), xycoords=("axes fraction", "data"),
-        textcoords="offset points", va=side, color=color, fontsize=10, annotation_clip=False,
-    )  # fmt: skip
+def _label_margins(plot: Axes, margins: MarginParameters) -> None:
+    """Names of the lines on the right, beside each other's; the limits are set."""
+    low, high = plot.get_ylim()
+    points_per_mm = _PLOT_POINTS / (high - low)
+    lines = (
+        (margins.warn_mm, f"warn {margins.warn_mm:g}", "#8a6100"),
+        (margins.stop_mm, f"stop {margins.stop_mm:g}", "#a32a14"),
+        (0.0, "surface", _INK),
+    )
+    wished = [-height * points_per_mm for height, _, _ in lines]
+    # The name of the surface is below its line.
+    wished[-1] += _LABEL_POINTS
+    placed = spread(wished, _LABEL_POINTS, -high * points_per_mm)
+    for (height, text, color), wish, place in zip(lines, wished, placed, strict=True):
+        offset = wish - place - (_LABEL_POINTS if height == 0.0 else 0.0)
+        plot.annotate(
+            text, (1.0, height), (6, offset), xycoords=("axes fraction", "data"),
+            textcoords="offset points", va="bottom", color=color, fontsize=10,
+            annotation_clip=False,
+        )  # fmt: skip
 
 
 def _draw_limits(

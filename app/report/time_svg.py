@@ -5,11 +5,13 @@ from html import escape
 
 import numpy as np
 
+from app.report.label_layout import spread
 from app.report.time_plot import TimePlot, extremes
 
 MAX_POINTS = 2000
 _WIDTH, _HEIGHT = 900.0, 300.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 12.0, 20.0, 46.0
+_LABEL_STEP = 15.0
 _INK = "#1c2733"
 
 
@@ -38,11 +40,8 @@ def time_svg(plot: TimePlot, title: str) -> str:
         _text(x(time_s), _HEIGHT - _BOTTOM + 18.0, f"{time_s:g}", "middle")
         for time_s in _ticks(first, last)
     )
-    for line in plot.lines:
-        if low <= line.value <= high:
-            parts.append(_line(y(line.value), line.color, dash=' stroke-dasharray="6 4"'))
-            at = y(line.value) - 3.0
-            parts.append(_text(_WIDTH - _RIGHT - 4.0, at, line.label, "end", line.color))
+    lines = [line for line in plot.lines if low <= line.value <= high]
+    parts.extend(_line(y(line.value), line.color, dash=' stroke-dasharray="6 4"') for line in lines)
     for series in plot.series:
         chosen = extremes(series.values, MAX_POINTS)
         known = np.isfinite(series.values[chosen])
@@ -54,6 +53,11 @@ def time_svg(plot: TimePlot, title: str) -> str:
                     f'<polyline points="{points}" fill="none" stroke="{series.color}" '
                     f'stroke-width="{series.width:g}"/>'
                 )
+    heights = spread([y(line.value) - 3.0 for line in lines], _LABEL_STEP, _TOP + 10.0)
+    parts.append('<g stroke="#fff" stroke-width="3" paint-order="stroke">')  # curves may cross them
+    for line, at in zip(lines, heights, strict=True):
+        parts.append(_text(_WIDTH - _RIGHT - 4.0, at, line.label, "end", line.color))
+    parts.append("</g>")
     middle = (_LEFT + _WIDTH - _RIGHT) / 2.0
     parts.append(_text(middle, _HEIGHT - 8.0, "time from the first frame, s", "middle"))
     parts.append(_text(_LEFT, _TOP - 4.0, plot.label, "start"))

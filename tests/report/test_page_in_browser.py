@@ -1,6 +1,8 @@
 """The plot of a report in Chromium: zoom, values at the cursor, paper, and no script."""
 
 import re
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from playwright.sync_api import expect
@@ -44,6 +46,44 @@ def test_plot_zooms_and_shows_values(browser, report):
     expect(figure.locator(".chart")).to_be_hidden()
     assert problems == []
     assert [url for url in requests if not url.startswith("data:")] == [report]
+    page.close()
+
+
+_RECORD_TEXTS = """
+window.texts = new Map();
+const fill = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+  const { actualBoundingBoxLeft, actualBoundingBoxRight, actualBoundingBoxAscent,
+          actualBoundingBoxDescent } = this.measureText(text);
+  window.texts.set(text, [x - actualBoundingBoxLeft, y - actualBoundingBoxAscent,
+                          x + actualBoundingBoxRight, y + actualBoundingBoxDescent]);
+  return fill.call(this, text, x, y);
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ("stop_mm", "warn_mm", "lowest_mm"),
+    [(1.0, 5.0, -4.9), (1.0, 1.2, -30.0), (0.1, 0.15, -40.0), (2.0, 6.0, -300.0), (5.0, 5.1, 1.0)],
+)
+def test_names_of_close_margins_do_not_overlap(
+    browser, tmp_path, record_of, margins, stop_mm, warn_mm, lowest_mm
+):
+    distances = [20.0] * 20 + [lowest_mm] * 20 + [20.0] * 20
+    close = replace(margins, stop_mm=stop_mm, warn_mm=warn_mm)
+    record = record_of(distances, margins=close)
+    write_report(tmp_path, record, scene_png=lambda: None, version="1")
+    page = browser.new_page()
+    page.add_init_script(_RECORD_TEXTS)
+    page.goto((tmp_path / "report.html").as_uri())
+    expect(page.locator("figure.plot .u-over")).to_be_visible()
+    names = [f"warn {warn_mm:g}", f"stop {stop_mm:g}", "surface"]
+    page.wait_for_function("(names) => names.every((name) => texts.has(name))", arg=names)
+    boxes = [page.evaluate("(name) => texts.get(name)", name) for name in names]
+    for above, below in pairwise(boxes):
+        assert above[3] <= below[1]
+    height = page.evaluate("document.querySelector('figure.plot canvas').height")
+    assert boxes[0][1] > 0 and boxes[-1][3] < height
     page.close()
 
 

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,7 +11,7 @@ from app.report import write_report
 from app.report.bundle import csp_source, figure_scripts
 from app.report.case_plots import distance_plot
 from app.report.page import document
-from app.report.time_plot import MAX_POINTS, Series, TimePlot, extremes
+from app.report.time_plot import MAX_POINTS, Line, Series, TimePlot, extremes
 from app.report.time_svg import _ticks, time_svg
 
 DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]
@@ -112,6 +113,14 @@ def test_report_shows_the_plot_and_no_external_resource(tmp_path, record_of):
     assert page.count('<figure class="plot"') == 1
     assert '<div class="static"><img' in page
     assert not re.search(r"https?:|url\(|@import|<link|<iframe", page)
+
+
+def test_names_of_close_lines_are_apart_in_the_static_picture(plot):
+    lines = tuple(Line(value, f"line {value}", "#000") for value in (0.0, 0.1, 0.2))
+    svg = time_svg(replace(plot, lines=lines), "x")
+    heights = sorted(float(y) for y in re.findall(r'y="([0-9.]+)"[^>]*>line', svg))
+    assert len(heights) == 3 and np.diff(heights).min() >= 15.0 - 0.1
+    assert heights[0] > 20.0
 
 
 @pytest.mark.parametrize("high", [0.001, 0.08, 1.02, 8.0, 79.0, 80.0, 81.0, 5400.0])

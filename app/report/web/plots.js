@@ -7,6 +7,8 @@
   const HEIGHT = 380;
   const STRIP = 16; // height of the band of states, in CSS pixels
   const SMALLEST_S = 0.05;
+  const LABEL = 14; // height of the name of a line, in CSS pixels
+  const PAPER = "rgba(255, 255, 255, .85)";
 
   const figures = document.querySelectorAll("figure.plot");
   for (const figure of figures) show(figure);
@@ -117,19 +119,54 @@
     ctx.font = `${11 * ratio}px system-ui, sans-serif`;
     ctx.textAlign = "right";
     ctx.textBaseline = "bottom";
+    const shown = lines
+      .map((line) => ({ line, y: u.valToPos(line.value, "y", true) }))
+      .filter(({ y }) => y >= top && y <= top + height)
+      .sort((a, b) => a.y - b.y);
     ctx.lineWidth = 1.2 * ratio;
-    for (const line of lines) {
-      const y = u.valToPos(line.value, "y", true);
-      if (y < top || y > top + height) continue;
-      ctx.strokeStyle = ctx.fillStyle = line.color;
+    for (const { line, y } of shown) {
+      ctx.strokeStyle = line.color;
       ctx.setLineDash(line.value === 0 ? [] : [6 * ratio, 4 * ratio]);
       ctx.beginPath();
       ctx.moveTo(left, y);
       ctx.lineTo(left + width, y);
       ctx.stroke();
-      ctx.fillText(line.label, left + width - 4 * ratio, y - 2 * ratio);
     }
+    ctx.setLineDash([]);
+    ctx.lineJoin = "round";
+    const wished = shown.map(({ y }) => y - 2 * ratio);
+    const places = spread(wished, LABEL * ratio, top + LABEL * ratio);
+    const right = left + width - 16 * ratio;
+    shown.forEach(({ line, y }, index) => {
+      const place = places[index];
+      ctx.fillStyle = line.color;
+      ctx.strokeStyle = PAPER; // other lines and curves may cross the name
+      ctx.lineWidth = 3 * ratio;
+      ctx.strokeText(line.label, right, place);
+      ctx.fillText(line.label, right, place);
+      if (place === wished[index]) return;
+      ctx.strokeStyle = line.color; // from a name that is away from its line to it
+      ctx.lineWidth = ratio;
+      ctx.beginPath();
+      ctx.moveTo(right + 2 * ratio, place - 0.5 * LABEL * ratio);
+      ctx.lineTo(right + 12 * ratio, y);
+      ctx.stroke();
+    });
     ctx.restore();
+  }
+
+  // As `spread` of app/report/label_layout.py; `wished` increases.
+  function spread(wished, step, top) {
+    const places = [...wished];
+    for (let k = places.length - 2; k >= 0; k--) {
+      places[k] = Math.min(places[k], places[k + 1] - step);
+    }
+    let limit = top;
+    return places.map((place) => {
+      const found = Math.max(place, limit);
+      limit = found + step;
+      return found;
+    });
   }
 
   function zoom(u, from, to, first, last) {
