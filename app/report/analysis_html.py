@@ -73,7 +73,7 @@ def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
 def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterable[str]:
     """The sections: breaches, distances, coverage, sides, volumes, what-if, methods."""
     found = case.analysis
-    yield _breaches(found)
+    yield _breaches(found, case.methods["bias_sigma_mm"])
     yield _figure("Time at each distance", figures["distances.svg"], _distances(found))
     shares = ", ".join(
         f"{100.0 * share:.0f} % within {within:g} mm"
@@ -109,7 +109,7 @@ def _distances(found: "CaseAnalysis") -> str:
     )
 
 
-def _breaches(found: "CaseAnalysis") -> str:
+def _breaches(found: "CaseAnalysis", bias_sigma_mm: float) -> str:
     if not found.breaches:
         return ""
     rows = [
@@ -130,7 +130,22 @@ def _breaches(found: "CaseAnalysis") -> str:
         *("95 % interval", "P(inside)"),
     )
     title = "Depth of the breaches"
-    return scrolling(table(title, header, rows), title)
+    note = f'<p class="note">{escape(_in_the_interval(bias_sigma_mm))}</p>'
+    return f"{scrolling(table(title, header, rows), title)}\n{note}"
+
+
+def _in_the_interval(bias_sigma_mm: float) -> str:
+    """Which errors the intervals of the depths contain."""
+    if bias_sigma_mm:
+        return (
+            "The intervals contain the jitter of the tracker and an error with a standard "
+            f"deviation of {bias_sigma_mm:g} mm that is constant over a breach."
+        )
+    return (
+        "The intervals contain the jitter of the tracker alone. Errors that are constant over a "
+        "breach (registration, calibrations, contour) move the estimate and its interval: "
+        "'marginguard analyse --bias-mm S' adds their standard deviation S."
+    )
 
 
 def _estimate(found: "DepthEstimate | None") -> tuple[str, str, str]:

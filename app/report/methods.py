@@ -115,8 +115,8 @@ def _depth(analysis: "CaseAnalysis", methods: Mapping[str, Any]) -> str:
     if analysis.jitter is None:
         return "The case is too short for an estimate of the jitter: depths have no interval."
     bias = methods["bias_sigma_mm"]
-    constant = f", and a constant error of {bias:g} mm" if bias else ""
+    constant = f" and of a constant error of {bias:g} mm" if bias else " alone"
     return (
         "The depth is estimated by Gaussian process regression with a jitter of "
-        f"{analysis.jitter.sigma_mm:.3f} mm{constant}; intervals are 95 %."
+        f"{analysis.jitter.sigma_mm:.3f} mm; its 95 % intervals are those of the jitter{constant}."
     )

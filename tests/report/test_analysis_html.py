@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -46,6 +47,15 @@ def test_page_has_the_numbers_of_the_analysis(analysed, page):
     (stop,) = analysed.analysis.probability.stops
     row = next(row for row in Page(page).rows if row[0] == "stop margin of 2 mm")
     assert row[1] == f"{stop.outcome.probability:.3f}"
+
+
+def test_the_page_says_which_errors_the_intervals_of_a_depth_contain(analysed, page):
+    assert analysed.methods["bias_sigma_mm"] == 0.0
+    assert "The intervals contain the jitter of the tracker alone." in Page(page).text
+    with_bias = replace(analysed, methods={**analysed.methods, "bias_sigma_mm": 0.5})
+    text = Page(analysis_page(with_bias, with_bias.figures())).text
+    assert "the jitter of the tracker and an error with a standard deviation of 0.5 mm" in text
+    assert "those of the jitter and of a constant error of 0.5 mm." in text
 
 
 def test_methods_state_versions_hashes_date_and_options(analysed):
