@@ -146,7 +146,7 @@ def _compared(metric: str, groups: tuple[str, str], first: _Sample, second: _Sam
     tests = {
         "Welch t": _p(lambda: stats.ttest_ind(a, b, equal_var=False)),
         "Mann-Whitney U": _p(lambda: stats.mannwhitneyu(a, b)),
-        "paired t": _p(lambda: stats.ttest_rel(before, after)) if paired else None,
+        "paired t": _paired_t(before, after) if paired else None,
         "Wilcoxon signed rank": _p(lambda: stats.wilcoxon(before, after)) if paired else None,
         "mixed model": None if mixed is None else mixed.p,
     }
@@ -200,6 +200,14 @@ def _standardized(
     small = 1.0 - 3.0 / (4.0 * freedom - 1.0)
     centre, low, high = (small * value / pooled for value in values)
     return centre, low, high
+
+
+def _paired_t(before: FloatArray, after: FloatArray) -> float | None:
+    """None where all differences are equal but for rounding: the test has no spread to use."""
+    spread = float((after - before).std())
+    if spread <= 1e-12 * float(np.abs([before, after]).max()):
+        return None
+    return _p(lambda: stats.ttest_rel(before, after))
 
 
 def _p(test: Callable[[], Any]) -> float | None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote
 
 from app.cohort.cases import CohortCase
 from app.cohort.manifest import MANIFEST_FILE, Cohort, open_manifest
@@ -86,19 +87,34 @@ def url_files(url: str) -> list[str]:
     system, root = filesystem(url)
     try:
         found = sorted(system.find(root))
+        if not found:
+            system.ls(root)  # raises the error that `find` hides: a server that does not answer
     except Exception as error:  # every file system has errors of its own
         raise InputError(f"{url} cannot be listed: {error}") from error
-    outside = [path for path in found if not path.startswith(f"{root}/") or ".." in path]
+    outside = [path for path in found if not _is_below(path, root)]
     if outside or not found:
         raise InputError(f"{url} has {outside[:1] or 'no files'}; expected files below it")
     return found
+
+
+def _is_below(path: str, root: str) -> bool:
+    if not path.startswith(f"{root}/"):
+        return False
+    relative = PurePosixPath(_relative(path, root))
+    return not relative.is_absolute() and ".." not in relative.parts and "\0" not in str(relative)
+
+
+def _relative(path: str, root: str) -> str:
+    """``path`` below ``root``; the parts of an address of HTTP are percent-encoded."""
+    relative = PurePosixPath(path).relative_to(root).as_posix()
+    return unquote(relative) if root.startswith(("http://", "https://")) else relative
 
 
 def fetch(url: str, folder: Path) -> None:
     """Copy all files below ``url`` to ``folder``; raises `InputError` or `OSError`."""
     system, root = filesystem(url)
     for path in url_files(url):
-        target = folder / PurePosixPath(path).relative_to(root)
+        target = folder / _relative(path, root)
         target.parent.mkdir(parents=True, exist_ok=True)
         system.get_file(path, str(target))
 
@@ -127,7 +143,8 @@ def _below_url(url: str) -> Iterator[CohortCase]:
         place = PurePosixPath(path)
         if place.name == CASE_FILE:
             relative = place.parent.relative_to(root).as_posix()
-            yield _named(relative, f"{url.rstrip('/')}/{relative}", PurePosixPath(root).name)
+            source = f"{url.rstrip('/')}/{relative}"
+            yield _named(_relative(str(place.parent), root), source, PurePosixPath(root).name)
 
 
 def _named(relative: str, source: str, folder: str) -> CohortCase:

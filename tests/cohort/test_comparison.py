@@ -103,6 +103,14 @@ def test_groups_without_spread_have_no_p_value_and_no_standardized_difference():
     assert same.p is None and same.adjusted_p is None
 
 
+def test_pairs_that_differ_by_a_constant_have_no_p_value_of_the_t_test():
+    """The differences have the spread of rounding only, which would give 1e-78."""
+    first = [0.3 * k for k in range(6)]
+    found = only(rows_of(first, [value + 0.1 for value in first], paired=True))
+    assert found.tests["paired t"] is None
+    assert found.tests["Wilcoxon signed rank"] == pytest.approx(2 / 2**6)
+
+
 def test_failed_cases_and_unknown_values_are_left_out():
     rows = rows_of(FIRST, SECOND)
     rows += [row(98, "off", status=FAILED), row(99, "third", status=FAILED, path_mm=1.0)]

@@ -2,8 +2,12 @@
 
 import functools
 import http.server
+import socket
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -43,25 +47,80 @@ def test_url_has_the_same_cases_and_files(archive, tmp_path):
     assert (tmp_path / "copy" / "sub" / "tracking.mcap").stat().st_size == 100
 
 
-def test_cases_are_read_over_http(archive, tmp_path):
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The address of an HTTP server with an index of ``folder``."""
+
     class Quiet(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *args):
             pass
 
-    handler = functools.partial(Quiet, directory=str(archive))
+    handler = functools.partial(Quiet, directory=str(folder))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         try:
-            source = f"http://127.0.0.1:{server.server_port}/off/a"
-            case = CohortCase("a", source)
-            assert input_hash(case) == input_hash(case)
-            fetch(source, tmp_path / "copy")
+            yield f"http://127.0.0.1:{server.server_port}"
         finally:
             server.shutdown()
             thread.join()
+
+
+def test_cases_are_read_over_http(archive, tmp_path):
+    with served(archive) as address:
+        source = f"{address}/off/a"
+        case = CohortCase("a", source)
+        assert input_hash(case) == input_hash(case)
+        fetch(source, tmp_path / "copy")
     assert (tmp_path / "copy" / "case.yaml").read_text() == "off/a"
     assert (tmp_path / "copy" / "sub" / "tracking.mcap").stat().st_size == 100
+
+
+def test_names_with_spaces_and_accents_are_the_same_over_http(archive, tmp_path):
+    folder = archive / "on" / "Fall 1 (Müller)"
+    folder.mkdir()
+    (folder / "case.yaml").write_text("on/1")
+    (folder / "tumour 50%.stl").write_bytes(b"solid")
+    with served(archive) as address:
+        cohort = open_cohort(address)
+        assert sorted(names(cohort)) == sorted([*EXPECTED, ("on/Fall 1 (Müller)", "on")])
+        fetch(cohort.case("on/Fall 1 (Müller)").source, tmp_path / "copy")
+    assert (tmp_path / "copy" / "case.yaml").read_text() == "on/1"
+    assert (tmp_path / "copy" / "tumour 50%.stl").read_bytes() == b"solid"
+
+
+def test_an_encoded_path_out_of_the_folder_is_refused(tmp_path):
+    class Index(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            body = b'<a href="case.yaml">x</a> <a href="%2e%2e%2fother.yaml">y</a>'
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        do_HEAD = do_GET  # noqa: N815
+
+        def log_message(self, *args):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Index) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            with pytest.raises(InputError, match="expected files below it"):
+                fetch(f"http://127.0.0.1:{server.server_port}/a", tmp_path / "copy")
+        finally:
+            server.shutdown()
+            thread.join()
+    assert not (tmp_path / "other.yaml").exists()
+
+
+def test_a_server_that_does_not_answer_is_named():
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        port = closed.getsockname()[1]
+    with pytest.raises(InputError, match=r"cannot be listed: .*[Cc]onnect"):
+        open_cohort(f"http://127.0.0.1:{port}/archive")
 
 
 def test_list_has_one_source_a_line(archive, tmp_path):
