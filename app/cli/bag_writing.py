@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Self
 
 from app.files.shipped import checkout
+from app.runtime.priority import work_behind
 
 if TYPE_CHECKING:
     from app.case import CaseManifest
@@ -62,6 +63,7 @@ class BagProcess:
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
             start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
         )
+        work_behind(self._process)
         self._steps: list[StepResult] = []
         self._waiting: queue.Queue[bytes | None] = queue.Queue(_MAX_WAITING)
         self._sender = threading.Thread(target=self._send_all, args=(self._process.stdin,))

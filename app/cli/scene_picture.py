@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from app.files.shipped import checkout
+from app.runtime.priority import work_behind
 
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
@@ -57,6 +58,7 @@ class ScenePainter:
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
             start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
         )
+        work_behind(self._process)
         # The request waits in a thread until the process is ready; the replay does not wait.
         self._waiting = ThreadPoolExecutor(max_workers=1)
         self._answer: Future[tuple[bytes, bytes]] | None = None

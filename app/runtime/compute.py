@@ -13,22 +13,19 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar, cast
 
 from app.geometry import InputError
 from app.runtime.memory_file import read_object, write_object
+from app.runtime.priority import work_behind
 
 _LOG = logging.getLogger(__name__)
 
 _Value = TypeVar("_Value")
 
 _CLOSE_INTERVAL_S = 0.05
-
-_NICENESS = 5
-"""Low enough for the thread of the constraint to go first, high enough to proceed beside others."""
 
 
 class Compute(Protocol):
@@ -165,8 +162,7 @@ def _start() -> tuple["subprocess.Popen[bytes]", socket.socket]:
             stdin=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{known}" if known else root},
         )
-    with suppress(ProcessLookupError):  # it has ended: the exchange reports that
-        os.setpriority(os.PRIO_PROCESS, process.pid, os.nice(0) + _NICENESS)
+    work_behind(process)
     return process, here
 
 
