@@ -38,8 +38,9 @@ class CaseAnalysis:
 
     ``times_s`` (n,): of the frames, from the first one; ``distances_mm`` and ``held_s`` (n,) are as
     in `CaseSamples`. ``percentiles_mm``: of the measured
-    distance over time, by percent, empty without a distance. ``jitter``: noise of the distance,
-    None where the case is too short for an estimate; the breaches then have no estimated depth.
+    distance over the frames, by percent, empty without a distance. ``jitter``: noise of the
+    distance, None where the case is too short for an estimate; the breaches then have no estimated
+    depth.
     ``resection``: None where it was not asked for. ``sides``: of the tumour, right to inferior.
     ``probability``: None where no errors were given or no distance is known. ``anatomical``: the
     rotation to the patient's axes was given; else the axes of the tumour's file are taken as right,

@@ -62,7 +62,9 @@ def _comparison(comparisons: Sequence[Comparison], forest_png: bytes | None) -> 
     yield f"<h2>{escape(second)} against {escape(first)}</h2>"
     if forest_png is not None:
         data = base64.b64encode(forest_png).decode("ascii")
-        yield f'<img alt="Forest plot of the differences" src="data:image/png;base64,{data}">'
+        label = "Forest plot of the differences"
+        image = f'<img alt="{label}" src="data:image/png;base64,{data}">'
+        yield scrolling(image, label, "figure")
     yield _table(
         "Comparison",
         ("metric", first, second, "difference, 95 %", "pairs", "primary test", "p", "p, Holm"),

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+from app.fixture import MarginState
 from app.report.page import NOT_A_DEVICE, document, length, scrolling, table, text_of, time_text
 from app.report.reasons import ReasonCount
 from app.report.summary import CAUTERY_AT_ENTRY
@@ -146,8 +147,11 @@ def _expected(checks: Sequence[dict[str, str]] | None) -> str:
 
 def _states(summary: dict[str, Any]) -> str:
     seconds, counts = summary["state_seconds"], summary["state_counts"]
-    rows = [(state, counts[state], time_text(seconds[state])) for state in counts]
-    return table("Margin states", ("state", "frames", "time"), rows)
+    rows = [
+        (state, MarginState[state].display.description, counts[state], time_text(seconds[state]))
+        for state in counts
+    ]
+    return table("Margin states", ("state", "meaning", "frames", "time"), rows)
 
 
 def _reasons(reasons: Sequence[ReasonCount]) -> str:

@@ -45,10 +45,10 @@ def methods_of(
 
 
 def input_digests(case: "Case") -> dict[str, str]:
-    """The SHA-256 of ``case.yaml`` and of each file of the recording, by name.
+    """The SHA-256 of ``case.yaml``, of each file of the recording, and of those of tumour and tool.
 
-    Files of a recording that is a folder are named after it: ``tracking/0.mcap``. Raises
-    `InputError` for a file that cannot be read.
+    By their names in ``case.yaml``; files of a recording that is a folder are named after it:
+    ``tracking/0.mcap``. Raises `InputError` for a file that cannot be read.
     """
     files = {"case.yaml": case.folder / "case.yaml"}
     recording = case.recording_path
@@ -57,6 +57,10 @@ def input_digests(case: "Case") -> dict[str, str]:
         files |= {f"{recording.name}/{path.relative_to(recording)}": path for path in found}
     elif recording is not None:
         files[recording.name] = recording
+    tumor, tool = case.manifest.tumor, case.manifest.tool
+    files[tumor.shape.path] = case.file(tumor.shape.path, f"{tumor.shape_key}.path")
+    if tool.mesh is not None:
+        files[tool.mesh.path] = case.file(tool.mesh.path, "tool.mesh.path")
     return {name: sha256_of(path) for name, path in files.items()}
 
 

@@ -41,6 +41,7 @@ p { overflow-wrap: anywhere; }
 div.figure { overflow-x: auto; border: 1px solid var(--line); border-radius: 6px; padding: .5rem; }
 div.figure svg { display: block; margin: 0 auto; min-width: 34rem; max-width: 56rem;
                  width: 100%; height: auto; }
+div.figure img { min-width: 46rem; border: 0; }
 img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
       border-radius: 6px; }
 @media print {

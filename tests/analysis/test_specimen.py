@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from app.analysis import CaseSamples, coverage_of
 from app.analysis.directions import side_results, sides_of_surface
 from app.analysis.specimen import resection_of, specimen_of
-from app.analysis.swept_volume import MAX_STEPS, cutting_points, solid_of, swept_volume
+from app.analysis.swept_volume import MAX_POINTS, MAX_STEPS, cutting_points, solid_of, swept_volume
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 STALE_NS = 100_000_000
@@ -59,6 +59,37 @@ def test_straight_sweep_of_a_ball_is_a_capsule(poses):
     capsule = math.pi * RADIUS_MM**2 * (10.0 + 4.0 / 3.0 * RADIUS_MM)
     assert found.volume_mm3 == pytest.approx(capsule, rel=0.005)
     assert (found.poses, found.hulls) == (poses, 1)
+
+
+@pytest.mark.parametrize("radius", [0.8, 2.5])
+@pytest.mark.parametrize("direction", [(0.3, -0.7, 0.5), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)])
+def test_capsule_of_a_tool_with_many_faces_has_its_volume(radius, direction):
+    """A ball of 2562 corners, of which the cutting part keeps 144 at most; it turns, too."""
+    ball = mesh(trimesh.creation.icosphere(4, radius), "tip")
+    points = cutting_points(ball, 10.0)
+    assert len(points) <= MAX_POINTS
+    along = np.linspace(0.0, 17.3, 120)[:, None] * np.array(direction) / np.linalg.norm(direction)
+    turns = Rotation.from_rotvec(np.linspace(0.0, 2.0, 120)[:, None] * [0.3, 0.2, 0.9])
+    capsule = math.pi * radius**2 * (17.3 + 4.0 / 3.0 * radius)
+    straight = swept_volume(points, [(along, unturned(120))])
+    assert straight.volume_mm3 == pytest.approx(capsule, rel=0.005)
+    turning = swept_volume(points, [(along, turns.as_matrix())])
+    assert turning.volume_mm3 == pytest.approx(capsule, rel=0.005)
+
+
+def test_fewer_corners_keep_the_extent_of_a_long_tool():
+    """A rod of 10 mm with a round end: its sweep to the side is its section times the way."""
+    rod = trimesh.creation.capsule(30.0, 1.2, count=[64, 64])
+    rod.apply_translation((0.0, 0.0, -rod.bounds[1][2]))
+    points = cutting_points(mesh(rod, "tip"), 10.0)
+    assert 80 < len(points) <= MAX_POINTS
+    assert points[:, 2].min() == pytest.approx(-10.0, abs=0.15)
+    assert points[:, 2].max() == pytest.approx(0.0, abs=0.15)
+    tips = np.array([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]])
+    found = swept_volume(points, [(tips, unturned(2))])
+    near = solid_of(mesh(rod, "tip")) ^ manifold3d.Manifold.sphere(10.0, 128)
+    section = near.rotate((0.0, 90.0, 0.0)).project().area()
+    assert found.volume_mm3 == pytest.approx(near.volume() + 20.0 * section, rel=0.01)
 
 
 def test_nothing_is_swept_between_two_pieces():

@@ -95,7 +95,7 @@ def test_tables_hold_the_numbers(record_of: Record) -> None:
         *("1", "0.020 s", "0.040 s", "0.020 s", "-2.00 mm"),
         *("-", "-", "-", "in frames"),
     ] in page.rows
-    assert ["POSITIVE", "2", "0.040 s"] in page.rows
+    assert ["POSITIVE", "in the tumour", "2", "0.040 s"] in page.rows
     assert ["frames", "fail", "5 frames, 6 expected"] in page.rows
     assert ["stale", "1", "0.060 s"] in page.rows
     assert ["stale_after_ms", "200"] in page.rows

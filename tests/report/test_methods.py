@@ -27,12 +27,19 @@ def write_folder_case(folder: Path) -> Path:
     return case
 
 
+def meshes_of(case: Path) -> list[str]:
+    manifest = yaml.safe_load((case / "case.yaml").read_text())
+    return [manifest[owner]["mesh"]["path"] for owner in ("tumor", "tool")]
+
+
 def test_recording_that_is_a_folder_has_the_digest_of_each_file(tmp_path: Path) -> None:
     case = write_folder_case(tmp_path)
     expected = {
         "case.yaml": digest(case / "case.yaml"),
         "bag/bag_0.mcap": digest(case / "bag" / "bag_0.mcap"),
+        **{name: digest(case / name) for name in meshes_of(case)},
     }
+    assert len(expected) == 4
     assert input_digests(open_case(case)) == expected
     report = tmp_path / "report"
     assert main(["replay", str(case), "--no-ros", "--report", str(report)]) == 0
