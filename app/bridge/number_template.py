@@ -8,6 +8,7 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message, serialize_message
 
 from app.bridge.errors import BridgeError
@@ -44,6 +45,7 @@ class NumberTemplate:
                 "template of a message: other fields depend on the stamps or numbers; expected "
                 "one Time and adjacent numbers of 64 bits per block"
             )
+        del self._buffer[_length(self.serialized(others), expected) :]
 
     def serialized(self, blocks: Sequence[Block]) -> bytes:
         """Return the serialised message with these blocks, as many and as long as ``counts``."""
@@ -52,6 +54,25 @@ class NumberTemplate:
             stamp.pack_into(buffer, at, *time)
             values.pack_into(buffer, begin, *numbers)
         return bytes(buffer)
+
+
+def _length(raw: bytes, message: Any) -> int:
+    """How many bytes of ``raw`` hold ``message``.
+
+    rclpy adds up to 8 bytes that are not initialised after an empty sequence of numbers of 64 bits.
+    rosbags rejects such a message.
+    """
+    length = len(raw)
+    while length > 4 and _decodes(raw[: length - 1], message):
+        length -= 1
+    return length
+
+
+def _decodes(raw: bytes, message: Any) -> bool:
+    try:
+        return bool(deserialize_message(raw, type(message)) == message)
+    except rclpy_implementation.RMWError:
+        return False
 
 
 def _marks(counts: Sequence[int], number: int) -> list[Block]:

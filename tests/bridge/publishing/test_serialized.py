@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Float64, Header
 from tf2_msgs.msg import TFMessage
@@ -64,6 +65,22 @@ def test_joints_are_those_of_the_message(names: tuple[str, ...]) -> None:
         sample = JointSample(names, positions, Stamp(7 + 10**9 * step))
         found = deserialize_message(serialized.message(sample), JointState)
         assert found == joint_state_message(sample)
+
+
+@pytest.mark.parametrize("names", [(), ("turn",), ("first", "second joint", "third")])
+def test_bytes_of_joints_end_with_the_message(names: tuple[str, ...]) -> None:
+    raw = SerializedJoints().message(JointSample(names, (0.5,) * len(names), Stamp(7)))
+    store = get_typestore(Stores.ROS2_JAZZY)
+    found = store.deserialize_cdr(raw, "sensor_msgs/msg/JointState")  # rejects what is left over
+    assert found.position.tolist() == [0.5] * len(names)
+    assert len(raw) == len(store.serialize_cdr(found, "sensor_msgs/msg/JointState"))
+
+
+def test_bytes_of_transforms_end_with_the_message() -> None:
+    raw = SerializedTransforms().message(samples(EDGES, np.random.default_rng(5)))
+    store = get_typestore(Stores.ROS2_JAZZY)
+    found = store.deserialize_cdr(raw, "tf2_msgs/msg/TFMessage")
+    assert len(raw) == len(store.serialize_cdr(found, "tf2_msgs/msg/TFMessage"))
 
 
 def test_stamp_beyond_a_ros_time_raises() -> None:
