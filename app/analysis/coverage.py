@@ -1,7 +1,9 @@
 """Coverage of the tumour's surface: how near the tool came to each part of it.
 
-The distance is that of a face's centre to the tool's surface, which is taken as points at most
-`SPACING_MM` apart; it is too large by at most ``SPACING_MM^2 / (8 x)`` at a distance ``x``.
+The distance is that of places on the tumour's surface to the tool's surface, which is taken as
+points at most `SPACING_MM` apart; it is too large by at most ``SPACING_MM^2 / (8 x)`` at a distance
+``x``. A place is the centre of a face, or of a part of one: large faces are divided, so that the
+places are spread alike over a coarse surface and a fine one.
 """
 
 from collections.abc import Mapping
@@ -19,21 +21,24 @@ if TYPE_CHECKING:
 
 WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
-MAX_FACES = 1500
-"""Of a tumour with more faces, faces that are spread over the surface stand for all of them."""
+MAX_PLACES = 1500
+"""Of a surface with more, those that are spread over it stand for all of them."""
 _AT_ONCE = 50_000
 """Intervals of poses that are halved in one step: some 20 MB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """How near the tool came to the ``faces`` (m,) of the tumour, which are indices into its mesh.
+    """How near the tool came to the places (m,) on the tumour's surface.
 
+    ``faces`` (m,): index of the face of each place; a large face has several. ``places_mm`` (m, 3).
     ``nearest_mm`` (m,): least distance of the tool to each of them, up to the largest of
-    `WITHIN_MM`, infinite beyond. ``areas_mm2`` (m,): of the faces. ``frames``: how many were used.
+    `WITHIN_MM`, infinite beyond. ``areas_mm2`` (m,): of the part of the face around each place.
+    ``frames``: how many were used.
     """
 
     faces: NDArray[np.intp]
+    places_mm: FloatArray
     nearest_mm: FloatArray
     areas_mm2: FloatArray
     frames: int
@@ -62,6 +67,41 @@ def surface_points(surface: SurfaceMesh, spacing_mm: float = SPACING_MM) -> Floa
     return np.unique(np.round(np.concatenate(points), 6), axis=0)
 
 
+def surface_places(
+    surface: SurfaceMesh, max_places: int
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """At most ``max_places`` places (m, 3) on ``surface``, their faces (m,) and areas (m,).
+
+    A face of more than its part of the area, of twice as many places, is divided into alike parts.
+    """
+    corners = surface.triangles_mm
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    parts = np.ceil(np.sqrt(2.0 * max_places * areas / areas.sum()) - 1e-9)
+    parts = np.maximum(parts, 1.0).astype(int)
+    faces, places = [], []
+    for count in np.unique(parts).tolist():
+        chosen = np.flatnonzero(parts == count)
+        weights = _part_centres(count)
+        faces.append(np.repeat(chosen, len(weights)))
+        places.append((weights @ corners[chosen]).reshape(-1, 3))
+    face, place = np.concatenate(faces), np.concatenate(places)
+    order = np.argsort(face, kind="stable")
+    face, place = face[order], place[order]
+    kept = spread_faces(place, max_places)
+    face = face[kept]
+    return face, place[kept], areas[face] / parts[face] ** 2
+
+
+def _part_centres(count: int) -> FloatArray:
+    """Barycentric coordinates (count^2, 3) of the centres of alike parts of a triangle."""
+    i, j = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
+    up, down = i + j < count, i + j < count - 1
+    first = np.concatenate([i[up] + 1.0 / 3.0, i[down] + 2.0 / 3.0]) / count
+    second = np.concatenate([j[up] + 1.0 / 3.0, j[down] + 2.0 / 3.0]) / count
+    return np.stack([first, second, 1.0 - first - second], axis=1)
+
+
 def spread_faces(centres_mm: FloatArray, max_faces: int) -> NDArray[np.intp]:
     """At most ``max_faces`` indices of ``centres_mm`` (m, 3), increasing, spread over all of them.
 
@@ -77,18 +117,13 @@ def spread_faces(centres_mm: FloatArray, max_faces: int) -> NDArray[np.intp]:
 
 
 def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | None) -> Coverage:
-    """How near the tool came to the faces of ``tumor`` in the frames whose distance is known.
+    """How near the tool came to places on ``tumor`` in the frames whose distance is known.
 
     ``tool`` is in the tip's frame; None is a tool that is its tip alone.
     """
     from scipy.spatial import cKDTree  # slow to load
 
-    faces = spread_faces(tumor.triangles_mm.mean(axis=1), MAX_FACES)
-    corners = tumor.triangles_mm[faces]
-    centres = corners.mean(axis=1)
-    areas = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    faces, centres, areas = surface_places(tumor, MAX_PLACES)
     limit = max(WITHIN_MM)
     frames = _near(samples, limit)
     nearest = np.full(len(centres), np.inf)
@@ -97,11 +132,11 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
             tips = cKDTree(samples.tips_mm[frames])
             found, _ = tips.query(centres, distance_upper_bound=limit)
             nearest = np.asarray(found, dtype=np.float64)
-        return Coverage(faces, nearest, areas, len(frames))
+        return Coverage(faces, centres, nearest, areas, len(frames))
     if len(frames):
         tree = cKDTree(surface_points(tool))
         nearest = _nearest(tree, samples.tips_mm[frames], samples.rotations[frames], centres)
-    return Coverage(faces, nearest, areas, len(frames))
+    return Coverage(faces, centres, nearest, areas, len(frames))
 
 
 def _nearest(

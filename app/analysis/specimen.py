@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.coverage import spread_faces
+from app.analysis.coverage import surface_places
 from app.analysis.directions import SIDES, sides_of_surface
 from app.analysis.motion import smoothed_path
 from app.analysis.samples import CaseSamples
@@ -30,7 +30,7 @@ from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import ANATOMICAL_WORDS, FloatArray, MeshError, SurfaceMesh
 
 MAX_POINTS = 2000
-"""Of a tumour with more faces, as many that are spread over the surface stand for all of them."""
+"""Places on the tumour's surface whose distance is a margin."""
 TUMOR_MM = 0.005
 """The tumour's surface is simplified by at most this for the volumes."""
 NEAR_MM = 10.0
@@ -168,13 +168,12 @@ def specimen_of(
 def _margins(
     specimen: SurfaceMesh, tumor: SurfaceMesh, ras_from_tumor: FloatArray | None
 ) -> dict[str, float]:
-    """Least signed distance of the tumour's face centres to the specimen's surface, by side."""
+    """Least signed distance of places on the tumour to the specimen's surface, by side."""
     import trimesh  # slow to load
 
     mesh = trimesh.Trimesh(specimen.vertices_mm, specimen.faces, process=False)
-    centres = tumor.triangles_mm.mean(axis=1)
-    chosen = spread_faces(centres, MAX_POINTS)
-    points, sides = centres[chosen], sides_of_surface(tumor, ras_from_tumor)[chosen]
+    faces, points, _ = surface_places(tumor, MAX_POINTS)
+    sides = sides_of_surface(tumor, ras_from_tumor)[faces]
     nearest: Any = trimesh.proximity.closest_point
     _, distances, _ = nearest(mesh, points)
     bvh = indexed_bvh(specimen.vertices_mm, specimen.faces)

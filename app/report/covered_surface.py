@@ -57,15 +57,14 @@ def covered_surface(
     breaches_mm: Sequence[tuple[float, float, float]] = (),
     ras_from_tumor: FloatArray | None = None,
 ) -> CoveredSurface:
-    """``tumor`` with at most about `MAX_FACES` faces, each with the value of the nearest face of
+    """``tumor`` with at most about `MAX_FACES` faces, each with the value of the nearest place of
     ``coverage``.
 
     ``breaches_mm`` are places in the tumour's frame. Without ``ras_from_tumor`` (3, 3) the tumour's
     axes are taken as right, anterior and superior.
     """
     vertices, faces = _simplified(tumor)
-    centres = tumor.triangles_mm[coverage.faces].mean(axis=1)
-    nearest = _nearest(centres, vertices[faces].mean(axis=1))
+    nearest = _nearest(coverage.places_mm, vertices[faces].mean(axis=1))
     turn = np.eye(3) if ras_from_tumor is None else ras_from_tumor
     centroid = tumor.centroid_mm
     places = np.array(breaches_mm, dtype=np.float64).reshape(-1, 3)

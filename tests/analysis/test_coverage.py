@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from app.analysis import CaseSamples, coverage_of
-from app.analysis.coverage import MAX_FACES, SPACING_MM, WITHIN_MM, surface_points
+from app.analysis.coverage import MAX_PLACES, SPACING_MM, WITHIN_MM, surface_points
 from app.geometry import SurfaceMesh
 
 
@@ -43,7 +43,7 @@ def test_coverage_equals_the_distance_to_the_tool_in_every_frame():
     turned = Rotation.random(30, random_state=1).as_matrix()
     found = coverage_of(samples(tips, turned), TUMOR, TOOL)
     box = trimesh.Trimesh(TOOL.vertices_mm, TOOL.faces)
-    centres = TUMOR.triangles_mm.mean(axis=1)
+    centres = found.places_mm
     brute = np.full(len(centres), np.inf)
     for tip, rotation in zip(tips, turned, strict=True):
         _, distance, _ = trimesh.proximity.closest_point(box, (centres - tip) @ rotation)
@@ -64,14 +64,14 @@ def test_share_of_a_fine_surface_does_not_depend_on_the_order_of_its_faces(order
     fine = mesh("tumor", trimesh.creation.icosphere(5, radius=8.0))
     if order == "every n-th on one side":
         upwards = np.argsort(fine.triangles_mm.mean(axis=1)[:, 2])
-        places = np.argsort(np.arange(len(upwards)) % -(-len(upwards) // MAX_FACES), kind="stable")
+        places = np.argsort(np.arange(len(upwards)) % -(-len(upwards) // MAX_PLACES), kind="stable")
         faces = np.empty_like(fine.faces)
         faces[places] = fine.faces[upwards]
         fine = SurfaceMesh("tumor", fine.vertices_mm, faces)
     for away in (8.5, 10.0, 12.0):
         tip = np.array([[0.6, 0.0, 0.8]]) * away
         found = coverage_of(samples(tip), fine, None)
-        assert len(found.faces) <= MAX_FACES < len(fine.faces)
+        assert len(found.faces) <= MAX_PLACES < len(fine.faces)
         cosine = (away**2 + 8.0**2 - 5.0**2) / (2.0 * away * 8.0)
         assert found.share(5.0) == pytest.approx(0.5 * (1.0 - cosine), abs=0.006)
 
@@ -106,6 +106,27 @@ def test_large_tumour_is_represented_by_some_of_its_faces():
     assert found.share(5.0) == pytest.approx(
         coverage_of(samples(tips), TUMOR, None).share(5.0), abs=0.01
     )
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        trimesh.creation.box([16.0, 16.0, 16.0]),
+        trimesh.creation.icosphere(0, radius=8.0),
+        trimesh.creation.cylinder(6.0, 30.0, sections=12),
+        trimesh.creation.icosphere(6, radius=8.0),
+    ],
+    ids=["12 faces", "20 faces", "36 uneven faces", "81920 faces"],
+)
+def test_share_of_a_coarse_surface_is_that_of_its_area(shape):
+    """Compared with 40 thousand points that are random on the surface."""
+    random = np.random.default_rng(8)
+    tips = random.uniform(-7.0, 7.0, (12, 3)) + np.array([6.0, 0.0, 3.0])
+    found = coverage_of(samples(tips), mesh("tumor", shape), None)
+    points, _ = trimesh.sample.sample_surface(shape, 40_000, seed=5)
+    nearest = np.linalg.norm(points[:, None] - tips[None], axis=2).min(axis=1)
+    for within in WITHIN_MM:
+        assert found.share(within) == pytest.approx((nearest <= within).mean(), abs=0.015)
 
 
 def hand(count: int, seed: int) -> CaseSamples:

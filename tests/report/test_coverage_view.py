@@ -44,9 +44,11 @@ def bumpy(subdivisions):
 def coverage_by_height(tumor):
     """Distances from 0 mm at one end to 14 mm at the other, of spread faces; infinite above 10."""
     faces = spread_faces(tumor.triangles_mm.mean(axis=1), 1500)
-    heights = tumor.triangles_mm[faces].mean(axis=1) @ [0.6, 0.0, 0.8]
+    centres = tumor.triangles_mm[faces].mean(axis=1)
+    heights = centres @ [0.6, 0.0, 0.8]
     nearest = 14.0 * (heights - heights.min()) / np.ptp(heights)
-    return Coverage(faces, np.where(nearest <= 10.0, nearest, np.inf), np.ones(len(faces)), 9)
+    nearest[nearest > 10.0] = np.inf
+    return Coverage(faces, centres, nearest, np.ones(len(faces)), 9)
 
 
 @pytest.mark.parametrize("subdivisions", [3, 5], ids=["1280 faces", "20480 faces"])
@@ -117,7 +119,8 @@ def test_view_begins_where_the_tool_came_nearest_and_breaches_are_at_their_place
 def test_tumour_that_the_tool_never_came_near_is_all_farther():
     tumor = bumpy(2)
     faces = np.arange(len(tumor.faces))
-    coverage = Coverage(faces, np.full(len(faces), np.inf), np.ones(len(faces)), 0)
+    centres = tumor.triangles_mm.mean(axis=1)
+    coverage = Coverage(faces, centres, np.full(len(faces), np.inf), np.ones(len(faces)), 0)
     document = coverage_document(covered_surface(tumor, coverage))
     assert set(np.frombuffer(base64.b64decode(document["nearest"]), "<u2").tolist()) == {FARTHER}
 
