@@ -7,6 +7,7 @@ python  := $(venv)/bin/python
 run     := $(venv)/.installed-run
 test    := $(venv)/.installed-test
 site    := $(venv)/.installed-docs
+foxglove := tests/foxglove/node_modules/.package-lock.json
 
 case    := data/recorded_case
 report  := out/demo
@@ -20,7 +21,7 @@ interfaces := $(shell find interfaces interfaces_extra -type f -not -path '*/bui
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast test-playback test-long test-exhaustive test-wheel docs lint format doctor clean bench-faults
+.PHONY: help demo test test-fast test-playback test-long test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
@@ -31,6 +32,7 @@ help:
 	@echo 'make test-playback  play the whole recorded case to a live session (150 s), compare with a replay'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
+	@echo 'make test-foxglove  read the results of a replay with packages of Foxglove (npm)'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
 	@echo 'make lint       ruff and mypy'
 	@echo 'make format     let ruff rewrite the files'
@@ -62,6 +64,17 @@ test-exhaustive: $(test)
 test-wheel: $(test)
 	@$(python) -m pytest tests/tools/installed_wheel.py $(PYTEST_ARGS)
 
+# No part of test-long: it needs Node.js and 11 packages of npm (5 MB), which no other test needs.
+test-foxglove: $(test) $(foxglove)
+	@$(python) -m pytest tests/foxglove/bag_in_foxglove_readers.py $(PYTEST_ARGS)
+
+# The lock file pins versions and hashes.
+$(foxglove): tests/foxglove/package-lock.json
+	@command -v npm > /dev/null || { \
+	  echo 'marginguard: npm was not found: install Node.js 20 with npm' >&2; exit 1; }
+	@npm ci --prefix tests/foxglove --ignore-scripts --no-audit --no-fund
+	@touch $@
+
 # Warnings are errors. Notebooks are executed; nothing is fetched from other hosts.
 docs: $(site)
 	@rm -rf out/docs
@@ -89,7 +102,7 @@ doctor: $(run)
 	@$(venv)/bin/marginguard doctor
 
 clean:
-	@rm -rf $(venv) out build interfaces/build interfaces_extra/build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@rm -rf $(venv) tests/foxglove/node_modules out build interfaces/build interfaces_extra/build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -prune -exec rm -rf {} + -o -name '*.egg-info' -prune -exec rm -rf {} +
 
 $(python):
