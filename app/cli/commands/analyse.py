@@ -227,8 +227,8 @@ def as_text(analysis: "CaseAnalysis") -> str:
         risk = analysis.probability
         lines.append(f"  P(breach)     {_outcome(risk.outcome)}")
         lines += [
-            f"  no {name} error".ljust(16)
-            + f"{_outcome(effect.without)}; {100.0 * effect.variance_share:.0f} % of the variance"
+            f"  no {name} error".ljust(15)
+            + f" {_outcome(effect.without)}; {100.0 * effect.variance_share:.0f} % of the variance"
             for name, effect in risk.sources.items()
         ]
         lines += [
