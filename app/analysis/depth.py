@@ -35,7 +35,7 @@ NEAR_SIGMAS = 3.0
 """Smoothed distances within this many standard deviations of the minimum are near it."""
 MIN_NEAR = 9
 """Least number of samples that are kept near the minimum."""
-MAX_ACCELERATION_MM_S2 = 600.0
+MAX_ACCELERATION_MM_S2 = 2000.0
 """Largest standard deviation of the acceleration near the minimum, where the tool turns."""
 _LOW, _HIGH = 2.5, 97.5
 _LEAST_ADDED = 1e-9

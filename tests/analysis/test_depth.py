@@ -21,6 +21,26 @@ def test_estimate_is_less_biased_than_the_lowest_sample(kind):
     assert found["coverage"] >= 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 12)
 
 
+def test_interval_holds_the_depth_of_a_tool_that_turns_fast():
+    """Hyperbolas with 1000 to 2000 mm/s2 at their lowest point, at 30 Hz."""
+    random, covered = np.random.default_rng(3), []
+    for _ in range(60):
+        times = np.arange(0.0, 1.4, 1.0 / 30.0) + random.uniform(0.0, 1.0 / 30.0)
+        speed, acceleration = random.uniform(60.0, 150.0), random.uniform(1000.0, 2000.0)
+        depth = random.uniform(1.0, 6.0)
+        bottom = speed**2 / acceleration
+        truth = np.hypot(speed * (times - 0.7), bottom) - bottom - depth
+        found = estimate_depth(
+            times,
+            truth + 0.18 * random.standard_normal(len(times)),
+            Jitter(0.18),
+            start_s=0.5,
+            end_s=0.9,
+        )
+        covered.append(found.low_mm <= -depth <= found.high_mm)
+    assert np.mean(covered) >= 0.8
+
+
 def test_without_jitter_the_estimate_is_the_minimum():
     found = estimate_depth(TIMES + 0.007, dip(TIMES + 0.007), Jitter(0.002), start_s=0.7, end_s=1.3)
     assert found.distance_mm == pytest.approx(-3.0, abs=0.01)
