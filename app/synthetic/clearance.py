@@ -13,7 +13,7 @@ from scipy.spatial.distance import cdist
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.synthetic.cautery import NEAR_PART_MM
-from app.synthetic.height_kernel import heights_of_tool
+from app.synthetic.height_kernel import ROUNDING_MM, heights_of_tool
 from app.synthetic.tumour import Tumour, icosphere
 
 NEAR_SPACING_MM = 0.4
@@ -31,7 +31,6 @@ _MAX_UNSAMPLED_MM = 0.05
 _BLOCK = 64
 _BATCH_OUTSIDE, _BATCH_INSIDE = 16, 2
 """Points of the first search. Inside, each search is slow and leaves few points."""
-_ROUNDING_MM = 1e-9
 
 
 class Clearance:
@@ -51,6 +50,7 @@ class Clearance:
         # Without the two options a query of a point deep inside takes four times as long.
         self._tree = cKDTree(self._surface_mm, 32, compact_nodes=False, balanced_tree=False)
         self._tool, self._tool_mm = tool, _tool_points(tool)
+        self._lowest = 0  # of the last pose: the next one has a low height there, too
         self.tool_length_mm = -float(tool.bounds_mm[0][2])
         radii = np.linalg.norm(self._surface_mm, axis=1)
         self._max_radius_mm = float(radii.max()) + _MAX_UNSAMPLED_MM
@@ -82,7 +82,7 @@ class Clearance:
             if best < 0.0 and len(points):
                 # A point is no deeper than its distance to any sample of the surface.
                 depths = cdist(points, self._surface_mm[samples]).min(axis=1)
-                lower_bounds = np.maximum(lower_bounds, -depths - _ROUNDING_MM)
+                lower_bounds = np.maximum(lower_bounds, -depths - ROUNDING_MM)
             possible = lower_bounds <= best
             points, heights = points[possible], heights[possible]
             lower_bounds = lower_bounds[possible]
@@ -119,7 +119,7 @@ class Clearance:
         """
         heights = np.empty(len(self._tool_mm))
         tumour = self._tumour
-        lowest = heights_of_tool(
+        self._lowest = heights_of_tool(
             self._tool_mm,
             tumor_from_tip.rotation,
             tumor_from_tip.translation_mm,
@@ -131,9 +131,10 @@ class Clearance:
             *_blocks(self._tool),
             self.distance_per_height,
             for_distance,
+            self._lowest,
             heights,
         )
-        return float(lowest), heights
+        return float(heights[self._lowest]), heights
 
 
 @lru_cache(maxsize=1)
@@ -149,21 +150,15 @@ def _tool_points(tool: SurfaceMesh) -> FloatArray:
 
 
 @lru_cache(maxsize=1)
-def _blocks(tool: SurfaceMesh) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-    """Blocks of successive samples of the tool: size, spheres, distance to the first sample.
-
-    The spheres are centres (k, 3) and radii (k,); the largest distances are (k,).
-    """
+def _blocks(tool: SurfaceMesh) -> tuple[int, FloatArray, FloatArray]:
+    """Blocks of successive samples of the tool: size, centres (k, 3) and radii (k,) of spheres."""
     samples = _tool_points(tool)
     blocks = [samples[first : first + _BLOCK] for first in range(0, len(samples), _BLOCK)]
     centres = np.array([0.5 * (each.min(axis=0) + each.max(axis=0)) for each in blocks])
-    radii, reaches = (
-        np.array(
-            [cdist(each, place[None]).max() for each, place in zip(blocks, places, strict=True)]
-        )
-        for places in (centres, [each[0] for each in blocks])
+    radii = np.array(
+        [cdist(each, place[None]).max() for each, place in zip(blocks, centres, strict=True)]
     )
-    return _BLOCK, centres, radii + _ROUNDING_MM, reaches + _ROUNDING_MM
+    return _BLOCK, centres, radii + ROUNDING_MM
 
 
 def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:
