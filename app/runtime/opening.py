@@ -16,11 +16,13 @@ from app.case import (
     open_live,
     stale_after_ns,
 )
+from app.fixture import ProximityEngine
 from app.geometry import NS_PER_S, InputError
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent, content_of
 from app.session import (
     LiveImages,
+    MakeEngine,
     SessionSetup,
     TrackingError,
     robot_from_case,
@@ -114,16 +116,17 @@ def prepare_case(
     tip_only: bool = False,
     on_stage: OnStage = lambda stage: None,
     frames: tuple[TrackingFrame, ...] | None = None,
+    make_engine: MakeEngine = ProximityEngine,
 ) -> PreparedCase:
     """Open the case in ``folder``, repair its tumour, estimate its clock, register its robot.
 
-    ``frames`` are those of a recording that was not written (`open_case`). Takes seconds. Raises
-    `InputError` for a case that cannot be used, and `FrameError` for a recording in which nothing
-    connects the tool with the tumour.
+    ``frames`` are those of a recording that was not written (`open_case`), ``make_engine`` is for
+    `setup_from_case`. Takes seconds. Raises `InputError` for a case that cannot be used, and
+    `FrameError` for a recording in which nothing connects the tool with the tumour.
     """
     case, clock = _open(folder, package_dirs, frames)
     on_stage("open the case")
-    setup = setup_from_case(case, tip_only=tip_only)
+    setup = setup_from_case(case, tip_only=tip_only, make_engine=make_engine)
     content = content_of(case, setup, tip_only=tip_only)
     on_stage("meshes, robot, registration")
     return PreparedCase(case, setup, content, clock, tip_only)

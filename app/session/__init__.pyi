@@ -5,7 +5,7 @@ from .breach_place import checked_axes, is_tip, place_letters
 from .case_robot import load_case_robot
 from .dwelling import mean_dwell_pose
 from .frame_senders import FrameSenders, SenderConflict
-from .from_case import margin_parameters, robot_from_case, setup_from_case
+from .from_case import MakeEngine, margin_parameters, robot_from_case, setup_from_case
 from .inside_runs import InsideRun, InsideRuns
 from .joint_clock import tip_signals, with_estimated_clock
 from .known_edges import NO_EDGES, KnownEdges
@@ -35,6 +35,7 @@ from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
 from .setup_doubts import SetupDoubts
 from .shown_state import SHOWN_STATES, STOP, ShownState, shown_state
 from .step_result import StepResult
+from .tool_engines import ToolEngines
 from .tracking_error import TrackingError
 from .tumor_change import TumorChange, tumor_change
 from .tumor_replacement import TumorReplacement, load_replacement, prepare_replacement
@@ -58,6 +59,7 @@ __all__ = [
     "KnownEdges",
     "LiveImages",
     "LiveSession",
+    "MakeEngine",
     "MeasuredPose",
     "PathDepth",
     "PathPoint",
@@ -74,6 +76,7 @@ __all__ = [
     "SetupDoubts",
     "ShownState",
     "StepResult",
+    "ToolEngines",
     "TrackingError",
     "TumorChange",
     "TumorReplacement",

@@ -1,19 +1,26 @@
 """Setup of a session from a case: manifest, meshes and the registered robot."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from app.case import Case
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
+from app.geometry import SurfaceMesh
 from app.registration import DriftBound
 from app.session.case_robot import load_case_robot
 from app.session.named_frames import check_frames
 from app.session.registering import register_robot
 from app.session.setup import ProximityModel, RobotSetup, SessionSetup
 
+MakeEngine = Callable[[SurfaceMesh, SurfaceMesh], ProximityEngine]
 
-def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
+
+def setup_from_case(
+    case: Case, *, tip_only: bool = False, make_engine: MakeEngine = ProximityEngine
+) -> SessionSetup:
     """Setup of a session for ``case``; with ``tip_only`` the tool is reduced to its tip.
 
+    ``make_engine`` makes the engine of the whole tool from the meshes of tumour and tool.
     Reads the recording up to its last landmark dwell if the registration needs it. Raises
     `FrameError` for a recording that does not connect the tool to the tumour.
     """
@@ -22,7 +29,7 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
     margins = margin_parameters(case)
     tumor = case.tumor_mesh()
     proximity: ProximityModel = (
-        TipProximity(tumor) if tip_only else ProximityEngine(tumor, case.tool_mesh())
+        TipProximity(tumor) if tip_only else make_engine(tumor, case.tool_mesh())
     )
     return SessionSetup(
         tool_from_tip=manifest.tool.tool_from_tip,

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
 from app.geometry.rotation_vectors import rotation_of_vector
+from app.synthetic.poses import Poses
 
 MAX_TURN_RAD = 2.5
 """Rotation vectors are smooth below pi; this leaves a margin."""
@@ -144,6 +145,16 @@ class JointMotion:
             joints = dict(zip(self.joint_names, self.positions(time_s).tolist(), strict=True))
             self._last = time_s, self._arm.base_from_tool(joints)
         return self._last[1]
+
+    def base_from_tools(self, times_s: FloatArray) -> Poses:
+        """The true poses of the tool at ``times_s`` (n,)."""
+        names = self.joint_names
+        return Poses.of(
+            [
+                self._arm.base_from_tool(dict(zip(names, row, strict=True)))
+                for row in self.positions(times_s).tolist()
+            ]
+        )
 
 
 def _same(one: Transform, other: Transform) -> bool:

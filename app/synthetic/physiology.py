@@ -10,6 +10,7 @@ import numpy as np
 
 from app.geometry import FloatArray, Transform
 from app.geometry.rotation_vectors import rotation_of_vector
+from app.synthetic.poses import Poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,12 @@ class Breathing:
         """Depth of breath at ``time_s``, 0 to 1."""
         since_s = max(time_s - self.held_until_s, 0.0)
         return float(np.sin(np.pi * self.frequency_hz * since_s) ** 4)
+
+    def depths(self, times_s: FloatArray) -> FloatArray:
+        """Depths of breath (n,) at ``times_s`` (n,)."""
+        since_s = np.maximum(times_s - self.held_until_s, 0.0)
+        # The power of an array has other rounding than that of a number.
+        return np.array([sine**4 for sine in np.sin(np.pi * self.frequency_hz * since_s)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,4 +56,14 @@ class BreathingBody:
             self.rest.source,
             self.rest.rotation @ turn,
             self.rest.translation_mm + depth * self.shift_mm,
+        )
+
+    def at_all(self, depths: FloatArray) -> Poses:
+        """The poses at n depths of breath (n,)."""
+        turns = np.array([rotation_of_vector(turn) for turn in depths[:, None] * self.turn_rad])
+        return Poses(
+            self.rest.target,
+            self.rest.source,
+            np.matmul(self.rest.rotation, turns),
+            self.rest.translation_mm + depths[:, None] * self.shift_mm,
         )

@@ -1,12 +1,14 @@
 """What is recorded of a simulation: frames with the tracker's errors, joints, and what was lost."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.case.manifest.expected import DropoutKind, ExpectedDropout
-from app.geometry import NS_PER_S, Stamp, TrackedTransform, TrackingStatus
+from app.geometry import NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.synthetic.case_errors import Encoders
 from app.synthetic.simulated_tracker import Reading, SimulatedTracker
 from app.synthetic.simulation import (
@@ -17,6 +19,9 @@ from app.synthetic.simulation import (
     Simulation,
 )
 from app.synthetic.tracker import reported
+
+_BLOCK = 2000
+"""Readings that are measured at once."""
 
 
 class Recording:
@@ -38,7 +43,8 @@ class Recording:
         self._encoders, self._offset_ns = encoders, offset_ns
         self._first_ns: int | None = None
         self._losses = {frame: _Losses(frame) for frame in TRACKED_FRAMES}
-        self._before: dict[str, TrackedTransform] = {}
+        self._before: dict[str, Transform] = {}
+        self._joint_number = 0  # of the next sample, in periods of the robot's clock
 
     def frames(self) -> Iterator[TrackingFrame]:
         """Yield the frames, each with the joints read since the last.
@@ -46,19 +52,18 @@ class Recording:
         A frame without any sample is left out, and its joints come with the next one.
         """
         joints: list[JointSample] = []
-        joint_ns = (FIRST_STAMP_NS - self._offset_ns) // JOINT_PERIOD_NS * JOINT_PERIOD_NS
-        for reading in self._tracker.readings(self._simulation.duration_s):
-            stamp = Stamp(FIRST_STAMP_NS + reading.stamp_ns)
-            if self._first_ns is None:
-                self._first_ns = stamp.ns
-                joint_ns = (stamp.ns - self._offset_ns) // JOINT_PERIOD_NS * JOINT_PERIOD_NS
-            read_ns = range(joint_ns, stamp.ns - self._offset_ns + 1, JOINT_PERIOD_NS)
-            joints.extend(self._joint_samples(read_ns))
-            joint_ns += len(read_ns) * JOINT_PERIOD_NS
-            poses = self._measure(reading, stamp)
-            if poses:
-                yield TrackingFrame(stamp, poses, tuple(joints))
-                joints = []
+        readings = self._tracker.readings(self._simulation.duration_s)
+        while block := list(islice(readings, _BLOCK)):
+            samples = self._joint_samples(block)
+            for reading, poses in zip(block, self._measured(block), strict=True):
+                stamp = Stamp(FIRST_STAMP_NS + reading.stamp_ns)
+                until_ns = stamp.ns - self._offset_ns
+                while samples and samples[0].stamp.ns <= until_ns:
+                    joints.append(samples.popleft())
+                received = self._received(reading, stamp, *poses)
+                if received:
+                    yield TrackingFrame(stamp, received, tuple(joints))
+                    joints = []
 
     def recorded_s(self, time_s: float) -> float:
         """The time in the recording, from its first stamp, of a true time; after `frames`."""
@@ -84,22 +89,29 @@ class Recording:
                     )
         return tuple(dropout for *_, dropout in sorted(found, key=lambda entry: entry[:2]))
 
-    def _measure(self, reading: Reading, stamp: Stamp) -> tuple[TrackedTransform, ...]:
+    def _measured(
+        self, readings: Sequence[Reading]
+    ) -> Iterator[tuple[tuple[Transform, ...], list[bool]]]:
+        """The measured poses of all frames at each reading, and which are lost by chance."""
+        times_s = np.array([reading.acquired_ns / NS_PER_S for reading in readings])
+        truths, metal_mm = self._simulation.tracked(times_s)
+        measured = self._tracker.measure_all(TRACKED_FRAMES, truths, times_s, metal_mm)
+        lost = self._tracker.lose_all(len(readings), len(TRACKED_FRAMES))
+        transforms = zip(*(poses.transforms() for poses in measured), strict=True)
+        return zip(transforms, lost.tolist(), strict=True)
+
+    def _received(
+        self, reading: Reading, stamp: Stamp, measured: Sequence[Transform], lost: Sequence[bool]
+    ) -> tuple[TrackedTransform, ...]:
         time_s = reading.acquired_ns / NS_PER_S
-        metal = self._simulation.metal(time_s)
         arrived = []
-        for frame in TRACKED_FRAMES:
-            truth = self._simulation.tracker_from(frame, time_s)
-            measured = self._tracker.measure(frame, truth, time_s, metal)
-            sample = TrackedTransform(measured, stamp, TrackingStatus.OK)
+        for frame, pose, is_lost in zip(TRACKED_FRAMES, measured, lost, strict=True):
             if reading.repeated and frame in self._before:
-                before = self._before[frame].transform
-                assert before is not None
-                sample = TrackedTransform(before, stamp, TrackingStatus.OK)
-            self._before[frame] = sample
+                pose = self._before[frame]
+            self._before[frame] = pose
+            sample = TrackedTransform.valid(pose, stamp)
             received = reported(sample, self._simulation.scenario.dropouts, time_s)
-            lost = self._tracker.loses()
-            if received is not None and lost and not reading.skipped:
+            if received is not None and is_lost and not reading.skipped:
                 received = TrackedTransform.lost(
                     sample.target, frame, stamp, TrackingStatus.INVALID
                 )
@@ -110,15 +122,26 @@ class Recording:
                 arrived.append(received)
         return tuple(arrived)
 
-    def _joint_samples(self, robot_ns: Sequence[int]) -> Iterator[JointSample]:
-        """The samples at these times of the robot's clock."""
+    def _joint_samples(self, readings: Sequence[Reading]) -> deque[JointSample]:
+        """The samples since the last ones, up to the last of these readings."""
+        first_ns, last_ns = (
+            (FIRST_STAMP_NS + readings[index].stamp_ns - self._offset_ns) // JOINT_PERIOD_NS
+            for index in (0, -1)
+        )
+        if self._first_ns is None:
+            self._first_ns = FIRST_STAMP_NS + readings[0].stamp_ns
+            self._joint_number = first_ns
+        robot_ns = [number * JOINT_PERIOD_NS for number in range(self._joint_number, last_ns + 1)]
+        self._joint_number += len(robot_ns)
         motion = self._simulation.arm_motion
         late_ns = ROBOT_TO_TRACKER_OFFSET_NS - FIRST_STAMP_NS
         positions = motion.positions(np.array([(ns + late_ns) / NS_PER_S for ns in robot_ns]))
         if self._encoders is not None:
             positions = self._encoders.read(positions)
-        for ns, row in zip(robot_ns, positions.tolist(), strict=True):
-            yield JointSample(motion.joint_names, tuple(row), Stamp(ns, "robot"))
+        return deque(
+            JointSample(motion.joint_names, tuple(row), Stamp(ns, "robot"))
+            for ns, row in zip(robot_ns, positions.tolist(), strict=True)
+        )
 
 
 class _Losses:

@@ -10,9 +10,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from app.geometry import NS_PER_S, FloatArray, Transform
+from app.synthetic.poses import Poses
 from app.synthetic.tracker_model import TrackerModel
 
 _MAX_TIME_ERROR = 0.3
@@ -62,10 +64,8 @@ class SimulatedTracker:
         self._undistorted = np.array([0.0, 0.0, bend.reach_mm])
         self._quanta = np.array(quanta)
         self._has_slow = bool(model.slow.position_rms_mm or model.slow.angle_rms_rad)
-        self._pose, self._metal_mm = np.empty((3, 4)), np.zeros((2, 3))
-        self._errors = np.empty((1 + self._has_slow, 6))
         self._white_scale, self._slow_scale = model.white.deviations, model.slow.deviations
-        self._states: dict[str, tuple[float, FloatArray]] = {}
+        self._states: dict[str, tuple[float | None, FloatArray]] = {}
 
     def readings(self, duration_s: float) -> Iterator[Reading]:
         """Yield all readings with an acquisition from 0 to ``duration_s``, in order."""
@@ -90,24 +90,59 @@ class SimulatedTracker:
 
         ``truth`` is its pose in the tracker. Times of one sensor must not fall.
         """
-        pose, distortion = self._pose, self._undistorted
-        pose[:, :3], pose[:, 3] = truth.rotation, truth.translation_mm
-        if metal is not None:
-            distortion = self._distortion
-            self._metal_mm[0], self._metal_mm[1] = metal.start_mm, metal.end_mm
+        metal_mm = None if metal is None else np.array([[metal.start_mm, metal.end_mm]])
+        times_s = np.array([time_s])
+        (measured,) = self.measure_all((frame,), (Poses.of([truth]),), times_s, metal_mm)
+        return measured.transforms()[0]
+
+    def measure_all(
+        self,
+        frames: Sequence[str],
+        truths: Sequence[Poses],
+        times_s: FloatArray,
+        metal_mm: FloatArray | None = None,
+    ) -> tuple[Poses, ...]:
+        """As `measure` of each of the ``frames`` in turn at each of the ``times_s`` (n,).
+
+        ``truths`` are the n poses of each frame, ``metal_mm`` (n, 2, 3) both ends of the metal.
+        """
+        count, distortion = len(times_s), self._distortion
+        if metal_mm is None:
+            metal_mm, distortion = np.zeros((count, 2, 3)), self._undistorted
+        errors = np.empty((count, len(frames), 1 + self._has_slow, 6))
         if self._has_slow:
-            self._errors[0] = self._slow_error(frame, time_s)
-        self._errors[-1] = self._white_scale * self._white.standard_normal(6)
-        rotation, position = np.empty((3, 3)), np.empty(3)
-        measure = _load_kernel()
-        measure(pose, self._metal_mm, distortion, self._errors, self._quanta, rotation, position)
-        if self.model.rotation_digits == "euler" and self.model.rotation_quantum:
-            rotation = _rounded_euler(rotation, self.model.rotation_quantum)
-        return Transform.unchecked(truth.target, truth.source, rotation, position)
+            fresh = self._slow_scale * self._slow.standard_normal((count, len(frames), 6))
+            for number, frame in enumerate(frames):
+                errors[:, number, 0] = self._slow_errors(frame, times_s, fresh[:, number])
+        white = self._white.standard_normal((count, len(frames), 6))
+        errors[:, :, -1] = self._white_scale * white
+        measured = []
+        for number, truth in enumerate(truths):
+            rotations, positions_mm = np.empty((count, 3, 3)), np.empty((count, 3))
+            _load_kernel()(
+                truth.rotations,
+                truth.translations_mm,
+                metal_mm,
+                distortion,
+                np.ascontiguousarray(errors[:, number]),
+                self._quanta,
+                rotations,
+                positions_mm,
+            )
+            if self.model.rotation_digits == "euler" and self.model.rotation_quantum:
+                rotations = _rounded_euler(rotations, self.model.rotation_quantum)
+            measured.append(Poses(truth.target, truth.source, rotations, positions_mm))
+        return tuple(measured)
 
     def loses(self) -> bool:
         """True if the next sample is marked INVALID by chance."""
         return self.model.lost > 0.0 and bool(self._losses.random() < self.model.lost)
+
+    def lose_all(self, count: int, frames: int) -> NDArray[np.bool_]:
+        """As `loses` of each of so many frames in turn, at each of ``count`` times: (n, k)."""
+        if self.model.lost <= 0.0:
+            return np.zeros((count, frames), np.bool_)
+        return np.asarray(self._losses.random((count, frames)) < self.model.lost)
 
     def _time_error_ns(self, sd_s: float) -> int:
         if not sd_s:
@@ -116,27 +151,31 @@ class SimulatedTracker:
         error_s = min(max(self._times.normal(scale=sd_s), -limit_s), limit_s)
         return round(error_s * NS_PER_S)
 
-    def _slow_error(self, frame: str, time_s: float) -> FloatArray:
-        """The exact solution of an Ornstein-Uhlenbeck process at irregular times (6,)."""
-        model = self.model
-        fresh = self._slow_scale * self._slow.standard_normal(6)
-        if frame in self._states:
-            before_s, before = self._states[frame]
-            kept = np.exp(-(time_s - before_s) / model.correlation_s)
-            fresh = kept * before + np.sqrt(1.0 - kept**2) * fresh
-        self._states[frame] = (time_s, fresh)
-        return np.asarray(fresh)
+    def _slow_errors(self, frame: str, times_s: FloatArray, fresh: FloatArray) -> FloatArray:
+        """The exact solution of an Ornstein-Uhlenbeck process at irregular times (n,): (n, 6).
+
+        ``fresh`` (n, 6) are independent errors.
+        """
+        found = np.array(fresh)
+        before_s, before = self._states.get(frame, (None, found[0]))
+        for row, time_s in enumerate(times_s.tolist()):
+            if before_s is not None:
+                kept = np.exp(-(time_s - before_s) / self.model.correlation_s)
+                found[row] = kept * before + np.sqrt(1.0 - kept**2) * fresh[row]
+            before_s, before = time_s, found[row]
+        self._states[frame] = before_s, before
+        return found
 
 
-def _rounded_euler(rotation: FloatArray, quantum_rad: float) -> FloatArray:
-    """The rotation (3, 3) whose Euler angles are rounded to multiples of ``quantum_rad``."""
-    angles = Rotation.from_matrix(rotation, assume_valid=True).as_euler("ZYX")
+def _rounded_euler(rotations: FloatArray, quantum_rad: float) -> FloatArray:
+    """The rotations (n, 3, 3) with Euler angles rounded to multiples of ``quantum_rad``."""
+    angles = Rotation.from_matrix(rotations, assume_valid=True).as_euler("ZYX")
     rounded = np.round(angles / quantum_rad) * quantum_rad
     return np.asarray(Rotation.from_euler("ZYX", rounded).as_matrix())
 
 
 @cache
 def _load_kernel() -> Callable[..., Any]:
-    from app.synthetic.tracker_kernel import measure_pose
+    from app.synthetic.tracker_kernel import measure_poses
 
-    return measure_pose
+    return measure_poses

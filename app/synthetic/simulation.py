@@ -24,8 +24,8 @@ from app.synthetic.clearance import Clearance
 from app.synthetic.error_budget import margin_bound_mm, plan_depths
 from app.synthetic.motion import ArmKinematics, JointMotion
 from app.synthetic.physiology import Breathing, BreathingBody
+from app.synthetic.poses import Poses
 from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
-from app.synthetic.simulated_tracker import Metal
 from app.synthetic.tumour import TUMOR_FRAME, Tumour
 
 TRACKED_FRAMES = ("reference", "needle", "cautery")
@@ -57,9 +57,11 @@ CAUTERY_FROM_TIP = Transform.from_rotation_vector(
     (0.5, -0.3, 1.1), (7.0, -3.0, 70.0), target="cautery", source=CAUTERY_TIP_FRAME
 )
 _TIP_FROM_CAUTERY = CAUTERY_FROM_TIP.inverse()
+_POSES_OF_CAUTERY = Poses.of([_TIP_FROM_CAUTERY])
 NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
     (-0.4, 0.7, 0.2), (5.0, -4.0, 31.0), target="needle", source=TUMOR_FRAME
 )
+_NEEDLE_FROM_TUMOR = Poses.of([NEEDLE_FROM_TUMOR])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,11 +115,27 @@ class Simulation:
         middles = [0.5 * (start_s + end_s) for start_s, end_s in self.scenario.dwells_s]
         return np.array([self.base_from_tip(time_s).translation_mm for time_s in middles])
 
-    def metal(self, time_s: float) -> Metal:
-        """The arm from its base to the end of the tool's handle, in the tracker's frame."""
-        handle = self.base_from_tip(time_s).apply(np.array([0.0, 0.0, -HANDLE_END_MM]))
-        ends = self.tracker_from_base.apply(np.stack([np.zeros(3), handle]))
-        return Metal(ends[0], ends[1])
+    def tumor_from_tips(self, times_s: FloatArray) -> Poses:
+        """The true poses of the tool in the tumour at ``times_s`` (n,)."""
+        needle = self.needle.at_all(self.breathing.depths(times_s))
+        tumor_from_tracker = (needle @ _NEEDLE_FROM_TUMOR).inverse()
+        base_from_tip = self.arm_motion.base_from_tools(times_s)
+        return tumor_from_tracker @ Poses.of([self.tracker_from_base]) @ base_from_tip
+
+    def tracked(self, times_s: FloatArray) -> tuple[tuple[Poses, ...], FloatArray]:
+        """The true poses of `TRACKED_FRAMES` in the tracker at ``times_s`` (n,).
+
+        Also the ends (n, 2, 3) of the arm, from its base to the end of the tool's handle, in mm in
+        the tracker: metal, which distorts its field.
+        """
+        depths = self.breathing.depths(times_s)
+        base_from_tip = self.arm_motion.base_from_tools(times_s)
+        tracker_from_base = Poses.of([self.tracker_from_base])
+        cautery = tracker_from_base @ base_from_tip @ _POSES_OF_CAUTERY
+        ends = np.zeros((len(times_s), 2, 3))
+        ends[:, 1] = base_from_tip.apply(np.array([[0.0, 0.0, -HANDLE_END_MM]]))[:, 0]
+        bodies = (self.reference.at_all(depths), self.needle.at_all(depths))
+        return (*bodies, cautery), self.tracker_from_base.apply(ends)
 
 
 def simulate(

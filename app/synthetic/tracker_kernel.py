@@ -19,38 +19,41 @@ SOFT_MM = 1.0
 
 @load_without_declarations(rtsys)
 @njit(cache=True, error_model="numpy")
-def measure_pose(
-    pose: FloatArray,
+def measure_poses(
+    true_rotations: FloatArray,
+    true_positions_mm: FloatArray,
     metal_mm: FloatArray,
     distortion: FloatArray,
     errors: FloatArray,
     quanta: FloatArray,
-    rotation: FloatArray,
-    position_mm: FloatArray,
+    rotations: FloatArray,
+    positions_mm: FloatArray,
 ) -> None:
-    """Write the ``rotation`` (3, 3) and ``position_mm`` (3,) that a tracker reports of a pose.
+    """Write ``rotations`` (n, 3, 3) and ``positions_mm`` (n, 3) that a tracker reports of n poses.
 
-    ``pose`` (3, 4) is the true one in the tracker. ``metal_mm`` (2, 3) are the ends of the metal,
+    The true ones are in the tracker. ``metal_mm`` (n, 2, 3) are the ends of the metal,
     ``distortion`` (3,) shift in mm, turn in rad and reach in mm; without a shift and a turn the
-    metal is not used. Each of the ``errors`` (k, 6) displaces the pose by the first three numbers,
-    in mm in the tracker, and turns it about the sensor by the others, in rad. ``quanta`` (2,) are
-    those of the position in mm and of a component of the quaternion; 0 leaves it as it is.
+    metal is not used. Each of the ``errors`` (n, k, 6) displaces the pose by the first three
+    numbers, in mm in the tracker, and turns it about the sensor by the others, in rad. ``quanta``
+    (2,) are those of the position in mm and of a component of the quaternion; 0 leaves it as it is.
     """
-    for i in range(3):
-        position_mm[i] = pose[i, 3]
-        for j in range(3):
-            rotation[i, j] = pose[i, j]
-    if distortion[0] != 0.0 or distortion[1] != 0.0:
-        _distort(metal_mm, distortion, rotation, position_mm)
-    for k in range(len(errors)):
-        _turn(rotation, errors[k, 3], errors[k, 4], errors[k, 5])
+    for n in range(len(true_rotations)):
+        rotation, position_mm = rotations[n], positions_mm[n]
         for i in range(3):
-            position_mm[i] += errors[k, i]
-    if quanta[0] > 0.0:
-        for i in range(3):
-            position_mm[i] = np.round(position_mm[i] / quanta[0]) * quanta[0]
-    if quanta[1] > 0.0:
-        _round_quaternion(quanta[1], rotation)
+            position_mm[i] = true_positions_mm[n, i]
+            for j in range(3):
+                rotation[i, j] = true_rotations[n, i, j]
+        if distortion[0] != 0.0 or distortion[1] != 0.0:
+            _distort(metal_mm[n], distortion, rotation, position_mm)
+        for k in range(errors.shape[1]):
+            _turn(rotation, errors[n, k, 3], errors[n, k, 4], errors[n, k, 5])
+            for i in range(3):
+                position_mm[i] += errors[n, k, i]
+        if quanta[0] > 0.0:
+            for i in range(3):
+                position_mm[i] = np.round(position_mm[i] / quanta[0]) * quanta[0]
+        if quanta[1] > 0.0:
+            _round_quaternion(quanta[1], rotation)
 
 
 @njit(cache=True, error_model="numpy")

@@ -116,7 +116,12 @@ def _write(folder: Path, made: _Made, frames: int, sha256: str | None, command: 
     simulation = case.simulation
     write_stl(folder / "tumor.stl", simulation.contour.mesh())
     write_stl(folder / "cautery.stl", cautery_mesh())
-    breaches = find_breaches(simulation.clearance, simulation.tumor_from_tip, simulation.duration_s)
+    breaches = find_breaches(
+        simulation.clearance,
+        simulation.tumor_from_tip,
+        simulation.duration_s,
+        simulation.tumor_from_tips,
+    )
     write_expected(folder / "expected.yaml", _expected(case, recorded, breaches, frames))
     (folder / "case.yaml").write_text(
         yaml.safe_dump(

@@ -20,6 +20,7 @@ from app.geometry import InputError, MarginGuardError
 
 if TYPE_CHECKING:
     from app.runtime import PreparedCase
+    from app.session import ToolEngines
     from app.synthetic.touch_arm import TouchArm
 
 
@@ -89,15 +90,15 @@ def _prepared(case: CohortCase, folder: Path) -> "PreparedCase":
         frames = simulate_unrecorded_case(
             folder, seed=made.seed, arm=_arm(), options=made.options()
         )
-        return prepare_case(folder, frames=frames)
+        return prepare_case(folder, frames=frames, make_engine=_engines())
     if is_url(case.source):
         folder.mkdir()
         fetch(case.source, folder)
-        return prepare_case(folder)
+        return prepare_case(folder, make_engine=_engines())
     source = Path(case.source)
     if not source.is_dir():
         raise InputError(f"{source}: no such folder; expected a case folder")
-    return prepare_case(source)
+    return prepare_case(source, make_engine=_engines())
 
 
 def _results(prepared: "PreparedCase") -> tuple[dict[str, object], dict[str, object]]:
@@ -123,6 +124,13 @@ def _arm() -> "TouchArm":
     from app.synthetic.touch_arm import TouchArm
 
     return TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
+
+
+@cache
+def _engines() -> "ToolEngines":
+    from app.session import ToolEngines
+
+    return ToolEngines()
 
 
 def _scratch() -> str | None:
