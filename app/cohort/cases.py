@@ -30,7 +30,7 @@ class CohortCase:
 
     Exactly one of ``source`` (path or URL of a case folder) and ``synthetic`` is given. ``group``
     names one side of a comparison, ``pair`` joins a case of each side, ``surgeon`` names who
-    operated; an empty text is an unknown one.
+    operated; an empty text is an unknown one. ``tip_only``: the tool is measured by its tip alone.
     """
 
     name: str
@@ -39,3 +39,4 @@ class CohortCase:
     group: str = ""
     surgeon: str = ""
     pair: str = ""
+    tip_only: bool = False

@@ -54,6 +54,7 @@ IDENTITY: dict[str, Kind] = {
     "group": "text",
     "surgeon": "text",
     "pair": "text",
+    "tip_only": "boolean",
     "seed": "integer",
     "tracker": "text",
     "fixture": "boolean",
@@ -96,6 +97,7 @@ def identity_of(case: CohortCase, input_hash: str, version: str) -> Row:
         "group": case.group,
         "surgeon": case.surgeon,
         "pair": case.pair,
+        "tip_only": case.tip_only,
     }
     if case.synthetic is not None:
         values = dict(case.synthetic.values)

@@ -54,10 +54,10 @@ def input_hash(case: CohortCase) -> str:
     """SHA-256 of what determines the results of ``case``, in hexadecimal.
 
     A local folder: names and contents of its files. A URL: names and what its file system states of
-    each file (size, ETag or time of modification). A simulated case: its seed and options. Raises
-    `InputError` where there is no such folder.
+    each file (size, ETag or time of modification). A simulated case: its seed and options. With
+    ``tip_only`` it is another one. Raises `InputError` where there is no such folder.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(b"tip_only\0" if case.tip_only else b"")
     if case.synthetic is not None:
         digest.update(json.dumps(asdict(case.synthetic)).encode())
     elif is_url(case.source):

@@ -1,7 +1,7 @@
 """Reads and writes ``cohort.yaml``."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -20,11 +20,15 @@ MANIFEST_FILE = "cohort.yaml"
 
 @dataclass(frozen=True, slots=True)
 class Cohort:
-    """A name and its cases: those of ``design``, or ``recorded`` ones."""
+    """A name and its cases: those of ``design``, or ``recorded`` ones.
+
+    ``tip_only``: the tool of every case is measured by its tip alone.
+    """
 
     name: str
     design: Design | None = None
     recorded: tuple[CohortCase, ...] = ()
+    tip_only: bool = False
 
     def __post_init__(self) -> None:
         check_names(self.recorded)
@@ -34,10 +38,11 @@ class Cohort:
 
     def __iter__(self) -> Iterator[CohortCase]:
         """Yield the cases in their fixed order, drawn one by one."""
-        if self.design is None:
-            yield from self.recorded
-        else:
-            yield from map(self.design.case, range(self.design.count))
+        cases: Iterable[CohortCase] = self.recorded
+        if self.design is not None:
+            cases = map(self.design.case, range(self.design.count))
+        for case in cases:
+            yield replace(case, tip_only=True) if self.tip_only else case
 
     def case(self, name: str) -> CohortCase:
         """The case ``name``; raises `InputError` for an unknown one."""

@@ -39,12 +39,15 @@ def cohort_html(
         (str(len(others)), "with an error"),
         *((str(count), group) for group, count in sorted(groups.items())),
     ]
+    tips = any(row["tip_only"] for row in rows)  # of all cases or of none
+    measured = "the tip alone (--tip-only)" if tips else "the whole mesh of the tool"
     body = [
         f"<h1>{escape(name)}</h1>",
         f'<p class="device">{escape(NOT_A_DEVICE)}</p>',
         '<ul class="tiles">',
         *(f"<li><b>{escape(big)}</b>{escape(small)}</li>" for big, small in tiles),
         "</ul>",
+        f'<p class="note">Measured: {measured}.</p>',
         *_comparison(comparisons, forest_png),
         *_outliers(outliers),
         *_failures(others),

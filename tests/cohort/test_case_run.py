@@ -4,6 +4,7 @@ import csv
 import os
 import re
 import socket
+from dataclasses import replace
 
 import pytest
 
@@ -66,6 +67,20 @@ def test_failing_case_is_a_row_with_its_reason(cohort, tmp_path):
         costs = list(csv.DictReader(file))
     assert {row["name"] for row in costs} == {"a", "b", "c"}  # the folder of the fourth is missing
     assert {row["worker"] for row in costs} == {f"{socket.gethostname()}:{os.getpid()}"}
+
+
+def test_tool_without_a_mesh_is_measured_by_its_tip_on_request(tmp_path):
+    write_small_case(tmp_path / "needle", lambda manifest: manifest["tool"].pop("mesh"))
+    whole = Cohort("needles", recorded=(CohortCase("needle", str(tmp_path / "needle")),))
+    _, _, rows = run(whole, tmp_path / "out")
+    assert (rows["needle"]["status"], rows["needle"]["tip_only"]) == ("failed", False)
+    tips = replace(whole, tip_only=True)
+    counts, names, rows = run(tips, tmp_path / "out")
+    assert (counts.kept, names) == (0, ["needle"])
+    row = rows["needle"]
+    assert (row["status"], row["tip_only"], row["frames"]) == ("ok", True, 40)
+    assert row["min_signed_distance_mm"] > 0.0 and row["tissue_s"] == 0.0  # the tip stays outside
+    assert run(tips, tmp_path / "out")[1] == []
 
 
 @pytest.mark.parametrize(("middle_mm", "damage_mm2"), [(4.0, 12.5), (None, None)])

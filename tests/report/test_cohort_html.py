@@ -78,5 +78,11 @@ def test_cohort_without_groups_has_no_comparison():
     assert "No comparison" in text and "<img" not in text
 
 
+def test_page_says_what_was_measured():
+    assert "Measured: the whole mesh of the tool." in page(rows())[0]
+    tips = [row | {"tip_only": True} for row in rows()]
+    assert "Measured: the tip alone (--tip-only)." in page(tips)[0]
+
+
 def test_small_p_values_are_bounds():
     assert (p_text(None), p_text(1e-9), p_text(0.0421)) == ("not defined", "below 0.0001", "0.0421")

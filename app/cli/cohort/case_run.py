@@ -90,15 +90,15 @@ def _prepared(case: CohortCase, folder: Path) -> "PreparedCase":
         frames = simulate_unrecorded_case(
             folder, seed=made.seed, arm=_arm(), options=made.options()
         )
-        return prepare_case(folder, frames=frames, make_engine=_engines())
+        return prepare_case(folder, frames=frames, tip_only=case.tip_only, make_engine=_engines())
     if is_url(case.source):
         folder.mkdir()
         fetch(case.source, folder)
-        return prepare_case(folder, make_engine=_engines())
+        return prepare_case(folder, tip_only=case.tip_only, make_engine=_engines())
     source = Path(case.source)
     if not source.is_dir():
         raise InputError(f"{source}: no such folder; expected a case folder")
-    return prepare_case(source, make_engine=_engines())
+    return prepare_case(source, tip_only=case.tip_only, make_engine=_engines())
 
 
 def _results(prepared: "PreparedCase") -> tuple[dict[str, object], dict[str, object]]:

@@ -40,12 +40,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="workers on this machine (default: one for each processor)",
     )
+    parser.add_argument(
+        "--tip-only",
+        action="store_true",
+        help="measure the tool of every case by its tip alone, as for a needle without a mesh",
+    )
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the cohort."""
     import json
+    from dataclasses import replace
 
     from app import __version__
     from app.cli.cohort.dask_pool import DaskPool
@@ -55,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.scheduler is not None and options.workers is not None:
         raise InputError("--workers: with --scheduler; expected one of them")
-    cohort = open_cohort(options.cohort)
+    cohort = replace(open_cohort(options.cohort), tip_only=options.tip_only)
     dataset = Dataset(options.out)
     cohort_run = CohortRun(cohort, dataset, __version__)
     workers = options.workers or len(os.sched_getaffinity(0))
