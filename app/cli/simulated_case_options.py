@@ -139,14 +139,17 @@ def add_simulated_case(parser: argparse.ArgumentParser) -> None:
 
 def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
     """What the command line asks for; raises `InputError` for a value that is out of range."""
+    from app.geometry import InputError
     from app.synthetic import CaseOptions
 
-    values = {
-        value.field: value.factor * given
-        for value in (*_CASE, *_PATIENT, *_SURGEON, *_TRACKER, *_ERRORS)
-        if (given := getattr(parsed, value.name.replace("-", "_"))) is not None
-    }
-    options = CaseOptions.of_tracker(parsed.tracker, parsed.tumor_mm).with_values(values)
+    options = CaseOptions.of_tracker(parsed.tracker, parsed.tumor_mm)
+    for value in (*_CASE, *_PATIENT, *_SURGEON, *_TRACKER, *_ERRORS):
+        given = getattr(parsed, value.name.replace("-", "_"))
+        if given is not None:
+            try:
+                options = options.with_values({value.field: value.factor * given})
+            except InputError as error:
+                raise InputError(f"--{value.name} {given:g}: {error}") from error
     return replace(options, surgeon=replace(options.surgeon, fixture=parsed.fixture))
 
 

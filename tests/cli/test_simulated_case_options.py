@@ -52,7 +52,8 @@ def test_each_option_sets_its_value_in_its_unit():
     [
         (["--duration", "10"], "duration is 10 s; expected 50 to 5400 s"),
         (["--tumor-mm", "60"], "tumour is 60 mm; expected 8 to 40 mm"),
-        (["--rate", "5"], "rate is 5 Hz; expected 20 to 250 Hz"),
+        (["--rate", "5"], "--rate 5: rate is 5 Hz; expected 20 to 250 Hz"),
+        (["--interval-ms", "5000"], "--interval-ms 5000: tracker 'white': period_sd_s is 5"),
         (["--latency-ms", "-1"], "latency_s is -0.001; expected 0 to 0.2"),
         (["--contour-mm", "9"], "contour_mm is 9; expected 0 to 3"),
     ],
