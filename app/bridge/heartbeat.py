@@ -24,10 +24,11 @@ class Heartbeat(Generic[Message]):
     """Sends the newest message at once and repeats it at ``hz``.
 
     ``send(message, seq)`` is called by one thread at a time; ``seq`` counts its calls without a
-    gap. Beats are due at multiples of the period, so a late beat does not delay the next ones. A
-    beat that is 10 ms late or more, with the next one already due, is skipped and counted in
-    `missed`. ``hz`` None repeats nothing and starts no thread, for replays that do not run in real
-    time. An error in the thread ends it and is raised by the next `update` or by `close`.
+    gap, each from its begin. Beats are due at multiples of the period, so a late beat does not
+    delay the next ones. A beat that is 10 ms late or more, with the next one already due, is
+    skipped and counted in `missed`. ``hz`` None repeats nothing and starts no thread, for replays
+    that do not run in real time. An error in the thread ends it and is raised by the next `update`
+    or by `close`.
     """
 
     def __init__(self, send: Callable[[Message, int], None], hz: float | None) -> None:
@@ -115,8 +116,9 @@ class Heartbeat(Generic[Message]):
     def _send_current(self) -> None:
         self._check_expiry()
         if self._message is not None:
-            self._send(self._message, self.seq)
-            self.seq += 1
+            # Counted first: a receiver may answer before the send returns.
+            seq, self.seq = self.seq, self.seq + 1
+            self._send(self._message, seq)
 
     def _check_expiry(self) -> None:
         if self._expires_ns is not None and steady_ns() >= self._expires_ns:
