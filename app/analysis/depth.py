@@ -17,6 +17,7 @@ smooth function of time plus the jitter of the tracker, with the autocorrelation
 """
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -38,7 +39,7 @@ MIN_NEAR = 9
 MAX_ACCELERATION_MM_S2 = 2000.0
 """Largest standard deviation of the acceleration near the minimum, where the tool turns."""
 _LOW, _HIGH = 2.5, 97.5
-_LEAST_ADDED = 1e-9
+_ADDED = tuple(10.0**k for k in range(-9, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,13 +190,16 @@ def _posterior_minima(smoothing: Smoothing, random: np.random.Generator) -> Floa
 def _factor(covariance: FloatArray) -> FloatArray:
     """Lower factor (m, m) of ``covariance``, in which rounding may leave a negative eigenvalue.
 
-    As much is added to the diagonal as the factorisation needs, from 1e-9 of the largest variance:
-    3e-5 of its standard deviation. That of a smooth function is nearly singular.
+    As much is added to the diagonal as the factorisation needs, from 1e-9 of the largest variance
+    (3e-5 of its standard deviation) to all of it. The covariance of a smooth function is nearly
+    singular. Raises `LinAlgError` for a matrix that is no covariance.
     """
-    added = _LEAST_ADDED * max(float(np.diagonal(covariance).max()), 1e-12)
-    while True:
-        try:
-            factor = np.linalg.cholesky(covariance + added * np.eye(len(covariance)))
-            return np.asarray(factor, dtype=np.float64)
-        except np.linalg.LinAlgError:
-            added *= 10.0
+    largest = max(float(np.diagonal(covariance).max()), 1e-12)
+    for share in _ADDED[:-1]:
+        with suppress(np.linalg.LinAlgError):
+            return _cholesky(covariance + share * largest * np.eye(len(covariance)))
+    return _cholesky(covariance + _ADDED[-1] * largest * np.eye(len(covariance)))
+
+
+def _cholesky(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
