@@ -159,10 +159,7 @@ class Transform:
 
     def __matmul__(self, other: "Transform") -> "Transform":
         if self.source != other.target:
-            raise FrameError(
-                f"{self.target}_from_{self.source} cannot be multiplied by "
-                f"{other.target}_from_{other.source}: {self.source!r} is not {other.target!r}"
-            )
+            raise mismatched_frames((self.target, self.source), (other.target, other.source))
         return _unchecked(
             self.target,
             other.source,
@@ -221,6 +218,15 @@ class Transform:
                 f"{self.target}_from_{self.source} and {other.target}_from_{other.source} "
                 "have different frames; expected the same frames"
             )
+
+
+def mismatched_frames(left: tuple[str, str], right: tuple[str, str]) -> FrameError:
+    """The error of a product whose factors, each (target, source), have no frame in common."""
+    (target, source), (other_target, other_source) = left, right
+    return FrameError(
+        f"{target}_from_{source} cannot be multiplied by {other_target}_from_{other_source}: "
+        f"{source!r} is not {other_target!r}"
+    )
 
 
 def mean_transform(transforms: Sequence[Transform]) -> Transform:

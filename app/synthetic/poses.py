@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.geometry import FloatArray, FrameError, Transform
+from app.geometry import FloatArray, Transform, mismatched_frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,10 +33,7 @@ class Poses:
 
     def __matmul__(self, other: "Poses") -> "Poses":
         if self.source != other.target:
-            raise FrameError(
-                f"{self.target}_from_{self.source} cannot be multiplied by "
-                f"{other.target}_from_{other.source}: {self.source!r} is not {other.target!r}"
-            )
+            raise mismatched_frames((self.target, self.source), (other.target, other.source))
         return Poses(
             self.target,
             other.source,

@@ -9,6 +9,7 @@ from playwright.sync_api import expect
 
 from app.report import analysis_page, write_report
 from tests.page_rules import violations
+from tests.report.opened_page import opened
 from tests.report.projected_coverage import Projection, View
 
 SIZES = {"phone": (390, 844), "laptop": (1280, 720), "desktop": (1920, 1080)}
@@ -90,11 +91,7 @@ def shown(browser, report, request):
     width, height = request.param
     context = browser.new_context(viewport={"width": width, "height": height}, has_touch=True)
     page = context.new_page()
-    problems, requests = [], []
-    page.on("console", lambda message: problems.append(message.text))
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda request: requests.append(request.url))
-    page.goto(report)
+    problems, requests = opened(page, report)
     yield Shown(page)
     assert problems == []
     assert [url for url in requests if not url.startswith("data:")] == [report]

@@ -9,6 +9,7 @@ from playwright.sync_api import expect
 
 from app.report import write_report
 from tests.page_rules import violations
+from tests.report.opened_page import opened
 from tests.report.test_cohort_html import page as cohort_page
 from tests.report.test_cohort_html import rows as cohort_rows
 
@@ -23,11 +24,7 @@ def report(tmp_path, record_of):
 
 def test_plot_zooms_and_shows_values(browser, report):
     page = browser.new_page()
-    problems, requests = [], []
-    page.on("console", lambda message: problems.append(message.text))
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda request: requests.append(request.url))
-    page.goto(report)
+    problems, requests = opened(page, report)
     figure = page.locator("figure.plot")
     expect(figure.locator(".u-over")).to_be_visible()
     expect(figure.locator(".static")).to_be_hidden()

@@ -85,20 +85,20 @@ def _prepared(case: CohortCase, folder: Path) -> "PreparedCase":
     from app.runtime import prepare_case
     from app.synthetic import simulate_unrecorded_case
 
+    frames = None
     if case.synthetic is not None:
         made = case.synthetic
         frames = simulate_unrecorded_case(
             folder, seed=made.seed, arm=_arm(), options=made.options()
         )
-        return prepare_case(folder, frames=frames, tip_only=case.tip_only, make_engine=_engines())
-    if is_url(case.source):
+    elif is_url(case.source):
         folder.mkdir()
         fetch(case.source, folder)
-        return prepare_case(folder, tip_only=case.tip_only, make_engine=_engines())
-    source = Path(case.source)
-    if not source.is_dir():
-        raise InputError(f"{source}: no such folder; expected a case folder")
-    return prepare_case(source, tip_only=case.tip_only, make_engine=_engines())
+    else:
+        folder = Path(case.source)
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; expected a case folder")
+    return prepare_case(folder, frames=frames, tip_only=case.tip_only, make_engine=_engines())
 
 
 def _results(prepared: "PreparedCase") -> tuple[dict[str, object], dict[str, object]]:
