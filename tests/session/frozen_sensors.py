@@ -1,15 +1,10 @@
-"""Frozen sensors: false alarms on recordings, and the time until an injected freeze is detected.
+"""Recordings, and freezes that are injected into them.
 
-A freeze repeats the last pose of one sensor, or of all, with stamps that go on. Measured are the
-times from the last true sample until the margin grows, and until the pose is frozen. The recording
-itself, without a freeze, must never be frozen.
+A freeze repeats the last pose of one sensor, or of all, with stamps that go on. Times are those
+from the last true sample until the margin grows, and until the pose is frozen.
 """
 
-import argparse
-import json
 import random
-import statistics
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from app.case import TrackingFrame, read_recording
-from app.files.shipped import shipped
 from app.fixture import Reason
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
     FreshnessLimits,
-    MarginGuardError,
     Stamp,
     TrackedTransform,
     Transform,
@@ -40,9 +33,8 @@ HELD_NS = 6 * NS_PER_S
 
 @dataclass(frozen=True)
 class Recorded:
-    """Frames of ``name`` with the sensors ``tool`` and ``reference`` of one tracker."""
+    """Frames with the sensors ``tool`` and ``reference`` of one tracker."""
 
-    name: str
     frames: tuple[TrackingFrame, ...]
     reference: str
     tool: str
@@ -50,6 +42,11 @@ class Recorded:
     def tree(self) -> PoseTree:
         """A tree without a history."""
         return PoseTree(LIMITS, (self.tool, self.reference))
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """All sensors of the tracker."""
+        return tuple({each.source for frame in self.frames for each in frame.poses})
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ def quantised(seed: int = 1, seconds: float = 90.0) -> Recorded:
             )
         ]
         frames.append(TrackingFrame(stamp, tuple(poses)))
-    return Recorded("simulated, quantised", tuple(frames), "reference", "stylus")
+    return Recorded(tuple(frames), "reference", "stylus")
 
 
 def recorded(path: Path) -> Recorded:
@@ -98,17 +95,15 @@ def recorded(path: Path) -> Recorded:
     references = [edge for edge in edges if edge[1] == "reference"]
     tools = sorted(edge for edge in edges for known in references if edge[0] == known[0] != edge[1])
     tools = [edge for edge in tools if edge[1] != "reference"]
-    if not tools:
-        raise MarginGuardError(f"{path}: no reference with a tool; expected both in one tracker")
     # The tool that travels the longest way.
     tool = max(tools, key=lambda edge: _way_mm(frames, edge[1]))
-    return Recorded(path.name, frames, "reference", tool[1])
+    return Recorded(frames, "reference", tool[1])
 
 
-def clean_run(recording: Recorded) -> tuple[int, int, int, float]:
-    """Repeated samples, frames that grow, frozen frames, largest growth in mm; no fault."""
+def clean_run(recording: Recorded) -> tuple[int, int, float]:
+    """Repeated samples, frozen frames, largest growth in mm; no fault."""
     tree, last = recording.tree(), {}
-    repeated = grown = frozen = 0
+    repeated = frozen = 0
     largest_ns = 0
     for frame in recording.frames:
         for each in frame.poses:
@@ -117,10 +112,9 @@ def clean_run(recording: Recorded) -> tuple[int, int, int, float]:
             last[each.source] = numbers or last.get(each.source)
         tree.insert(frame)
         pose = tree.pose(recording.reference, recording.tool)
-        grown += pose.unchanged_ns > 0
         frozen += Reason.FROZEN in pose.problems
         largest_ns = max(largest_ns, pose.unchanged_ns)
-    return repeated, grown, frozen, V_MAX_MM_S * largest_ns / NS_PER_S
+    return repeated, frozen, V_MAX_MM_S * largest_ns / NS_PER_S
 
 
 def inject(recording: Recorded, at: int, sensors: tuple[str, ...]) -> Detection:
@@ -167,77 +161,6 @@ def moments(recording: Recorded, moving: bool, count: int) -> list[int]:
     return found[:count]
 
 
-def figures(recordings: Sequence[Recorded], count: int) -> Iterator[dict[str, object]]:
-    """One row per recording without a freeze, then one per kind of freeze."""
-    for each in recordings:
-        repeated, grown, frozen, largest_mm = clean_run(each)
-        yield {
-            "recording": each.name,
-            "frames": len(each.frames),
-            "repeated": repeated,
-            "frames that grow": grown,
-            "growth mm": largest_mm,
-            "frozen": frozen,
-        }
-    for each in recordings:
-        for moving in (True, False):
-            chosen = moments(each, moving, count)
-            for which, sensors in (
-                ("tool", (each.tool,)),
-                ("reference", (each.reference,)),
-                ("all", _sensors(each)),
-            ):
-                if not chosen:
-                    continue
-                found = [inject(each, at, sensors) for at in chosen]
-                yield {
-                    "recording": each.name,
-                    "tool": "moves" if moving else "rests",
-                    "freeze of": which,
-                    "freezes": len(found),
-                    "grows after ms": _median_and_max([one.grows_ms for one in found]),
-                    "frozen after ms": _median_and_max([one.frozen_ms for one in found]),
-                    "not detected": sum(one.frozen_ms is None for one in found),
-                }
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, prog="marginguard bench frozen")
-    parser.add_argument("recordings", nargs="*", type=Path, help="further recordings")
-    parser.add_argument("--freezes", type=int, default=20, help="freezes per row (default 20)")
-    parser.add_argument("--json", type=Path, help="file for the figures")
-    options = parser.parse_args(arguments)
-    if options.freezes < 1:
-        parser.error(f"--freezes is {options.freezes}; expected 1 or more")
-    paths = [shipped() / "data" / "recorded_case" / "tracking.mcap", *options.recordings]
-    try:
-        recordings = [quantised(), *map(recorded, paths)]
-    except MarginGuardError as error:
-        parser.error(str(error))
-    rows = list(figures(recordings, options.freezes))
-    for title in ("without a freeze", "with a freeze"):
-        print(f"\n{title}")
-        part = [row for row in rows if ("freezes" in row) == (title == "with a freeze")]
-        for line in (list(part[0]), *([_text(value) for value in row.values()] for row in part)):
-            print("| " + " | ".join(line) + " |")
-    if options.json is not None:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n")
-    failed = [row for row in rows if row.get("frozen") or row.get("not detected")]
-    print(f"\nno false alarm, every freeze detected: {'no' if failed else 'yes'}")
-    return int(bool(failed))
-
-
-def _text(value: object) -> str:
-    if isinstance(value, list):
-        return ", ".join("-" if each is None else f"{each:.0f}" for each in value)
-    return f"{value:.1f}" if isinstance(value, float) else str(value)
-
-
-def _median_and_max(times_ms: list[float | None]) -> list[float | None]:
-    known = [each for each in times_ms if each is not None]
-    return [statistics.median(known), max(known)] if known else [None, None]
-
-
 def _continued(frames: Sequence[TrackingFrame], at: int) -> Iterator[TrackingFrame]:
     """Frames after ``at`` for `HELD_NS`; after the end the recording goes on backwards."""
     period_ns = (frames[-1].stamp.ns - frames[0].stamp.ns) // (len(frames) - 1)
@@ -250,10 +173,6 @@ def _continued(frames: Sequence[TrackingFrame], at: int) -> Iterator[TrackingFra
         stamp = Stamp(now_ns)
         poses = tuple(replace(each, stamp=stamp) for each in frames[index].poses)
         yield TrackingFrame(stamp, poses)
-
-
-def _sensors(recording: Recorded) -> tuple[str, ...]:
-    return tuple({each.source for frame in recording.frames for each in frame.poses})
 
 
 def _numbers(sample: TrackedTransform) -> tuple[bytes, bytes] | None:
@@ -271,7 +190,3 @@ def _position(frame: TrackingFrame, source: str) -> np.ndarray | None:
 def _way_mm(frames: Sequence[TrackingFrame], source: str) -> float:
     track = [point for frame in frames if (point := _position(frame, source)) is not None]
     return float(np.linalg.norm(np.diff(track, axis=0), axis=1).sum()) if len(track) > 1 else 0.0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
