@@ -121,7 +121,6 @@ def test_published_regression_case() -> None:
 
 
 def test_error_with_em_noise_is_below_that_of_the_closed_forms() -> None:
-    """The benchmark runs 200 trials."""
     rng = np.random.default_rng(2)
     errors: dict[str, list[float]] = {"ours": [], "estimated": [], "shah": [], "li": []}
     for _ in range(20):

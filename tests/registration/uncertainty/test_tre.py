@@ -58,7 +58,6 @@ def test_sigma_is_the_square_root_of_the_trace_of_the_covariance() -> None:
 
 @pytest.mark.parametrize("matched", [True, False])
 def test_anisotropic_noise_agrees_with_monte_carlo(matched: bool) -> None:
-    """The benchmark tests 100 layouts of both kinds."""
     rng = np.random.default_rng(2)
     for _ in range(2):
         landmarks = random_layout(rng, 6)
