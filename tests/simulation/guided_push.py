@@ -1,21 +1,14 @@
 """A hand pushes a simulated arm towards a breathing tumour, without and with the virtual fixture.
 
-``marginguard bench guided``: in one process and in simulated time, the physics of the shipped world
-(MuJoCo, 1 kHz), the fixture of `push_simulation`, and the cooperative controller with its
-constraints, which arrive late. The tumour is tracked at 50 Hz with a latency of 20 ms and 0.3 mm of
-correlated noise. Each push has another start, another rotation of the tumour and another phase of
-its breath. Prints the lowest true distance of each push. Exit status 1 if one with the fixture is
-below the stop margin, or one without it does not breach the margin.
+In one process and in simulated time: the physics of the shipped world (MuJoCo, 1 kHz), the fixture
+of `push_simulation`, and the cooperative controller with its constraints, which arrive late. The
+tumour is tracked at 50 Hz with a latency of 20 ms and 0.3 mm of correlated noise. Each push has
+another start, another rotation of the tumour and another phase of its breath.
 """
 
-import argparse
-import json
-import sys
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,18 +22,9 @@ from app.control import (
     ToolKinematics,
     WrenchMeasurement,
 )
-from app.files.extras import check_installed
 from app.files.shipped import shipped
 from app.fixture import Constraint, FixtureRule, PlainConstraint, ProximityEngine
-from app.geometry import (
-    NS_PER_MS,
-    NS_PER_S,
-    FloatArray,
-    MarginGuardError,
-    Stamp,
-    SurfaceMesh,
-    Transform,
-)
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Stamp, Transform
 from app.simulation import (
     JointVelocityCommand,
     Push,
@@ -50,16 +34,7 @@ from app.simulation import (
     WorldTracker,
     open_world,
 )
-from benchmarks.push_simulation import MARGINS, Fixture
-from benchmarks.push_simulation import Push as FixtureOptions
-
-if TYPE_CHECKING:
-    from app.fixture import FixtureDecision
-    from app.simulation import WorldState
-    from benchmarks.push_movie import Moment
-
-    Observe = Callable[[WorldState, float, float, FixtureDecision], None]
-    """Gets a state, the true distance in mm, the force in N and the newest decision."""
+from tests.fixture.control.push_simulation import Fixture
 
 STILL_S, PUSH_S, RETREAT_S = 1.0, 1.5, 0.5
 """Duration of tracking before the push, of the push and of the retreat."""
@@ -74,16 +49,13 @@ FAR_MM = 1e4
 
 @dataclass(frozen=True, slots=True)
 class GuidedPush:
-    """The result of a push: lowest true distance, and speeds of the tip in mm/s.
+    """The result of a push: lowest true distance, and speed of the tip in mm/s.
 
-    ``top_mm_s`` is reached during the push, ``retreat_mm_s`` 0.2 s after the retreat begins.
-    ``stops``: steps of the push in which the controller did not follow the hand.
+    The speed is that of 0.2 s after the retreat begins. ``stops``: steps of the push in which the
+    controller did not follow the hand.
     """
 
-    seed: int
-    fixture: bool
     lowest_mm: float
-    top_mm_s: float
     retreat_mm_s: float
     stops: int
 
@@ -120,12 +92,11 @@ class Guard:
     """The fixture's constraints as messages, late by `CONSTRAINT_DELAY_NS`."""
 
     def __init__(self, engine: ProximityEngine, enabled: bool) -> None:
-        self._fixture = Fixture(engine, FixtureOptions(0, True, 0.0, 0.0))
+        self._fixture = Fixture(engine)
         self._enabled = enabled
         self._numbers = count(1)
         self._sent: list[PlainConstraint] = []
         self.base_from_tumor: Transform | None = None
-        self.decision: FixtureDecision | None = None
 
     def track(self, samples: Sequence[tuple[Transform, Stamp]]) -> None:
         """Use samples of the tumour that have arrived."""
@@ -136,7 +107,7 @@ class Guard:
         decision, self.base_from_tumor, tumor_from_tool = self._fixture.decide(
             base_from_tool, Stamp(now_ns)
         )
-        self.decision, planes = decision, decision.constraint
+        planes = decision.constraint
         if not self._enabled:
             tip = tumor_from_tool.translation_mm
             planes = Constraint("tumor", [[0, 0, 1]], [-FAR_MM], [tip], [[0, 0, 0]], hold=False)
@@ -173,9 +144,8 @@ def run_push(
     truth: ProximityEngine,
     seed: int,
     fixture: bool,
-    observe: "Observe | None" = None,
 ) -> GuidedPush:
-    """Simulate one push and the retreat after it; ``observe`` gets every fifth step."""
+    """Simulate one push and the retreat after it."""
     world = World(world_of(description, seed))
     about = world.description
     (robot,), (tumor,) = about.robots, about.tissues
@@ -191,7 +161,7 @@ def run_push(
         ControllerParameters(gains=gains),
     )
     base_from_world = robot.world_from_base.inverse()
-    state, lowest_mm, top_mm_s, retreat_mm_s, stops = world.state(), np.inf, 0.0, 0.0, 0
+    state, lowest_mm, retreat_mm_s, stops = world.state(), np.inf, 0.0, 0
     before: FloatArray = state.bodies[robot.tool.name].translation_mm
     end_ns = round((STILL_S + PUSH_S + RETREAT_S) * NS_PER_S)
     for step in range(end_ns // about.timestep_ns):
@@ -236,124 +206,25 @@ def run_push(
         tip = state.bodies[robot.tool.name].translation_mm
         speed = float(np.linalg.norm(tip - before)) * NS_PER_S / about.timestep_ns
         before, pushed_s = tip, state.time_ns / NS_PER_S - STILL_S
-        if 0.0 <= pushed_s < PUSH_S:
-            top_mm_s = max(top_mm_s, speed)
         if PUSH_S + 0.2 <= pushed_s < PUSH_S + 0.201:
             retreat_mm_s = speed
         if step % TRUTH_EVERY == 0:
             pose = state.bodies[tumor.name].inverse() @ state.bodies[robot.tool.name]
             found = truth.evaluate(pose.renamed(target="tumor", source="tool"))
             lowest_mm = min(lowest_mm, found.signed_distance_mm)
-            if observe is not None and guard.decision is not None:
-                force_n = float(np.linalg.norm(wrench.force_n))
-                observe(state, found.signed_distance_mm, force_n, guard.decision)
-    return GuidedPush(seed, fixture, lowest_mm, top_mm_s, retreat_mm_s, stops)
+    return GuidedPush(lowest_mm, retreat_mm_s, stops)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark; return its exit status."""
-    parser = argparse.ArgumentParser(prog="marginguard bench guided", description=__doc__)
-    parser.add_argument("--pushes", type=int, default=10, help="number of pushes of each kind")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first push")
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument(
-        "--gif",
-        type=Path,
-        metavar="FILE",
-        help="draw the first push without and with the fixture instead, as an animated GIF",
-    )
-    options = parser.parse_args(arguments)
-    if options.pushes < 1:
-        parser.error(f"--pushes is {options.pushes}; expected at least 1")
-    try:
-        check_installed("mujoco", "coacd")
-        description = open_world(shipped("data", "worlds", "lumpectomy"))
-        surfaces = engine_meshes(description)
-        engine, truth = ProximityEngine(*surfaces), ProximityEngine(*surfaces)
-        if options.gif is not None:
-            check_installed("slicer")
-            _draw(options.gif, description, engine, truth, options.seed)
-            return 0
-        found = [
-            run_push(description, engine, truth, options.seed + number, fixture)
-            for number in range(options.pushes)
-            for fixture in (False, True)
-        ]
-    except MarginGuardError as error:
-        print(f"marginguard bench guided: {error}", file=sys.stderr)
-        return 2
-    if options.json:
-        print(json.dumps([asdict(each) for each in found], indent=2))
-    else:
-        _print(found)
-    kept = all(each.lowest_mm >= MARGINS.stop_mm for each in found if each.fixture)
-    breached = all(each.lowest_mm < MARGINS.stop_mm for each in found if not each.fixture)
-    return 0 if kept and breached else 1
+class Pushes:
+    """Pushes in the shipped world, with engines that are built once."""
 
+    def __init__(self) -> None:
+        self._description = open_world(shipped("data", "worlds", "lumpectomy"))
+        tool, tumor = self._description.robots[0].tool, self._description.tissues[0]
+        assert tool is not None
+        meshes = replace(tumor.mesh, frame="tumor"), replace(tool.mesh, frame="tool")
+        self._engine, self._truth = ProximityEngine(*meshes), ProximityEngine(*meshes)
 
-def engine_meshes(description: WorldDescription) -> tuple[SurfaceMesh, SurfaceMesh]:
-    """The surfaces of tumour and tool, in the frames ``tumor`` and ``tool``."""
-    tool, tumor = description.robots[0].tool, description.tissues[0]
-    assert tool is not None
-    return replace(tumor.mesh, frame="tumor"), replace(tool.mesh, frame="tool")
-
-
-def _draw(
-    file: Path,
-    description: WorldDescription,
-    engine: ProximityEngine,
-    truth: ProximityEngine,
-    seed: int,
-) -> None:
-    """Write the pushes of ``seed`` without and with the fixture to ``file``."""
-    from app.files.atomic_io import write_file
-    from benchmarks.push_movie import EVERY_MS, Moment, push_gif
-
-    (robot,), (tumor,) = description.robots, description.tissues
-    assert robot.tool is not None
-    tool_name, base_from_world = robot.tool.name, robot.world_from_base.inverse()
-    base_from_world = base_from_world.renamed(target="robot_base")
-    pushes: list[tuple[str, list[Moment]]] = []
-    for fixture, title in ((False, "without fixture"), (True, "with fixture")):
-        moments: list[Moment] = []
-
-        def observe(
-            state: "WorldState",
-            distance_mm: float,
-            force_n: float,
-            decision: "FixtureDecision",
-            moments: "list[Moment]" = moments,
-        ) -> None:
-            if state.time_ns // NS_PER_MS % EVERY_MS != 1:
-                return
-            moments.append(
-                Moment(
-                    (base_from_world @ state.bodies[tumor.name]).renamed(source="tumor"),
-                    (base_from_world @ state.bodies[tool_name]).renamed(source="tool"),
-                    distance_mm,
-                    force_n,
-                    decision,
-                )
-            )
-
-        run_push(description, engine, truth, seed, fixture, observe)
-        pushes.append((title, moments))
-    tumor_mesh, tool_mesh = engine_meshes(description)
-    write_file(file, push_gif(pushes, tumor_mesh, tool_mesh, MARGINS.stop_mm))
-
-
-def _print(found: Sequence[GuidedPush]) -> None:
-    for fixture in (False, True):
-        chosen = [each for each in found if each.fixture is fixture]
-        lowest = [each.lowest_mm for each in chosen]
-        print(
-            f"{'with' if fixture else 'without'} the fixture, {len(chosen)} pushes: lowest "
-            f"distance {min(lowest):.2f} to {max(lowest):.2f} mm (stop margin "
-            f"{MARGINS.stop_mm:g} mm), top speed {max(e.top_mm_s for e in chosen):.0f} mm/s, "
-            f"retreat {min(e.retreat_mm_s for e in chosen):.0f} mm/s or more, "
-            f"{sum(e.stops for e in chosen)} steps stopped"
-        )
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    def run(self, seed: int, *, fixture: bool) -> GuidedPush:
+        """Simulate one push and the retreat after it."""
+        return run_push(self._description, self._engine, self._truth, seed, fixture)
