@@ -12,53 +12,37 @@ from app.geometry import NS_PER_S, FloatArray, TrackedTransform, Transform
 
 TOOL, TUMOR = "cautery", "needle"
 
-Change = Callable[[Transform, float, FloatArray], Transform]
-"""Pose, time in s since the fault, and a random unit vector -> wrong pose."""
-
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """``change`` makes the tool's pose wrong; None swaps the poses of tool and tumour.
+    """A shift of the tool's pose by ``shift_mm(s since the fault)`` and a turn.
 
-    ``rate_mm_s`` is the speed of a creep, 0 for faults that come at once.
+    Without both, the poses of tool and tumour are swapped. ``rate_mm_s`` is the speed of a creep, 0
+    for faults that come at once.
     """
 
     name: str
-    change: Change | None
+    shift_mm: Callable[[float], float] | None = None
+    turn_deg: float = 0.0
     rate_mm_s: float = 0.0
 
-
-def _jump(size_mm: float) -> Change:
-    return lambda pose, _, axis: _moved(pose, size_mm * axis)
-
-
-def _creep(rate_mm_s: float) -> Change:
-    return lambda pose, since_s, axis: _moved(pose, rate_mm_s * since_s * axis)
-
-
-def _turn(angle_deg: float) -> Change:
-    def turned(pose: Transform, _: float, axis: FloatArray) -> Transform:
-        turn = Rotation.from_rotvec(math.radians(angle_deg) * axis).as_matrix()
+    def changed(self, pose: Transform, since_s: float, axis: FloatArray) -> Transform:
+        """The wrong pose of the tool; ``axis`` is a unit vector."""
+        turn = Rotation.from_rotvec(math.radians(self.turn_deg) * axis).as_matrix()
+        shift = (self.shift_mm(since_s) if self.shift_mm else 0.0) * axis
         return Transform.unchecked(
-            pose.target, pose.source, pose.rotation @ turn, pose.translation_mm.copy()
+            pose.target, pose.source, pose.rotation @ turn, pose.translation_mm + shift
         )
 
-    return turned
-
-
-def _moved(pose: Transform, shift_mm: FloatArray) -> Transform:
-    return Transform.unchecked(
-        pose.target, pose.source, pose.rotation.copy(), pose.translation_mm + shift_mm
-    )
-
-
-JUMPS_MM, TURNS_DEG, CREEPS_MM_S = (100.0, 10.0, 5.0), (180.0, 30.0), (0.5, 2.0, 10.0)
 
 FAULTS = (
-    *(Fault(f"jump of {size:g} mm", _jump(size)) for size in JUMPS_MM),
-    *(Fault(f"turn of {angle:g} degrees", _turn(angle)) for angle in TURNS_DEG),
-    Fault("tool and tumour swapped", None),
-    *(Fault(f"creep of {rate:g} mm/s", _creep(rate), rate) for rate in CREEPS_MM_S),
+    *(Fault(f"jump of {mm:g} mm", lambda _, mm=mm: mm) for mm in (100.0, 10.0, 5.0)),
+    *(Fault(f"turn of {deg:g} degrees", turn_deg=deg) for deg in (180.0, 30.0)),
+    Fault("tool and tumour swapped"),
+    *(
+        Fault(f"creep of {rate:g} mm/s", lambda s, rate=rate: rate * s, rate_mm_s=rate)
+        for rate in (0.5, 2.0, 10.0)
+    ),
 )
 
 
@@ -68,26 +52,18 @@ def injected(
     """Yield ``frames``, with ``fault`` from the stamp ``from_ns`` on in a random direction."""
     axis = random.normal(size=3)
     axis /= np.linalg.norm(axis)
+    swap = {} if fault.shift_mm or fault.turn_deg else {TOOL: TUMOR, TUMOR: TOOL}
     for frame in frames:
         since_ns = frame.stamp.ns - from_ns
         if since_ns < 0:
             yield frame
-        else:
-            yield replace(frame, poses=_faulty(frame.poses, fault, since_ns / NS_PER_S, axis))
-
-
-def _faulty(
-    poses: tuple[TrackedTransform, ...], fault: Fault, since_s: float, axis: FloatArray
-) -> tuple[TrackedTransform, ...]:
-    swap = {TOOL: TUMOR, TUMOR: TOOL}
-    by_name = {sample.source: sample for sample in poses}
-    changed = []
-    for sample in poses:
-        pose = sample.transform
-        if pose is not None and fault.change is None:
-            other = by_name[swap.get(sample.source, sample.source)].transform
-            pose = None if other is None else other.renamed(source=sample.source)
-        elif pose is not None and fault.change is not None and sample.source == TOOL:
-            pose = fault.change(pose, since_s, axis)
-        changed.append(sample if pose is None else TrackedTransform.valid(pose, sample.stamp))
-    return tuple(changed)
+            continue
+        poses, true = [], {sample.source: sample.transform for sample in frame.poses}
+        for sample in frame.poses:
+            pose = true[swap.get(sample.source, sample.source)]
+            if pose is not None and swap:
+                pose = pose.renamed(source=sample.source)
+            elif pose is not None and sample.source == TOOL:
+                pose = fault.changed(pose, since_ns / NS_PER_S, axis)
+            poses.append(sample if pose is None else TrackedTransform.valid(pose, sample.stamp))
+        yield replace(frame, poses=tuple(poses))
