@@ -27,18 +27,18 @@ PARAMETERS = ControllerParameters(gains=AdmittanceGains(dead_n=0.0, response_s=0
 
 
 @pytest.fixture(scope="module")
-def touch() -> Robot:
+def touch():
     return load_robot(ROOT / "data" / "robots" / "touch" / "touch.urdf")
 
 
 @pytest.fixture
-def tool(touch: Robot) -> ToolKinematics:
+def tool(touch):
     mount = Transform("stylus", "cautery", np.eye(3), np.array([0.0, 0.0, 70.0]))
     return ToolKinematics(touch, mount)
 
 
 @pytest.fixture
-def controller(tool: ToolKinematics) -> CooperativeController:
+def controller(tool):
     rule = FixtureRule(accept_simulated=True, parameters=LimiterParameters(lever_mm=200.0))
     return CooperativeController(tool, rule, PARAMETERS)
 
@@ -85,9 +85,7 @@ def stepped(controller: CooperativeController, now_ns: int = 0, **changes: objec
     return controller.step(**inputs, now_ns=now_ns)
 
 
-def test_push_in_free_space_moves_the_tip_by_the_admittance(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_push_in_free_space_moves_the_tip_by_the_admittance(controller, tool):
     tip, jacobian = tip_and_jacobian(tool)
     controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
     decision = stepped(controller)
@@ -96,9 +94,7 @@ def test_push_in_free_space_moves_the_tip_by_the_admittance(
     assert jacobian[:3] @ decision.velocities == pytest.approx([0, 0, -100], abs=3.0)
 
 
-def test_plane_limits_the_approach_and_not_the_retreat(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_plane_limits_the_approach_and_not_the_retreat(controller, tool):
     tip, jacobian = tip_and_jacobian(tool)
     controller.receive(plane(1, 0, tip[2] - 1.0, tip), 0)
     approach = jacobian[:3] @ stepped(controller).velocities
@@ -108,9 +104,7 @@ def test_plane_limits_the_approach_and_not_the_retreat(
     assert retreat[2] > 90.0
 
 
-def test_wrench_in_the_tools_axes_is_turned(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_wrench_in_the_tools_axes_is_turned(controller, tool):
     tip, _ = tip_and_jacobian(tool)
     pose, _ = tool.evaluate(np.array(POSITIONS))
     controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
@@ -119,9 +113,7 @@ def test_wrench_in_the_tools_axes_is_turned(
     assert desired == pytest.approx(10.0 * pose.rotate([1.0, 2.0, 3.0]))
 
 
-def test_twist_is_limited_in_the_frame_of_the_constraint(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_twist_is_limited_in_the_frame_of_the_constraint(controller, tool):
     tip, jacobian = tip_and_jacobian(tool)
     turn = Transform.from_rotation_vector(
         (0.0, np.pi / 2.0, 0.0), (5.0, 6.0, 7.0), target="tumor", source="touch_base"
@@ -159,9 +151,7 @@ MISSING = {
 
 
 @pytest.mark.parametrize("case", MISSING)
-def test_measurement_that_is_missing_stops_the_arm(
-    controller: CooperativeController, tool: ToolKinematics, case: str
-) -> None:
+def test_measurement_that_is_missing_stops_the_arm(controller, tool, case):
     changes, reason = MISSING[case]
     tip, _ = tip_and_jacobian(tool)
     controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
@@ -171,9 +161,7 @@ def test_measurement_that_is_missing_stops_the_arm(
     assert not decision.velocities.any()
 
 
-def test_no_constraint_for_30_ms_is_latched_until_rearm(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_no_constraint_for_30_ms_is_latched_until_rearm(controller, tool):
     tip, _ = tip_and_jacobian(tool)
     assert stepped(controller).reason is ControlReason.RULE
     assert not controller.latched, "nothing has been valid yet"
@@ -197,12 +185,12 @@ def test_no_constraint_for_30_ms_is_latched_until_rearm(
     assert stepped(controller, now_ns).reason is ControlReason.FOLLOWS
 
 
-def test_rules_reason_is_reported(controller: CooperativeController) -> None:
+def test_rules_reason_is_reported(controller):
     decision = stepped(controller)
     assert (decision.reason, decision.rule) == (ControlReason.RULE, RuleReason.NO_MESSAGE)
 
 
-def test_joint_without_a_speed_limit_needs_one(touch: Robot) -> None:
+def test_joint_without_a_speed_limit_needs_one(touch):
     joints = tuple(
         replace(j, dynamics=replace(j.dynamics, velocity=None)) if j.name == "elbow" else j
         for j in touch.joints
@@ -216,18 +204,18 @@ def test_joint_without_a_speed_limit_needs_one(touch: Robot) -> None:
     assert tool.limits(0.5).max_speed.tolist() == [10.0, 10.0, 0.5, 20.0, 20.0, 20.0]
 
 
-def test_tool_on_an_unknown_link_is_refused(touch: Robot) -> None:
+def test_tool_on_an_unknown_link_is_refused(touch):
     with pytest.raises(FrameError, match=r"held by 'hand'; expected one of touch_base, torso"):
         ToolKinematics(touch, Transform.identity("hand", "cautery"))
 
 
 @pytest.mark.parametrize("name", ["max_joints_age_ns", "watchdog_ns"])
-def test_ages_must_be_above_0(name: str) -> None:
+def test_ages_must_be_above_0(name):
     with pytest.raises(InputError, match=rf"{name} of the controller is 0; expected more than 0"):
         ControllerParameters(**{name: 0})
 
 
-def test_jacobian_is_the_derivative_of_the_pose(tool: ToolKinematics) -> None:
+def test_jacobian_is_the_derivative_of_the_pose(tool):
     _, jacobian = tool.evaluate(np.array(POSITIONS))
     for column in range(6):
         step = np.zeros(6)
@@ -241,7 +229,7 @@ def test_jacobian_is_the_derivative_of_the_pose(tool: ToolKinematics) -> None:
         assert jacobian[3:, column] == pytest.approx(turn, abs=1e-6)
 
 
-def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose() -> None:
+def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose():
     robot = load_robot(ROOT / "data" / "robots" / "parallelogram" / "parallelogram.yaml")
     link = next(each.name for each in robot.links if "roll" in each.name)
     names = robot.actuated_joint_names
@@ -256,9 +244,7 @@ def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose() -> None:
         assert jacobian[:3, column] == pytest.approx((ahead - behind) / 2e-6, abs=1e-3)
 
 
-def test_admittance_follows_with_its_response_time_beyond_the_dead_band(
-    tool: ToolKinematics,
-) -> None:
+def test_admittance_follows_with_its_response_time_beyond_the_dead_band(tool):
     gains = AdmittanceGains(linear_mm_s_n=10.0, dead_n=1.0, response_s=0.1)
     controller = CooperativeController(
         tool, FixtureRule(accept_simulated=True), ControllerParameters(gains=gains)

@@ -17,7 +17,7 @@ class Span:
             raise ValueError("backwards")
 
 
-def test_setters_are_in_field_order_and_the_instance_stays_frozen() -> None:
+def test_setters_are_in_field_order_and_the_instance_stays_frozen():
     set_first, set_last = slot_setters(Span)
     made = object.__new__(Span)
     set_first(made, 3)
@@ -27,7 +27,7 @@ def test_setters_are_in_field_order_and_the_instance_stays_frozen() -> None:
         made.last = 6  # type: ignore[misc]
 
 
-def test_instance_of_another_type_is_rejected() -> None:
+def test_instance_of_another_type_is_rejected():
     set_first, _ = slot_setters(Span)
     with pytest.raises(TypeError, match="Span"):
         set_first(object(), 3)

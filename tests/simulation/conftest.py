@@ -18,7 +18,7 @@ PARALLELOGRAMS = ROOT / "data" / "robots" / "parallelogram"
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+def own_cache(tmp_path_factory, monkeypatch):
     """Keep convex parts out of the user's cache."""
     folder = tmp_path_factory.getbasetemp() / "cache"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -55,5 +55,5 @@ def world_of(*robots: RobotEntry, bodies: tuple[BodyEntry, ...] = ()) -> WorldDe
 
 
 @pytest.fixture(scope="session")
-def touch() -> Robot:
+def touch():
     return load_robot(TOUCH)

@@ -1,7 +1,6 @@
 """Convex parts are cached by content, and a damaged file is computed again."""
 
 import logging
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from app.simulation.convex_parts import convex_parts as parts_of
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return cache_folder() / PARTS_FOLDER
 
@@ -38,7 +37,7 @@ def volume_of(corners: list[np.ndarray]) -> float:
     return sum(float(trimesh.convex.convex_hull(each).volume) for each in corners)
 
 
-def test_parts_fill_the_surface_and_a_hull_fills_more(folder: Path) -> None:
+def test_parts_fill_the_surface_and_a_hull_fills_more(folder):
     mesh = angle()
     parts = parts_of(mesh, "parts", "angle")
     assert len(parts) == 2
@@ -47,7 +46,7 @@ def test_parts_fill_the_surface_and_a_hull_fills_more(folder: Path) -> None:
     assert parts_of(mesh, "none", "angle") == []
 
 
-def test_second_call_reads_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_call_reads_the_file(folder, monkeypatch):
     first = parts_of(angle(), "parts", "angle")
     (file,) = folder.iterdir()
     assert file.suffix == ".parts" and folder.stat().st_mode & 0o077 == 0
@@ -61,9 +60,7 @@ def test_second_call_reads_the_file(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("damage", [b"", b"marginguard parts 1\n", b"x" * 500])
-def test_damaged_file_is_computed_again(
-    folder: Path, damage: bytes, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_damaged_file_is_computed_again(folder, damage, caplog):
     first = parts_of(angle(), "parts", "angle")
     (file,) = folder.iterdir()
     content = file.read_bytes()
@@ -75,16 +72,14 @@ def test_damaged_file_is_computed_again(
     assert file.read_bytes() == content
 
 
-def test_folder_that_cannot_be_written_costs_time_only(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_folder_that_cannot_be_written_costs_time_only(folder, monkeypatch, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     assert len(parts_of(angle(), "parts", "angle")) == 2
 
 
-def test_flat_surface_is_refused(folder: Path) -> None:
+def test_flat_surface_is_refused(folder):
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
     flat = SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
     with pytest.raises(WorldError, match=r"^plate: its surface encloses no volume; expected a"):

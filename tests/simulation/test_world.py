@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.robot import Robot
 from app.simulation import (
     COMMAND_LIFETIME_NS,
     ArmStatus,
@@ -39,11 +38,11 @@ def run(world: World, steps: int, *velocities: float) -> WorldState:
 
 
 @pytest.fixture
-def world(touch: Robot) -> World:
+def world(touch):
     return World(world_of(arm(touch, collision="none")))
 
 
-def test_arm_follows_the_velocities(world: World) -> None:
+def test_arm_follows_the_velocities(world):
     state = run(world, 200, 0.4, -0.2)
     assert state.time_ns == 200 * STEP_NS
     arm_state = state.arms["arm"]
@@ -52,7 +51,7 @@ def test_arm_follows_the_velocities(world: World) -> None:
     assert np.allclose(arm_state.positions[:2], [0.08, -0.04], atol=3e-3)
 
 
-def test_arm_stops_when_its_last_command_is_too_old(world: World) -> None:
+def test_arm_stops_when_its_last_command_is_too_old(world):
     run(world, 100, 0.5)
     last_ns = world.time_ns - STEP_NS
     while world.time_ns - last_ns <= COMMAND_LIFETIME_NS:
@@ -69,13 +68,13 @@ def test_arm_stops_when_its_last_command_is_too_old(world: World) -> None:
     assert run(world, 50, 0.5).arms["arm"].is_busy
 
 
-def test_command_that_arrives_too_old_moves_nothing(world: World) -> None:
+def test_command_that_arrives_too_old_moves_nothing(world):
     for _ in range(50):
         world.step({"arm": command(world, 0.5, age_ns=COMMAND_LIFETIME_NS + 1)})
     assert np.abs(world.state().arms["arm"].velocities).max() < 1e-3
 
 
-def test_older_command_does_not_replace_a_newer_one(world: World) -> None:
+def test_older_command_does_not_replace_a_newer_one(world):
     world.step({"arm": command(world, 0.5)})
     world.step({"arm": command(world, -0.5, age_ns=5 * STEP_NS)})
     for _ in range(20):
@@ -97,7 +96,7 @@ def test_older_command_does_not_replace_a_newer_one(world: World) -> None:
         ({"stamp_ns": 10**12}, "stamp is .* ns in the future; expected the past"),
     ],
 )
-def test_invalid_command_is_refused_and_stops_the_arm(world: World, change, problem: str) -> None:
+def test_invalid_command_is_refused_and_stops_the_arm(world, change, problem):
     run(world, 50, 0.5)
     good = command(world, 0.5)
     values = {name: getattr(good, name) for name in ("stamp_ns", "joints", "velocities")}
@@ -113,14 +112,14 @@ def test_invalid_command_is_refused_and_stops_the_arm(world: World, change, prob
     assert run(world, 60, 0.5).arms["arm"].velocities[0] > 0.4
 
 
-def test_speed_and_joint_limits_hold(touch: Robot) -> None:
+def test_speed_and_joint_limits_hold(touch):
     world = World(world_of(arm(touch, collision="none")))
     fastest = max(abs(float(run(world, 1, 99.0).arms["arm"].velocities[0])) for _ in range(400))
     assert 5.0 < fastest <= 10.0 + 1e-6
     assert run(world, 600, 99.0).arms["arm"].positions[0] <= 1.3 + 1e-3
 
 
-def test_effort_limits_hold_and_a_blocked_arm_gives_way(touch: Robot) -> None:
+def test_effort_limits_hold_and_a_blocked_arm_gives_way(touch):
     world = World(world_of(arm(touch, collision="none")))
     before = world.state().arms["arm"].positions[0]
     limits = [joint.dynamics.effort for joint in touch.joints]
@@ -146,12 +145,12 @@ def states(description: WorldDescription, steps: int) -> bytes:
     return content
 
 
-def test_same_calls_give_the_same_bytes() -> None:
+def test_same_calls_give_the_same_bytes():
     first, second = (replace(open_world(LUMPECTOMY), bodies=(floor(),)) for _ in range(2))
     assert states(first, 300) == states(second, 300)
 
 
-def test_reset_repeats_the_run_byte_for_byte() -> None:
+def test_reset_repeats_the_run_byte_for_byte():
     world = World(world_of(bodies=(floor(), free_box("cube", 0, 0, 30))))
 
     def fall() -> bytes:
@@ -167,7 +166,7 @@ def _stepped(world: World) -> bytes:
     return world.data.qpos.tobytes()
 
 
-def test_free_body_falls_and_comes_to_rest_on_a_fixed_one() -> None:
+def test_free_body_falls_and_comes_to_rest_on_a_fixed_one():
     world = World(world_of(bodies=(floor(), free_box("cube", 0, 0, 30))))
     for _ in range(1000):
         state = world.step()
@@ -177,7 +176,7 @@ def test_free_body_falls_and_comes_to_rest_on_a_fixed_one() -> None:
     assert max(contact.depth_mm for contact in contacts) < 0.1
 
 
-def test_diverged_physics_is_an_error(touch: Robot) -> None:
+def test_diverged_physics_is_an_error(touch):
     world = World(world_of(arm(touch, collision="none")))
     world.data.qvel[0] = 1e7
     with pytest.raises(UnstableError, match=r"has diverged at \d.*expected a shorter time step"):
@@ -185,12 +184,12 @@ def test_diverged_physics_is_an_error(touch: Robot) -> None:
             world.step()
 
 
-def test_unknown_arm_is_named(world: World) -> None:
+def test_unknown_arm_is_named(world):
     with pytest.raises(WorldError, match=r"arm 'leg': no such robot; expected one of arm"):
         world.step({"leg": command(world)})
 
 
-def test_arm_that_presses_a_body_stays_outside_of_it() -> None:
+def test_arm_that_presses_a_body_stays_outside_of_it():
     plate = BodyEntry("plate", box("plate", 200, 200, 20), placed("plate", 205, 0, 110), None)
     description = replace(open_world(LUMPECTOMY), bodies=(plate,))
     world = World(description)
@@ -207,7 +206,7 @@ def test_arm_that_presses_a_body_stays_outside_of_it() -> None:
 
 
 @pytest.mark.parametrize("self_collision", [False, True])
-def test_links_touch_each_other_only_on_request(touch: Robot, self_collision: bool) -> None:
+def test_links_touch_each_other_only_on_request(touch, self_collision):
     world = World(world_of(arm(touch, self_collision=self_collision)))
     world.reset({"arm": {"shoulder": 2.0, "elbow": -1.45}})
     pairs = {frozenset(each.bodies) for each in world.contacts()}

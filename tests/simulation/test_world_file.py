@@ -32,7 +32,7 @@ def write(folder: Path, values: dict[str, Any]) -> Path:
     return path
 
 
-def test_shipped_world_is_read() -> None:
+def test_shipped_world_is_read():
     world = open_world(LUMPECTOMY)
     assert (world.name, world.seed, world.timestep_ns) == ("lumpectomy", 20, 1_000_000)
     (arm,), (wall,), (tumor,) = world.robots, world.bodies, world.tissues
@@ -48,7 +48,7 @@ def test_shipped_world_is_read() -> None:
     CHECK.validate(shipped())
 
 
-def test_committed_mesh_is_that_of_its_script(tmp_path: Path) -> None:
+def test_committed_mesh_is_that_of_its_script(tmp_path):
     import runpy
     import sys
 
@@ -63,7 +63,7 @@ def test_committed_mesh_is_that_of_its_script(tmp_path: Path) -> None:
     ).read_bytes()
 
 
-def test_committed_schema_is_the_generated_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_committed_schema_is_the_generated_one(capsys):
     assert main(["schema", "world"]) == 0
     assert capsys.readouterr().out == world_schema_text()
     committed = ROOT / "docs" / "schemas" / "world.schema.json"
@@ -154,7 +154,7 @@ UNSTATED: dict[str, tuple[Edit, str]] = {
 
 
 @pytest.mark.parametrize("fault", [*STATED, *UNSTATED])
-def test_fault_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
+def test_fault_is_refused_in_one_line(tmp_path, fault):
     edit, message = (STATED | UNSTATED)[fault]
     values = shipped()
     edit(values)
@@ -164,12 +164,12 @@ def test_fault_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
     assert "\n" not in str(refused.value)
 
 
-def test_missing_file_is_named(tmp_path: Path) -> None:
+def test_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"is not a world; expected a world\.yaml or its folder"):
         open_world(tmp_path)
 
 
-def test_every_key_is_used_by_the_worlds_of_the_tests() -> None:
+def test_every_key_is_used_by_the_worlds_of_the_tests():
     complete = shipped()
     complete["physics"] = {"timestep_ms": 0.5, "gravity_mm_s2": 9810.0}
     complete["tracker"]["model"] = "aurora"
@@ -208,9 +208,7 @@ def _declared(block: Any, place: str = "") -> Any:
         ),
     ],
 )
-def test_world_that_cannot_be_simulated_is_refused(
-    tmp_path: Path, edit: Edit, message: str
-) -> None:
+def test_world_that_cannot_be_simulated_is_refused(tmp_path, edit, message):
     from app.files.meshes import write_mesh
     from app.geometry import SurfaceMesh
 
