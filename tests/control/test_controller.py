@@ -51,21 +51,9 @@ DOWN = WrenchMeasurement(0, np.array([0.0, 0.0, -10.0]), np.zeros(3), in_tool=Fa
 
 def plane(seq: int, now_ns: int, height_mm: float, point: np.ndarray) -> PlainConstraint:
     """The tip must stay above a height in the frame of the tumour."""
-    return PlainConstraint(
-        "guard",
-        seq,
-        "tumor",
-        now_ns,
-        now_ns + 50 * MS,
-        int(MarginState.NEGATIVE),
-        False,
-        True,
-        True,
-        np.array([[0.0, 0.0, 1.0]]),
-        np.array([height_mm]),
-        np.array([point]),
-        np.zeros((1, 3)),
-    )
+    arrays = np.array([[0.0, 0.0, 1.0]]), np.array([height_mm]), np.array([point]), np.zeros((1, 3))
+    valid = ("guard", seq, "tumor", now_ns, now_ns + 50 * MS, int(MarginState.NEGATIVE))
+    return PlainConstraint(*valid, False, True, True, *arrays)
 
 
 def tip_and_jacobian(tool: ToolKinematics) -> tuple[np.ndarray, np.ndarray]:
@@ -126,28 +114,20 @@ def test_twist_is_limited_in_the_frame_of_the_constraint(controller, tool):
 
 
 NAN = float("nan")
+NO_JOINTS, NO_WRENCH = ControlReason.NO_JOINTS, ControlReason.NO_WRENCH
 MISSING = {
-    "no joints": ({"joints": None}, ControlReason.NO_JOINTS),
-    "old joints": ({"joints": replace(JOINTS, stamp_ns=-31 * MS)}, ControlReason.NO_JOINTS),
-    "joints from the future": ({"joints": replace(JOINTS, stamp_ns=1)}, ControlReason.NO_JOINTS),
-    "other joints": (
-        {"joints": replace(JOINTS, names=("a", *JOINTS.names[1:]))}, ControlReason.NO_JOINTS,
-    ),
-    "joint twice": (
-        {"joints": replace(JOINTS, names=("waist", "waist", *JOINTS.names[2:]))},
-        ControlReason.NO_JOINTS,
-    ),
-    "joint is NaN": (
-        {"joints": replace(JOINTS, positions=(NAN, *POSITIONS[1:]))}, ControlReason.NO_JOINTS,
-    ),
-    "no wrench": ({"wrench": None}, ControlReason.NO_WRENCH),
-    "old wrench": ({"wrench": replace(DOWN, stamp_ns=-31 * MS)}, ControlReason.NO_WRENCH),
-    "wrench is NaN": (
-        {"wrench": replace(DOWN, force_n=np.array([0, 0, NAN]))}, ControlReason.NO_WRENCH,
-    ),
+    "no joints": ({"joints": None}, NO_JOINTS),
+    "old joints": ({"joints": replace(JOINTS, stamp_ns=-31 * MS)}, NO_JOINTS),
+    "joints from the future": ({"joints": replace(JOINTS, stamp_ns=1)}, NO_JOINTS),
+    "other joints": ({"joints": replace(JOINTS, names=("a", *JOINTS.names[1:]))}, NO_JOINTS),
+    "joint twice": ({"joints": replace(JOINTS, names=("waist", *JOINTS.names[:5]))}, NO_JOINTS),
+    "joint is NaN": ({"joints": replace(JOINTS, positions=(NAN, *POSITIONS[1:]))}, NO_JOINTS),
+    "no wrench": ({"wrench": None}, NO_WRENCH),
+    "old wrench": ({"wrench": replace(DOWN, stamp_ns=-31 * MS)}, NO_WRENCH),
+    "wrench is NaN": ({"wrench": replace(DOWN, force_n=np.array([0, 0, NAN]))}, NO_WRENCH),
     "no pose": ({"pose": None}, ControlReason.NO_POSE),
     "old pose": ({"pose": replace(POSE, stamp_ns=-101 * MS)}, ControlReason.NO_POSE),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", MISSING)
@@ -222,9 +202,8 @@ def test_jacobian_is_the_derivative_of_the_pose(tool):
         step[column] = 1e-6
         (ahead, _), (behind, _) = (tool.evaluate(np.array(POSITIONS) + s) for s in (step, -step))
         speed = (ahead.translation_mm - behind.translation_mm) / 2e-6
-        turn = (
-            ahead @ behind.inverse().renamed(target="cautery", source="touch_base")
-        ).rotation_vector / 2e-6
+        back = behind.inverse().renamed(target="cautery", source="touch_base")
+        turn = (ahead @ back).rotation_vector / 2e-6
         assert jacobian[:3, column] == pytest.approx(speed, abs=1e-4)
         assert jacobian[3:, column] == pytest.approx(turn, abs=1e-6)
 
@@ -246,18 +225,13 @@ def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose():
 
 def test_admittance_follows_with_its_response_time_beyond_the_dead_band(tool):
     gains = AdmittanceGains(linear_mm_s_n=10.0, dead_n=1.0, response_s=0.1)
-    controller = CooperativeController(
-        tool, FixtureRule(accept_simulated=True), ControllerParameters(gains=gains)
-    )
+    rule, parameters = FixtureRule(accept_simulated=True), ControllerParameters(gains=gains)
+    controller = CooperativeController(tool, rule, parameters)
     tip, _ = tip_and_jacobian(tool)
     for step in range(101):
         now_ns = step * MS
         if step % 20 == 0:
             controller.receive(plane(step + 1, now_ns, tip[2] - 100.0, tip), now_ns)
-        decision = controller.step(
-            replace(JOINTS, stamp_ns=now_ns),
-            replace(DOWN, stamp_ns=now_ns),
-            replace(POSE, stamp_ns=now_ns),
-            now_ns,
-        )
+        measured = (replace(each, stamp_ns=now_ns) for each in (JOINTS, DOWN, POSE))
+        decision = controller.step(*measured, now_ns)
     assert decision.desired[2] == pytest.approx(-90.0 * (1.0 - np.exp(-1.0)), rel=1e-6)

@@ -1,6 +1,7 @@
 """Anatomical directions, against an independent computation by angles."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -30,13 +31,8 @@ def angle_to(letters: str, vector: list[float]) -> float:
 
 
 def all_names() -> list[str]:
-    return [
-        (x + y + z).replace("-", "")
-        for x in "RL-"
-        for y in "AP-"
-        for z in "SI-"
-        if x + y + z != "---"
-    ]
+    names = ("".join(each).replace("-", "") for each in product("RL-", "AP-", "SI-"))
+    return [name for name in names if name]
 
 
 @given(st.lists(_NUMBER, min_size=3, max_size=3).filter(lambda v: max(map(abs, v)) > 1e-3))

@@ -56,8 +56,7 @@ def test_wrong_age_is_reported_before_frozen_values(age_ns, freshness):
 
 
 @pytest.mark.parametrize(
-    ("ahead_ns", "freshness"),
-    [(1, Freshness.VALID), (5, Freshness.VALID), (6, Freshness.FUTURE)],
+    ("ahead_ns", "freshness"), [(1, Freshness.VALID), (5, Freshness.VALID), (6, Freshness.FUTURE)]
 )
 def test_tolerance_shifts_the_limit_of_the_future_alone(ahead_ns, freshness):
     assert freshness_of(NOW_NS + ahead_ns, NOW_NS, TOLERANT) is freshness

@@ -34,10 +34,14 @@ def box(name: str, *size_mm: float) -> SurfaceMesh:
     return SurfaceMesh(name, shape.vertices, shape.faces)
 
 
+def flat_sheet() -> SurfaceMesh:
+    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
+    return SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
+
+
 def free_box(name: str = "cube", *position_mm: float, mass_kg: float = 0.1) -> BodyEntry:
-    return BodyEntry(
-        name, box(name, 20, 20, 20), placed(name, *(position_mm or (0, 0, 0))), mass_kg
-    )
+    pose = placed(name, *(position_mm or (0, 0, 0)))
+    return BodyEntry(name, box(name, 20, 20, 20), pose, mass_kg)
 
 
 def floor() -> BodyEntry:

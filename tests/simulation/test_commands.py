@@ -25,6 +25,8 @@ from app.simulation import (
 )
 from tests.simulation.conftest import PARALLELOGRAMS, arm, box, world_of
 
+pytestmark = pytest.mark.long
+
 BENT = {"shoulder": 1.0, "elbow": 0.5, "pitch": 0.1}
 TURNED = Transform.from_rotation_vector((0, 0, 0.7), (10, -20, 30), target="world", source="base")
 
@@ -63,10 +65,8 @@ def joint_positions(world: World, *offsets: float) -> JointPositionCommand:
 
 
 def pose_command(pose: Transform) -> ToolPoseCommand:
-    from scipy.spatial.transform import Rotation
-
-    quaternion = tuple(Rotation.from_matrix(pose.rotation).as_quat().tolist())
-    return ToolPoseCommand(0, pose.target, tuple(pose.translation_mm.tolist()), quaternion)
+    position = tuple(pose.translation_mm.tolist())
+    return ToolPoseCommand(0, pose.target, position, tuple(pose.quaternion_xyzw.tolist()))
 
 
 def test_joint_positions_are_reached(world):
@@ -80,8 +80,7 @@ def test_joint_positions_are_reached(world):
 def test_tool_poses_are_reached(world):
     start = base_from_tool(world, world.state())
     turn = Transform.from_rotation_vector((0.1, 0.05, -0.2), (0, 0, 0), target="tool", source="t")
-    goal = (start @ turn).renamed(source="tool")
-    goal = moved(goal, 8.0, -5.0, 6.0)
+    goal = moved((start @ turn).renamed(source="tool"), 8.0, -5.0, 6.0)
     reached = base_from_tool(world, follow(world, pose_command(goal), 600))
     np.testing.assert_allclose(reached.translation_mm, goal.translation_mm, atol=0.05)
     np.testing.assert_allclose(reached.rotation, goal.rotation, atol=1e-3)
@@ -167,10 +166,8 @@ def test_each_command_lasts_30_ms(world, kind):
 def test_each_command_stops_with_a_fault_when_the_next_is_not_finite(world, kind):
     command = every_command(world)[kind]
     follow(world, command, 30)
-    field = {
-        0: "velocities", 1: "positions", 2: "position_mm", 3: "linear_mm_s", 4: "force_n",
-        5: "force_n",
-    }[kind]  # fmt: skip
+    names = ("velocities", "positions", "position_mm", "linear_mm_s", "force_n", "force_n")
+    field = names[kind]
     values = (np.nan, *getattr(command, field)[1:])
     with pytest.raises(CommandError, match=f"{command.topic} of arm 'arm': .* is nan; expected a"):
         follow(world, replace(command, **{field: values}))
@@ -202,9 +199,7 @@ def test_invalid_command_is_a_fault(world, kind, change, problem):
 def test_arm_without_a_tool_has_no_tool_to_move(touch):
     world = World(world_of(arm(touch, collision="none")))
     command = ToolTwistCommand(0, touch.root_link, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    with pytest.raises(
-        CommandError, match=r"servo_cv .* holds no tool; expected servo_jv or servo"
-    ):
+    with pytest.raises(CommandError, match=r"servo_cv .* holds no tool; expected servo_jv or ser"):
         follow(world, command)
 
 

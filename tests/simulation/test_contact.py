@@ -4,6 +4,8 @@ import pytest
 
 from benchmarks.closed_loop.contact import MASSES_KG, MAX_DEPTH_MM, convex_error_mm, run_press
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("mass_kg", MASSES_KG)
 def test_pressed_tool_stays_on_the_surface(tmp_path, mass_kg):

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from app.cli import caches
@@ -12,6 +13,7 @@ from app.geometry import SurfaceMesh
 from app.simulation import WorldError
 from app.simulation.convex_parts import PARTS_FOLDER
 from app.simulation.convex_parts import convex_parts as parts_of
+from tests.simulation.conftest import flat_sheet
 
 
 @pytest.fixture
@@ -22,15 +24,9 @@ def folder(tmp_path, monkeypatch):
 
 def angle() -> SurfaceMesh:
     """Two arms of 40 mm, 10 mm thick, in the shape of an L."""
-    outline = np.array([[0, 0], [40, 0], [40, 10], [10, 10], [10, 40], [0, 40]], dtype=float)
-    bottom = np.column_stack([outline, np.zeros(6)])
-    top = bottom + np.array([0.0, 0.0, 10.0])
-    cap = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]
-    faces = [[a, c, b] for a, b, c in cap] + [[a + 6, b + 6, c + 6] for a, b, c in cap]
-    for i in range(6):
-        j = (i + 1) % 6
-        faces += [[i, j, j + 6], [i, j + 6, i + 6]]
-    return SurfaceMesh("angle", np.concatenate([bottom, top]), faces).require_closed("angle")
+    outline = shapely.Polygon([(0, 0), (40, 0), (40, 10), (10, 10), (10, 40), (0, 40)])
+    shape = trimesh.creation.extrude_polygon(outline, 10.0)
+    return SurfaceMesh("angle", shape.vertices, shape.faces).require_closed("angle")
 
 
 def volume_of(corners: list[np.ndarray]) -> float:
@@ -80,7 +76,5 @@ def test_folder_that_cannot_be_written_costs_time_only(folder, monkeypatch, tmp_
 
 
 def test_flat_surface_is_refused(folder):
-    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
-    flat = SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
     with pytest.raises(WorldError, match=r"^plate: its surface encloses no volume; expected a"):
-        parts_of(flat, "hull", "plate")
+        parts_of(flat_sheet(), "hull", "plate")

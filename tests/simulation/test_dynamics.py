@@ -10,6 +10,8 @@ from app.simulation import World
 from benchmarks.closed_loop.dynamics import largest_difference
 from tests.simulation.conftest import arm, world_of
 
+pytestmark = pytest.mark.long
+
 TOLERANCE = 1e-6
 """Relative to the largest acceleration, and absolute below 1 rad/s2."""
 

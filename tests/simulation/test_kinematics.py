@@ -7,6 +7,8 @@ from app.robot import Robot, load_robot
 from app.simulation import World
 from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
 
+pytestmark = pytest.mark.long
+
 TOLERANCE_MM = 1e-6
 """1e-9 m."""
 
@@ -41,13 +43,11 @@ def test_shipped_parallelograms(name):
     check_poses(load_robot(PARALLELOGRAMS / f"{name}.yaml"))
 
 
-@pytest.mark.parametrize("path", ["ur_description/urdf/ur5_robot.urdf"])
+@pytest.mark.parametrize(
+    "path", ["ur_description/urdf/ur5_robot.urdf", "panda_description/urdf/panda.urdf"]
+)
 def test_robots_with_masses_of_their_own(example_robots, path):
     check_poses(load_robot(example_robots / path))
-
-
-def test_panda(example_robots):
-    check_poses(load_robot(example_robots / "panda_description/urdf/panda.urdf"))
 
 
 @pytest.mark.parametrize("path", ["omni/urdf/omni.urdf", "ambf_kuka/blender-kuka.yaml"])

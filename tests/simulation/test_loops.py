@@ -8,6 +8,8 @@ from app.simulation import JointVelocityCommand, World, WorldError
 from app.simulation.robot_model import STIFF_SOLREF
 from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
 
+pytestmark = pytest.mark.long
+
 MAX_GAP_MM = 0.05
 
 

@@ -1,9 +1,12 @@
 """The shipped world as a whole: hand, tracker and physics repeat byte for byte."""
 
 import numpy as np
+import pytest
 
 from app.simulation import ScriptedHand, World, WorldTracker, open_world
 from tests.simulation.conftest import LUMPECTOMY
+
+pytestmark = pytest.mark.long
 
 
 def recorded(steps: int) -> tuple[bytes, list[int]]:

@@ -22,6 +22,8 @@ from app.simulation import (
 )
 from tests.simulation.conftest import LUMPECTOMY, arm, box, floor, free_box, placed, world_of
 
+pytestmark = pytest.mark.slow
+
 STEP_NS = 1_000_000
 
 
@@ -56,9 +58,8 @@ def test_arm_stops_when_its_last_command_is_too_old(world):
     last_ns = world.time_ns - STEP_NS
     while world.time_ns - last_ns <= COMMAND_LIFETIME_NS:
         state = world.step()
-        assert (
-            state.time_ns - last_ns > COMMAND_LIFETIME_NS or state.arms["arm"].velocities[0] > 0.4
-        )
+        is_old = state.time_ns - last_ns > COMMAND_LIFETIME_NS
+        assert is_old or state.arms["arm"].velocities[0] > 0.4
     assert not state.arms["arm"].is_busy
     assert state.arms["arm"].status is ArmStatus.ENABLED
     for _ in range(30):
@@ -82,6 +83,9 @@ def test_older_command_does_not_replace_a_newer_one(world):
     assert state.arms["arm"].velocities[0] > 0.4
 
 
+SWAPPED = ("shoulder", "waist", "elbow", "yaw", "pitch", "roll")
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -89,8 +93,8 @@ def test_older_command_does_not_replace_a_newer_one(world):
         ({"velocities": (np.inf, 0, 0, 0, 0, 0)}, "velocity of joint 'waist' is inf; expected a f"),
         ({"velocities": (0.1,)}, "1 velocities; expected 6"),
         (
-            {"joints": ("shoulder", "waist", "elbow", "yaw", "pitch", "roll")},
-            "joints are shoulder, waist, .*; expected waist, shoulder, .* in this order",
+            {"joints": SWAPPED},
+            "joints are shoulder, waist, .*; expected waist, shoulder, .* in",
         ),
         ({"joints": ()}, "joints are none; expected waist"),
         ({"stamp_ns": 10**12}, "stamp is .* ns in the future; expected the past"),
@@ -98,11 +102,9 @@ def test_older_command_does_not_replace_a_newer_one(world):
 )
 def test_invalid_command_is_refused_and_stops_the_arm(world, change, problem):
     run(world, 50, 0.5)
-    good = command(world, 0.5)
-    values = {name: getattr(good, name) for name in ("stamp_ns", "joints", "velocities")}
     before = world.time_ns
     with pytest.raises(CommandError, match=problem):
-        world.step({"arm": JointVelocityCommand(**{**values, **change})})
+        world.step({"arm": replace(command(world, 0.5), **change)})
     assert world.time_ns == before
     state = run(world, 60, 0.5)
     assert state.arms["arm"].status is ArmStatus.FAULT
@@ -112,15 +114,13 @@ def test_invalid_command_is_refused_and_stops_the_arm(world, change, problem):
     assert run(world, 60, 0.5).arms["arm"].velocities[0] > 0.4
 
 
-def test_speed_and_joint_limits_hold(touch):
-    world = World(world_of(arm(touch, collision="none")))
+def test_speed_and_joint_limits_hold(world):
     fastest = max(abs(float(run(world, 1, 99.0).arms["arm"].velocities[0])) for _ in range(400))
     assert 5.0 < fastest <= 10.0 + 1e-6
     assert run(world, 600, 99.0).arms["arm"].positions[0] <= 1.3 + 1e-3
 
 
-def test_effort_limits_hold_and_a_blocked_arm_gives_way(touch):
-    world = World(world_of(arm(touch, collision="none")))
+def test_effort_limits_hold_and_a_blocked_arm_gives_way(world, touch):
     before = world.state().arms["arm"].positions[0]
     limits = [joint.dynamics.effort for joint in touch.joints]
     names = {"stylus": Wrench(np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 40.0]))}
@@ -152,23 +152,18 @@ def test_same_calls_give_the_same_bytes():
 
 def test_reset_repeats_the_run_byte_for_byte():
     world = World(world_of(bodies=(floor(), free_box("cube", 0, 0, 30))))
-
-    def fall() -> bytes:
-        return b"".join(_stepped(world) for _ in range(200))
-
-    first = fall()
-    world.reset()
-    assert fall() == first
-
-
-def _stepped(world: World) -> bytes:
-    world.step()
-    return world.data.qpos.tobytes()
+    falls = [[], []]
+    for fall in falls:
+        world.reset()
+        for _ in range(200):
+            world.step()
+            fall.append(world.data.qpos.tobytes())
+    assert falls[0] == falls[1]
 
 
 def test_free_body_falls_and_comes_to_rest_on_a_fixed_one():
     world = World(world_of(bodies=(floor(), free_box("cube", 0, 0, 30))))
-    for _ in range(1000):
+    for _ in range(500):
         state = world.step()
     assert abs(state.bodies["cube"].translation_mm[2] - 10.0) < 0.05
     contacts = world.contacts()
@@ -176,8 +171,7 @@ def test_free_body_falls_and_comes_to_rest_on_a_fixed_one():
     assert max(contact.depth_mm for contact in contacts) < 0.1
 
 
-def test_diverged_physics_is_an_error(touch):
-    world = World(world_of(arm(touch, collision="none")))
+def test_diverged_physics_is_an_error(world):
     world.data.qvel[0] = 1e7
     with pytest.raises(UnstableError, match=r"has diverged at \d.*expected a shorter time step"):
         for _ in range(10):
@@ -194,12 +188,12 @@ def test_arm_that_presses_a_body_stays_outside_of_it():
     description = replace(open_world(LUMPECTOMY), bodies=(plate,))
     world = World(description)
     deepest, touched = 0.0, 0
-    for _ in range(1000):
+    for _ in range(700):
         state = world.step({"arm": command(world, 0.0, -0.3)})
         between = [c for c in world.contacts() if set(c.bodies) == {"plate", "cautery"}]
         touched += bool(between)
         deepest = max([deepest, *(contact.depth_mm for contact in between)])
-    assert touched > 500
+    assert touched > 300
     assert deepest < 0.1
     assert state.bodies["cautery"].translation_mm[2] > 119.0
     assert np.abs(state.arms["arm"].efforts[1]) == pytest.approx(5.0)

@@ -74,7 +74,7 @@ def test_points_off_the_surface_are_rejected():
 )
 def test_surface_along_which_points_slide_is_rejected(shape):
     rng = np.random.default_rng(4)
-    truth, points, start = touch_surface(rng, shape, 60, 0.1)
+    truth, points, start = touch_surface(rng, shape, 40, 0.1)
     mapped = truth.apply(points)
     points = points[np.abs(mapped[:, 2]) < 150.0]  # not on the caps of the cylinder
     with pytest.raises((FreeMotionError, NoConsensusError), match=r"slide|equally good"):

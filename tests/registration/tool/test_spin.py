@@ -54,7 +54,7 @@ def test_wrong_poses_in_noise_are_rejected(sample):
 
 def test_covariance_is_calibrated(sample):
     rng = np.random.default_rng(2)
-    trials, errors = 24 * sample, []
+    trials, errors = 16 * sample, []
     for _ in range(trials):
         scene = pivot_scene(rng, 60, cone_deg=0.0, noise=EM_NOISE, spin_deg=40.0)
         result = calibrate_spin(scene.poses, tip_mm=scene.tip_mm)
