@@ -1,4 +1,4 @@
-"""The statistics of registration over three times the trials that the suite takes."""
+"""The statistics of registration over four times the trials that the suite takes."""
 
 import pytest
 
@@ -9,12 +9,12 @@ from tests.registration.robot_base import test_robot_world, test_time_offset
 from tests.registration.tool import test_pivot, test_pivot_selection, test_spin
 from tests.registration.uncertainty import test_drift, test_tre
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.exhaustive
 
 
 @pytest.fixture
 def sample() -> int:
-    return 3
+    return 4
 
 
 globals().update(
