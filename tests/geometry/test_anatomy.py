@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import (
@@ -15,6 +14,7 @@ from app.geometry import (
     anatomical_direction,
     anatomical_words,
 )
+from tests.geometry.few_examples import given
 
 _NUMBER = st.floats(-1e6, 1e6, allow_nan=False).map(lambda value: round(value, 6))
 

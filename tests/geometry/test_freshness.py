@@ -1,5 +1,4 @@
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import (
@@ -12,6 +11,7 @@ from app.geometry import (
     freshness_of_stamp,
     stale_in_ns,
 )
+from tests.geometry.few_examples import given
 
 NOW_NS = 1_700_000_000_000_000_000
 LIMITS = FreshnessLimits(200, frozen_after_ns=1000)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from app.geometry import FrameError, MeshError, SurfaceMesh, Transform, weld_vertices
+from tests.geometry.few_examples import given
 
 
 def sphere(radius: float = 10.0) -> SurfaceMesh:

@@ -5,7 +5,6 @@ from dataclasses import FrozenInstanceError, dataclass, fields
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import (
@@ -18,6 +17,7 @@ from app.geometry import (
     TransformError,
     slot_setters,
 )
+from tests.geometry.few_examples import given
 
 
 @given(st.integers(-(10**18), 9 * 10**18))

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FrameError, Transform, TransformError, mean_transform, rotation_angle
+from tests.geometry.few_examples import given
 
 finite = st.floats(-1e4, 1e4, allow_nan=False)
 vectors = hnp.arrays(np.float64, 3, elements=finite)

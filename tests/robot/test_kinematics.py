@@ -6,6 +6,8 @@ import pytest
 from app.robot import load_robot, robot_from_text
 from tests.oracles.pinocchio_kinematics import assert_agrees_with_pinocchio
 
+pytestmark = pytest.mark.slow
+
 LIMIT = '<limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
 
 

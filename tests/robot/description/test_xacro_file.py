@@ -4,6 +4,8 @@ import pytest
 
 from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text, urdf_text
 
+pytestmark = pytest.mark.slow
+
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 
 
