@@ -114,7 +114,7 @@ def test_published_regression_case():
 def test_error_with_em_noise_is_below_that_of_the_closed_forms(sample):
     rng = np.random.default_rng(2)
     errors: dict[str, list[float]] = {"ours": [], "estimated": [], "shah": [], "li": []}
-    for _ in range(5 * sample):
+    for _ in range(8 * sample):
         scene = robot_world_scene(rng, 15, EM_NOISE)
         middle = scene.base.inverse().apply(scene.centre_mm)
         poses = scene.robot, scene.sensor
