@@ -8,4 +8,4 @@ from hypothesis import settings
 
 
 def given(*strategies: Any, **named: Any) -> Callable[[Callable[..., None]], Any]:
-    return lambda test: settings(max_examples=40)(given_all(*strategies, **named)(test))
+    return lambda test: settings(max_examples=20)(given_all(*strategies, **named)(test))

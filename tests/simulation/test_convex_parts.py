@@ -15,6 +15,8 @@ from app.simulation.convex_parts import PARTS_FOLDER
 from app.simulation.convex_parts import convex_parts as parts_of
 from tests.simulation.conftest import flat_sheet
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):

@@ -9,6 +9,8 @@ from app.geometry import Transform
 from app.simulation import BodyEntry, EditError, World, WorldDescription, open_world
 from tests.simulation.conftest import LUMPECTOMY, box, placed
 
+pytestmark = pytest.mark.slow
+
 
 def at(name, x, y=0.0, z=0.0):
     return placed(name, x, y, z)

@@ -19,6 +19,8 @@ from app.simulation import WORLD, World, WorldError, open_world, world_schema_te
 from tests.case.test_schemas import _paths
 from tests.simulation.conftest import LUMPECTOMY, ROOT, flat_sheet
 
+pytestmark = pytest.mark.slow
+
 Edit = Callable[[dict[str, Any]], object]
 CHECK = jsonschema.Draft202012Validator(json.loads(world_schema_text()))
 

@@ -21,7 +21,7 @@ from tests.registration.time_signals import LAG_MS, Motion, in_ns, sample_times,
 
 
 def test_offset_is_found_and_the_interval_covers_it(sample):
-    trials = 15 * sample
+    trials = 8 * sample
     rng = np.random.default_rng(1)
     errors, covered = [], 0
     for _ in range(trials):
