@@ -1,12 +1,42 @@
 """Expansion of xacro files, and refusal of files outside their packages."""
 
+import os
+
 import pytest
 
 from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text, urdf_text
+from app.robot.description import xacro_child
+from app.robot.description.xacro_file import expand_xacro
 
 pytestmark = pytest.mark.slow
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+
+
+def start_fork(request):
+    """Answer a request as the program `xacro_child` does, in a fork of this process."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        silent = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silent, 1)
+        os.dup2(silent, 2)
+        try:
+            with os.fdopen(writing, "wb") as output:
+                output.write(xacro_child.answer(request))
+        finally:
+            os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        reply = pipe.read()
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), reply
+
+
+@pytest.fixture(autouse=True)
+def quick_start(request, monkeypatch):
+    """Start no interpreter, except in the tests of what it prints."""
+    if "capfd" not in request.fixturenames:
+        monkeypatch.setitem(expand_xacro.__kwdefaults__, "start", start_fork)
 
 
 @pytest.fixture
