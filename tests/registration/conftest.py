@@ -4,6 +4,6 @@ import pytest
 
 
 @pytest.fixture
-def sample() -> int:
+def sample():
     """Factor on the number of trials; `test_full_samples` sets a larger one."""
     return 1

@@ -14,9 +14,7 @@ from tests.oracles.registration_consensus import consistent_by_refits
 pytestmark = pytest.mark.slow
 
 
-def robust_mean(
-    values: FloatArray, sigma: float | None
-) -> tuple[NDArray[np.bool_], tuple[float, float]]:
+def robust_mean(values, sigma):
     """Robust mean of ``values``; estimates their noise if ``sigma`` is None."""
 
     def refine(mask: NDArray[np.bool_], _: tuple[float, float]) -> tuple[float, float]:

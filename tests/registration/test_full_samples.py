@@ -13,7 +13,7 @@ pytestmark = pytest.mark.exhaustive
 
 
 @pytest.fixture
-def sample() -> int:
+def sample():
     return 4
 
 

@@ -10,9 +10,7 @@ from app.registration import DwellSettings, ShapeError, detect_dwells
 RATE_HZ = 20.0
 
 
-def straight_motion(
-    rng: np.random.Generator, tip: FloatArray, to: FloatArray, seconds: float, turn_rad: float
-) -> list[tuple[FloatArray, FloatArray]]:
+def straight_motion(rng, tip, to, seconds, turn_rad):
     """Tip positions (3,) and rotations (3, 3) of a straight motion at `RATE_HZ`."""
     steps = int(seconds * RATE_HZ)
     share = np.linspace(0.0, 1.0, steps, endpoint=False)
@@ -36,9 +34,7 @@ def later(track: list[TrackedTransform], ns: int) -> list[TrackedTransform]:
 LANDMARKS = np.array([[0, 0, 0], [60, 0, 0], [60, 50, 0], [0, 40, 30]], dtype=float)
 
 
-def visit_landmarks(
-    rng: np.random.Generator, turn_rad: float, seconds: float = 2.5
-) -> list[TrackedTransform]:
+def visit_landmarks(rng, turn_rad, seconds=2.5):
     track: list[tuple[FloatArray, FloatArray]] = []
     for landmark, following in zip(LANDMARKS, [*LANDMARKS[1:], LANDMARKS[0] + 300.0], strict=True):
         track += straight_motion(rng, landmark, landmark, seconds, turn_rad)

@@ -158,9 +158,7 @@ def swapped(samples: list[TrackedTransform]) -> list[TrackedTransform]:
     return mixed
 
 
-def assert_swapped_order_is_found(
-    samples: list[TrackedTransform], landmarks: dict[str, FloatArray]
-) -> None:
+def assert_swapped_order_is_found(samples, landmarks):
     result = detect_landmarks(swapped(samples), landmarks)
     assert result.accepted, result.reason
     names = [name for _, name in result.match.pairs]

@@ -17,9 +17,7 @@ from app.registration import (
 NOISE = PoseNoise.from_rms(rotation_deg=0.2, translation_mm=0.2)
 
 
-def swung(
-    seed: int, tip_mm: list[float], *, degrees: float, count: int = 400, noise: PoseNoise = NOISE
-) -> list[Transform]:
+def swung(seed, tip_mm, *, degrees, count=400, noise=NOISE):
     """A slow swing about the tip at 20 Hz: over a cone, with a rotation about the shaft."""
     rng = np.random.default_rng(seed)
     poses = []
