@@ -13,7 +13,7 @@ smooth function of time plus the jitter of the tracker, with the autocorrelation
    the posterior mean is slightly too shallow, because smoothing fills a sharp one. The estimate is
    the middle of the two, and the interval the 2.5 and 97.5 percentiles of the draws about it.
 
-``marginguard bench depth`` measures bias and coverage on simulated breaches.
+`tests/analysis/test_long_depth.py` measures bias and coverage on simulated breaches.
 """
 
 import math

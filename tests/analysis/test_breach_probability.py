@@ -10,6 +10,7 @@ from app.analysis.breach_probability import (
     smoothed_distances,
 )
 from app.geometry import InputError
+from tests.analysis.simulated_outcomes import predictions
 
 RADIUS_MM = 12.0
 SIGMAS = {"registration": 0.9, "pivot": 0.4, "contour": 0.6}
@@ -147,3 +148,12 @@ def test_smoothing_removes_jitter_and_keeps_a_slope():
 def test_other_covariances_are_refused(matrix):
     with pytest.raises(InputError, match="covariance of contour"):
         breach_probability(np.ones(1), np.eye(3)[:1], np.ones(1), {"contour": matrix})
+
+
+def test_without_errors_the_prediction_is_the_truth():
+    """The engine on the mesh and the radius function agree where nothing is off."""
+    found = list(predictions(30, 3, jitter_mm=0.0, error_scale=0.02))
+    assert 5 < sum(each.breach for each in found) < 25
+    sure = [each for each in found if each.probability in (0.0, 1.0)]
+    assert len(sure) >= 24
+    assert all(each.breach == (each.probability == 1.0) for each in sure)

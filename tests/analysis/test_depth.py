@@ -3,7 +3,7 @@ import pytest
 
 from app.analysis import Jitter, estimate_depth
 from app.geometry import InputError
-from benchmarks.depth import figures
+from tests.analysis.simulated_breaches import DepthErrors
 
 TIMES = np.arange(0.0, 2.0, 0.02)
 
@@ -14,11 +14,11 @@ def dip(times: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["white", "correlated"])
 def test_estimate_is_less_biased_than_the_lowest_sample(kind):
-    """The short form of `marginguard bench depth`: limits are 3 standard errors wider."""
-    found = figures(kind, 12)
-    assert found["bias of the lowest sample mm"] < -0.2
-    assert abs(found["bias mm"]) < 0.05 + 3.0 * found["standard error mm"]
-    assert found["coverage"] >= 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 12)
+    """Limits are 3 standard errors wider than those of the long form."""
+    found = DepthErrors.over(kind, 12)
+    assert found.lowest_sample_bias_mm < -0.2
+    assert abs(found.bias_mm) < 0.05 + 3.0 * found.standard_error_mm
+    assert found.coverage >= 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 12)
 
 
 def test_interval_holds_the_depth_of_a_tool_that_turns_fast():

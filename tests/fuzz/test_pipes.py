@@ -8,12 +8,16 @@ import pytest
 from app.geometry import MarginGuardError
 from app.robot import RobotMeshError, UrdfError, load_robot
 from app.robot.meshes.mesh_file import read_robot_mesh
-from benchmarks.fuzz.registry import all_parsers, parser_at
+from tests.fuzz.parsers import PARSERS
 
-FILES = [parser for parser in map(parser_at, all_parsers().values()) if parser.names_file]
+pytestmark = pytest.mark.slow
+
+EACH_FILE = pytest.mark.parametrize(
+    "parser", [pytest.param(each, id=name) for name, each in PARSERS.items() if each.names_file]
+)
 
 
-@pytest.mark.parametrize("parser", FILES, ids=[parser.name for parser in FILES])
+@EACH_FILE
 def test_pipe_in_the_place_of_a_file_is_refused(parser, tmp_path):
     os.mkfifo(tmp_path / parser.file_name)
     with pytest.raises(MarginGuardError) as caught:
@@ -21,7 +25,7 @@ def test_pipe_in_the_place_of_a_file_is_refused(parser, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("parser", FILES, ids=[parser.name for parser in FILES])
+@EACH_FILE
 def test_folder_and_name_of_no_file_are_refused(parser, tmp_path):
     ending = parser.file_name.partition(".")[2]
     (tmp_path / parser.file_name).mkdir()

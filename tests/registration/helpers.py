@@ -1,4 +1,4 @@
-"""Random, non-degenerate geometries for the tests and benchmarks of registration."""
+"""Random, non-degenerate geometries for the tests of registration."""
 
 from dataclasses import dataclass
 

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from app.robot import load_robot, robot_from_text
-from tests.oracles.pinocchio_kinematics import assert_agrees_with_pinocchio
+from tests.oracles.pinocchio_kinematics import (
+    BOUND,
+    assert_agrees_with_pinocchio,
+    assert_example_robots_agree,
+    bare_text,
+    largest_differences,
+    model_from_text,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -12,30 +19,16 @@ LIMIT = '<limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
 
 
 def test_example_robots_agree_with_pinocchio(example_robots, rng):
-    """The short form of ``marginguard bench kinematics``."""
-    pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
-    from benchmarks.kinematics import BOUND, compare, example_urdfs
-
-    compared = [each for urdf in example_urdfs() if (each := compare(urdf, 3, rng))]
-    assert [(each.name, each.problem) for each in compared if not each.holds] == []
-    assert len(compared) > 40
-    assert sum(each.mimic_joints for each in compared) > 20
-    assert all(each.worst_m <= BOUND for each in compared)
+    assert_example_robots_agree(rng, 3)
 
 
-def test_comparison_detects_a_moved_origin(monkeypatch, panda_urdf, rng):
-    pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
-    from benchmarks import kinematics
-
-    text = kinematics.bare_text(panda_urdf)
+def test_comparison_detects_a_moved_origin(panda_urdf, rng):
+    text = bare_text(panda_urdf)
     moved = text.replace('xyz="0 0 0.333"', 'xyz="0 0 0.333000002"')
     assert moved != text
-    monkeypatch.setattr(
-        kinematics, "robot_from_text", lambda text, name: robot_from_text(moved, name=name)
-    )
-    agreement = kinematics.compare(panda_urdf, 1, rng)
-    assert agreement.worst_m == pytest.approx(2e-9, rel=1e-3)
-    assert not agreement.holds
+    worst = largest_differences(model_from_text(text), robot_from_text(moved, name="panda"), rng, 1)
+    assert worst[0] == pytest.approx(2e-9, rel=1e-3)
+    assert worst[0] > BOUND
 
 
 BAR, COUPLER = 0.15, 0.4

@@ -9,8 +9,8 @@ from app.fixture import Reason
 from app.geometry import NS_PER_MS, FreshnessLimits
 from app.session.pose_tree import PoseTree
 from app.session.repetition import REST_LIMIT, RepetitionHistory
-from benchmarks.frozen import clean_run, inject, moments, quantised, recorded
 from tests.doubles import frame, sample
+from tests.session.frozen_sensors import clean_run, inject, moments, quantised, recorded
 
 LIMITS = FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS)
 PERIOD_MS = 20
@@ -199,7 +199,7 @@ def test_probability_of_a_run_is_the_product_over_its_samples(repeats, changes, 
 def test_quantised_tracker_is_never_frozen_and_its_freezes_are_detected():
     """Reference with 60 % repetitions, tool that moves and rests; 90 s."""
     recording = quantised()
-    repeated, _, frozen, _ = clean_run(recording)
+    repeated, frozen, _ = clean_run(recording)
     assert repeated > len(recording.frames) / 2
     assert frozen == 0
     for moving, largest_ms in ((True, 1100), (False, 5100)):
@@ -220,7 +220,7 @@ def test_quantised_tracker_is_never_frozen_and_its_freezes_are_detected():
 )
 def test_real_recording_is_never_frozen_and_its_freezes_are(real_recording, name, repeats):
     recording = recorded(real_recording(name))
-    repeated, _, frozen, largest_mm = clean_run(recording)
+    repeated, frozen, largest_mm = clean_run(recording)
     assert (repeated, frozen) == (repeats, 0)
     assert largest_mm < 5.0
     for at in moments(recording, True, 5):

@@ -12,7 +12,8 @@ from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.bridge.simulation.body_edits import MAX_MOVES
 from app.bridge.tf.wire import TfMessageReader
-from app.bridge.world_editor import TRUTH, WorldEditor
+from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
+from app.files.meshes import write_mesh
 from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.simulation import World, open_world
 from tests.ros_domain import domain_id as domain_id
@@ -38,7 +39,7 @@ def cube(name):
 class Edited:
     """The shipped world with its node, and a scene's node that edits it."""
 
-    def __init__(self, ros, scene, description):
+    def __init__(self, ros, scene, description, body="tumor"):
         self.world = World(description)
         self.node = SimulationNode(ros, description, use_hand=False)
         self.pace = RealTime(
@@ -55,7 +56,7 @@ class Edited:
         refusals = [each for each in ros.node.publishers if "refused" in each.topic_name]
         self.until(self.editor.is_connected)
         self.until(lambda: min(each.get_subscription_count() for each in refusals) > 0)
-        self.until(lambda: f"{TRUTH}tumor" in self.truth)
+        self.until(lambda: TRUTH + body in self.truth)
 
     def until(self, condition):
         end_s = time.monotonic() + WAIT_S
@@ -71,6 +72,17 @@ class Edited:
     @property
     def fault(self):
         return self.world.state().arms["arm"].fault
+
+
+def world_of_cubes(folder, count):
+    write_mesh(folder / "cube.stl", cube("cube"))
+    bodies = "".join(
+        f"  - {{name: body{number}, motion: fixed, position_mm: [0, {60 * number}, 0], "
+        "mesh: {path: cube.stl, units: mm}}\n"
+        for number in range(count)
+    )
+    (folder / "world.yaml").write_text(f"schema: 1\nname: edits\nseed: 1\nbodies:\n{bodies}")
+    return open_world(folder)
 
 
 def now():
@@ -186,3 +198,45 @@ def test_flood_of_requests_is_refused(edited):
 
     edited.until(is_refused)
     assert edited.fault == ""
+
+
+def test_nodes_of_26_bodies_that_a_user_moves_come_back_from_the_physics(domain_id, tmp_path):
+    slicer = pytest.importorskip("slicer", reason="the scene is not installed")
+    from app.scene.frames.edited_world import EditedWorld
+    from app.scene.nodes.convert import vtk_matrix
+
+    count = 26
+    with (
+        RosNode(NODE_NAME, domain_id=domain_id) as ros,
+        RosNode("scene", domain_id=domain_id) as node,
+    ):
+        edited = Edited(ros, node, world_of_cubes(tmp_path, count), "body0")
+        scene = EditedWorld(
+            slicer.vtkMRMLScene(),
+            WORLD,
+            edited.editor.move,
+            edited.refused.append,
+            clock_ns=time.time_ns,
+        )
+
+        def has_shown(x):
+            """Show what has arrived; True if the physics has every body there."""
+            poses = [
+                Transform.from_quaternion(
+                    pose[3:], pose[:3], target=WORLD, source=child.removeprefix(TRUTH)
+                )
+                for child, pose in edited.truth.copy().items()
+                if child.startswith(TRUTH)
+            ]
+            scene.show(poses, time.time_ns())
+            places = [pose.translation_mm[0] for pose in poses]
+            return len(places) == count and places == pytest.approx([x] * count, abs=1e-6)
+
+        edited.until(lambda: has_shown(0.0))
+        for number in range(1, 11):
+            for body in range(count):
+                pose = at(f"body{body}", 0.1 * number, 60.0 * body, frame=WORLD)
+                scene.node(f"body{body}").SetMatrixTransformToParent(vtk_matrix(pose))
+            assert scene.send() == count
+            edited.until(lambda x=0.1 * number: has_shown(x))
+        assert edited.refused == []

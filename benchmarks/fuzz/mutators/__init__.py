@@ -1,1 +1,0 @@
-"""Mutations of documents: bytes, text and numbers, lines, JSON, XML, binary fields."""

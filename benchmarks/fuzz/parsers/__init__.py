@@ -1,1 +1,0 @@
-"""Registered parsers, by package of `app`."""

@@ -1,1 +1,0 @@
-"""Benchmark of registration and calibration against other implementations, one topic per file."""
