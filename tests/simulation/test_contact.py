@@ -10,12 +10,12 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(autouse=True)
 def coarse_skull(monkeypatch):
-    """A skull of a quarter of the triangles: its convex parts are computed in a third of the time."""
+    """A skull of a quarter of the triangles, whose convex parts are computed sooner."""
     icosphere = contact.trimesh.creation.icosphere
     monkeypatch.setattr(
         contact.trimesh.creation,
         "icosphere",
-        lambda subdivisions, **options: icosphere(subdivisions - 1, **options),
+        lambda subdivisions=3, **options: icosphere(subdivisions - 1, **options),
     )
 
 
