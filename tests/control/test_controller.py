@@ -27,18 +27,18 @@ PARAMETERS = ControllerParameters(gains=AdmittanceGains(dead_n=0.0, response_s=0
 
 
 @pytest.fixture(scope="module")
-def touch() -> Robot:
+def touch():
     return load_robot(ROOT / "data" / "robots" / "touch" / "touch.urdf")
 
 
 @pytest.fixture
-def tool(touch: Robot) -> ToolKinematics:
+def tool(touch):
     mount = Transform("stylus", "cautery", np.eye(3), np.array([0.0, 0.0, 70.0]))
     return ToolKinematics(touch, mount)
 
 
 @pytest.fixture
-def controller(tool: ToolKinematics) -> CooperativeController:
+def controller(tool):
     rule = FixtureRule(accept_simulated=True, parameters=LimiterParameters(lever_mm=200.0))
     return CooperativeController(tool, rule, PARAMETERS)
 
@@ -51,21 +51,9 @@ DOWN = WrenchMeasurement(0, np.array([0.0, 0.0, -10.0]), np.zeros(3), in_tool=Fa
 
 def plane(seq: int, now_ns: int, height_mm: float, point: np.ndarray) -> PlainConstraint:
     """The tip must stay above a height in the frame of the tumour."""
-    return PlainConstraint(
-        "guard",
-        seq,
-        "tumor",
-        now_ns,
-        now_ns + 50 * MS,
-        int(MarginState.NEGATIVE),
-        False,
-        True,
-        True,
-        np.array([[0.0, 0.0, 1.0]]),
-        np.array([height_mm]),
-        np.array([point]),
-        np.zeros((1, 3)),
-    )
+    arrays = np.array([[0.0, 0.0, 1.0]]), np.array([height_mm]), np.array([point]), np.zeros((1, 3))
+    valid = ("guard", seq, "tumor", now_ns, now_ns + 50 * MS, int(MarginState.NEGATIVE))
+    return PlainConstraint(*valid, False, True, True, *arrays)
 
 
 def tip_and_jacobian(tool: ToolKinematics) -> tuple[np.ndarray, np.ndarray]:
@@ -85,9 +73,7 @@ def stepped(controller: CooperativeController, now_ns: int = 0, **changes: objec
     return controller.step(**inputs, now_ns=now_ns)
 
 
-def test_push_in_free_space_moves_the_tip_by_the_admittance(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_push_in_free_space_moves_the_tip_by_the_admittance(controller, tool):
     tip, jacobian = tip_and_jacobian(tool)
     controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
     decision = stepped(controller)
@@ -96,9 +82,7 @@ def test_push_in_free_space_moves_the_tip_by_the_admittance(
     assert jacobian[:3] @ decision.velocities == pytest.approx([0, 0, -100], abs=3.0)
 
 
-def test_plane_limits_the_approach_and_not_the_retreat(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_plane_limits_the_approach_and_not_the_retreat(controller, tool):
     tip, jacobian = tip_and_jacobian(tool)
     controller.receive(plane(1, 0, tip[2] - 1.0, tip), 0)
     approach = jacobian[:3] @ stepped(controller).velocities
@@ -108,9 +92,7 @@ def test_plane_limits_the_approach_and_not_the_retreat(
     assert retreat[2] > 90.0
 
 
-def test_wrench_in_the_tools_axes_is_turned(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_wrench_in_the_tools_axes_is_turned(controller, tool):
     tip, _ = tip_and_jacobian(tool)
     pose, _ = tool.evaluate(np.array(POSITIONS))
     controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
@@ -119,9 +101,7 @@ def test_wrench_in_the_tools_axes_is_turned(
     assert desired == pytest.approx(10.0 * pose.rotate([1.0, 2.0, 3.0]))
 
 
-def test_twist_is_limited_in_the_frame_of_the_constraint(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_twist_is_limited_in_the_frame_of_the_constraint(controller, tool):
     tip, jacobian = tip_and_jacobian(tool)
     turn = Transform.from_rotation_vector(
         (0.0, np.pi / 2.0, 0.0), (5.0, 6.0, 7.0), target="tumor", source="touch_base"
@@ -134,34 +114,24 @@ def test_twist_is_limited_in_the_frame_of_the_constraint(
 
 
 NAN = float("nan")
+NO_JOINTS, NO_WRENCH = ControlReason.NO_JOINTS, ControlReason.NO_WRENCH
 MISSING = {
-    "no joints": ({"joints": None}, ControlReason.NO_JOINTS),
-    "old joints": ({"joints": replace(JOINTS, stamp_ns=-31 * MS)}, ControlReason.NO_JOINTS),
-    "joints from the future": ({"joints": replace(JOINTS, stamp_ns=1)}, ControlReason.NO_JOINTS),
-    "other joints": (
-        {"joints": replace(JOINTS, names=("a", *JOINTS.names[1:]))}, ControlReason.NO_JOINTS,
-    ),
-    "joint twice": (
-        {"joints": replace(JOINTS, names=("waist", "waist", *JOINTS.names[2:]))},
-        ControlReason.NO_JOINTS,
-    ),
-    "joint is NaN": (
-        {"joints": replace(JOINTS, positions=(NAN, *POSITIONS[1:]))}, ControlReason.NO_JOINTS,
-    ),
-    "no wrench": ({"wrench": None}, ControlReason.NO_WRENCH),
-    "old wrench": ({"wrench": replace(DOWN, stamp_ns=-31 * MS)}, ControlReason.NO_WRENCH),
-    "wrench is NaN": (
-        {"wrench": replace(DOWN, force_n=np.array([0, 0, NAN]))}, ControlReason.NO_WRENCH,
-    ),
+    "no joints": ({"joints": None}, NO_JOINTS),
+    "old joints": ({"joints": replace(JOINTS, stamp_ns=-31 * MS)}, NO_JOINTS),
+    "joints from the future": ({"joints": replace(JOINTS, stamp_ns=1)}, NO_JOINTS),
+    "other joints": ({"joints": replace(JOINTS, names=("a", *JOINTS.names[1:]))}, NO_JOINTS),
+    "joint twice": ({"joints": replace(JOINTS, names=("waist", *JOINTS.names[:5]))}, NO_JOINTS),
+    "joint is NaN": ({"joints": replace(JOINTS, positions=(NAN, *POSITIONS[1:]))}, NO_JOINTS),
+    "no wrench": ({"wrench": None}, NO_WRENCH),
+    "old wrench": ({"wrench": replace(DOWN, stamp_ns=-31 * MS)}, NO_WRENCH),
+    "wrench is NaN": ({"wrench": replace(DOWN, force_n=np.array([0, 0, NAN]))}, NO_WRENCH),
     "no pose": ({"pose": None}, ControlReason.NO_POSE),
     "old pose": ({"pose": replace(POSE, stamp_ns=-101 * MS)}, ControlReason.NO_POSE),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", MISSING)
-def test_measurement_that_is_missing_stops_the_arm(
-    controller: CooperativeController, tool: ToolKinematics, case: str
-) -> None:
+def test_measurement_that_is_missing_stops_the_arm(controller, tool, case):
     changes, reason = MISSING[case]
     tip, _ = tip_and_jacobian(tool)
     controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
@@ -171,9 +141,7 @@ def test_measurement_that_is_missing_stops_the_arm(
     assert not decision.velocities.any()
 
 
-def test_no_constraint_for_30_ms_is_latched_until_rearm(
-    controller: CooperativeController, tool: ToolKinematics
-) -> None:
+def test_no_constraint_for_30_ms_is_latched_until_rearm(controller, tool):
     tip, _ = tip_and_jacobian(tool)
     assert stepped(controller).reason is ControlReason.RULE
     assert not controller.latched, "nothing has been valid yet"
@@ -197,12 +165,12 @@ def test_no_constraint_for_30_ms_is_latched_until_rearm(
     assert stepped(controller, now_ns).reason is ControlReason.FOLLOWS
 
 
-def test_rules_reason_is_reported(controller: CooperativeController) -> None:
+def test_rules_reason_is_reported(controller):
     decision = stepped(controller)
     assert (decision.reason, decision.rule) == (ControlReason.RULE, RuleReason.NO_MESSAGE)
 
 
-def test_joint_without_a_speed_limit_needs_one(touch: Robot) -> None:
+def test_joint_without_a_speed_limit_needs_one(touch):
     joints = tuple(
         replace(j, dynamics=replace(j.dynamics, velocity=None)) if j.name == "elbow" else j
         for j in touch.joints
@@ -216,32 +184,31 @@ def test_joint_without_a_speed_limit_needs_one(touch: Robot) -> None:
     assert tool.limits(0.5).max_speed.tolist() == [10.0, 10.0, 0.5, 20.0, 20.0, 20.0]
 
 
-def test_tool_on_an_unknown_link_is_refused(touch: Robot) -> None:
+def test_tool_on_an_unknown_link_is_refused(touch):
     with pytest.raises(FrameError, match=r"held by 'hand'; expected one of touch_base, torso"):
         ToolKinematics(touch, Transform.identity("hand", "cautery"))
 
 
 @pytest.mark.parametrize("name", ["max_joints_age_ns", "watchdog_ns"])
-def test_ages_must_be_above_0(name: str) -> None:
+def test_ages_must_be_above_0(name):
     with pytest.raises(InputError, match=rf"{name} of the controller is 0; expected more than 0"):
         ControllerParameters(**{name: 0})
 
 
-def test_jacobian_is_the_derivative_of_the_pose(tool: ToolKinematics) -> None:
+def test_jacobian_is_the_derivative_of_the_pose(tool):
     _, jacobian = tool.evaluate(np.array(POSITIONS))
     for column in range(6):
         step = np.zeros(6)
         step[column] = 1e-6
         (ahead, _), (behind, _) = (tool.evaluate(np.array(POSITIONS) + s) for s in (step, -step))
         speed = (ahead.translation_mm - behind.translation_mm) / 2e-6
-        turn = (
-            ahead @ behind.inverse().renamed(target="cautery", source="touch_base")
-        ).rotation_vector / 2e-6
+        back = behind.inverse().renamed(target="cautery", source="touch_base")
+        turn = (ahead @ back).rotation_vector / 2e-6
         assert jacobian[:3, column] == pytest.approx(speed, abs=1e-4)
         assert jacobian[3:, column] == pytest.approx(turn, abs=1e-6)
 
 
-def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose() -> None:
+def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose():
     robot = load_robot(ROOT / "data" / "robots" / "parallelogram" / "parallelogram.yaml")
     link = next(each.name for each in robot.links if "roll" in each.name)
     names = robot.actuated_joint_names
@@ -256,22 +223,15 @@ def test_jacobian_of_a_closed_loop_is_the_derivative_of_the_pose() -> None:
         assert jacobian[:3, column] == pytest.approx((ahead - behind) / 2e-6, abs=1e-3)
 
 
-def test_admittance_follows_with_its_response_time_beyond_the_dead_band(
-    tool: ToolKinematics,
-) -> None:
+def test_admittance_follows_with_its_response_time_beyond_the_dead_band(tool):
     gains = AdmittanceGains(linear_mm_s_n=10.0, dead_n=1.0, response_s=0.1)
-    controller = CooperativeController(
-        tool, FixtureRule(accept_simulated=True), ControllerParameters(gains=gains)
-    )
+    rule, parameters = FixtureRule(accept_simulated=True), ControllerParameters(gains=gains)
+    controller = CooperativeController(tool, rule, parameters)
     tip, _ = tip_and_jacobian(tool)
     for step in range(101):
         now_ns = step * MS
         if step % 20 == 0:
             controller.receive(plane(step + 1, now_ns, tip[2] - 100.0, tip), now_ns)
-        decision = controller.step(
-            replace(JOINTS, stamp_ns=now_ns),
-            replace(DOWN, stamp_ns=now_ns),
-            replace(POSE, stamp_ns=now_ns),
-            now_ns,
-        )
+        measured = (replace(each, stamp_ns=now_ns) for each in (JOINTS, DOWN, POSE))
+        decision = controller.step(*measured, now_ns)
     assert decision.desired[2] == pytest.approx(-90.0 * (1.0 - np.exp(-1.0)), rel=1e-6)

@@ -1,10 +1,10 @@
 """Anatomical directions, against an independent computation by angles."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import (
@@ -14,6 +14,7 @@ from app.geometry import (
     anatomical_direction,
     anatomical_words,
 )
+from tests.geometry.few_examples import given
 
 _NUMBER = st.floats(-1e6, 1e6, allow_nan=False).map(lambda value: round(value, 6))
 
@@ -30,17 +31,12 @@ def angle_to(letters: str, vector: list[float]) -> float:
 
 
 def all_names() -> list[str]:
-    return [
-        (x + y + z).replace("-", "")
-        for x in "RL-"
-        for y in "AP-"
-        for z in "SI-"
-        if x + y + z != "---"
-    ]
+    names = ("".join(each).replace("-", "") for each in product("RL-", "AP-", "SI-"))
+    return [name for name in names if name]
 
 
 @given(st.lists(_NUMBER, min_size=3, max_size=3).filter(lambda v: max(map(abs, v)) > 1e-3))
-def test_direction_is_the_nearest_of_the_26(vector: list[float]) -> None:
+def test_direction_is_the_nearest_of_the_26(vector):
     letters = anatomical_direction(np.array(vector))
     nearest = min(angle_to(name, vector) for name in all_names())
     assert angle_to(letters, vector) == pytest.approx(nearest, abs=1e-7)
@@ -56,19 +52,19 @@ def test_direction_is_the_nearest_of_the_26(vector: list[float]) -> None:
         ((1e300, 1e300, 0), "RA", "right anterior"),
     ],
 )
-def test_letters_begin_with_the_largest_component(vector, letters: str, words: str) -> None:
+def test_letters_begin_with_the_largest_component(vector, letters, words):
     assert anatomical_direction(np.array(vector)) == letters
     assert anatomical_words(letters) == words
 
 
-def test_zero_has_no_direction_and_nan_is_refused() -> None:
+def test_zero_has_no_direction_and_nan_is_refused():
     assert anatomical_direction(np.zeros(3)) == ""
     for bad in (np.array([np.nan, 0, 0]), np.array([np.inf, 0, 0]), np.zeros(2)):
         with pytest.raises(InputError, match="expected three finite numbers"):
             anatomical_direction(bad)
 
 
-def test_axes_are_those_of_ras() -> None:
+def test_axes_are_those_of_ras():
     assert set(ANATOMICAL_AXES) == set(ANATOMICAL_WORDS) == set("RLAPSI")
     for letter, axis in ANATOMICAL_AXES.items():
         assert anatomical_direction(axis) == letter

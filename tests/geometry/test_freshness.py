@@ -1,5 +1,4 @@
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import (
@@ -12,6 +11,7 @@ from app.geometry import (
     freshness_of_stamp,
     stale_in_ns,
 )
+from tests.geometry.few_examples import given
 
 NOW_NS = 1_700_000_000_000_000_000
 LIMITS = FreshnessLimits(200, frozen_after_ns=1000)
@@ -56,8 +56,7 @@ def test_wrong_age_is_reported_before_frozen_values(age_ns, freshness):
 
 
 @pytest.mark.parametrize(
-    ("ahead_ns", "freshness"),
-    [(1, Freshness.VALID), (5, Freshness.VALID), (6, Freshness.FUTURE)],
+    ("ahead_ns", "freshness"), [(1, Freshness.VALID), (5, Freshness.VALID), (6, Freshness.FUTURE)]
 )
 def test_tolerance_shifts_the_limit_of_the_future_alone(ahead_ns, freshness):
     assert freshness_of(NOW_NS + ahead_ns, NOW_NS, TOLERANT) is freshness

@@ -14,7 +14,7 @@ def mesh_of(shape: trimesh.Trimesh) -> SurfaceMesh:
 
 def asymmetric_surface() -> trimesh.Trimesh:
     """An asymmetric closed surface, about 100 mm long."""
-    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball = trimesh.creation.icosphere(subdivisions=3)
     x, y, z = ball.vertices.T
     radius = 1.0 + 0.25 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.15 * np.sin(4 * z + 2 * x)
     return trimesh.Trimesh(ball.vertices * radius[:, None] * [50, 35, 25], ball.faces)

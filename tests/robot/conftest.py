@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.robot import Robot, load_robot
+from app.robot import load_robot
 
 WriteUrdf = Callable[..., Path]
 
 
 @pytest.fixture
-def write_urdf(tmp_path: Path) -> WriteUrdf:
+def write_urdf(tmp_path):
     """Return a function that writes ``<robot>BODY</robot>`` and returns the path."""
 
     def write(body: str, *, folder: Path = tmp_path, name: str = "robot.urdf") -> Path:
@@ -26,22 +26,22 @@ def write_urdf(tmp_path: Path) -> WriteUrdf:
 
 
 @pytest.fixture(scope="session")
-def touch_urdf(project_root: Path) -> Path:
+def touch_urdf(project_root):
     return project_root / "data" / "robots" / "touch" / "touch.urdf"
 
 
 @pytest.fixture(scope="session")
-def touch(touch_urdf: Path) -> Robot:
+def touch(touch_urdf):
     return load_robot(touch_urdf)
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     return np.random.default_rng(20240611)
 
 
 @pytest.fixture(scope="session")
-def example_robots() -> Path:
+def example_robots():
     """The folder of robots in the example-robot-data wheel."""
     try:
         files = importlib.metadata.files("example-robot-data") or []
@@ -54,11 +54,11 @@ def example_robots() -> Path:
 
 
 @pytest.fixture(scope="session")
-def panda_urdf(example_robots: Path) -> Path:
+def panda_urdf(example_robots):
     return example_robots / "panda_description" / "urdf" / "panda.urdf"
 
 
 @pytest.fixture(scope="session")
-def panda(panda_urdf: Path) -> Robot:
+def panda(panda_urdf):
     """A robot of 7 revolute and 2 prismatic joints; one of these is a mimic joint of the other."""
     return load_robot(panda_urdf)

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from app.geometry import Transform
 from app.robot import IkOptions
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def make_meshes(touch_urdf):
@@ -100,7 +102,7 @@ DOWN = np.array([-1.0, 0.0, -1.0]) / np.sqrt(2.0)
 def test_workspace_contains_a_cube_at_all_tilts_of_the_pen(touch):
     pen = np.column_stack([np.cross((0.0, 1.0, 0.0), DOWN), (0.0, 1.0, 0.0), DOWN])
     axes = np.array([axis for axis in itertools.product((-1, 0, 1), repeat=3) if any(axis)])
-    tilts = np.radians(30.0) * axes[::3] / np.linalg.norm(axes[::3], axis=1, keepdims=True)
+    tilts = np.radians(30.0) * axes[::5] / np.linalg.norm(axes[::5], axis=1, keepdims=True)
     options = IkOptions(tolerance_mm=1e-4, tolerance_rad=1e-6)
     limits = {joint.name: (joint.lower, joint.upper) for joint in touch.joints}
     for corner in itertools.product((-60.0, 60.0), repeat=3):

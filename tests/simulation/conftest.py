@@ -18,7 +18,7 @@ PARALLELOGRAMS = ROOT / "data" / "robots" / "parallelogram"
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+def own_cache(tmp_path_factory, monkeypatch):
     """Keep convex parts out of the user's cache."""
     folder = tmp_path_factory.getbasetemp() / "cache"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -34,10 +34,14 @@ def box(name: str, *size_mm: float) -> SurfaceMesh:
     return SurfaceMesh(name, shape.vertices, shape.faces)
 
 
+def flat_sheet() -> SurfaceMesh:
+    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
+    return SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
+
+
 def free_box(name: str = "cube", *position_mm: float, mass_kg: float = 0.1) -> BodyEntry:
-    return BodyEntry(
-        name, box(name, 20, 20, 20), placed(name, *(position_mm or (0, 0, 0))), mass_kg
-    )
+    pose = placed(name, *(position_mm or (0, 0, 0)))
+    return BodyEntry(name, box(name, 20, 20, 20), pose, mass_kg)
 
 
 def floor() -> BodyEntry:
@@ -55,5 +59,5 @@ def world_of(*robots: RobotEntry, bodies: tuple[BodyEntry, ...] = ()) -> WorldDe
 
 
 @pytest.fixture(scope="session")
-def touch() -> Robot:
+def touch():
     return load_robot(TOUCH)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.geometry import Transform
-from app.robot import Robot, load_robot
+from app.robot import load_robot
 from app.simulation import (
     COMMAND_LIFETIME_NS,
     ArmCommand,
@@ -25,6 +25,8 @@ from app.simulation import (
 )
 from tests.simulation.conftest import PARALLELOGRAMS, arm, box, world_of
 
+pytestmark = pytest.mark.long
+
 BENT = {"shoulder": 1.0, "elbow": 0.5, "pitch": 0.1}
 TURNED = Transform.from_rotation_vector((0, 0, 0.7), (10, -20, 30), target="world", source="base")
 
@@ -35,7 +37,7 @@ def tool_of(link: str) -> ToolEntry:
 
 
 @pytest.fixture
-def world(touch: Robot) -> World:
+def world(touch):
     entry = arm(touch, collision="none", tool=tool_of("stylus"), armature_kg_m2=0.005)
     base = TURNED.renamed(source=touch.root_link)
     return World(world_of(replace(entry, world_from_base=base, positions=BENT)))
@@ -63,13 +65,11 @@ def joint_positions(world: World, *offsets: float) -> JointPositionCommand:
 
 
 def pose_command(pose: Transform) -> ToolPoseCommand:
-    from scipy.spatial.transform import Rotation
-
-    quaternion = tuple(Rotation.from_matrix(pose.rotation).as_quat().tolist())
-    return ToolPoseCommand(0, pose.target, tuple(pose.translation_mm.tolist()), quaternion)
+    position = tuple(pose.translation_mm.tolist())
+    return ToolPoseCommand(0, pose.target, position, tuple(pose.quaternion_xyzw.tolist()))
 
 
-def test_joint_positions_are_reached(world: World) -> None:
+def test_joint_positions_are_reached(world):
     goal = joint_positions(world, 0.2, -0.1)
     state = follow(world, goal, 300).arms["arm"]
     np.testing.assert_allclose(state.positions, goal.positions, atol=1e-4)
@@ -77,17 +77,16 @@ def test_joint_positions_are_reached(world: World) -> None:
     assert state.command is not None
 
 
-def test_tool_poses_are_reached(world: World) -> None:
+def test_tool_poses_are_reached(world):
     start = base_from_tool(world, world.state())
     turn = Transform.from_rotation_vector((0.1, 0.05, -0.2), (0, 0, 0), target="tool", source="t")
-    goal = (start @ turn).renamed(source="tool")
-    goal = moved(goal, 8.0, -5.0, 6.0)
+    goal = moved((start @ turn).renamed(source="tool"), 8.0, -5.0, 6.0)
     reached = base_from_tool(world, follow(world, pose_command(goal), 600))
     np.testing.assert_allclose(reached.translation_mm, goal.translation_mm, atol=0.05)
     np.testing.assert_allclose(reached.rotation, goal.rotation, atol=1e-3)
 
 
-def test_tool_twists_are_followed_along_the_axes_of_the_base(world: World) -> None:
+def test_tool_twists_are_followed_along_the_axes_of_the_base(world):
     root = world.description.robots[0].robot.root_link
     command = ToolTwistCommand(0, root, (20.0, 10.0, -15.0), (0.0, 0.0, 0.0))
     before = base_from_tool(world, follow(world, command, 100))
@@ -98,7 +97,7 @@ def test_tool_twists_are_followed_along_the_axes_of_the_base(world: World) -> No
 
 
 @pytest.mark.parametrize("in_tool", [False, True])
-def test_wrench_of_the_drives_balances_that_of_a_hand(world: World, in_tool: bool) -> None:
+def test_wrench_of_the_drives_balances_that_of_a_hand(world, in_tool):
     entry = world.description.robots[0]
     force = np.array([1.0, -2.0, 0.5])
     start = world.state().bodies["tool"]
@@ -114,7 +113,7 @@ def test_wrench_of_the_drives_balances_that_of_a_hand(world: World, in_tool: boo
     assert way_mm @ (axes @ force) > 0.5, "mm N: without the hand it moves along the force"
 
 
-def test_arm_without_force_floats(world: World) -> None:
+def test_arm_without_force_floats(world):
     root = world.description.robots[0].robot.root_link
     command = ToolWrenchCommand(0, root, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     start = world.state().bodies["tool"].translation_mm
@@ -126,7 +125,7 @@ def test_arm_without_force_floats(world: World) -> None:
     assert state.bodies["tool"].translation_mm[1] - start[1] > 1.0, "the hand moves it"
 
 
-def test_speed_limits_hold_under_a_wrench(world: World) -> None:
+def test_speed_limits_hold_under_a_wrench(world):
     root = world.description.robots[0].robot.root_link
     push = ToolWrenchCommand(0, root, (0.0, 60.0, 0.0), (0.0, 0.0, 0.0))
     limits = [joint.dynamics.velocity for joint in world.description.robots[0].robot.joints]
@@ -149,7 +148,7 @@ def every_command(world: World) -> list[ArmCommand]:
 
 
 @pytest.mark.parametrize("kind", range(6))
-def test_each_command_lasts_30_ms(world: World, kind: int) -> None:
+def test_each_command_lasts_30_ms(world, kind):
     command = every_command(world)[kind]
     state = follow(world, command, 30)
     assert np.abs(state.arms["arm"].velocities).max() > 0.02
@@ -164,15 +163,11 @@ def test_each_command_lasts_30_ms(world: World, kind: int) -> None:
 
 
 @pytest.mark.parametrize("kind", range(6))
-def test_each_command_stops_with_a_fault_when_the_next_is_not_finite(
-    world: World, kind: int
-) -> None:
+def test_each_command_stops_with_a_fault_when_the_next_is_not_finite(world, kind):
     command = every_command(world)[kind]
     follow(world, command, 30)
-    field = {
-        0: "velocities", 1: "positions", 2: "position_mm", 3: "linear_mm_s", 4: "force_n",
-        5: "force_n",
-    }[kind]  # fmt: skip
+    names = ("velocities", "positions", "position_mm", "linear_mm_s", "force_n", "force_n")
+    field = names[kind]
     values = (np.nan, *getattr(command, field)[1:])
     with pytest.raises(CommandError, match=f"{command.topic} of arm 'arm': .* is nan; expected a"):
         follow(world, replace(command, **{field: values}))
@@ -195,22 +190,20 @@ def test_each_command_stops_with_a_fault_when_the_next_is_not_finite(
         (1, {"joints": ("waist",)}, "joints are waist; expected waist, shoulder"),
     ],
 )
-def test_invalid_command_is_a_fault(world: World, kind, change, problem: str) -> None:
+def test_invalid_command_is_a_fault(world, kind, change, problem):
     with pytest.raises(CommandError, match=problem):
         follow(world, replace(every_command(world)[kind], **change))
     assert problem.split(";")[0] in world.state().arms["arm"].fault
 
 
-def test_arm_without_a_tool_has_no_tool_to_move(touch: Robot) -> None:
+def test_arm_without_a_tool_has_no_tool_to_move(touch):
     world = World(world_of(arm(touch, collision="none")))
     command = ToolTwistCommand(0, touch.root_link, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    with pytest.raises(
-        CommandError, match=r"servo_cv .* holds no tool; expected servo_jv or servo"
-    ):
+    with pytest.raises(CommandError, match=r"servo_cv .* holds no tool; expected servo_jv or ser"):
         follow(world, command)
 
 
-def test_states_change_as_in_crtk(world: World) -> None:
+def test_states_change_as_in_crtk(world):
     move = every_command(world)[0]
 
     def status() -> ArmStatus:
@@ -238,7 +231,7 @@ def test_states_change_as_in_crtk(world: World) -> None:
     assert follow(world, move, 50).arms["arm"].velocities[0] > 0.25
 
 
-def test_closed_loop_arm_reaches_tool_poses() -> None:
+def test_closed_loop_arm_reaches_tool_poses():
     robot = load_robot(PARALLELOGRAMS / "parallelogram.yaml")
     instrument = next(link.name for link in robot.links if "roll" in link.name)
     world = World(world_of(arm(robot, collision="none", tool=tool_of(instrument))))

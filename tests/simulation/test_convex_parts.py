@@ -1,10 +1,10 @@
 """Convex parts are cached by content, and a damaged file is computed again."""
 
 import logging
-from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from app.cli import caches
@@ -13,32 +13,29 @@ from app.geometry import SurfaceMesh
 from app.simulation import WorldError
 from app.simulation.convex_parts import PARTS_FOLDER
 from app.simulation.convex_parts import convex_parts as parts_of
+from tests.simulation.conftest import flat_sheet
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return cache_folder() / PARTS_FOLDER
 
 
 def angle() -> SurfaceMesh:
     """Two arms of 40 mm, 10 mm thick, in the shape of an L."""
-    outline = np.array([[0, 0], [40, 0], [40, 10], [10, 10], [10, 40], [0, 40]], dtype=float)
-    bottom = np.column_stack([outline, np.zeros(6)])
-    top = bottom + np.array([0.0, 0.0, 10.0])
-    cap = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]
-    faces = [[a, c, b] for a, b, c in cap] + [[a + 6, b + 6, c + 6] for a, b, c in cap]
-    for i in range(6):
-        j = (i + 1) % 6
-        faces += [[i, j, j + 6], [i, j + 6, i + 6]]
-    return SurfaceMesh("angle", np.concatenate([bottom, top]), faces).require_closed("angle")
+    outline = shapely.Polygon([(0, 0), (40, 0), (40, 10), (10, 10), (10, 40), (0, 40)])
+    shape = trimesh.creation.extrude_polygon(outline, 10.0)
+    return SurfaceMesh("angle", shape.vertices, shape.faces).require_closed("angle")
 
 
 def volume_of(corners: list[np.ndarray]) -> float:
     return sum(float(trimesh.convex.convex_hull(each).volume) for each in corners)
 
 
-def test_parts_fill_the_surface_and_a_hull_fills_more(folder: Path) -> None:
+def test_parts_fill_the_surface_and_a_hull_fills_more(folder):
     mesh = angle()
     parts = parts_of(mesh, "parts", "angle")
     assert len(parts) == 2
@@ -47,7 +44,7 @@ def test_parts_fill_the_surface_and_a_hull_fills_more(folder: Path) -> None:
     assert parts_of(mesh, "none", "angle") == []
 
 
-def test_second_call_reads_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_call_reads_the_file(folder, monkeypatch):
     first = parts_of(angle(), "parts", "angle")
     (file,) = folder.iterdir()
     assert file.suffix == ".parts" and folder.stat().st_mode & 0o077 == 0
@@ -61,9 +58,7 @@ def test_second_call_reads_the_file(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("damage", [b"", b"marginguard parts 1\n", b"x" * 500])
-def test_damaged_file_is_computed_again(
-    folder: Path, damage: bytes, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_damaged_file_is_computed_again(folder, damage, caplog):
     first = parts_of(angle(), "parts", "angle")
     (file,) = folder.iterdir()
     content = file.read_bytes()
@@ -75,17 +70,13 @@ def test_damaged_file_is_computed_again(
     assert file.read_bytes() == content
 
 
-def test_folder_that_cannot_be_written_costs_time_only(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_folder_that_cannot_be_written_costs_time_only(folder, monkeypatch, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     assert len(parts_of(angle(), "parts", "angle")) == 2
 
 
-def test_flat_surface_is_refused(folder: Path) -> None:
-    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
-    flat = SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
+def test_flat_surface_is_refused(folder):
     with pytest.raises(WorldError, match=r"^plate: its surface encloses no volume; expected a"):
-        parts_of(flat, "hull", "plate")
+        parts_of(flat_sheet(), "hull", "plate")

@@ -1,7 +1,5 @@
 """Accelerations of the joints without contact are those of Pinocchio, an independent library."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pinocchio
@@ -12,6 +10,8 @@ from app.simulation import World
 from benchmarks.closed_loop.dynamics import largest_difference
 from tests.simulation.conftest import arm, world_of
 
+pytestmark = pytest.mark.long
+
 TOLERANCE = 1e-6
 """Relative to the largest acceleration, and absolute below 1 rad/s2."""
 
@@ -19,7 +19,7 @@ TOLERANCE = 1e-6
 @pytest.mark.parametrize(
     "path", ["ur_description/urdf/ur5_robot.urdf", "kinova_description/robots/kinova.urdf"]
 )
-def test_joint_accelerations(example_robots: Path, path: str) -> None:
+def test_joint_accelerations(example_robots, path):
     file = example_robots / path
     robot = load_robot(file, require_meshes=False)
     robot = type(robot)(robot.name, robot.links, robot.joints)
@@ -53,7 +53,7 @@ def test_joint_accelerations(example_robots: Path, path: str) -> None:
         assert np.abs(data.qacc[order] - expected).max() <= TOLERANCE * scale
 
 
-def test_accelerations_of_random_arms(tmp_path: Path) -> None:
+def test_accelerations_of_random_arms(tmp_path):
     assert 0.0 < largest_difference(tmp_path, seed=4) <= 1.0  # of the tolerance
 
 

@@ -14,7 +14,7 @@ GIVEN = HapticParameters(
 )
 
 
-def test_spring_is_relaxed_where_it_is_coupled_and_pulls_both_ends() -> None:
+def test_spring_is_relaxed_where_it_is_coupled_and_pulls_both_ends():
     coupling = HapticCoupling(GIVEN)
     handle, tool = np.array([10.0, 20.0, 30.0]), np.array([-5.0, 0.0, 200.0])
     for force in coupling.update(handle, tool):
@@ -31,7 +31,7 @@ def test_spring_is_relaxed_where_it_is_coupled_and_pulls_both_ends() -> None:
     assert np.array_equal(on_tool, np.zeros(3))
 
 
-def test_force_is_limited() -> None:
+def test_force_is_limited():
     coupling = HapticCoupling(GIVEN)
     coupling.update(np.zeros(3), np.zeros(3))
     on_tool, on_handle = coupling.update(np.array([3000.0, 4000.0, 0.0]), np.zeros(3))
@@ -39,7 +39,7 @@ def test_force_is_limited() -> None:
     np.testing.assert_allclose(on_handle, [-0.9, -1.2, 0.0])
 
 
-def test_bound_is_that_of_a_sampled_spring_with_delay() -> None:
+def test_bound_is_that_of_a_sampled_spring_with_delay():
     bound = 0.2 / (0.5**2 * (0.001 + 0.005))
     assert GIVEN.max_stiffness_n_m == pytest.approx(bound)
     replace(GIVEN, stiffness_n_m=0.999 * bound)
@@ -53,6 +53,6 @@ def test_bound_is_that_of_a_sampled_spring_with_delay() -> None:
 
 @pytest.mark.parametrize("name", ["stiffness_n_m", "force_n", "scale", "period_s", "damping_n_s_m"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
-def test_values_that_are_not_above_0_are_refused(name: str, value: float) -> None:
+def test_values_that_are_not_above_0_are_refused(name, value):
     with pytest.raises(InputError, match=f"{name} of the haptic device is .*; expected more than"):
         replace(GIVEN, **{name: value})

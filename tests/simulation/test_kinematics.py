@@ -1,13 +1,13 @@
 """Poses of links in the physics are those of the robot's own forward kinematics."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from app.robot import Robot, load_robot
 from app.simulation import World
 from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
+
+pytestmark = pytest.mark.long
 
 TOLERANCE_MM = 1e-6
 """1e-9 m."""
@@ -34,26 +34,24 @@ def check_poses(robot: Robot) -> None:
         assert len(links) >= len(robot.actuated_joint_names)
 
 
-def test_shipped_arm(touch: Robot) -> None:
+def test_shipped_arm(touch):
     check_poses(touch)
 
 
 @pytest.mark.parametrize("name", ["parallelogram", "two_arms"])
-def test_shipped_parallelograms(name: str) -> None:
+def test_shipped_parallelograms(name):
     check_poses(load_robot(PARALLELOGRAMS / f"{name}.yaml"))
 
 
-@pytest.mark.parametrize("path", ["ur_description/urdf/ur5_robot.urdf"])
-def test_robots_with_masses_of_their_own(example_robots: Path, path: str) -> None:
+@pytest.mark.parametrize(
+    "path", ["ur_description/urdf/ur5_robot.urdf", "panda_description/urdf/panda.urdf"]
+)
+def test_robots_with_masses_of_their_own(example_robots, path):
     check_poses(load_robot(example_robots / path))
 
 
-def test_panda(example_robots: Path) -> None:
-    check_poses(load_robot(example_robots / "panda_description/urdf/panda.urdf"))
-
-
 @pytest.mark.parametrize("path", ["omni/urdf/omni.urdf", "ambf_kuka/blender-kuka.yaml"])
-def test_robots_of_other_projects(shared_data: Path, path: str) -> None:
+def test_robots_of_other_projects(shared_data, path):
     check_poses(load_robot(shared_data / path, package_dirs=[shared_data]))
 
 
@@ -75,7 +73,7 @@ JOINT ball:
 """
 
 
-def test_ball_joint_is_three_hinges_of_one_body(tmp_path: Path) -> None:
+def test_ball_joint_is_three_hinges_of_one_body(tmp_path):
     path = tmp_path / "ball.yaml"
     path.write_text(BALL)
     robot = load_robot(path)

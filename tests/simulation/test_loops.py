@@ -8,12 +8,14 @@ from app.simulation import JointVelocityCommand, World, WorldError
 from app.simulation.robot_model import STIFF_SOLREF
 from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
 
+pytestmark = pytest.mark.long
+
 MAX_GAP_MM = 0.05
 
 
 @pytest.mark.parametrize("force_n", [0.0, 20.0])
 @pytest.mark.parametrize("name", ["parallelogram", "two_arms"])
-def test_loops_stay_closed_while_the_arm_moves(name: str, force_n: float) -> None:
+def test_loops_stay_closed_while_the_arm_moves(name, force_n):
     robot = load_robot(PARALLELOGRAMS / f"{name}.yaml")
     world = World(world_of(arm(robot, collision="none")))
     equality = world.model.eq_solref
@@ -37,7 +39,7 @@ def test_loops_stay_closed_while_the_arm_moves(name: str, force_n: float) -> Non
     assert largest > 0.0
 
 
-def test_loop_that_cannot_close_is_refused_in_one_line(tmp_path) -> None:
+def test_loop_that_cannot_close_is_refused_in_one_line(tmp_path):
     text = (PARALLELOGRAMS / "parallelogram.yaml").read_text()
     broken = text.replace(
         "parent pivot: {x: 0.2, y: 0.0, z: 0.0}", "parent pivot: {x: 3.0, y: 0.0, z: 0.0}"

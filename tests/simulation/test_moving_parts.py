@@ -27,7 +27,7 @@ def state(time_ms: int, **bodies: Transform) -> WorldState:
     return WorldState(time_ms * 1_000_000, {}, bodies)
 
 
-def test_tissue_breathes_after_the_hold_and_shifts_stay() -> None:
+def test_tissue_breathes_after_the_hold_and_shifts_stay():
     entry = TissueEntry(
         "tumor",
         box("tumor", 10, 10, 10),
@@ -46,7 +46,7 @@ def test_tissue_breathes_after_the_hold_and_shifts_stay() -> None:
     assert motion.at(101.0)[0] == pytest.approx([3, 2, 3])
 
 
-def test_tissue_breathes_as_the_bodies_of_simulated_cases() -> None:
+def test_tissue_breathes_as_the_bodies_of_simulated_cases():
     turned = Transform.from_rotation_vector((0.3, -1.0, 0.2), (4, 5, 6), target="world", source="t")
     shift, turn = np.array([1.0, 2.0, 3.0]), np.array([0.02, -0.05, 0.01])
     entry = TissueEntry("t", box("t", 1, 1, 1), turned, shift, turn)
@@ -70,7 +70,7 @@ def samples(model: TrackerModel, seed: int, seconds: int) -> list[tuple[int, np.
     return found
 
 
-def test_samples_are_late_by_the_latency_and_as_noisy_as_the_model() -> None:
+def test_samples_are_late_by_the_latency_and_as_noisy_as_the_model():
     model = TrackerModel("test", 50.0, Jitter(0.3, 0.0), latency_s=0.02)
     found = samples(model, 3, 20)
     assert [stamp for stamp, _ in found[:3]] == [20_000_000, 40_000_000, 60_000_000]
@@ -79,14 +79,14 @@ def test_samples_are_late_by_the_latency_and_as_noisy_as_the_model() -> None:
     assert np.sqrt((errors**2).sum(axis=1).mean()) == pytest.approx(0.3, rel=0.1)
 
 
-def test_same_seed_gives_the_same_samples() -> None:
+def test_same_seed_gives_the_same_samples():
     first, second, other = (samples(AURORA, seed, 3) for seed in (1, 1, 2))
     assert [each[0] for each in first] == [each[0] for each in second]
     assert np.array_equal([each[1] for each in first], [each[1] for each in second])
     assert not np.array_equal(first[0][1], other[0][1])
 
 
-def test_hand_pushes_at_its_target_and_away_from_it() -> None:
+def test_hand_pushes_at_its_target_and_away_from_it():
     entry = HandEntry("arm", 10.0, 100.0, (Push(1, 2, "tumor"), Push(3, 4, "tumor", retreat=True)))
     hand = ScriptedHand(entry, "cautery")
     assert hand.admittance_mm_s_n == 10.0

@@ -35,7 +35,7 @@ def built(folder: Path, text: str) -> World:
 
 
 @pytest.mark.parametrize("part", FAULTS)
-def test_fault_is_refused_in_one_line(tmp_path: Path, part: str) -> None:
+def test_fault_is_refused_in_one_line(tmp_path, part):
     change, message = FAULTS[part]
     assert GOOD.count(part) == 1
     with pytest.raises(WorldError, match=message) as refused:
@@ -43,14 +43,14 @@ def test_fault_is_refused_in_one_line(tmp_path: Path, part: str) -> None:
     assert "\n" not in str(refused.value)
 
 
-def test_file_without_fault_gives_its_limits_to_the_drives(tmp_path: Path) -> None:
+def test_file_without_fault_gives_its_limits_to_the_drives(tmp_path):
     world = built(tmp_path, GOOD)
     assert world.model.actuator_forcerange.tolist() == [[-3.0, 3.0]]
     assert world.model.jnt_range.tolist() == [[-1.0, 1.0]]
     assert world.model.body_mass[world.model.body("arm/rod").id] == 0.5
 
 
-def test_link_without_inertial_needs_a_density(tmp_path: Path) -> None:
+def test_link_without_inertial_needs_a_density(tmp_path):
     start, end = GOOD.index("<inertial>"), GOOD.index("</inertial>") + len("</inertial>")
     box = '<collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision>'
     text = GOOD[:start] + box + GOOD[end:]

@@ -1,9 +1,12 @@
 """The shipped world as a whole: hand, tracker and physics repeat byte for byte."""
 
 import numpy as np
+import pytest
 
 from app.simulation import ScriptedHand, World, WorldTracker, open_world
 from tests.simulation.conftest import LUMPECTOMY
+
+pytestmark = pytest.mark.long
 
 
 def recorded(steps: int) -> tuple[bytes, list[int]]:
@@ -23,14 +26,14 @@ def recorded(steps: int) -> tuple[bytes, list[int]]:
     return content, arrivals
 
 
-def test_shipped_world_repeats_byte_for_byte() -> None:
+def test_shipped_world_repeats_byte_for_byte():
     content, arrivals = recorded(1500)
     assert (content, arrivals) == recorded(1500)
     assert len(arrivals) == 75
     assert set(arrivals) == {0}  # a stamp is late by the latency
 
 
-def test_arm_without_commands_stands_while_the_hand_pushes() -> None:
+def test_arm_without_commands_stands_while_the_hand_pushes():
     world = World(open_world(LUMPECTOMY))
     assert world.description.hand is not None
     hand = ScriptedHand(world.description.hand, "cautery")

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.robot import Robot
 from app.simulation import (
     COMMAND_LIFETIME_NS,
     ArmStatus,
@@ -23,6 +22,8 @@ from app.simulation import (
 )
 from tests.simulation.conftest import LUMPECTOMY, arm, box, floor, free_box, placed, world_of
 
+pytestmark = pytest.mark.slow
+
 STEP_NS = 1_000_000
 
 
@@ -39,11 +40,11 @@ def run(world: World, steps: int, *velocities: float) -> WorldState:
 
 
 @pytest.fixture
-def world(touch: Robot) -> World:
+def world(touch):
     return World(world_of(arm(touch, collision="none")))
 
 
-def test_arm_follows_the_velocities(world: World) -> None:
+def test_arm_follows_the_velocities(world):
     state = run(world, 200, 0.4, -0.2)
     assert state.time_ns == 200 * STEP_NS
     arm_state = state.arms["arm"]
@@ -52,14 +53,13 @@ def test_arm_follows_the_velocities(world: World) -> None:
     assert np.allclose(arm_state.positions[:2], [0.08, -0.04], atol=3e-3)
 
 
-def test_arm_stops_when_its_last_command_is_too_old(world: World) -> None:
+def test_arm_stops_when_its_last_command_is_too_old(world):
     run(world, 100, 0.5)
     last_ns = world.time_ns - STEP_NS
     while world.time_ns - last_ns <= COMMAND_LIFETIME_NS:
         state = world.step()
-        assert (
-            state.time_ns - last_ns > COMMAND_LIFETIME_NS or state.arms["arm"].velocities[0] > 0.4
-        )
+        is_old = state.time_ns - last_ns > COMMAND_LIFETIME_NS
+        assert is_old or state.arms["arm"].velocities[0] > 0.4
     assert not state.arms["arm"].is_busy
     assert state.arms["arm"].status is ArmStatus.ENABLED
     for _ in range(30):
@@ -69,18 +69,21 @@ def test_arm_stops_when_its_last_command_is_too_old(world: World) -> None:
     assert run(world, 50, 0.5).arms["arm"].is_busy
 
 
-def test_command_that_arrives_too_old_moves_nothing(world: World) -> None:
+def test_command_that_arrives_too_old_moves_nothing(world):
     for _ in range(50):
         world.step({"arm": command(world, 0.5, age_ns=COMMAND_LIFETIME_NS + 1)})
     assert np.abs(world.state().arms["arm"].velocities).max() < 1e-3
 
 
-def test_older_command_does_not_replace_a_newer_one(world: World) -> None:
+def test_older_command_does_not_replace_a_newer_one(world):
     world.step({"arm": command(world, 0.5)})
     world.step({"arm": command(world, -0.5, age_ns=5 * STEP_NS)})
     for _ in range(20):
         state = world.step()
     assert state.arms["arm"].velocities[0] > 0.4
+
+
+SWAPPED = ("shoulder", "waist", "elbow", "yaw", "pitch", "roll")
 
 
 @pytest.mark.parametrize(
@@ -90,20 +93,18 @@ def test_older_command_does_not_replace_a_newer_one(world: World) -> None:
         ({"velocities": (np.inf, 0, 0, 0, 0, 0)}, "velocity of joint 'waist' is inf; expected a f"),
         ({"velocities": (0.1,)}, "1 velocities; expected 6"),
         (
-            {"joints": ("shoulder", "waist", "elbow", "yaw", "pitch", "roll")},
-            "joints are shoulder, waist, .*; expected waist, shoulder, .* in this order",
+            {"joints": SWAPPED},
+            "joints are shoulder, waist, .*; expected waist, shoulder, .* in",
         ),
         ({"joints": ()}, "joints are none; expected waist"),
         ({"stamp_ns": 10**12}, "stamp is .* ns in the future; expected the past"),
     ],
 )
-def test_invalid_command_is_refused_and_stops_the_arm(world: World, change, problem: str) -> None:
+def test_invalid_command_is_refused_and_stops_the_arm(world, change, problem):
     run(world, 50, 0.5)
-    good = command(world, 0.5)
-    values = {name: getattr(good, name) for name in ("stamp_ns", "joints", "velocities")}
     before = world.time_ns
     with pytest.raises(CommandError, match=problem):
-        world.step({"arm": JointVelocityCommand(**{**values, **change})})
+        world.step({"arm": replace(command(world, 0.5), **change)})
     assert world.time_ns == before
     state = run(world, 60, 0.5)
     assert state.arms["arm"].status is ArmStatus.FAULT
@@ -113,15 +114,13 @@ def test_invalid_command_is_refused_and_stops_the_arm(world: World, change, prob
     assert run(world, 60, 0.5).arms["arm"].velocities[0] > 0.4
 
 
-def test_speed_and_joint_limits_hold(touch: Robot) -> None:
-    world = World(world_of(arm(touch, collision="none")))
+def test_speed_and_joint_limits_hold(world):
     fastest = max(abs(float(run(world, 1, 99.0).arms["arm"].velocities[0])) for _ in range(400))
     assert 5.0 < fastest <= 10.0 + 1e-6
     assert run(world, 600, 99.0).arms["arm"].positions[0] <= 1.3 + 1e-3
 
 
-def test_effort_limits_hold_and_a_blocked_arm_gives_way(touch: Robot) -> None:
-    world = World(world_of(arm(touch, collision="none")))
+def test_effort_limits_hold_and_a_blocked_arm_gives_way(world, touch):
     before = world.state().arms["arm"].positions[0]
     limits = [joint.dynamics.effort for joint in touch.joints]
     names = {"stylus": Wrench(np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 40.0]))}
@@ -146,30 +145,25 @@ def states(description: WorldDescription, steps: int) -> bytes:
     return content
 
 
-def test_same_calls_give_the_same_bytes() -> None:
+def test_same_calls_give_the_same_bytes():
     first, second = (replace(open_world(LUMPECTOMY), bodies=(floor(),)) for _ in range(2))
     assert states(first, 300) == states(second, 300)
 
 
-def test_reset_repeats_the_run_byte_for_byte() -> None:
+def test_reset_repeats_the_run_byte_for_byte():
     world = World(world_of(bodies=(floor(), free_box("cube", 0, 0, 30))))
-
-    def fall() -> bytes:
-        return b"".join(_stepped(world) for _ in range(200))
-
-    first = fall()
-    world.reset()
-    assert fall() == first
-
-
-def _stepped(world: World) -> bytes:
-    world.step()
-    return world.data.qpos.tobytes()
+    falls = [[], []]
+    for fall in falls:
+        world.reset()
+        for _ in range(200):
+            world.step()
+            fall.append(world.data.qpos.tobytes())
+    assert falls[0] == falls[1]
 
 
-def test_free_body_falls_and_comes_to_rest_on_a_fixed_one() -> None:
+def test_free_body_falls_and_comes_to_rest_on_a_fixed_one():
     world = World(world_of(bodies=(floor(), free_box("cube", 0, 0, 30))))
-    for _ in range(1000):
+    for _ in range(500):
         state = world.step()
     assert abs(state.bodies["cube"].translation_mm[2] - 10.0) < 0.05
     contacts = world.contacts()
@@ -177,37 +171,36 @@ def test_free_body_falls_and_comes_to_rest_on_a_fixed_one() -> None:
     assert max(contact.depth_mm for contact in contacts) < 0.1
 
 
-def test_diverged_physics_is_an_error(touch: Robot) -> None:
-    world = World(world_of(arm(touch, collision="none")))
+def test_diverged_physics_is_an_error(world):
     world.data.qvel[0] = 1e7
     with pytest.raises(UnstableError, match=r"has diverged at \d.*expected a shorter time step"):
         for _ in range(10):
             world.step()
 
 
-def test_unknown_arm_is_named(world: World) -> None:
+def test_unknown_arm_is_named(world):
     with pytest.raises(WorldError, match=r"arm 'leg': no such robot; expected one of arm"):
         world.step({"leg": command(world)})
 
 
-def test_arm_that_presses_a_body_stays_outside_of_it() -> None:
+def test_arm_that_presses_a_body_stays_outside_of_it():
     plate = BodyEntry("plate", box("plate", 200, 200, 20), placed("plate", 205, 0, 110), None)
     description = replace(open_world(LUMPECTOMY), bodies=(plate,))
     world = World(description)
     deepest, touched = 0.0, 0
-    for _ in range(1000):
+    for _ in range(700):
         state = world.step({"arm": command(world, 0.0, -0.3)})
         between = [c for c in world.contacts() if set(c.bodies) == {"plate", "cautery"}]
         touched += bool(between)
         deepest = max([deepest, *(contact.depth_mm for contact in between)])
-    assert touched > 500
+    assert touched > 300
     assert deepest < 0.1
     assert state.bodies["cautery"].translation_mm[2] > 119.0
     assert np.abs(state.arms["arm"].efforts[1]) == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize("self_collision", [False, True])
-def test_links_touch_each_other_only_on_request(touch: Robot, self_collision: bool) -> None:
+def test_links_touch_each_other_only_on_request(touch, self_collision):
     world = World(world_of(arm(touch, self_collision=self_collision)))
     world.reset({"arm": {"shoulder": 2.0, "elbow": -1.45}})
     pairs = {frozenset(each.bodies) for each in world.contacts()}

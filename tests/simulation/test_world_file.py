@@ -1,6 +1,8 @@
 """world.yaml: what it may hold, and one clear line for everything else."""
 
 import json
+import runpy
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,13 @@ import pytest
 import yaml
 
 from app.cli.main import main
+from app.files.meshes import write_mesh
 from app.geometry import InputError
 from app.simulation import WORLD, World, WorldError, open_world, world_schema_text
 from tests.case.test_schemas import _paths
-from tests.simulation.conftest import LUMPECTOMY, ROOT
+from tests.simulation.conftest import LUMPECTOMY, ROOT, flat_sheet
+
+pytestmark = pytest.mark.slow
 
 Edit = Callable[[dict[str, Any]], object]
 CHECK = jsonschema.Draft202012Validator(json.loads(world_schema_text()))
@@ -32,7 +37,7 @@ def write(folder: Path, values: dict[str, Any]) -> Path:
     return path
 
 
-def test_shipped_world_is_read() -> None:
+def test_shipped_world_is_read():
     world = open_world(LUMPECTOMY)
     assert (world.name, world.seed, world.timestep_ns) == ("lumpectomy", 20, 1_000_000)
     (arm,), (wall,), (tumor,) = world.robots, world.bodies, world.tissues
@@ -48,22 +53,14 @@ def test_shipped_world_is_read() -> None:
     CHECK.validate(shipped())
 
 
-def test_committed_mesh_is_that_of_its_script(tmp_path: Path) -> None:
-    import runpy
-    import sys
-
-    before = sys.argv
-    try:
-        sys.argv = ["make_meshes.py", str(tmp_path)]
-        runpy.run_path(str(LUMPECTOMY / "make_meshes.py"), run_name="__main__")
-    finally:
-        sys.argv = before
-    assert (tmp_path / "chest_wall.stl").read_bytes() == (
-        LUMPECTOMY / "chest_wall.stl"
-    ).read_bytes()
+def test_committed_mesh_is_that_of_its_script(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["make_meshes.py", str(tmp_path)])
+    runpy.run_path(str(LUMPECTOMY / "make_meshes.py"), run_name="__main__")
+    committed = (LUMPECTOMY / "chest_wall.stl").read_bytes()
+    assert (tmp_path / "chest_wall.stl").read_bytes() == committed
 
 
-def test_committed_schema_is_the_generated_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_committed_schema_is_the_generated_one(capsys):
     assert main(["schema", "world"]) == 0
     assert capsys.readouterr().out == world_schema_text()
     committed = ROOT / "docs" / "schemas" / "world.schema.json"
@@ -72,24 +69,26 @@ def test_committed_schema_is_the_generated_one(capsys: pytest.CaptureFixture[str
     )
 
 
-def _set(path: str, value: object) -> Edit:
+def _place(values: Any, path: str) -> tuple[Any, str]:
+    """The innermost dictionary or list of a path such as ``robots.0.file``, and its last key."""
     *places, key = path.split(".")
+    for place in places:
+        values = values[int(place) if isinstance(values, list) else place]
+    return values, key
 
+
+def _set(path: str, value: object) -> Edit:
     def edit(values: Any) -> None:
-        for place in places:
-            values = values[int(place) if isinstance(values, list) else place]
-        values[key] = value
+        inner, key = _place(values, path)
+        inner[key] = value
 
     return edit
 
 
 def _remove(path: str) -> Edit:
-    *places, key = path.split(".")
-
     def edit(values: Any) -> None:
-        for place in places:
-            values = values[int(place) if isinstance(values, list) else place]
-        del values[key]
+        inner, key = _place(values, path)
+        del inner[key]
 
     return edit
 
@@ -106,18 +105,15 @@ STATED: dict[str, tuple[Edit, str]] = {
     "position": (_set("bodies.0.position_mm", [1, 2]), r"position_mm is 2 values; expected a list"),
     "no pushes": (_set("hand.pushes", []), r"hand\.pushes is empty; leave it out"),
     "dead zone": (_set("hand.joy.dead", 1.0), r"dead is 1; expected 0\.0 to 0\.9"),
-    "period of a device": (
-        _set("hand.device.period_ms", 0),
-        r"period_ms is 0; expected 0\.5 to 20",
-    ),
+    "device": (_set("hand.device.period_ms", 0), r"period_ms is 0; expected 0\.5 to 20"),
     "rate": (_set("tracker.rate_hz", 0), r"rate_hz is 0; expected 1\.0 to 250"),
 }
 """Faults that the schema states, too."""
 
 UNSTATED: dict[str, tuple[Edit, str]] = {
-    "missing mesh": (
-        _set("bodies.0.mesh.path", "skull.stl"),
-        r"bodies\[0\]\.mesh\.path is 'skull\.stl': no such file in",
+    "mesh": (
+        _set("bodies.0.mesh.path", "a.stl"),
+        r"mesh\.path is 'a\.stl': no such file in",
     ),
     "missing robot": (_set("robots.0.file", "arm.urdf"), r"file is 'arm\.urdf': no such file"),
     "joint": (
@@ -134,11 +130,11 @@ UNSTATED: dict[str, tuple[Edit, str]] = {
     "same name": (_set("bodies.0.name", "tumor"), r"name 'tumor' is used twice; expected unique"),
     "interval": (
         _set("hand.pushes.0.end_s", 0.5),
-        r"end_s is 0\.5; expected a time after start_s \(1\)",
+        r"end_s is 0\.5; expected a time after start_s \(1",
     ),
     "push": (
         _set("hand.pushes.0.towards", "liver"),
-        r"hand\.pushes names 'liver'; expected one of",
+        r"pushes names 'liver'; expected one of",
     ),
     "hand": (_set("hand.robot", "leg"), r"hand\.robot is 'leg'; expected the name of a robot with"),
     "axis": (_set("hand.joy.axes", [0, 0, 1]), r"axes is .*; expected three different integers"),
@@ -154,7 +150,7 @@ UNSTATED: dict[str, tuple[Edit, str]] = {
 
 
 @pytest.mark.parametrize("fault", [*STATED, *UNSTATED])
-def test_fault_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
+def test_fault_is_refused_in_one_line(tmp_path, fault):
     edit, message = (STATED | UNSTATED)[fault]
     values = shipped()
     edit(values)
@@ -164,12 +160,12 @@ def test_fault_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
     assert "\n" not in str(refused.value)
 
 
-def test_missing_file_is_named(tmp_path: Path) -> None:
+def test_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"is not a world; expected a world\.yaml or its folder"):
         open_world(tmp_path)
 
 
-def test_every_key_is_used_by_the_worlds_of_the_tests() -> None:
+def test_every_key_is_used_by_the_worlds_of_the_tests():
     complete = shipped()
     complete["physics"] = {"timestep_ms": 0.5, "gravity_mm_s2": 9810.0}
     complete["tracker"]["model"] = "aurora"
@@ -195,28 +191,21 @@ def _declared(block: Any, place: str = "") -> Any:
             yield from _declared(inner, f"{place}{name}.")
 
 
-@pytest.mark.parametrize(
-    ("edit", "message"),
-    [
-        (
-            _remove("robots.0.density_kg_m3"),
-            r"link 'torso' of robot 'arm' has no mass; expected one in the robot's file, or dens",
-        ),
-        (
-            _set("bodies.0.mesh.path", "flat.stl"),
-            r"its surface encloses no volume; expected a body of three dimensions",
-        ),
-    ],
-)
-def test_world_that_cannot_be_simulated_is_refused(
-    tmp_path: Path, edit: Edit, message: str
-) -> None:
-    from app.files.meshes import write_mesh
-    from app.geometry import SurfaceMesh
+NOT_SIMULATED = [
+    (
+        _remove("robots.0.density_kg_m3"),
+        r"link 'torso' of robot 'arm' has no mass; expected one in the robot's file, or dens",
+    ),
+    (
+        _set("bodies.0.mesh.path", "flat.stl"),
+        r"its surface encloses no volume; expected a body of three dimensions",
+    ),
+]
 
-    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
-    flat = SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
-    write_mesh(tmp_path / "flat.stl", flat)
+
+@pytest.mark.parametrize(("edit", "message"), NOT_SIMULATED)
+def test_world_that_cannot_be_simulated_is_refused(tmp_path, edit, message):
+    write_mesh(tmp_path / "flat.stl", flat_sheet())
     values = shipped()
     values["bodies"][0]["collision"] = "hull"
     edit(values)

@@ -33,7 +33,7 @@ def build(**changes: object) -> RegistrationResult:
     return RegistrationResult(**{**values, **changes})  # type: ignore[arg-type]
 
 
-def test_arrays_are_read_only_copies() -> None:
+def test_arrays_are_read_only_copies():
     residuals = np.zeros(4)
     result = build(residuals_mm=residuals)
     residuals[0] = 9.0
@@ -45,7 +45,7 @@ def test_arrays_are_read_only_copies() -> None:
         result.accepted = False  # type: ignore[misc]
 
 
-def test_used_excludes_outliers() -> None:
+def test_used_excludes_outliers():
     assert build().used == (0, 1, 3)
 
 
@@ -60,22 +60,20 @@ def test_used_excludes_outliers() -> None:
         ({"reason": ""}, ShapeError),
     ],
 )
-def test_inconsistent_results_are_rejected(
-    change: dict[str, object], error: type[Exception]
-) -> None:
+def test_inconsistent_results_are_rejected(change, error):
     with pytest.raises(error):
         build(**change)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
-def test_limits_are_validated(bad: float) -> None:
+def test_limits_are_validated(bad):
     with pytest.raises(ShapeError, match="tre_mm"):
         AcceptanceLimits(tre_mm=bad)
     with pytest.raises(ShapeError, match="leave_one_out_mm"):
         AcceptanceLimits(leave_one_out_mm=bad)
 
 
-def test_inconsistent_correlations_are_rejected() -> None:
+def test_inconsistent_correlations_are_rejected():
     """The scales of rad and mm differ; the third correlation contradicts the first two."""
     sigmas = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0])
     correlations = np.eye(6)
@@ -88,7 +86,7 @@ def test_inconsistent_correlations_are_rejected() -> None:
     assert build(covariance=np.zeros((6, 6))).covariance is not None
 
 
-def test_worst_target_decides_acceptance() -> None:
+def test_worst_target_decides_acceptance():
     """A rotation of 0.1 rad about z: no error on the axis, 10 mm at a distance of 100 mm."""
     turning = build(covariance=np.diag([0.0, 0.0, 0.01, 0.0, 0.0, 0.0]))
     limits = AcceptanceLimits(tre_mm=5.0)
@@ -100,7 +98,7 @@ def test_worst_target_decides_acceptance() -> None:
     )
 
 
-def test_overflowing_error_is_not_accepted() -> None:
+def test_overflowing_error_is_not_accepted():
     """The difference of two infinities is NaN, which is not above any limit."""
     covariance = 100.0 * np.eye(6)
     covariance[1, 5] = covariance[5, 1] = 50.0
@@ -112,13 +110,13 @@ def test_overflowing_error_is_not_accepted() -> None:
     assert not evaluated.accepted
 
 
-def test_given_registration_cannot_be_evaluated() -> None:
+def test_given_registration_cannot_be_evaluated():
     given = given_registration(Transform.identity("fixed", "moving"))
     with pytest.raises(CovarianceError):
         evaluate_acceptance(given, [[0.0, 0.0, 0.0]], AcceptanceLimits())
 
 
-def test_given_registration_has_the_given_covariance_or_none() -> None:
+def test_given_registration_has_the_given_covariance_or_none():
     transform = Transform.identity("fixed", "moving")
     assert given_registration(transform).covariance is None
     known = given_registration(transform, np.diag([1e-6] * 3 + [0.1] * 3), 12)

@@ -40,10 +40,8 @@ def test_bodies_of_an_arm_are_at_their_locations(arm, arm_file):
     links = arm.forward_kinematics({})
     assert set(links) == {"world", *(document[key]["name"] for key in document["bodies"])}
     for key in document["bodies"]:
-        pose = links[document[key]["name"]].matrix
-        np.testing.assert_allclose(
-            pose, world_from_body(document[key]["location"]), rtol=0, atol=1e-9
-        )
+        pose, expected = links[document[key]["name"]], world_from_body(document[key]["location"])
+        np.testing.assert_allclose(pose.matrix, expected, rtol=0, atol=1e-9)
 
 
 def test_joints_of_an_arm_rotate_about_axis_and_pivot_of_the_parent(arm, arm_file):
@@ -55,15 +53,12 @@ def test_joints_of_an_arm_rotate_about_axis_and_pivot_of_the_parent(arm, arm_fil
         joint = document[key]
         parent, child = document[joint["parent"]]["name"], document[joint["child"]]["name"]
         moved = arm.forward_kinematics({joint["name"]: angle})
-        turned = (moved[parent].inverse() @ moved[child]).matrix @ np.linalg.inv(
-            (at_zero[parent].inverse() @ at_zero[child]).matrix
-        )
+        before = (at_zero[parent].inverse() @ at_zero[child]).matrix
+        turned = (moved[parent].inverse() @ moved[child]).matrix @ np.linalg.inv(before)
         axis = np.array([joint["parent axis"][each] for each in "xyz"])
         pivot = np.array([1000.0 * joint["parent pivot"][each] for each in "xyz"])
-        # The file has angles with three decimals.
-        np.testing.assert_allclose(
-            Rotation.from_matrix(turned[:3, :3]).as_rotvec(), angle * axis, atol=2e-4
-        )
+        found = Rotation.from_matrix(turned[:3, :3]).as_rotvec()
+        np.testing.assert_allclose(found, angle * axis, atol=2e-4)  # angles with three decimals
         np.testing.assert_allclose(turned[:3, :3] @ pivot + turned[:3, 3], pivot, atol=0.1)
 
 
@@ -102,34 +97,25 @@ def test_mesh_map_gives_the_bodies_of_an_arm(arm, arm_file):
         bodies_from_mesh_map(text)
 
 
-BODY = {"name": "x", "location": {"position": {"x": 0, "y": 0, "z": 0}}}
-
-
 @pytest.fixture
 def write_adf(tmp_path):
     def write(bodies, joints=(), **settings):
-        def key(kind, section):
-            return f"{kind} {section['name']}"
-
-        document = {
-            "bodies": [key("BODY", body) for body in bodies],
-            "joints": [key("JOINT", joint) for joint in joints],
-            **settings,
-            **{key("BODY", body): body for body in bodies},
-            **{key("JOINT", joint): joint for joint in joints},
-        }
+        bodies = {f"BODY {body['name']}": body for body in bodies}
+        joints = {f"JOINT {joint['name']}": joint for joint in joints}
+        listed = {"bodies": list(bodies), "joints": list(joints)}
         path = tmp_path / "model.yaml"
-        path.write_text(yaml.safe_dump(document))
+        path.write_text(yaml.safe_dump({**listed, **settings, **bodies, **joints}))
         return path
 
     return write
 
 
 def at(x, y, z, r=0.0, p=0.0, yaw=0.0):
-    return {
-        "position": {"x": x, "y": y, "z": z},
-        "orientation": {"r": r, "p": p, "y": yaw},
-    }
+    return {"position": xyz(x, y, z), "orientation": {"r": r, "p": p, "y": yaw}}
+
+
+def xyz(x, y, z):
+    return {"x": x, "y": y, "z": z}
 
 
 def test_orientation_is_about_fixed_axes(write_adf):
@@ -148,8 +134,8 @@ def test_orientation_is_about_fixed_axes(write_adf):
 def joint(kind="revolute", parent="BODY left arm", child="BODY hand", **more):
     return {
         "name": "wrist roll", "parent": parent, "child": child, "type": kind,
-        "parent axis": {"x": 0, "y": 0, "z": 1}, "parent pivot": {"x": 0.3, "y": 0, "z": 0},
-        "child axis": {"x": 0, "y": 0, "z": 1}, "child pivot": {"x": -0.1, "y": 0, "z": 0},
+        "parent axis": xyz(0, 0, 1), "parent pivot": xyz(0.3, 0, 0),
+        "child axis": xyz(0, 0, 1), "child pivot": xyz(-0.1, 0, 0),
         **more,
     }  # fmt: skip
 
@@ -167,8 +153,7 @@ def test_joint_rotates_about_its_pivot_and_names_lose_their_spaces(write_adf):
     # The pivot is at (1, 2.3, 3). The hand, 0.1 m behind it, moves to the other side.
     np.testing.assert_allclose(turned["leftarm"].translation_mm, [1000, 2000, 3000], atol=1e-9)
     np.testing.assert_allclose(turned["hand"].translation_mm, [1000, 2200, 3000], atol=1e-9)
-    goal = turned["hand"]
-    found = robot.inverse_kinematics("hand", goal, seed={"wristroll": 2.0})
+    found = robot.inverse_kinematics("hand", turned["hand"], seed={"wristroll": 2.0})
     assert found["wristroll"] == pytest.approx(math.pi)
 
 
@@ -198,10 +183,8 @@ def test_primitives_have_scale_offsets_and_colours(write_adf):
 def test_joint_decides_where_locations_contradict_its_pivots(write_adf):
     """The simulator pulls the bodies together; the joint's positions are those of its frames."""
     robot = load_adf(write_adf([ARM, {**HAND, "location": at(1, 2.5, 3)}], [joint()]))
-    assert (
-        "'leftarm' and 'hand': with the bodies at their locations the pivots are 224 mm"
-        in (robot.warnings[0])
-    )
+    message = "'leftarm' and 'hand': with the bodies at their locations the pivots are 224 mm"
+    assert message in robot.warnings[0]
     hand = robot.forward_kinematics({})["hand"]
     np.testing.assert_allclose(hand.translation_mm, [1000, 2400, 3000], atol=1e-9)
 
@@ -216,7 +199,7 @@ def test_offset_turns_the_child_about_the_axis_of_the_joint(write_adf, key):
 
 def test_opposite_axes_turn_as_in_the_simulator(write_adf):
     """By pi about child axis x X: about y where the child's z axis is along -z of the parent."""
-    flipped = joint(**{"parent axis": {"x": 0, "y": 0, "z": -1}})
+    flipped = joint(**{"parent axis": xyz(0, 0, -1)})
     robot = load_adf(write_adf([ARM, HAND], [flipped]))
     in_arm = robot.forward_kinematics({})["leftarm"].rotation.T
     turned = in_arm @ robot.forward_kinematics({})["hand"].rotation
@@ -247,46 +230,52 @@ def test_body_named_world_is_the_root_or_beside_it(write_adf, x, names):
     np.testing.assert_allclose(arm_pose.translation_mm, [1000, 2000, 3000], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("shape", "geometry", "low", "high", "volume_mm3"),
-    [
-        ("CAPSULE", {"radius": 0.01, "height": 0.1}, [-10, -10, -60], [10, 10, 60],
-         math.pi * 100 * 100 + 4 / 3 * math.pi * 1000),
-        ("CONE", {"radius": 0.01, "height": 0.06}, [-10, -10, -30], [10, 10, 30],
-         math.pi * 100 * 60 / 3),
-        ("Cone", {"radius": 0.01, "height": 0.06, "axis": "x"}, [-30, -10, -10], [30, 10, 10],
-         math.pi * 100 * 60 / 3),
-        ("PLANE", {"normal": {"x": 0, "y": 0, "z": 2}, "offset": 0.5}, [-5000, -5000, 400],
-         [5000, 5000, 500], 1e7 * 1e3),
-        ("plane", {"normal": {"x": -1, "y": 0, "z": 0}}, [0, -5000, -5000], [100, 5000, 5000],
-         1e7 * 1e3),
-    ],
-)  # fmt: skip
+ROUND, FLAT = math.pi * 100, 1e7 * 1e3
+PRIMITIVES = [
+    (
+        *("CAPSULE", {"radius": 0.01, "height": 0.1}),
+        *([-10, -10, -60], [10, 10, 60], ROUND * 100 + 4 / 3 * ROUND * 10),
+    ),
+    (
+        *("CONE", {"radius": 0.01, "height": 0.06}),
+        *([-10, -10, -30], [10, 10, 30], ROUND * 60 / 3),
+    ),
+    (
+        *("Cone", {"radius": 0.01, "height": 0.06, "axis": "x"}),
+        *([-30, -10, -10], [30, 10, 10], ROUND * 60 / 3),
+    ),
+    (
+        *("PLANE", {"normal": xyz(0, 0, 2), "offset": 0.5}),
+        *([-5000, -5000, 400], [5000, 5000, 500], FLAT),
+    ),
+    ("plane", {"normal": xyz(-1, 0, 0)}, [0, -5000, -5000], [100, 5000, 5000], FLAT),
+]
+
+
+@pytest.mark.parametrize(("shape", "geometry", "low", "high", "volume_mm3"), PRIMITIVES)
 def test_primitives_have_the_sizes_of_the_simulator(
     write_adf, shape, geometry, low, high, volume_mm3
 ):
-    body = {
-        **ARM,
-        "location": at(0, 0, 0),
-        "collision shape": shape,
-        "collision geometry": geometry,
-    }
-    robot = load_adf(write_adf([body]))
+    form = {"collision shape": shape, "collision geometry": geometry}
+    robot = load_adf(write_adf([{**ARM, "location": at(0, 0, 0), **form}]))
     (collision,) = robot.links[1].collisions
     np.testing.assert_allclose(collision.mesh.bounds_mm, [low, high], atol=1e-9)
-    assert collision.mesh.require_closed("x").signed_volume_mm3 == pytest.approx(
-        volume_mm3, rel=0.01
-    )
-    assert any("a plane is infinite" in each for each in robot.warnings) == (
-        shape.lower() == "plane"
-    )
+    volume = collision.mesh.require_closed("x").signed_volume_mm3
+    assert volume == pytest.approx(volume_mm3, rel=0.01)
+    is_plane = shape.lower() == "plane"
+    assert any("a plane is infinite" in each for each in robot.warnings) == is_plane
 
 
-def test_missing_mesh_for_collision_can_be_left_out(write_adf):
-    path = write_adf([{**ARM, "mesh": "arm.STL"}])
-    robot = load_adf(path, require_meshes=False)
+def test_missing_mesh_for_collision_is_an_error_or_left_out(write_adf):
+    path = write_adf([{**ARM, "mesh": "arm.STL"}], **{"high resolution path": "high/"})
+    with pytest.raises(RobotMeshError, match=r"'high/arm.STL' of body 'leftarm' not found"):
+        load_adf(path)
+    robot = load_adf(write_adf([{**ARM, "mesh": "arm.STL"}]), require_meshes=False)
     assert robot.links_without_collision == ("leftarm",)
     assert "collision shapes of body 'leftarm' left out: mesh 'arm.STL'" in robot.warnings[-1]
+
+
+BACK = {**joint(parent="BODY hand", child="BODY left arm"), "name": "back"}
 
 
 @pytest.mark.parametrize(
@@ -295,21 +284,13 @@ def test_missing_mesh_for_collision_can_be_left_out(write_adf):
         ([ARM, HAND], [joint("6dof")], "between 'leftarm' and 'hand' has the type '6dof'"),
         ([ARM], [joint()], "child is 'BODY hand'; expected one of BODY left arm"),
         ([ARM, HAND], [joint(child="BODY left arm")], "parent and child are 'leftarm'"),
-        (
-            [ARM, HAND],
-            [joint(), {**joint(parent="BODY hand", child="BODY left arm"), "name": "back"}],
-            "'hand', 'leftarm' are children of each other in a loop",
-        ),
+        ([ARM, HAND], [joint(), BACK], "'hand', 'leftarm' are children of each other in a loop"),
         ([ARM, {**ARM, "name": "leftarm"}], [], "are both named 'leftarm'"),
         ([{**ARM, "scale": 0}], [], "'scale' is 0"),
         ([{**ARM, "scale": [1, 2]}], [], "'scale' is"),
-        (
-            [{**ARM, "location": {"position": {"x": 1, "y": 2}}}],
-            [],
-            "'z' is None; expected a finite",
-        ),
+        ([{**ARM, "location": {"position": {"x": 1, "y": 2}}}], [], "'z' is None; expected a fin"),
         ([{**ARM, "location": at(math.nan, 0, 0)}], [], "'x' is nan"),
-        ([ARM, HAND], [joint(**{"child axis": {"x": 0, "y": 0, "z": 0}})], "expected a direction"),
+        ([ARM, HAND], [joint(**{"child axis": xyz(0, 0, 0)})], "expected a direction"),
         ([{**ARM, "color rgba": {"r": 2, "g": 0, "b": 0}}], [], "expected 0 to 1"),
     ],
 )
@@ -342,12 +323,6 @@ def test_malformed_file_is_refused_in_one_line(tmp_path, text, message):
         load_adf(path)
     assert len(str(refused.value)) < 400
     assert "\n" not in str(refused.value)
-
-
-def test_missing_mesh_for_collision_is_an_error(write_adf):
-    path = write_adf([{**ARM, "mesh": "arm.STL"}], **{"high resolution path": "high/"})
-    with pytest.raises(RobotMeshError, match=r"'high/arm.STL' of body 'leftarm' not found"):
-        load_adf(path)
 
 
 def test_mesh_map_is_parsed():

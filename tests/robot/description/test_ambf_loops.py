@@ -9,6 +9,8 @@ import yaml
 from app.robot import AdfError, IkOptions, JointError, UnreachableError, load_adf
 from tests.oracles.ambf_mechanism import link_poses, loop_gaps
 
+pytestmark = pytest.mark.slow
+
 DEPENDENT = {"back-bottom": -1.0, "bottom-end": 1.0, "back-top": -1.0, "yaw-front": 1.0}
 """Joint of the parallelograms -> its position as a multiple of that of ``yaw-back``: opposite sides
 stay parallel."""
@@ -33,12 +35,26 @@ def by_body(document, links):
     return {key: links[document[key]["name"].replace(" ", "")].matrix for key in document["bodies"]}
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.fixture(scope="module")
+def robots(folder):
+    """The shipped robots with closed loops and the values of their texts, by name."""
+    return {name: read(folder / f"{name}.yaml") for name in ("parallelogram", "two_arms")}
+
+
+def written(folder, tmp_path, change, name="parallelogram"):
+    """A copy of the file of a shipped robot with changed values."""
+    document = yaml.safe_load((folder / f"{name}.yaml").read_text())
+    path = tmp_path / "changed.yaml"
+    path.write_text(yaml.safe_dump(change(document) or document, sort_keys=False))
+    return path
+
+
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     ("name", "arms"), [("parallelogram", [""]), ("two_arms", ["left", "right"])]
 )
-def test_links_are_where_plain_matrices_put_them_and_loops_are_closed(folder, name, arms, seed):
-    robot, document = read(folder / f"{name}.yaml")
+def test_links_are_where_plain_matrices_put_them_and_loops_are_closed(robots, name, arms, seed):
+    robot, document = robots[name]
     rng = np.random.default_rng(seed)
     given, all_positions = {}, {}
     for arm in arms:
@@ -56,8 +72,8 @@ def test_links_are_where_plain_matrices_put_them_and_loops_are_closed(folder, na
         assert max(gap_mm, gap_rad) < 1e-9, joint
 
 
-def test_independent_joints_are_those_at_the_root(folder):
-    robot, document = read(folder / "two_arms.yaml")
+def test_independent_joints_are_those_at_the_root(robots):
+    robot, document = robots["two_arms"]
     assert len(document["bodies"]) == 26
     assert len(robot.closures) == 6
     names = {f"{arm}{joint}" for arm in ("left", "right") for joint in DEPENDENT}
@@ -70,22 +86,20 @@ def test_independent_joints_are_those_at_the_root(folder):
         robot.measured_kinematics("leftend", {"leftbase-yaw": 0.1})
 
 
-def test_shaft_passes_through_the_remote_centre(folder):
-    robot, _ = read(folder / "parallelogram.yaml")
+def test_shaft_passes_through_the_remote_centre(robots):
+    robot, _ = robots["parallelogram"]
     rng = np.random.default_rng(1)
     for _ in range(20):
         yaw, pitch, depth = rng.uniform((-1.5, -0.9, 0.0), (1.5, 0.9, 0.24))
-        links = robot.forward_kinematics(
-            {"base-yaw": yaw, "yaw-back": pitch, "end-insertion": depth}
-        )
-        shaft = links["roll"]
+        given = {"base-yaw": yaw, "yaw-back": pitch, "end-insertion": depth}
+        shaft = robot.forward_kinematics(given)["roll"]
         to_centre = np.array([500.0, 0.0, 0.0]) - shaft.translation_mm
         across = np.cross(shaft.rotation[:, 2], to_centre)
         assert np.linalg.norm(across) < 1e-9
 
 
-def test_inverse_kinematics_keeps_the_loops_closed(folder):
-    robot, _ = read(folder / "parallelogram.yaml")
+def test_inverse_kinematics_keeps_the_loops_closed(robots):
+    robot, _ = robots["parallelogram"]
     given = {"base-yaw": -0.3, "yaw-back": 0.5, "end-insertion": 0.05, "roll-wrist": 0.2}
     goal = robot.forward_kinematics(given)["wrist"]
     found = robot.inverse_kinematics("wrist", goal, seed={})
@@ -99,8 +113,8 @@ def test_inverse_kinematics_keeps_the_loops_closed(folder):
         robot.inverse_kinematics("wrist", far, options=IkOptions(restarts=3))
 
 
-def test_measured_position_that_contradicts_the_loop_is_an_error(folder):
-    robot, _ = read(folder / "parallelogram.yaml")
+def test_measured_position_that_contradicts_the_loop_is_an_error(robots):
+    robot, _ = robots["parallelogram"]
     measured = {"yaw-back": 0.4, "back-top": -0.41}
     assert robot.forward_kinematics(measured)["top"] is not None
     with pytest.raises(JointError, match=r"'back-top' is 0.4, but its loop closes at -0.4"):
@@ -118,13 +132,11 @@ def rounded(document, digits):
     return round(document, digits) if isinstance(document, float) else document
 
 
-def test_rounded_numbers_close_up_to_their_rounding_with_a_warning(folder, tmp_path):
-    document = rounded(yaml.safe_load((folder / "two_arms.yaml").read_text()), 3)
-    path = tmp_path / "rounded.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
+def test_rounded_numbers_close_up_to_their_rounding_with_a_warning(folder, robots, tmp_path):
+    path = written(folder, tmp_path, lambda document: rounded(document, 3), "two_arms")
     robot, document = read(path)
     assert any("closes its loop up to" in warning for warning in robot.warnings)
-    exact, _ = read(folder / "two_arms.yaml")
+    exact, _ = robots["two_arms"]
     given = {"leftyaw-back": 0.6, "leftbase-yaw": 0.3}
     links, peers = robot.forward_kinematics(given), exact.forward_kinematics(given)
     for link in ("leftend", "leftbottom", "lefttop", "leftfront"):
@@ -134,39 +146,40 @@ def test_rounded_numbers_close_up_to_their_rounding_with_a_warning(folder, tmp_p
     assert max(gap_mm for name, gap_mm, _ in gaps if name.startswith("left")) < 2.0
 
 
-def test_rounded_axis_through_a_closed_point_stays_independent(folder, tmp_path):
+def test_rounded_axis_through_a_closed_point_stays_independent(folder, robots, tmp_path):
     """The remote centre is held by the base: the yaw axis misses it by 0.1 mm and moves nothing."""
-    document = yaml.safe_load((folder / "parallelogram.yaml").read_text())
-    held = document["JOINT yaw-end"]
-    held |= {"parent": "BODY base", "parent pivot": {"x": 0.5, "y": 0.0, "z": 0.0001}}
-    document["JOINT top-end"]["child pivot"]["y"] += 0.0002
-    path = tmp_path / "held.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
-    robot, document = read(path)
+
+    def hold(document):
+        pivot = {"x": 0.5, "y": 0.0, "z": 0.0001}
+        document["JOINT yaw-end"] |= {"parent": "BODY base", "parent pivot": pivot}
+        document["JOINT top-end"]["child pivot"]["y"] += 0.0002
+
+    robot, document = read(written(folder, tmp_path, hold))
     assert set(robot.dependent_joint_names) == set(DEPENDENT)
-    exact, _ = read(folder / "parallelogram.yaml")
+    exact, _ = robots["parallelogram"]
     for given in ({}, {"base-yaw": 0.8, "yaw-back": -0.5, "end-insertion": 0.1}):
         poses = by_body(document, robot.forward_kinematics(given))
         for body, peer in by_body(document, exact.forward_kinematics(given)).items():
             assert np.linalg.norm(poses[body][:3, 3] - peer[:3, 3]) < 1.0, (given, body)
 
 
-def test_loop_that_closes_only_far_from_position_0_is_refused(folder, tmp_path):
-    document = yaml.safe_load((folder / "parallelogram.yaml").read_text())
-    document["JOINT yaw-back"]["joint offset"] += 0.3
-    path = tmp_path / "twisted.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
-    with pytest.raises(AdfError, match=r"is at .* where its loop closes.*expected at most 0.0524"):
-        load_adf(path)
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        # It closes only far from position 0.
+        (("JOINT yaw-back", "joint offset"), 0.3, r"is at .* where its loop closes.*most 0\.0524"),
+        (("JOINT front-bottom", "parent pivot", "x"), 0.4, "does not close its loop.*at most 2 mm"),
+    ],
+)
+def test_loop_that_does_not_close_is_refused(folder, tmp_path, keys, value, message):
+    def change(document):
+        *outer, last = keys
+        for key in outer:
+            document = document[key]
+        document[last] = value + (document[last] if last == "joint offset" else 0.0)
 
-
-def test_loop_that_does_not_close_is_refused(folder, tmp_path):
-    document = yaml.safe_load((folder / "parallelogram.yaml").read_text())
-    document["JOINT front-bottom"]["parent pivot"]["x"] = 0.4
-    path = tmp_path / "open.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
-    with pytest.raises(AdfError, match=r"does not close its loop.*expected at most 2 mm"):
-        load_adf(path)
+    with pytest.raises(AdfError, match=message):
+        load_adf(written(folder, tmp_path, change))
 
 
 def test_loop_that_cannot_follow_its_joints_is_refused(tmp_path):

@@ -1,14 +1,33 @@
-"""Ambiguous descriptions, which yourdfpy accepts, are refused with name and line."""
+"""Elements of a URDF have the values that yourdfpy, an independent reader, gives them.
 
+Ambiguous descriptions, which yourdfpy accepts, are refused with name and line.
+"""
+
+import io
+import math
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
 import pytest
+import yourdfpy
 
 from app.robot import JointType, RobotMeshError, UrdfError, load_robot
+from app.robot.description.urdf import parse_urdf
 
 TWO = '<link name="a"/><link name="b"/>'
 
 
 def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
     return f'<joint name="j" type="{kind}">{links}{inside}</joint>'
+
+
+def link(inside):
+    return f'<link name="a">{inside}</link>'
+
+
+def collision(geometry, origin=""):
+    return link(f"<collision>{origin}<geometry>{geometry}</geometry></collision>")
 
 
 @pytest.mark.parametrize(
@@ -29,37 +48,23 @@ def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
         (TWO + joint('<origin xyz="0 nan 0"/>'), "not finite"),
         (TWO + joint('<axis xyz="0 0 0"/>', kind="continuous"), "axis of joint 'j'"),
         # yourdfpy reads (1, 1, 1), (1, 0, 0) and (10, 0, 0).
-        (
-            TWO + joint('<origin xyz="1"/>'),
-            "'xyz' of <origin> in line 3 is '1'; expected 3 dec",
-        ),
+        (TWO + joint('<origin xyz="1"/>'), "'xyz' of <origin> in line 3 is '1'; expected 3 dec"),
         (TWO + joint('<origin xyz="1 0 0 5"/>'), "'xyz' of <origin> .* expected 3 decimal numbers"),
         (TWO + joint('<origin rpy="1_0 0 0"/>'), "'rpy' of <origin> .* expected 3 decimal numbers"),
         (TWO + joint('<axis xyz="0 0 1 1"/>', kind="continuous"), "'xyz' of <axis>"),
         (TWO + joint('<limit lower="1_0"/>', kind="revolute"), "'lower' of <limit> .* 1 decimal"),
         (TWO + joint('<origin xyz="1 0 0"/><origin/>'), "has 2 elements <origin>; expected one"),
         (TWO + joint('<parent link="a"/>'), "has 2 elements <parent>"),
-        (
-            '<link name="a"><collision><origin xyz="1"/><geometry><sphere radius="1"/></geometry>'
-            "</collision></link>",
-            "'xyz' of <origin>",
-        ),
-        (
-            '<link name="a"><visual><geometry><box size="1 1 1 1"/></geometry></visual></link>',
-            "'size' of <box>",
-        ),
+        (collision('<sphere radius="1"/>', '<origin xyz="1"/>'), "'xyz' of <origin>"),
+        (collision('<box size="1 1 1 1"/>'), "'size' of <box>"),
         (TWO, "a, b have no parent"),
-        ('<link name="a"><visual/></link>', "<visual> in line 3 has the geometry none"),
-        (
-            '<link name="a"><collision><geometry><capsule/></geometry></collision></link>',
-            "geometry capsule; expected one of mesh, box, cylinder, sphere",
-        ),
-        ('<link name="a"><visual><geometry><mesh/></geometry></visual></link>', "filename"),
-        (
-            '<link name="a"><collision><geometry><sphere radius="-1"/></geometry></collision>'
-            "</link>",
-            "sphere are .-1.0.; expected 1 numbers above 0",
-        ),
+        (link("<visual/>"), "<visual> in line 3 has the geometry none"),
+        (collision("<capsule/>"), "geometry capsule; expected one of mesh, box, cylinder, sphere"),
+        (collision("<mesh/>"), "filename"),
+        (collision('<sphere radius="-1"/>'), "sphere are .-1.0.; expected 1 numbers above 0"),
+        (link('<inertial><mass value="heavy"/></inertial>'), "cannot be read as URDF"),
+        (link('<inertial><inertia ixx="x"/></inertial>'), "cannot be read as URDF"),
+        (link('<inertial><origin rpy="0 0 up"/></inertial>'), "expected 3 decimal|cannot be read"),
         (
             '<xacro:arm xmlns:xacro="http://www.ros.org/wiki/xacro"/><link name="a"/>',
             "xacro element in line 3; expected a file that xacro",
@@ -89,16 +94,10 @@ def test_other_root_element_and_nameless_robot_are_refused(tmp_path):
 
 
 def test_joints_are_read_with_all_their_elements(write_urdf):
-    robot = load_robot(
-        write_urdf(
-            TWO
-            + """<!-- a comment between -->
-            <joint name="j" type="prismatic"><parent link="a"/><child link="b"/>
-              <origin xyz="0.1 0.2 0.3" rpy="0 0 1.5707963267948966"/>
-              <axis xyz="2 0 0"/><limit upper="0.05" effort="1" velocity="1"/>
-            </joint>"""
-        )
-    )
+    elements = """<!-- a comment between -->
+        <origin xyz="0.1 0.2 0.3" rpy="0 0 1.5707963267948966"/>
+        <axis xyz="2 0 0"/><limit upper="0.05" effort="1" velocity="1"/>"""
+    robot = load_robot(write_urdf(TWO + joint(elements, kind="prismatic")))
     (read,) = robot.joints
     assert (read.type, read.parent, read.child) == (JointType.PRISMATIC, "a", "b")
     assert (read.lower, read.upper) == (0.0, 0.05)
@@ -107,3 +106,64 @@ def test_joints_are_read_with_all_their_elements(write_urdf):
     # The axis is the joint's x, which is parallel to y of the parent.
     place = robot.forward_kinematics({"j": 0.05})["b"].translation_mm
     assert place.tolist() == pytest.approx([100.0, 250.0, 300.0])
+
+
+EVERY_ELEMENT = b"""<robot name="all">
+  <!-- a comment -->
+  <material name="red"><color rgba="1 0 0 0.5"/></material>
+  <material name="named"/>
+  <link name="a">
+    <inertial><origin rpy="0 0 1"/><mass value="2"/>
+      <inertia ixx="1" ixy="0.2" ixz="0.3" iyy="1.5" iyz="0.1" izz="2"/></inertial>
+    <visual name="v"><!-- another --><origin xyz="0.1 -2 3e-3" rpy="0.1 -0.2 3"/>
+      <geometry><!-- one more --><box size="1 2 3"/></geometry><material name="red"/></visual>
+    <visual><geometry><mesh filename="package://p/m.stl" scale="-1 1 1"/></geometry>
+      <material name="blue"><color rgba="0 0 1 1"/></material></visual>
+    <collision><origin/><geometry><cylinder radius="0.1" length="2"/></geometry></collision>
+    <collision><geometry><sphere radius="3"/></geometry></collision>
+    <collision><geometry><mesh filename="m.obj" scale="0.001"/></geometry></collision>
+    <collision><geometry><mesh filename="m.dae"/></geometry></collision>
+  </link>
+  <link name="b"/><link name="c"/><link name="d"/>
+  <joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+    <origin xyz="0 0 1" rpy="0 -1.5707963267948966 0"/><axis xyz="0 0 -1"/>
+    <limit lower="-1" upper="2.5" effort="1" velocity="1"/><calibration rising="0"/>
+    <safety_controller k_velocity="1"/><dynamics damping="1"/></joint>
+  <joint name="k" type="prismatic"><parent link="b"/><child link="c"/><limit upper="1"/>
+    <mimic joint="j" multiplier="-2" offset="0.5"/></joint>
+  <joint name="l" type="continuous"><parent link="c"/><child link="d"/><mimic joint="j"/></joint>
+</robot>"""
+
+
+def assert_equal(ours: Any, theirs: Any, place: str) -> None:
+    """Compare values by name and to the last bit; theirs may have more fields."""
+    if is_dataclass(ours):
+        for field in fields(ours):
+            name = f"{place}.{field.name}"
+            assert_equal(getattr(ours, field.name), getattr(theirs, field.name), name)
+    elif isinstance(ours, list):
+        assert len(ours) == len(theirs), place
+        for number, (one, other) in enumerate(zip(ours, theirs, strict=True)):
+            assert_equal(one, other, f"{place}[{number}]")
+    elif isinstance(ours, np.ndarray):
+        assert ours.shape == theirs.shape and ours.tobytes() == theirs.tobytes(), place
+    elif isinstance(ours, float):
+        other = float(theirs)  # yourdfpy leaves the losses of joints as text
+        assert ours == other or (math.isnan(ours) and math.isnan(other)), place
+    else:
+        assert ours == theirs, place
+
+
+def by_yourdfpy(text: bytes) -> Any:
+    return yourdfpy.URDF.load(io.BytesIO(text), build_scene_graph=False, load_meshes=False).robot
+
+
+def test_every_element_has_the_values_of_yourdfpy():
+    ours = parse_urdf(EVERY_ELEMENT, "all.urdf")
+    assert [len(ours.links), len(ours.joints), len(ours.materials)] == [4, 3, 2]
+    assert_equal(ours, by_yourdfpy(EVERY_ELEMENT), "robot")
+
+
+def test_shipped_robot_has_the_values_of_yourdfpy(touch_urdf):
+    text = touch_urdf.read_bytes()
+    assert_equal(parse_urdf(text, "touch.urdf"), by_yourdfpy(text), "robot")

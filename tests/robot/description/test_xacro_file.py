@@ -1,10 +1,42 @@
 """Expansion of xacro files, and refusal of files outside their packages."""
 
+import os
+
 import pytest
 
 from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text, urdf_text
+from app.robot.description import xacro_child
+from app.robot.description.xacro_file import expand_xacro
+
+pytestmark = pytest.mark.slow
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+
+
+def start_fork(request):
+    """Answer a request as the program `xacro_child` does, in a fork of this process."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        silent = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silent, 1)
+        os.dup2(silent, 2)
+        try:
+            with os.fdopen(writing, "wb") as output:
+                output.write(xacro_child.answer(request))
+        finally:
+            os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        reply = pipe.read()
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), reply
+
+
+@pytest.fixture(autouse=True)
+def quick_start(request, monkeypatch):
+    """Start no interpreter, except in the tests of what it prints."""
+    if "capfd" not in request.fixturenames:
+        monkeypatch.setitem(expand_xacro.__kwdefaults__, "start", start_fork)
 
 
 @pytest.fixture
@@ -108,9 +140,8 @@ def test_arguments_are_parsed(write, write_urdf):
 def test_argument_that_no_file_declares_is_refused_by_name(write):
     path = write("arm.urdf.xacro", CHAIN)
     write("parts/part.xacro", PART)
-    with pytest.raises(
-        UrdfError, match="no xacro argument 'lenght'; expected length; did you mean 'length'"
-    ):
+    message = "no xacro argument 'lenght'; expected length; did you mean 'length'"
+    with pytest.raises(UrdfError, match=message):
         load_robot(path, xacro_args={"lenght": "0.1"})
     with pytest.raises(UrdfError, match=r"no xacro argument 'dof', 'wrist'; expected none$"):
         load_robot(write("b.xacro", '<link name="l"/>'), xacro_args={"dof": "6", "wrist": "a"})
@@ -132,10 +163,9 @@ def test_failed_expansion_names_the_argument_that_it_needs(write):
         load_robot(path, xacro_args={"ur_typ": "ur5e", "side": "_left"})
 
 
-def test_argument_that_is_read_but_not_declared_is_accepted(write):
-    path = write("a.xacro", '<link name="$(arg first)"/>')
-    assert load_robot(path, xacro_args={"first": "l"}).root_link == "l"
-    path = write("b.xacro", "<link name=\"${xacro.arg('first')}\"/>")
+@pytest.mark.parametrize("name", ["$(arg first)", "${xacro.arg('first')}"])
+def test_argument_that_is_read_but_not_declared_is_accepted(write, name):
+    path = write("a.xacro", f'<link name="{name}"/>')
     assert load_robot(path, xacro_args={"first": "l"}).root_link == "l"
 
 
@@ -151,9 +181,8 @@ def test_messages_name_the_line_of_the_expanded_text_and_no_python_class(write):
     text = urdf_text(path).splitlines()
     line = 1 + next(n for n, each in enumerate(text) if '"planar"' in each)
     assert line > 5
-    with pytest.raises(
-        UrdfError, match=f"expanded by xacro: joint 'j' in line {line} has the type"
-    ):
+    message = f"expanded by xacro: joint 'j' in line {line} has the type"
+    with pytest.raises(UrdfError, match=message):
         load_robot(path)
     with pytest.raises(UrdfError, match=r"cannot be expanded: \$\(find pkg\) accepts") as refused:
         load_robot(write("b.xacro", '<link name="$(find )"/>'))

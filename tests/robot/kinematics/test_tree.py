@@ -1,10 +1,11 @@
-"""The tree of links: mimic chains, the Jacobian, and refusal of other graphs."""
+"""The tree of links: mimic chains, the Jacobian, link poses, and refusal of other graphs."""
 
 import numpy as np
 import pytest
 
 from app.geometry import Transform
 from app.robot import Joint, JointError, JointType, Link, Mimic, Robot, UrdfError
+from app.robot.kinematics.link_poses import LinkPoses
 
 
 def joint(name, parent, child, kind="revolute", *, axis=(0, 0, 1), at=(0, 0, 0), mimic=None):
@@ -36,22 +37,14 @@ def test_chain_of_mimic_joints_applies_multipliers_and_offsets():
     assert angle(links["d"]) == pytest.approx(0.2 + 0.5 - 0.25)
 
 
-def test_mimic_joint_is_at_its_offset_by_default():
-    arm = robot(
-        joint("first", "a", "b"),
-        joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
-        links="abc",
-    )
-    assert angle(arm.forward_kinematics({})["c"]) == pytest.approx(0.1)
-
-
-def test_given_position_of_a_mimic_joint_takes_precedence():
+def test_mimic_joint_is_at_its_offset_by_default_and_a_given_position_takes_precedence():
     arm = robot(
         joint("first", "a", "b"),
         joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
         joint("third", "c", "d", mimic=Mimic("second")),
         links="abcd",
     )
+    assert angle(arm.forward_kinematics({})["c"]) == pytest.approx(0.1)
     links = arm.forward_kinematics({"first": 0.2, "second": 0.3})
     assert angle(links["c"]) == pytest.approx(0.5)
     assert angle(links["d"]) == pytest.approx(0.8)
@@ -66,23 +59,23 @@ def test_measured_kinematics_requires_every_joint_that_moves_the_link():
         joint("finger", "d", "e", kind="prismatic"),
     )
     measured = {"shoulder": 0.2, "wrist": 0.3}
-    np.testing.assert_array_equal(
-        arm.measured_kinematics("d", measured)["d"].matrix,
-        arm.forward_kinematics(measured)["d"].matrix,
-    )
+    found, expected = arm.measured_kinematics("d", measured), arm.forward_kinematics(measured)
+    np.testing.assert_array_equal(found["d"].matrix, expected["d"].matrix)
     arm.measured_kinematics("a", {})  # nothing moves the root
     arm.measured_kinematics("c", {"shoulder": 0.2, "elbow": -0.5})
-    with pytest.raises(
-        JointError,
-        match="'wrist', which moves 'd', has no position; expected shoulder, wrist, found shoul",
+    for link, positions, message in (
+        (
+            "d",
+            {"shoulder": 0.2},
+            "'wrist', which moves 'd', has no position; expected shoulder, ",
+        ),
+        # The shoulder moves b, the parent of c.
+        ("c", {"elbow": -0.5}, "'shoulder', which moves 'c', has no position"),
+        ("e", measured, "'finger'"),
+        ("hand", measured, "'hand' is unknown"),
     ):
-        arm.measured_kinematics("d", {"shoulder": 0.2})
-    with pytest.raises(JointError, match=r"'shoulder', which moves 'c', has no position"):
-        arm.measured_kinematics("c", {"elbow": -0.5})  # the shoulder moves b, the parent of c
-    with pytest.raises(JointError, match="'finger'"):
-        arm.measured_kinematics("e", measured)
-    with pytest.raises(JointError, match="'hand' is unknown"):
-        arm.measured_kinematics("hand", measured)
+        with pytest.raises(JointError, match=message):
+            arm.measured_kinematics(link, positions)
     assert arm.is_determined("d", {"shoulder", "wrist"})
     assert not arm.is_determined("e", {"shoulder", "wrist"})
     assert not arm.is_determined("d", {"finger"})
@@ -116,9 +109,12 @@ def test_jacobian_is_the_derivative_of_the_pose(rng):
             velocity = (high.translation_mm - low.translation_mm) / (2 * step)
             turn = Transform("a", "a", high.rotation @ low.rotation.T, np.zeros(3))
             np.testing.assert_allclose(jacobian[:3, column], velocity, rtol=1e-6, atol=1e-5)
-            np.testing.assert_allclose(
-                jacobian[3:, column], turn.rotation_vector / (2 * step), rtol=1e-6, atol=1e-6
-            )
+            spin = turn.rotation_vector / (2 * step)
+            np.testing.assert_allclose(jacobian[3:, column], spin, rtol=1e-6, atol=1e-6)
+
+
+K = joint("k", "b", "c", mimic=Mimic("j"))
+J = joint("j", "a", "b", mimic=Mimic("k"))
 
 
 @pytest.mark.parametrize(
@@ -130,18 +126,10 @@ def test_jacobian_is_the_derivative_of_the_pose(rng):
         ([joint("j", "a", "c"), joint("k", "b", "c")], "abc", "'c' is the child of.*'j' and 'k'"),
         ([joint("j", "a", "x")], "ab", "child 'x' of joint 'j' is not a link"),
         ([joint("j", "x", "b")], "ab", "parent 'x' of joint 'j' is not a link"),
-        ([joint("j", "a", "b", mimic=Mimic("k"))], "ab", "'j' mimics 'k'; expected a moving joint"),
+        ([J], "ab", "'j' mimics 'k'; expected a moving joint"),
         ([joint("j", "a", "b", mimic=Mimic("j"))], "ab", "'j' mimics itself"),
-        (
-            [joint("j", "a", "b", mimic=Mimic("k")), joint("k", "b", "c", mimic=Mimic("j"))],
-            "abc",
-            "mimics itself",
-        ),
-        (
-            [joint("j", "a", "b", mimic=Mimic("k")), joint("k", "b", "c", "fixed")],
-            "abc",
-            "'j' mimics 'k'; expected a moving joint",
-        ),
+        ([J, K], "abc", "mimics itself"),
+        ([J, joint("k", "b", "c", "fixed")], "abc", "'j' mimics 'k'; expected a moving joint"),
     ],
 )
 def test_graph_that_is_not_one_tree_is_refused(joints, links, message):
@@ -163,3 +151,19 @@ def test_joints_without_direction_or_with_crossed_limits_are_refused():
         Joint("j", JointType.REVOLUTE, Transform.identity("a", "b"), np.eye(3)[2], 1.0, 0.0)
     with pytest.raises(UrdfError, match="nan"):
         Mimic("j", float("nan"))
+
+
+def test_mapping_returns_the_pose_of_each_link():
+    quarter = [[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0] * 3 + [1.0]]
+    poses = LinkPoses("base", {"base": 0, "arm": 1}, np.array([np.eye(4), quarter]))
+    assert (list(poses), len(poses), "leg" in poses) == (["base", "arm"], 2, False)
+    assert (poses["arm"].target, poses["arm"].source) == ("base", "arm")
+    assert poses["arm"].apply([1.0, 0.0, 0.0]).tolist() == [1.0, 3.0, 3.0]
+    assert {link: pose.translation_mm.tolist() for link, pose in poses.items()} == {
+        "base": [0.0, 0.0, 0.0],
+        "arm": [1.0, 2.0, 3.0],
+    }
+    with pytest.raises(ValueError, match="read-only"):
+        poses["arm"].rotation[0, 0] = 1.0
+    with pytest.raises(KeyError, match="leg"):
+        poses["leg"]

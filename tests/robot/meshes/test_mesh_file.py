@@ -1,24 +1,27 @@
-"""Mesh files of robots: scenes of several parts, node transforms, units, malformed files."""
+"""Primitives and mesh files of robots: several parts, node transforms, units, malformed files."""
 
+import math
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from trimesh.transformations import translation_matrix
 
 from app.geometry import SurfaceMesh
 from app.robot import RobotMeshError
+from app.robot.meshes import primitives
 from app.robot.meshes.mesh_file import OPTIONS, read_robot_mesh
 
 
 def box(size=(1.0, 1.0, 1.0), color=None):
     made = trimesh.creation.box(size)
     if color is not None:
-        made.visual = trimesh.visual.TextureVisuals(
-            material=trimesh.visual.material.PBRMaterial(baseColorFactor=color)
-        )
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=color)
+        made.visual = trimesh.visual.TextureVisuals(material=material)
     return made
 
 
@@ -171,9 +174,10 @@ def test_triangles_are_counted_at_all_places(tmp_path, monkeypatch):
     for place in range(5):
         scene.add_geometry(box(), transform=translation_matrix((place, 0, 0)), geom_name="one")
     scene.export(tmp_path / "five.glb")
-    monkeypatch.setattr("app.robot.meshes.mesh_file.OPTIONS", replace(OPTIONS, max_triangles=60))
+    options = "app.robot.meshes.mesh_file.OPTIONS"
+    monkeypatch.setattr(options, replace(OPTIONS, max_triangles=60))
     assert len(read_robot_mesh(tmp_path / "five.glb").faces) == 60
-    monkeypatch.setattr("app.robot.meshes.mesh_file.OPTIONS", replace(OPTIONS, max_triangles=59))
+    monkeypatch.setattr(options, replace(OPTIONS, max_triangles=59))
     with pytest.raises(RobotMeshError, match=r"five\.glb has more than 59 triangles"):
         read_robot_mesh(tmp_path / "five.glb")
 
@@ -211,23 +215,60 @@ def test_picture_of_a_ply_is_not_opened(tmp_path, caplog):
     assert "image" not in caplog.text
 
 
-def test_truncated_stl_is_refused(tmp_path):
-    path = tmp_path / "cut.stl"
-    path.write_bytes(box().export(file_type="stl")[:-70])
-    with pytest.raises(RobotMeshError, match=r"cut.stl"):
-        read_robot_mesh(path)
-
-
-def test_other_format_is_refused_by_name(tmp_path):
-    path = tmp_path / "model.step"
-    path.write_text("x")
-    with pytest.raises(
-        RobotMeshError, match=r"model.step is of an unknown format; expected .stl, .obj"
-    ):
-        read_robot_mesh(path)
-
-
-def test_point_cloud_is_refused(tmp_path):
+def test_truncated_other_or_empty_files_are_refused(tmp_path):
+    (tmp_path / "cut.stl").write_bytes(box().export(file_type="stl")[:-70])
+    (tmp_path / "model.step").write_text("x")
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
-    with pytest.raises(RobotMeshError, match="no triangles"):
-        read_robot_mesh(tmp_path / "points.ply")
+    for name, message in (
+        ("cut.stl", "cut.stl"),
+        ("model.step", "model.step is of an unknown format; expected .stl, .obj"),
+        ("points.ply", "no triangles"),
+    ):
+        with pytest.raises(RobotMeshError, match=message):
+            read_robot_mesh(tmp_path / name)
+
+
+sizes = st.floats(1e-3, 1e3)
+
+
+def closed(shape):
+    return SurfaceMesh("link", *shape).require_closed("shape")
+
+
+@settings(max_examples=20)
+@given(sizes, sizes, sizes)
+def test_box_has_the_given_size(x, y, z):
+    mesh = closed(primitives.box((x, y, z)))
+    low, high = mesh.bounds_mm
+    np.testing.assert_allclose(high, [x / 2, y / 2, z / 2])
+    np.testing.assert_allclose(low, -high)
+    assert mesh.signed_volume_mm3 == pytest.approx(x * y * z)
+
+
+@settings(max_examples=20)
+@given(sizes, sizes)
+def test_cylinder_is_along_z(radius, length):
+    mesh = closed(primitives.cylinder(radius, length))
+    low, high = mesh.bounds_mm
+    np.testing.assert_allclose(high, [radius, radius, length / 2])
+    np.testing.assert_allclose(low, -high)
+    assert mesh.signed_volume_mm3 == pytest.approx(math.pi * radius**2 * length, rel=0.003)
+
+
+@settings(max_examples=20)
+@given(sizes)
+def test_sphere_has_the_given_radius(radius):
+    mesh = closed(primitives.sphere(radius))
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices_mm, axis=1), radius)
+    assert mesh.signed_volume_mm3 == pytest.approx(4 / 3 * math.pi * radius**3, rel=0.01)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+def test_size_that_is_not_above_zero_is_refused(bad):
+    for make, size in (
+        (primitives.box, ((1.0, bad, 1.0),)),
+        (primitives.cylinder, (1.0, bad)),
+        (primitives.sphere, (bad,)),
+    ):
+        with pytest.raises(RobotMeshError, match="above 0"):
+            make(*size)
