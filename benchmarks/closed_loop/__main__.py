@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any
 from app.files.extras import check_installed
 from app.geometry import MarginGuardError
 from benchmarks.closed_loop.rows import STOP_MM, lines_of, merged, read_rows
-from benchmarks.faults.child import ChildError
+from benchmarks.harness.processes import ChildError
 from benchmarks.ros_domain import reserved_domain
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import yaml
 from app.files.shipped import shipped
 from benchmarks.closed_loop.base_error import drawn_registration
 from benchmarks.closed_loop.loop_operator import Operator
-from benchmarks.faults.child import Child, ChildError
+from benchmarks.harness.processes import Child, ChildError
 
 START_S = 300.0
 """A guard that compiles its kernels takes minutes to start."""

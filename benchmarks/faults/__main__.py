@@ -72,7 +72,7 @@ def run(options: argparse.Namespace, domain: int, folder: Path) -> int:
     prepare(domain, folder)
     # Load ROS only now: it reads the variables when it is loaded.
     from benchmarks.faults.bench import Bench, Options
-    from benchmarks.faults.child import GuardStartError
+    from benchmarks.harness.processes import GuardStartError
     from benchmarks.faults.results import results_table
     from benchmarks.faults.run import run_rows, selected
 

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from app.files.shipped import shipped
-from benchmarks.faults.child import Child, ChildError, GuardStartError
+from benchmarks.harness.processes import Child, ChildError, GuardStartError
 from benchmarks.faults.controller import Controller
 from benchmarks.faults.records import TOLERANCE_NS, Constraint, Twist, Verdict, judge
 from benchmarks.faults.scene import Scene, write_scene

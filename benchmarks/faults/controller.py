@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 
 from benchmarks.faults.records import Constraint, Content, Twist
 from benchmarks.faults.scene import PERIOD_NS, Scene
-from benchmarks.rate_receiver import seq_of
+from benchmarks.harness.peer import seq_of
 
 PUSH_MM_S = 50.0
 PUSH_PERIOD_S = 0.02

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatch
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
-from benchmarks.faults.child import ChildError
+from benchmarks.harness.processes import ChildError
 from benchmarks.faults.results import RowResult
 from benchmarks.faults.row import Row, Variant
 from benchmarks.faults.rows.foreign_rows import foreign_rows

@@ -1,9 +1,11 @@
 """True motion of tool, tumour and robot: a part of the recorded case, played to and fro."""
 
 import json
+import time
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,8 @@ from app.case import Case, JointSample, TrackingFrame
 from app.geometry import FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import prepare_case
 from app.session import Session
-from benchmarks.case_options import RECORDED_CASE
+from benchmarks.harness.options import RECORDED_CASE
+from benchmarks.harness.peer import to_and_fro
 
 FIRST_FRAME, FRAMES = 100, 700
 """The tool moves between landmarks, 30 to 65 mm from the tumour; all poses are tracked."""
@@ -57,10 +60,12 @@ class Scene:
         return self.truths[to_and_fro(frame, len(self.truths))]
 
 
-def to_and_fro(frame: int, count: int) -> int:
-    """Index below ``count`` of a motion that turns round at both ends without a repetition."""
-    index = frame % (2 * count - 2)
-    return index if index < count else 2 * count - 2 - index
+def tracker_arguments(folder: Path, rate_hz: int) -> tuple[str, ...]:
+    """Write a scene at ``rate_hz`` to ``folder``; the arguments of the process that sends it."""
+    path = folder / "scene.json"
+    write_scene(path, time.time_ns())
+    path.write_text(json.dumps(interpolated(json.loads(path.read_text()), rate_hz)))
+    return "-m", "benchmarks.faults.tracker_peer", str(path)
 
 
 def write_scene(path: Path, begin_ns: int) -> Scene:
@@ -105,6 +110,28 @@ def write_scene(path: Path, begin_ns: int) -> Scene:
     }
     path.write_text(json.dumps(document))
     return Scene(truths, begin_ns)
+
+
+def interpolated(scene: dict[str, Any], rate_hz: int) -> dict[str, Any]:
+    """``scene`` with its rate raised to ``rate_hz`` by linear interpolation."""
+    factor = round(rate_hz * scene["period_ns"] / 1e9)
+    frames = [
+        _between_frames(frame, after, part / factor)
+        for frame, after in pairwise(scene["frames"])
+        for part in range(factor)
+    ]
+    return {**scene, "frames": frames, "period_ns": scene["period_ns"] // factor}
+
+
+def _between_frames(frame: dict[str, Any], after: dict[str, Any], part: float) -> dict[str, Any]:
+    """Frame between two; quaternions of neighbours are close, so they are interpolated linearly."""
+    first, second = np.array(frame["edges"]), np.array(after["edges"])
+    turned = (first[:, 3:] * second[:, 3:]).sum(axis=1) < 0.0
+    second[turned, 3:] *= -1.0
+    edges = (1.0 - part) * first + part * second
+    edges[:, 3:] /= np.linalg.norm(edges[:, 3:], axis=1, keepdims=True)
+    joints = (1.0 - part) * np.array(frame["joints"]) + part * np.array(after["joints"])
+    return {**frame, "edges": edges.tolist(), "joints": joints.tolist()}
 
 
 def _base_from(step: Any, prepared: Any) -> FloatArray:

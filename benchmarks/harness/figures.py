@@ -130,6 +130,11 @@ def show(*parts: Any, width: int = 130) -> None:
         console.print(part, highlight=False)
 
 
+def load(average: int = 0) -> float:
+    """Load average of the machine over 1, 5 or 15 minutes (0, 1, 2)."""
+    return round(os.getloadavg()[average], 2)
+
+
 def machine() -> dict[str, Any]:
     """The machine, the time and the versions that figures belong to."""
     versions = {"python": platform.python_version()}
@@ -148,7 +153,7 @@ def machine() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "kind": platform.machine(),
         "memory_gb": round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9),
-        "load": round(os.getloadavg()[0], 2),
+        "load": load(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": versions,
         "commit": commit or None,

@@ -5,6 +5,7 @@ In desktop Slicer the binding is PythonQt, which cannot be installed elsewhere.
 
 import ctypes
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import PySide6
@@ -41,3 +42,14 @@ LOOPS: dict[str, tuple[Callable[..., None], bool]] = {
     KEPT: (run_keeping, True),
 }
 """By name: the loop, and whether it keeps the interpreter lock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waking:
+    """How Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
+
+    ``loop`` is one of `LOOPS`.
+    """
+
+    loop: str
+    timer_ms: int | None = None

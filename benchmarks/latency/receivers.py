@@ -13,7 +13,7 @@ from app.geometry import NS_PER_S, FloatArray
 from app.scene import PoseNodes
 from app.scene.nodes.models import add_model, smooth_surface
 from benchmarks.fixture_shapes import lobed_tumor
-from benchmarks.latency.bodies import ROOT
+from benchmarks.latency.senders import ROOT
 
 _TRIANGLES = 1280
 _PAUSE_S = 0.05

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
-from benchmarks.faults.child import Child
+from benchmarks.harness.processes import Child
 from benchmarks.faults.records import APPROACH_MM_S, NS_PER_MS, judge
 from benchmarks.faults.row import Row, Trial, Variant
 from benchmarks.faults.rows.tracker_rows import AFTER_MS, ALL, check_cause

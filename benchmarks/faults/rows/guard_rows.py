@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
-from benchmarks.faults.child import ChildError
+from benchmarks.harness.processes import ChildError
 from benchmarks.faults.records import UNKNOWN, judge
 from benchmarks.faults.row import Row, Trial, Variant
 from benchmarks.faults.rule import rule_approaches
