@@ -7,8 +7,6 @@ Image ``n`` is `image_values` of ``n``. It does not import ``app``.
 """
 
 import argparse
-import sys
-import threading
 import time
 from array import array
 
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
+from benchmarks.harness.peer import input_ended
 from benchmarks.images.session import COLUMNS, POSES_MM, ROWS, TOPIC
 
 _DIFFERENT = 16
@@ -38,8 +37,7 @@ def main() -> None:
     parser.add_argument("--poses-hz", type=float, default=60.0)
     parser.add_argument("--encoding", default="mono8")
     options = parser.parse_args()
-    ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    ended = input_ended()
     rclpy.init()
     node = rclpy.create_node("images_sender")
     poses = node.create_publisher(TrackedTransform, "/tracked_transforms", QoSProfile(depth=100))

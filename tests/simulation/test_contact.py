@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.closed_loop.contact import MASSES_KG, MAX_DEPTH_MM, convex_error_mm, run_press
+from tests.simulation.pressed_tool import MASSES_KG, MAX_DEPTH_MM, convex_error_mm, run_press
 
 
 @pytest.mark.parametrize("mass_kg", MASSES_KG)

@@ -9,8 +9,8 @@ import pytest
 
 from app.robot import load_robot
 from app.simulation import World
-from benchmarks.closed_loop.dynamics import largest_difference
 from tests.simulation.conftest import arm, world_of
+from tests.simulation.random_arms import largest_difference
 
 TOLERANCE = 1e-6
 """Relative to the largest acceleration, and absolute below 1 rad/s2."""

@@ -9,24 +9,21 @@ the host. Exit status 1 if the p99 is above the goal, if the world drifts by mor
 more than 10 ms of the time were not simulated.
 """
 
-import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from app.files.extras import check_installed
 from app.files.shipped import shipped
 from app.geometry import MarginGuardError
-
-if TYPE_CHECKING:
-    from benchmarks.simulation_pace import Pace
+from benchmarks.harness.figures import Spread, at_most, load, machine, missed, show, table
+from benchmarks.harness.options import BenchParser
 
 GOAL_MS = 0.5
 MAX_DRIFT_MS, MAX_MISSING_S = 1.0, 0.01
@@ -44,26 +41,14 @@ def measured(step: Callable[[int], object], count: int) -> dict[str, float]:
         step(WARM_UP + number)
         times[number] = 1e-6 * (time.thread_time_ns() - before)
     wall_s = time.perf_counter() - started
-    p50, p99 = np.percentile(times, (50, 99)).tolist()
-    return {
-        "p50_ms": p50,
-        "p99_ms": p99,
-        "max_ms": float(times.max()),
-        "steps_per_s": count / wall_s,
-    }
+    return {**asdict(Spread.of(times)), "steps_per_s": count / wall_s}
 
 
-def run_world(path: Path, count: int) -> dict[str, object]:
+def run_world(path: Path, count: int) -> dict[str, Any]:
     """Measure the world at ``path`` and a bare ``mj_step`` of its model."""
     import mujoco
 
-    from app.simulation import (
-        JointVelocityCommand,
-        ScriptedHand,
-        World,
-        WorldTracker,
-        open_world,
-    )
+    from app.simulation import JointVelocityCommand, ScriptedHand, World, WorldTracker, open_world
 
     description = open_world(path)
     world = World(description)
@@ -104,16 +89,13 @@ def run_world(path: Path, count: int) -> dict[str, object]:
         "mj_step": bare,
         "real_time_factor": ours["steps_per_s"] * 1e-9 * description.timestep_ns,
         "goal_p99_ms": GOAL_MS,
-        "load": os.getloadavg()[0],
+        "load": load(),
     }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; return its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="marginguard bench simulation",
-        description=__doc__.split("\n\n")[0] if __doc__ else None,
-    )
+    parser = BenchParser("simulation", __doc__, json=False)
     parser.add_argument(
         "world",
         nargs="?",
@@ -121,61 +103,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=shipped("data", "worlds", "lumpectomy"),
         help="world file or its folder (default: the shipped one)",
     )
-    parser.add_argument("--steps", type=int, default=10_000, help="steps to measure")
-    parser.add_argument(
-        "--minutes", type=float, metavar="M", help="also measure the pace over that time"
-    )
+    parser.number("--steps", 10_000, "steps to measure")
+    text = "also measure the pace over that time"
+    parser.number("--minutes", None, text, low=0.1, high=600.0, metavar="M")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args(arguments)
-    if options.steps < 1:
-        parser.error(f"--steps is {options.steps}; expected at least 1")
-    if options.minutes is not None and not 0.1 <= options.minutes <= 600.0:
-        parser.error(f"--minutes is {options.minutes:g}; expected 0.1 to 600")
+    pace = None
     try:
         check_installed("mujoco", "coacd")
         found = run_world(options.world, options.steps)
-        pace = None if options.minutes is None else _pace(options.world, options.minutes)
+        if options.minutes is not None:
+            check_installed("rclpy")
+            from benchmarks.simulation.pace import measured_pace
+
+            pace = measured_pace(options.world, options.minutes)
     except MarginGuardError as error:
         print(f"marginguard bench simulation: {error}", file=sys.stderr)
         return 2
+    goals = [at_most("p99 of a step is", found["world_step"]["p99_ms"], GOAL_MS, "ms", ".3f")]
+    if pace is not None:
+        goals.append(at_most("it drifts by", abs(pace.drift_ms), MAX_DRIFT_MS, "ms", ".3f"))
+        goals.append(at_most("not simulated are", pace.missing_s, MAX_MISSING_S, "s", ".4f"))
     if options.json:
-        print(json.dumps({**found, "pace": pace and asdict(pace)}, indent=2))
+        document = {"machine": machine(), **found, "pace": pace and asdict(pace)}
+        print(json.dumps(document, indent=2))
     else:
-        _print(found)
+        names = ("world_step", "mj_step")
+        keys = ("p50_ms", "p99_ms", "max_ms", "steps_per_s")
+        show(
+            f"world {found['world']}: {found['degrees_of_freedom']} degrees of freedom, "
+            f"{found['convex_parts']} convex parts, {found['steps']} steps of "
+            f"{found['timestep_ms']:g} ms, load {found['load']:.1f}",
+            table(
+                f"CPU time of a step; real time factor {found['real_time_factor']:.1f}",
+                ("", "p50 ms", "p99 ms", "max ms", "steps/s"),
+                [(name, *(found[name][key] for key in keys)) for name in names],
+            ),
+        )
         if pace is not None:
-            print(
+            show(
                 f"  {pace.seconds:.0f} s in real time: drift {pace.drift_ms:.3f} ms, delay behind "
                 f"the stamp p50 {pace.median_ms:.2f} ms  p99 {pace.p99_ms:.2f} ms  "
                 f"max {pace.max_ms:.1f} ms, not simulated {pace.missing_s:.4f} s"
             )
-    is_fast = found["world_step"]["p99_ms"] <= GOAL_MS  # type: ignore[index]
-    keeps_pace = pace is None or (
-        abs(pace.drift_ms) <= MAX_DRIFT_MS and pace.missing_s <= MAX_MISSING_S
-    )
-    return 0 if is_fast and keeps_pace else 1
-
-
-def _pace(world: Path, minutes: float) -> "Pace":
-    from benchmarks.simulation_pace import measured_pace
-
-    check_installed("rclpy")
-    return measured_pace(world, minutes)
-
-
-def _print(found: dict[str, object]) -> None:
-    print(
-        f"world {found['world']}: {found['degrees_of_freedom']} degrees of freedom, "
-        f"{found['convex_parts']} convex parts, {found['steps']} steps of "
-        f"{found['timestep_ms']:g} ms, load {found['load']:.1f}"
-    )
-    for name in ("world_step", "mj_step"):
-        figures = found[name]
-        assert isinstance(figures, dict)
-        print(
-            f"  {name:10s}  CPU p50 {figures['p50_ms']:.3f} ms  p99 {figures['p99_ms']:.3f} ms  "
-            f"max {figures['max_ms']:.3f} ms  {figures['steps_per_s']:.0f} steps/s"
-        )
-    print(f"  real time factor {found['real_time_factor']:.1f}; goal: p99 <= {GOAL_MS} ms")
+    wrong = missed(goals)
+    for sentence in wrong:
+        print(sentence, file=sys.stderr)
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

@@ -4,9 +4,6 @@
 5 ms, each with the host time that its simulated time stands for.
 """
 
-import math
-import os
-import subprocess
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError
-from benchmarks.ros_domain import reserved_domain
-from benchmarks.simulated_process import running_simulation
+from benchmarks.harness.figures import Spread
+from benchmarks.harness.processes import CLI, Child, ChildError, children
+from benchmarks.ros_domain import own_ros
 
 Times = NDArray[np.int64]
 
@@ -50,12 +48,13 @@ class Pace:
             raise MarginGuardError(f"simulation: {len(stamps_ns)} poses; expected at least 2")
         delays_ms = (arrivals_ns - stamps_ns) / NS_PER_MS
         ends = min(ENDS, len(delays_ms) // 2)
+        spread = Spread.of(delays_ms)
         span_ns = int(stamps_ns[-1] - stamps_ns[0])
         return cls(
             seconds=span_ns / NS_PER_S,
-            median_ms=float(np.median(delays_ms)),
-            p99_ms=float(np.percentile(delays_ms, 99)),
-            max_ms=float(delays_ms.max()),
+            median_ms=spread.p50_ms,
+            p99_ms=spread.p99_ms,
+            max_ms=spread.max_ms,
             drift_ms=float(np.median(delays_ms[-ends:]) - np.median(delays_ms[:ends])),
             missing_s=(span_ns - (len(stamps_ns) - 1) * period_ns) / NS_PER_S,
         )
@@ -63,16 +62,16 @@ class Pace:
 
 def measured_pace(world: Path, minutes: float) -> Pace:
     """Run ``world`` for that long, and measure its pace. Raises `MarginGuardError`."""
-    with reserved_domain() as domain:
-        from app.bridge import prepare_environment
-
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        prepare_environment(os.environ)
-        with running_simulation(world) as simulation:
+    try:
+        with own_ros() as folder, children(folder) as (_, start):
+            simulation = start("simulation", *CLI, "simulate", world)
+            simulation.line("SIMULATION", 300.0)
             return _received(simulation, minutes)
+    except ChildError as error:
+        raise MarginGuardError(f"{error}; expected it to run") from error
 
 
-def _received(simulation: subprocess.Popen[str], minutes: float) -> Pace:
+def _received(simulation: Child, minutes: float) -> Pace:
     from app.bridge import RosNode, topics
     from app.bridge.simulation.simulation_node import STATE_PERIOD_NS
     from app.bridge.tf.wire import TfMessageReader
@@ -91,8 +90,7 @@ def _received(simulation: subprocess.Popen[str], minutes: float) -> Pace:
 
     with RosNode("pace") as ros:
         ros.subscribe(topics.TF, take, raw=True)
-        for _ in range(math.ceil(60.0 * minutes)):
-            time.sleep(1.0)
-            if simulation.poll() is not None:
-                raise MarginGuardError("simulation: it has ended; expected it to run")
+        end_s = time.monotonic() + 60.0 * minutes
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            simulation.poll(min(left_s, 1.0))
     return Pace.of(np.array(stamps), np.array(arrivals), STATE_PERIOD_NS)
