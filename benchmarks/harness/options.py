@@ -27,7 +27,7 @@ class BenchParser(argparse.ArgumentParser):
     def number(
         self,
         flag: str,
-        default: float | None,
+        default: float | Sequence[float] | None,
         text: str,
         *,
         low: float = 1,
@@ -37,11 +37,17 @@ class BenchParser(argparse.ArgumentParser):
     ) -> None:
         """Add a number from ``low`` to ``high``, or ``above`` the low one; int if the default is.
 
-        With ``nargs`` the range is that of each number.
+        Several numbers by default: one or more, the range is that of each.
         """
-        settings.setdefault("type", int if isinstance(default, int) else float)
-        text = text if default is None else f"{text} (default: {default:g})"
-        self.add_argument(flag, default=settings.pop("default", default), help=text, **settings)
+        numbers = (
+            default if isinstance(default, Sequence) else () if default is None else (default,)
+        )
+        if isinstance(default, Sequence):
+            settings["nargs"] = "+"
+        if numbers:
+            text = f"{text} (default: {' '.join(f'{each:g}' for each in numbers)})"
+        kind = int if numbers and isinstance(numbers[0], int) else float
+        self.add_argument(flag, type=kind, default=default, help=text, **settings)
         self._ranges[flag] = (low, high, above)
 
     def case(self, flag: str = "--case") -> None:

@@ -7,7 +7,6 @@ finished run are kept: the same command continues with the runs that are left, a
 part in time. Exit status: 1 when a goal is missed or runs are left.
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -23,7 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cohort_run import Run, command_of, run_cohort, second_run
+from benchmarks.cohort.run import Run, command_of, run_cohort, second_run
+from benchmarks.harness.figures import Goal, goals_table, show, write_json
+from benchmarks.harness.options import BenchParser
 
 CASE_CPU_S = 3.0
 SECOND_RUN_S = 10.0
@@ -49,20 +50,17 @@ def main() -> int:
     if left:
         print(f"left: {', '.join(left)}; the same command continues")
         return 1
-    print(f"second run: {figures['second_run_s']:.1f} s, bytes equal: {figures['unchanged']}")
     goals = goals_of(runs, figures["second_run_s"], unchanged=figures["unchanged"])
-    for goal, (value, met) in goals.items():
-        print(f"{'met   ' if met else 'MISSED'} {goal}: {value}")
     cpu_s = float(np.mean([run.cpu_s_per_case for run in runs]))
-    print(f"a million cases: {cpu_s * 1e6 / 3600:.0f} core hours at {cpu_s:.1f} s each")
-    if options.json is not None:
-        missed = [goal for goal, (_, met) in goals.items() if not met]
-        options.json.write_text(json.dumps({**figures, "missed": missed}, indent=2) + "\n")
-    return 0 if all(met for _, met in goals.values()) else 1
+    cost = f"a million cases: {cpu_s * 1e6 / 3600:.0f} core hours at {cpu_s:.1f} s each"
+    show(goals_table(goals), cost)
+    wrong = [goal.what for goal in goals if not goal.good]
+    write_json(options.json, {**figures, "missed": wrong})
+    return 1 if wrong else 0
 
 
-def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> dict[str, tuple[str, bool]]:
-    """Each goal with the figure beside it, and whether it is met. The last run has the kills."""
+def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> list[Goal]:
+    """The goals. The last run has the kills."""
     cpu_s = min(run.cpu_s_per_case for run in runs)
     digests = sorted({run.digest for run in runs})
     growths = [run.growth for run in runs if run.growth is not None]
@@ -70,32 +68,28 @@ def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> dict[str, 
     whole = [run for run in runs if not run.killed and run.workers <= _processors()]
     falls = all(more.wall_s < fewer.wall_s for fewer, more in pairwise(whole))
     walls = ", ".join(f"{run.wall_s:.0f} s with {run.workers}" for run in whole)
-    return {
-        f"processor time of a case at most {CASE_CPU_S:g} s": (
-            f"{cpu_s:.1f} s",
-            cpu_s <= CASE_CPU_S,
-        ),
-        "equal bytes of all runs": (" ".join(digests), len(digests) == 1),
-        f"{KILLS} workers killed": (f"{runs[-1].killed}", runs[-1].killed == KILLS),
-        f"second run under {SECOND_RUN_S:g} s, without a change": (
-            f"{second_s:.1f} s, bytes equal: {unchanged}",
-            second_s < SECOND_RUN_S and unchanged,
-        ),
-        f"memory of a worker grows by {100 * MAX_GROWTH:g} % at most": (
-            growth,
-            max(growths, default=0.0) <= MAX_GROWTH,
-        ),
-        "wall clock falls with workers up to the number of processors": (walls, falls),
-    }
+    killed, again = runs[-1].killed, f"{second_s:.1f} s, bytes equal: {unchanged}"
+    rows = (
+        (f"processor time of a case at most {CASE_CPU_S:g} s", f"{cpu_s:.1f} s",
+         cpu_s <= CASE_CPU_S),
+        ("equal bytes of all runs", " ".join(digests), len(digests) == 1),
+        (f"{KILLS} workers killed", f"{killed}", killed == KILLS),
+        (f"second run under {SECOND_RUN_S:g} s, without a change", again,
+         second_s < SECOND_RUN_S and unchanged),
+        (f"memory of a worker grows by {100 * MAX_GROWTH:g} % at most", growth,
+         max(growths, default=0.0) <= MAX_GROWTH),
+        ("wall clock falls with workers up to the number of processors", walls, falls),
+    )  # fmt: skip
+    return [Goal(*row) for row in rows]
 
 
-def _parts(options: argparse.Namespace) -> dict[str, tuple[int, int]]:
+def _parts(options: Any) -> dict[str, tuple[int, int]]:
     """Name of each run: its number of workers, and how many of them are killed."""
     parts = {f"workers-{workers}": (workers, 0) for workers in options.workers}
     return {**parts, "killed": (max(options.workers), KILLS)}
 
 
-def _run_parts(folder: Path, options: argparse.Namespace, figures: dict[str, Any]) -> list[str]:
+def _run_parts(folder: Path, options: Any, figures: dict[str, Any]) -> list[str]:
     """Do the runs that are left; returns those for which the time does not suffice."""
     study, begin = folder / "study", time.monotonic()
     if not study.is_dir():
@@ -132,7 +126,7 @@ def _expected_minutes(figures: dict[str, Any], workers: int) -> float:
     return one_s * 1.1 / min(workers, _processors()) / 60.0
 
 
-def _figures(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+def _figures(folder: Path, options: Any) -> dict[str, Any]:
     """The figures of earlier parts in ``folder``, which must be of the same cohort."""
     from app import __version__
 
@@ -156,36 +150,23 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="marginguard bench cohort",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--cases", type=_positive, default=12, help="number of cases (12)")
-    parser.add_argument(
-        "--workers", type=_positive, nargs="+", default=[1, 2], help="numbers of workers (1 2)"
-    )
-    parser.add_argument("--duration", type=float, default=75.0, help="length of a case in s (75)")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the cohort (1)")
+def _options() -> Any:
+    parser = BenchParser("cohort", __doc__)
+    parser.number("--cases", 12, "number of cases")
+    parser.number("--workers", [1, 2], "numbers of workers")
+    parser.number("--duration", 75.0, "length of a case in s")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the cohort (default: 1)")
     parser.add_argument("--scratch", type=Path, help="existing folder for the results")
     parser.add_argument("--keep", type=Path, help="folder that keeps results and finished runs")
     parser.add_argument(
         "--minutes", type=float, help="begin no run that would end later, by the runs before it"
     )
-    parser.add_argument("--json", type=Path, help="write the figures there too")
     options = parser.parse_args()
     if options.scratch is not None and not options.scratch.is_dir():
         parser.error(f"--scratch {options.scratch}: no such folder; expected an existing one")
     if options.minutes is not None and options.keep is None:
         parser.error("--minutes without --keep: the runs would be lost; expected both")
     return options
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected 1 or more")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from benchmarks.harness.processes import CLI
+
 WARM_UP_CASES = 2
 """Cases of a worker before which its libraries and kernels are not all loaded."""
 
@@ -109,7 +111,7 @@ def digest_of(out: Path) -> str:
 
 def command_of(*arguments: object) -> list[str]:
     """The command line of ``marginguard`` with these arguments."""
-    return [sys.executable, "-m", "app.cli", *map(str, arguments)]
+    return [sys.executable, *CLI, *map(str, arguments)]
 
 
 def _finished(out: Path) -> int:
