@@ -70,14 +70,18 @@ def at_most(
     what: str, value: float | None, limit: float, unit: str = "", digits: str = "g"
 ) -> Goal:
     """Goal of an upper limit, for example ``at_most("step p99 is", 1.2, 1.0, "ms", ".3f")``."""
-    return _limited(what, value, f"at most {limit} {unit}".strip(), unit, digits, -1, limit)
+    return _limited(
+        what, value, f"at most {round(limit, 2)} {unit}".strip(), unit, digits, -1, limit
+    )
 
 
 def at_least(
     what: str, value: float | None, limit: float, unit: str = "", digits: str = "g"
 ) -> Goal:
     """Goal of a lower limit."""
-    return _limited(what, value, f"at least {limit} {unit}".strip(), unit, digits, 1, limit)
+    return _limited(
+        what, value, f"at least {round(limit, 2)} {unit}".strip(), unit, digits, 1, limit
+    )
 
 
 def _limited(
@@ -123,7 +127,7 @@ def _cell(value: object) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
-def show(*parts: Any, width: int = 130) -> None:
+def show(*parts: Any, width: int = 150) -> None:
     """Print tables and texts; ``width`` is that of a pipe or file."""
     console = Console(width=None if sys.stdout.isatty() else width)
     for part in parts:

@@ -39,11 +39,9 @@ class BenchParser(argparse.ArgumentParser):
 
         Several numbers by default: one or more, the range is that of each.
         """
-        numbers = (
-            default if isinstance(default, Sequence) else () if default is None else (default,)
-        )
+        numbers: Sequence[float] = () if default is None else (default,)  # type: ignore[assignment]
         if isinstance(default, Sequence):
-            settings["nargs"] = "+"
+            numbers, settings["nargs"] = default, "+"
         if numbers:
             text = f"{text} (default: {' '.join(f'{each:g}' for each in numbers)})"
         kind = int if numbers and isinstance(numbers[0], int) else float
