@@ -5,12 +5,13 @@ import signal
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
-from benchmarks.harness.processes import ChildError
+from benchmarks.faults.controller import rule_approaches
 from benchmarks.faults.records import UNKNOWN, judge
-from benchmarks.faults.row import Row, Trial, Variant
-from benchmarks.faults.rule import rule_approaches
+from benchmarks.faults.results import Row, Trial, Variant
+from benchmarks.harness.processes import ChildError
 
 STOPS = 25
 MIN_STOP_S, MAX_STOP_S = 0.3, 2.0
@@ -20,15 +21,14 @@ START_S = 60.0
 
 def guard_rows() -> Iterator[Row]:
     """All rows in which the guard or a driver is stopped, restarted or doubled."""
-    term, kill = signal.SIGTERM, signal.SIGKILL
     for name, run, second_source in (
         ("guard stopped 0.3 to 2 s (SIGSTOP)", _stopped, "the clock"),
-        ("guard killed on hold, restarted", lambda bench: _restarted(bench, True), "the file"),
-        ("guard killed, restarted", lambda bench: _restarted(bench, False), "the file"),
+        ("guard killed on hold, restarted", partial(_restarted, on_hold=True), "the file"),
+        ("guard killed, restarted", partial(_restarted, on_hold=False), "the file"),
         ("guard replaced, by the controller's rule", _replaced, "instance_id"),
         ("second instance beside a hold", _second_instance, "lock and graph"),
-        ("driver restarted (SIGTERM)", lambda bench: _driver(bench, term), "the graph"),
-        ("driver restarted (SIGKILL)", lambda bench: _driver(bench, kill), "the graph"),
+        ("driver restarted (SIGTERM)", partial(_driver, number=signal.SIGTERM), "the graph"),
+        ("driver restarted (SIGKILL)", partial(_driver, number=signal.SIGKILL), "the graph"),
     ):
         trials = STOPS if run is _stopped else None
         yield Row(name, Variant.LIVE_JOINTS, run, second_source, "0 ms", trials=trials)
@@ -47,16 +47,13 @@ def _stopped(bench: Bench) -> Trial:
     finally:
         woken_ns = time.time_ns()
         guard.send_signal(signal.SIGCONT)
-    verdict = bench.observe(
-        woken_ns, limit_ms=0.0, observe_ms=600.0, tolerance_ns=0, free_at_ns=stopped_ns
-    )
-    return Trial(verdict)
+    return Trial(bench.observe(woken_ns, 0.0, 600.0, tolerance_ns=0, free_at_ns=stopped_ns))
 
 
 def _restarted(bench: Bench, on_hold: bool) -> Trial:
     """A guard that starts after SIGKILL must be on hold until it is re-armed."""
     killed_ns = _kill_and_restart(bench, on_hold)
-    verdict = bench.observe(killed_ns, limit_ms=0.0, observe_ms=0.0, free_at_ns=None)
+    verdict = bench.observe(killed_ns, 0.0, 0.0, free_at_ns=None)
     return Trial(verdict, note=_first_known(bench))
 
 
@@ -68,13 +65,9 @@ def _replaced(bench: Bench) -> Trial:
     new = [each for each in constraints if each.sent_ns > limit_ns]
     allowed = rule_approaches(constraints, bench.scene, after_ns=limit_ns)
     verdict = judge(new, [], begin_ns=killed_ns, limit_ns=limit_ns)
-    verdict = replace(
-        verdict,
-        to_safe_ms=0.0 if allowed == 0 else None,
-        late_constraints=allowed,
-        late_twists=0,
-        over_limit_ms=0.0 if allowed == 0 else verdict.over_limit_ms,
-    )
+    verdict = replace(verdict, to_safe_ms=None, late_constraints=allowed, late_twists=0)
+    if allowed == 0:
+        verdict = replace(verdict, to_safe_ms=0.0, over_limit_ms=0.0)
     return Trial(verdict, note=f"{len(new)} messages of the new guard")
 
 
@@ -114,31 +107,26 @@ def _second_instance(bench: Bench) -> Trial:
     bench.controller.forget()
     begin_ns = time.time_ns()
     other = bench.another_guard()
+
+    def has_appeared() -> bool:
+        recent = bench.controller.records()[0][-50:]
+        own = held.content.instance_id
+        return not other.running or any(
+            each.content.instance_id != own and each.content.state != UNKNOWN for each in recent
+        )
+
     try:
-
-        def appeared() -> bool:
-            seen = bench.controller.latest()
-            own = held.content.instance_id
-            return not other.running or (
-                seen is not None
-                and any(
-                    each.content.instance_id != own and each.content.state != UNKNOWN
-                    for each in bench.controller.records()[0][-50:]
-                )
-            )
-
         deadline = time.monotonic() + START_S
-        while not bench.controller.wait(appeared, 0.2):
+        while not bench.controller.wait(has_appeared, 0.2):
             if time.monotonic() > deadline:
                 raise UnmeasuredError("the second instance neither ended nor published")
         refused = not other.running
         after_s = 0.5 if refused else AFTER_RESTART_S
         bench.controller.wait_until(time.time_ns() + round(after_s * 1e9))
-        verdict = bench.observe(begin_ns, limit_ms=0.0, observe_ms=0.0, free_at_ns=None)
+        verdict = bench.observe(begin_ns, 0.0, 0.0, free_at_ns=None)
     finally:
         status = other.end(signal.SIGINT)
-    note = f"refused, status {status}" if refused else "started"
-    return Trial(verdict, note=note)
+    return Trial(verdict, note=f"refused, status {status}" if refused else "started")
 
 
 def _driver(bench: Bench, number: signal.Signals) -> Trial:
@@ -148,7 +136,7 @@ def _driver(bench: Bench, number: signal.Signals) -> Trial:
     begin_ns = time.time_ns()
     bench.tracker.end(number)
     bench.start_tracker()
-    verdict = bench.observe(begin_ns, limit_ms=bench.stale_ns / 1e6, observe_ms=3000.0)
+    verdict = bench.observe(begin_ns, bench.stale_ms, 3000.0)
     constraints, _ = bench.controller.records()
     accused = sum("second_sender" in each.content.reasons for each in constraints)
     try:
