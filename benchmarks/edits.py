@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from benchmarks.simulated_process import START_TIMEOUT_S, running_simulation
 
 from app.files.extras import check_installed
 from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError, SurfaceMesh, Transform
 from benchmarks.ros_domain import reserved_domain
-from benchmarks.simulated_process import START_TIMEOUT_S, running_simulation
 
 if TYPE_CHECKING:
     from app.bridge.tf.wire import TfMessageReader, TfSample

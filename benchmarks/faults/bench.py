@@ -194,7 +194,8 @@ class Bench:
             return False
         recent = [each for each in constraints if each.sent_ns > since_ns]
         pushed = [each for each in twists if each.sent_ns > since_ns and each.permissive]
-        return len(pushed) >= MIN_PUSHED and bool(recent) and all(each.permissive for each in recent)
+        is_free = bool(recent) and all(each.permissive for each in recent)
+        return is_free and len(pushed) >= MIN_PUSHED
 
     def observe(
         self,

@@ -4,11 +4,11 @@ from dataclasses import replace
 from itertools import islice
 
 import pytest
+from benchmarks.case_options import RECORDED_CASE
 
 from app.case import PlausibilityEntry
 from app.runtime import prepare_case
 from app.session import Session
-from benchmarks.case_options import RECORDED_CASE
 from benchmarks.plausibility import (
     MUST_FIND,
     RELATIONS,

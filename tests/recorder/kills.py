@@ -2,11 +2,7 @@
 
 import signal
 import struct
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +11,10 @@ from mcap.reader import make_reader
 
 from app.case.readers.rosbag2.mcap_file import read_mcap_messages
 from app.geometry import NS_PER_MS, NS_PER_S
-from benchmarks.recorder.streams import Stream, streams
+from benchmarks.harness.processes import CLI, children
+from tests.recorder.streams import Stream, streams
 
+PROMISED_MS = 100.0
 _STAMP = struct.Struct("<iI")
 
 
@@ -36,22 +34,25 @@ class Kill:
     missed: int
     in_mcap: int
 
+    @property
+    def is_good(self) -> bool:
+        """True if the promise was kept and the MCAP library reads the whole file."""
+        return self.lost_ms <= PROMISED_MS and self.in_mcap == self.recorded > 0
+
 
 def run_kill(folder: Path, seconds: float) -> Kill:
     """Record in ``folder`` for ``seconds`` after the first messages, then send SIGKILL."""
     case, sent_file = folder / "case", folder / "sent.npz"
     topics = [stream.topic.name for stream in streams()]
-    record = ("app.cli", "record", "-o", str(case), "--topics", *topics)
-    with (
-        _program(folder / "recorder.log", *record) as recorder,
-        _program(folder / "sender.log", "benchmarks.recorder.sender", sent_file) as sender,
-    ):
-        _wait_for(sender, "sending", folder)
+    with children(folder) as (_, start):
+        recorder = start("recorder", *CLI, "record", "-o", case, "--topics", *topics)
+        sender = start("sender", "-m", "tests.recorder.sender", sent_file)
+        sender.line("sending")
         time.sleep(seconds)
         killed_ns = time.time_ns()
-        recorder.send_signal(signal.SIGKILL)
-        recorder.wait()
-        sender.communicate("stop\n", timeout=60.0)
+        recorder.end(signal.SIGKILL)
+        sender.close_input()
+        sender.process.wait(60.0)
     with np.load(sent_file) as arrays:
         sent = {name.replace("|", "/"): arrays[name] for name in arrays.files}
     return compared(case / "tracking" / "tracking_0.mcap", sent, killed_ns)
@@ -85,31 +86,3 @@ def _stamp_ns(data: bytes, stream: Stream) -> int:
 def _refuse_note(note: str) -> None:
     if "has no index" not in note:
         raise RuntimeError(note)
-
-
-def _wait_for(process: subprocess.Popen[str], line: str, folder: Path) -> None:
-    assert process.stdout is not None
-    for printed in process.stdout:
-        if printed.strip() == line:
-            return
-    logs = "".join(path.read_text() for path in sorted(folder.glob("*.log")))
-    raise RuntimeError(f"{process.args} ended with status {process.wait()}: {logs}")
-
-
-@contextmanager
-def _program(log: Path, module: str, *arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Run ``python -m module``, its errors in ``log``; killed at the end where it still runs."""
-    with (
-        log.open("w") as errors,
-        subprocess.Popen(
-            [sys.executable, "-m", module, *map(str, arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-        ) as process,
-    ):
-        try:
-            yield process
-        finally:
-            process.kill()

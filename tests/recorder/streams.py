@@ -1,4 +1,4 @@
-"""The topics that `benchmarks.recorder.sender` sends, with the rates of a real session."""
+"""The topics that `tests.recorder.sender` sends, with the rates of a real session."""
 
 from dataclasses import dataclass
 

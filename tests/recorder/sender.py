@@ -1,6 +1,6 @@
-"""Process of `benchmarks.recorder` that sends the topics of a session.
+"""Process that sends the topics of a session.
 
-    python -m benchmarks.recorder.sender FILE
+    python -m tests.recorder.sender FILE
 
 Prints ``sending`` when the recorder has subscribed to all topics. After a line on standard input it
 ends, and writes the stamps (ns since 1970) of its messages by topic to FILE (``.npz``). Every stamp
@@ -16,7 +16,7 @@ import numpy as np
 
 from app.bridge import RosNode, prepare_environment
 from app.geometry import NS_PER_S
-from benchmarks.recorder.streams import TICK_HZ, streams
+from tests.recorder.streams import TICK_HZ, streams
 
 _MATCH_TIMEOUT_S = 60.0
 _STAMP = struct.Struct("<iI")
