@@ -147,7 +147,6 @@ def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
 
 
 def failures(figures: Figures) -> list[str]:
-    """Missed requirements, one sentence each."""
     growth_mb = figures.memory.end_mb - figures.memory.warm_mb
     return missed(
         (

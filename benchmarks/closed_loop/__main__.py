@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 
 def parsed(arguments: Sequence[str] | None) -> Any:
-    """The options."""
     parser = BenchParser("closed-loop", __doc__)
     parser.number("--pushes", 60, "pushes of each kind")
     first = "number of the first push, which with the seed gives its direction"
@@ -75,7 +74,6 @@ def parsed(arguments: Sequence[str] | None) -> Any:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark; return its exit status."""
     options = parsed(arguments)
     try:
         check_installed("mujoco", "coacd", "rclpy", "igl")

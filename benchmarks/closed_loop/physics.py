@@ -109,7 +109,6 @@ def with_strong_drives(robot: Robot) -> Robot:
 
 
 def main() -> int:
-    """Simulate until the line ``end``."""
     seed, tracker_seed, file = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
     prepare_environment()
     description = open_world(shipped("data", "worlds", "lumpectomy"))

@@ -122,7 +122,6 @@ def judged(
     rows: tuple[int, int],
     stops: Mapping[str, int],
 ) -> Push:
-    """Judge the push at ``rows`` of the truth."""
     first, _ = truth.phase_rows(*rows, Phase.PUSH)
     distances = truth.distances_mm(engine, first, rows[1])
     push, slide, retreat = (

@@ -25,7 +25,6 @@ VALID_NS = 100 * NS_PER_MS
 
 
 def guard() -> None:
-    """Publish until standard input ends."""
     stop = input_ended()
     with RosNode("marginguard") as ros:
         publisher = ros.publisher(Topic("/marginguard/constraint", FixtureConstraint, NEWEST))
@@ -45,7 +44,6 @@ def guard() -> None:
 
 
 def tracker() -> None:
-    """Relay until standard input ends."""
     stop = input_ended()
     with RosNode("tracker_driver") as ros:
         publisher = ros.publisher(TRACKED_TRANSFORMS)

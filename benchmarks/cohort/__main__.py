@@ -36,7 +36,6 @@ FIGURES = "figures.json"
 
 
 def main() -> int:
-    """Run the benchmark and print its figures."""
     options = _options()
     with ExitStack() as stack:
         folder = options.keep

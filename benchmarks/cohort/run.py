@@ -110,7 +110,6 @@ def digest_of(out: Path) -> str:
 
 
 def command_of(*arguments: object) -> list[str]:
-    """The command line of ``marginguard`` with these arguments."""
     return [sys.executable, *CLI, *map(str, arguments)]
 
 

@@ -43,7 +43,6 @@ def main() -> int:
 
 
 def run(options: Any, folder: Path) -> int:
-    """Run the selected rows; return the exit status."""
     # Load ROS only now: it reads the variables when it is loaded.
     from benchmarks.faults.bench import Bench, GuardStartError
     from benchmarks.faults.results import results_table

@@ -22,7 +22,6 @@ TUMOR = {"do": "set_tumor", "frame": "needle", "position_m": [0.005, -0.004, 0.0
 
 
 def foreign_rows() -> Iterator[Row]:
-    """All rows in which another node interferes."""
     live, bound = Variant.LIVE_JOINTS, f"{SECOND_SENDER_MS:g} ms"
     tool = {"silent": ALL[:2], "joints": False, "offset_mm": 100.0}
     joints = {"poses": False, "joint_offset_rad": 0.02}
@@ -52,7 +51,6 @@ def foreign_rows() -> Iterator[Row]:
 
 
 def ask(node: Child, timeout_s: float = 30.0, **request: Any) -> dict[str, Any]:
-    """Send a request by a foreign node, and wait for its reply."""
     node.send(**request)
     return node.expect("done", timeout_s)
 

@@ -20,7 +20,6 @@ START_S = 60.0
 
 
 def guard_rows() -> Iterator[Row]:
-    """All rows in which the guard or a driver is stopped, restarted or doubled."""
     for name, run, second_source in (
         ("guard stopped 0.3 to 2 s (SIGSTOP)", _stopped, "the clock"),
         ("guard killed on hold, restarted", partial(_restarted, on_hold=True), "the file"),

@@ -147,13 +147,11 @@ class RowResult:
 
 
 def reasons(verdicts: Sequence[Verdict]) -> str:
-    """The reasons of the hold in most trials."""
     found = Counter(", ".join(verdict.reasons) for verdict in verdicts if verdict.reasons)
     return found.most_common(1)[0][0] if found else ""
 
 
 def results_table(documents: Iterable[dict[str, Any]], title: str) -> Table:
-    """One line per row."""
     numbers = ("trials", "to safe ms", "over ms", "late", "mm/s", "error mm")
     headings = ("fault; sources", "reasons; notes", "second source", "outcome", *numbers)
     return table(title, headings, map(_cells, documents), left=4)

@@ -46,7 +46,6 @@ joints."""
 
 
 def tracker_rows() -> Iterator[Row]:
-    """All rows with faults of the session's own tracker and robot."""
     live, stale = Variant.LIVE_JOINTS, "stale_after_ms"
     for name, state in DROPOUTS.items():
         yield Row(name, live, partial(_fault, state=state, dropout=True), "the data", stale)

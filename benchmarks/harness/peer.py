@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 
 def emit(event: str, **values: object) -> None:
-    """Print an event as one line of JSON."""
     print(json.dumps({"event": event, **values}), flush=True)
 
 

@@ -11,16 +11,13 @@ INK = "#1c2733"
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, in inches."""
     return Figure(figsize=(width, height), dpi=100, layout="constrained")
 
 
 def open_axes(axes: Axes, sides: Sequence[str] = ("top", "right")) -> None:
-    """Remove ``sides`` of the frame."""
     for side in sides:
         axes.spines[side].set_visible(False)
 
 
 def write_png(figure: Figure, path: Path) -> None:
-    """Write the figure to ``path``."""
     FigureCanvasAgg(figure).print_png(path)

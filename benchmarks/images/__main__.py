@@ -92,7 +92,6 @@ class ImageFigures:
 
 
 def measure(seconds: float, folder: Path) -> ImageFigures:
-    """Run session, sender and page for ``seconds``."""
     with children(folder) as (_, start), sync_playwright() as playwright:
         start("sender", "-m", "benchmarks.images.sender")
         config = write_session(folder / "session")
@@ -112,7 +111,6 @@ def measure(seconds: float, folder: Path) -> ImageFigures:
 
 
 def _memory(page: Page, server: Child, seconds: float) -> list[float]:
-    """Resident memory in MB of ``server`` while the page runs for ``seconds``."""
     found, left_s = [], seconds
     while left_s > 0.0:
         page.wait_for_timeout(1000.0 * min(left_s, _SAMPLE_S))
@@ -122,7 +120,6 @@ def _memory(page: Page, server: Child, seconds: float) -> list[float]:
 
 
 def main() -> int:
-    """Measure, print and compare with the goals."""
     parser = BenchParser("images", __doc__)
     parser.number("--minutes", 1.0, "duration", low=0, high=600, above=True)
     options = parser.parse_args()

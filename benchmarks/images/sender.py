@@ -25,13 +25,11 @@ _DIFFERENT = 16
 
 
 def image_values(number: int) -> NDArray[np.uint8]:
-    """Pixels of image ``number``, (rows, columns): speckle."""
     rng = np.random.default_rng(number % _DIFFERENT)
     return rng.integers(0, 256, (ROWS, COLUMNS), dtype=np.uint8)
 
 
 def main() -> None:
-    """Send until standard input ends."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--images-hz", type=float, default=30.0)
     parser.add_argument("--poses-hz", type=float, default=60.0)

@@ -18,7 +18,6 @@ _BINS = 120
 
 
 def write_plots(runs: Sequence[Run], stops: Sequence[StopRun], folder: Path) -> None:
-    """Write `DELAYS` and `STOPS` into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in ((DELAYS, _delays(runs)), (STOPS, _stops(stops))):
         write_png(figure, folder / name)

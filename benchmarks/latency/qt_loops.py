@@ -32,7 +32,6 @@ def run_keeping(stop_after_ms: int = DEADLINE_MS) -> None:
 
 
 def quit_loop() -> None:
-    """End the loop that runs."""
     QtCore.QCoreApplication.exit(0)
 
 

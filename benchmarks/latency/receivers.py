@@ -50,7 +50,6 @@ class Receiver(ABC):
 def add_bodies(
     scene: vtkMRMLScene, frames: Sequence[str], parents: Sequence[vtkMRMLTransformNode]
 ) -> None:
-    """Add a model of a body below each of ``parents``."""
     surface = smooth_surface(lobed_tumor(_TRIANGLES))
     for frame, parent in zip(frames, parents, strict=True):
         add_model(scene, f"{frame}_model", surface, (0.7, 0.7, 0.7), parent=parent)

@@ -104,7 +104,6 @@ class Run:
 
 
 def mean_or_none(values: FloatArray) -> float | None:
-    """The mean; None without values."""
     return float(values.mean()) if len(values) else None
 
 
@@ -157,12 +156,10 @@ _STOP_COLUMNS = {
 
 
 def runs_table(documents: Iterable[Mapping[str, Any]], title: str) -> Table:
-    """One row per receiver, times in ms."""
     return _table(documents, title, _RUN_COLUMNS, left=2)
 
 
 def stops_table(documents: Iterable[Mapping[str, Any]], title: str) -> Table:
-    """One row per robot, times in ms."""
     return _table(documents, title, _STOP_COLUMNS, left=1)
 
 

@@ -33,7 +33,6 @@ _DRAIN_TIME_S = 0.3
 
 
 def body_frames(count: int) -> tuple[str, ...]:
-    """Frame names of ``count`` bodies."""
     return tuple(f"body_{number:02d}" for number in range(count))
 
 
@@ -107,7 +106,6 @@ class IgtlOutput:
 
 
 def send_bodies(kind: str, bodies: float, rate_hz: float, warm_up_s: float, seconds: float) -> None:
-    """Send the bodies."""
     from app.bridge import prepare_environment
 
     prepare_environment()
@@ -131,7 +129,6 @@ def send_bodies(kind: str, bodies: float, rate_hz: float, warm_up_s: float, seco
 
 
 def urdf() -> str:
-    """An arm of `LINKS` boxes."""
     links = "".join(
         f'<link name="link_{number}"><visual><origin xyz="0 0 {LINK_M / 2}"/>'
         f'<geometry><box size="0.03 0.03 {LINK_M}"/></geometry></visual></link>'
@@ -155,7 +152,6 @@ def angle_at(second: float, move_s: float, rest_s: float) -> tuple[float, int, b
 
 
 def link_message(name: str, angle_rad: float, stamp_ns: int) -> Any:
-    """All links; each joint has the angle."""
     from geometry_msgs.msg import TransformStamped
     from tf2_msgs.msg import TFMessage
 
@@ -175,7 +171,6 @@ def link_message(name: str, angle_rad: float, stamp_ns: int) -> Any:
 def send_links(
     name: str, rate_hz: float, warm_up_s: float, stops: float, move_s: float, rest_s: float
 ) -> None:
-    """Send the links of the arm ``name``."""
     import rclpy
     from rclpy.qos import QoSProfile
     from tf2_msgs.msg import TFMessage

@@ -108,7 +108,6 @@ def figures(
 
 
 def failures(found: Figures) -> list[str]:
-    """Missed requirements, one sentence each."""
     gap_ms = max(MAX_GAP_MS, found.bare_gaps.max_ms)
     order = f"{found.received} of {found.sent} messages, in order: {found.in_order}"
     return missed(
@@ -122,7 +121,6 @@ def failures(found: Figures) -> list[str]:
 
 
 def run(seconds: float, case: Path) -> Figures:
-    """Start the processes, wait for them, and read their results."""
     with own_ros() as folder, children(folder) as (parts, start):
         for part in ("receiver", "sender", "bare"):
             start(part, "-m", "benchmarks.rate.processes", part, folder, seconds, case)

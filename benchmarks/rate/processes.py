@@ -24,7 +24,6 @@ Times = NDArray[np.int64]
 
 
 def bare(folder: Path, seconds: float, case: Path) -> None:
-    """Sleep from millisecond to millisecond, and record when it wakes."""
     from app.bridge.heartbeat import ask_for_real_time
 
     woke_ns: Times = np.zeros(round(seconds * RATE_HZ), dtype=np.int64)
@@ -101,7 +100,6 @@ class RecordingPublisher:
 
 
 def sender(folder: Path, seconds: float, case: Path) -> None:
-    """Step a session in real time, and send its constraint at 1 kHz."""
     from app.bridge import RosNode, topics
     from app.bridge.publishing.constraint import ConstraintBuilder
     from app.bridge.publishing.constraint_stream import ConstraintStream

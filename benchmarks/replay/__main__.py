@@ -131,7 +131,6 @@ def compared(replays: Sequence[dict[str, Any]], complete: Sequence[dict[str, Any
 
 
 def main() -> int:
-    """Measure, print a table, and write the figures if requested."""
     parser = BenchParser("replay", __doc__)
     parser.case("case")
     parser.number("--runs", 5, "the fastest counts")
@@ -156,7 +155,6 @@ def main() -> int:
 
 
 def _measured_replay(options: Any, folder: Path, report: str) -> tuple[dict[str, Any], list[Row]]:
-    """The figures of the replay, and the rows of the table."""
     case, with_ros = options.case, None
     run(case, "--report", report)  # fills the caches of kernels and compiled modules
     if options.minutes is not None:
@@ -195,7 +193,6 @@ def _measured_replay(options: Any, folder: Path, report: str) -> tuple[dict[str,
 
 
 def _measured_report(options: Any, folder: Path, report: str) -> tuple[dict[str, Any], list[Row]]:
-    """The figures of all results beyond the replay, and the rows of the table."""
     every = ("--report", report, "--all")
     run(options.case, *every)  # fills the caches of kernels and compiled modules
     runs: dict[tuple[str, ...], list[dict[str, Any]]] = {(): [], every: []}

@@ -94,7 +94,6 @@ def run_world(path: Path, count: int) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark; return its exit status."""
     parser = BenchParser("simulation", __doc__, json=False)
     parser.add_argument(
         "world",

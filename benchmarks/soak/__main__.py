@@ -88,7 +88,6 @@ def soak(folder: Path, seconds: float, path: Path | None, *, page: bool) -> dict
 
 
 def wait_for_constraints(receiver: Child, live: Child) -> None:
-    """Wait until constraints of the session and of the bare sender arrive."""
     while True:
         receiver.send(do="figures")
         topics = receiver.expect("figures")["topics"]
@@ -123,7 +122,6 @@ def slope_mb_h(rows: list[dict[str, float]], name: str) -> float | None:
 
 
 def failures(found: dict[str, Any]) -> list[str]:
-    """Missed requirements, one sentence each."""
     slope, guard, bare = found["live: MB/h"], found[GUARD], found[BARE]
     long = found["minutes"] >= MIN_SLOPE_MINUTES
     grows = long and not (slope is not None and slope < MAX_SLOPE_MB_H)

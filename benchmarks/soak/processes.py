@@ -71,7 +71,6 @@ def percentile_ms(histogram: NDArray[np.int64], share: float) -> float:
 
 
 def receiver() -> None:
-    """Count until standard input ends."""
     import rclpy
     from marginguard_msgs.msg import FixtureConstraint
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -101,7 +100,6 @@ def receiver() -> None:
 
 
 def sender(seconds: str) -> None:
-    """Send at 1 kHz."""
     import rclpy
     from marginguard_msgs.msg import FixtureConstraint, HalfSpace
     from rclpy.qos import QoSProfile
@@ -124,7 +122,6 @@ def sender(seconds: str) -> None:
 
 
 def browser(url: str) -> None:
-    """Play until standard input ends."""
     from playwright.sync_api import sync_playwright
 
     from benchmarks.view.chromium import SIZE, launch

@@ -28,7 +28,6 @@ from benchmarks.view.stamps import READ_IN_PAGE
 
 
 def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> ViewFigures:
-    """Figures of a page that shows ``seconds`` of the case."""
     with tempfile.TemporaryDirectory() as folder, children(Path(folder)) as (_, start):
         server = start("server", "-m", "benchmarks.view.server", schedule, case)
         page = browser.new_page(viewport=SIZE)

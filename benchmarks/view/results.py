@@ -46,7 +46,6 @@ def figures(seen: list[list[float]], due_ms: list[float], seconds: float) -> Vie
 
 
 def failures(ours: ViewFigures) -> list[str]:
-    """Missed requirements, one sentence each."""
     return missed(
         (
             at_least("there are", ours.per_s, MIN_PER_S, "pictures a second"),
@@ -57,7 +56,6 @@ def failures(ours: ViewFigures) -> list[str]:
 
 
 def ratios(ours: ViewFigures, peer: ViewFigures) -> dict[str, Any]:
-    """Ratios of ours to the peer."""
     return {
         "per_s": round(ours.per_s / peer.per_s, 2),
         "delay_p50": round(ours.delay_p50_ms / peer.delay_p50_ms, 2),
