@@ -93,9 +93,9 @@ def write_scene(path: Path, begin_ns: int, rate_hz: int = RATE_HZ) -> Scene:
         tracker_from_base = poses[REFERENCE] @ registration
         turn = tracker_from_base.rotation.T @ tracker_from_tumor.rotation
         truths.append(Truth(proximity.signed_distance_mm, approach, turn))
-    for frame, other in zip(frames, frames[1:] + frames[-2:-1], strict=True):
-        moved = np.subtract(frame["edges"][2][:3], other["edges"][2][:3])
-        frame["speed_mm_s"] = 1000.0 * float(np.linalg.norm(moved)) * rate_hz
+    for one, other in zip(frames, frames[1:] + frames[-2:-1], strict=True):
+        moved = np.subtract(one["edges"][2][:3], other["edges"][2][:3])
+        one["speed_mm_s"] = 1000.0 * float(np.linalg.norm(moved)) * rate_hz
     document = {
         "period_ns": NS_PER_S // rate_hz,
         "begin_ns": begin_ns,
