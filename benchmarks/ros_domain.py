@@ -28,3 +28,21 @@ def reserved_domain() -> Iterator[int]:
             yield domain
             return
     raise RuntimeError(f"all ROS domains from 1 to {MAX_DOMAIN} are reserved on this machine")
+
+
+@contextmanager
+def own_ros(folder: Path | None = None) -> Iterator[Path]:
+    """Reserve a domain for this process and its children, before ROS is loaded.
+
+    Yields ``folder``, by default a temporary one, in which a session also keeps its state. Other
+    ROS traffic of the machine stays out of the figures.
+    """
+    from app.bridge.environment import prepare_environment
+
+    with reserved_domain() as domain, tempfile.TemporaryDirectory() as temporary:
+        folder = folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        os.environ["XDG_STATE_HOME"] = str(folder / "state")
+        prepare_environment()
+        yield folder

@@ -9,23 +9,22 @@ thread, is above 1 ms, or when the resident memory grows by more than 2 MB after
 time is printed as well; on an idle machine it is the same.
 """
 
-import json
-import os
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from app.case import TrackingFrame
 from app.cli.progress import announce_duration
 from app.fixture import MarginState, Proximity, SweptProximity
-from app.geometry import FloatArray, Stamp, Transform
+from app.geometry import Stamp, Transform
 from app.runtime import prepare_case
 from app.session import ProximityModel, Session, SessionSetup
-from benchmarks.case_options import case_options
+from benchmarks.harness.figures import Spread, at_most, finish, missed, show, table
+from benchmarks.harness.options import BenchParser
+from benchmarks.harness.peer import paced
+from benchmarks.harness.processes import resident_mb
 from benchmarks.session_trajectory import Trajectory
 
 RATE_HZ = 1000
@@ -37,20 +36,6 @@ WARM_UP = 0.1
 _PERIOD_NS = 1_000_000_000 // RATE_HZ
 _BARE_S = 5.0
 _MEMORY_EVERY = RATE_HZ // 2
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Median, 99th percentile and largest, in ms."""
-
-    p50_ms: float
-    p99_ms: float
-    max_ms: float
-
-    @classmethod
-    def of(cls, ns: FloatArray) -> "Spread":
-        """Spread of durations (n,) in ns."""
-        return cls(*(float(value) for value in np.percentile(ns / 1e6, [50, 99, 100])))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,23 +67,6 @@ class Figures:
     states: dict[str, int]
 
 
-def paced(count: int, cycle: Callable[[int], None]) -> FloatArray:
-    """Call ``cycle`` at `RATE_HZ` on an absolute clock; returns the delay of each call in ns.
-
-    A cycle that takes too long delays the next ones; none is skipped.
-    """
-    late = np.zeros(count)
-    begin = time.perf_counter_ns()
-    for k in range(count):
-        due = begin + k * _PERIOD_NS
-        ahead = due - time.perf_counter_ns()
-        if ahead > 0:
-            time.sleep(ahead / 1e9)
-        late[k] = time.perf_counter_ns() - due
-        cycle(k)
-    return late
-
-
 class TimedModel:
     """A proximity model that sums the CPU time of its evaluations and sweeps."""
 
@@ -111,18 +79,20 @@ class TimedModel:
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
         """Evaluate the model, timed."""
         begin = time.thread_time_ns()
-        found = self._model.evaluate(tumor_from_tool, stamp)
-        self.cpu_ns += time.thread_time_ns() - begin
-        return found
+        try:
+            return self._model.evaluate(tumor_from_tool, stamp)
+        finally:
+            self.cpu_ns += time.thread_time_ns() - begin
 
     def sweep(
         self, previous: Transform, current: Transform, stamp: Stamp | None = None
     ) -> SweptProximity:
         """Sweep the model, timed."""
         begin = time.thread_time_ns()
-        found = self._model.sweep(previous, current, stamp)
-        self.cpu_ns += time.thread_time_ns() - begin
-        return found
+        try:
+            return self._model.sweep(previous, current, stamp)
+        finally:
+            self.cpu_ns += time.thread_time_ns() - begin
 
 
 class Stepping:
@@ -152,76 +122,69 @@ class Stepping:
             self.rss_mb[k // _MEMORY_EVERY] = resident_mb()
 
 
-def resident_mb() -> float:
-    """Resident memory of this process in MB, as counted by the kernel."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
     """Run the bare loop, then ``count`` session steps."""
     stepping = Stepping(setup, source.frames(count), count)
     start_mb = resident_mb()
-    bare_late = paced(min(count, int(_BARE_S * RATE_HZ)), lambda k: None)
-    late = paced(count, stepping.cycle)
+    bare_count = min(count, int(_BARE_S * RATE_HZ))
+    bare_late = paced(bare_count, _PERIOD_NS, lambda k: None)
+    late = paced(count, _PERIOD_NS, stepping.cycle)
     warm = int(WARM_UP * len(stepping.rss_mb)) + 1
     rss_mb = stepping.rss_mb[warm - 1 :]
     minutes = np.arange(len(rss_mb)) * _MEMORY_EVERY / RATE_HZ / 60.0
     slope = float(np.polyfit(minutes, rss_mb, 1)[0]) if len(rss_mb) > 1 else float("nan")
     return Figures(
         steps=count,
-        step_cpu=Spread.of(stepping.cpu_ns),
-        model_cpu=Spread.of(stepping.model_ns),
-        rest_cpu=Spread.of(stepping.cpu_ns - stepping.model_ns),
-        step_wall=Spread.of(stepping.wall_ns),
-        late=Spread.of(late),
-        bare_late=Spread.of(bare_late),
+        step_cpu=Spread.of(stepping.cpu_ns / 1e6),
+        model_cpu=Spread.of(stepping.model_ns / 1e6),
+        rest_cpu=Spread.of((stepping.cpu_ns - stepping.model_ns) / 1e6),
+        step_wall=Spread.of(stepping.wall_ns / 1e6),
+        late=Spread.of(np.array(late) / 1e6),
+        bare_late=Spread.of(np.array(bare_late) / 1e6),
         memory=Memory(start_mb, float(rss_mb[0]), float(rss_mb[-1]), slope),
         states={state.name: number for state, number in stepping.states.items()},
     )
 
 
 def failures(figures: Figures) -> list[str]:
-    """Missed requirements, one sentence each."""
-    found = []
-    if figures.step_cpu.p99_ms > MAX_STEP_MS:
-        found.append(
-            f"step p99 is {figures.step_cpu.p99_ms:.3f} ms; expected at most {MAX_STEP_MS} ms"
-        )
     growth_mb = figures.memory.end_mb - figures.memory.warm_mb
-    if growth_mb > MAX_GROWTH_MB:
-        found.append(f"memory grew by {growth_mb:.2f} MB; expected at most {MAX_GROWTH_MB} MB")
-    return found
+    return missed(
+        (
+            at_most("step p99 is", figures.step_cpu.p99_ms, MAX_STEP_MS, "ms", ".3f"),
+            at_most("memory grew by", growth_mb, MAX_GROWTH_MB, "MB", ".2f"),
+        )
+    )
 
 
 def main() -> int:
-    options = case_options("session", __doc__)
+    parser = BenchParser("session", __doc__)
+    parser.number("--seconds", 60.0, "how long")
+    parser.case()
+    options = parser.parse_args()
     prepared = prepare_case(options.case)
     source = Trajectory(list(prepared.case.frames()), RATE_HZ)
     announce_duration("stepping", options.seconds + min(options.seconds, _BARE_S))
     figures = measure(prepared.setup, source, max(1, round(options.seconds * RATE_HZ)))
-    print(f"{figures.steps} steps at {RATE_HZ} Hz      p50 ms   p99 ms   max ms")
-    for name, spread in (
-        ("step, thread CPU time", figures.step_cpu),
-        ("  of it proximity", figures.model_cpu),
-        ("  of it the rest", figures.rest_cpu),
-        ("step, wall time", figures.step_wall),
-        ("cycle begins late by", figures.late),
-        ("bare loop late by", figures.bare_late),
-    ):
-        print(f"  {name:<24}{spread.p50_ms:>9.3f}{spread.p99_ms:>9.3f}{spread.max_ms:>9.3f}")
+    rows = {
+        "step, thread CPU time": figures.step_cpu,
+        "  of it proximity": figures.model_cpu,
+        "  of it the rest": figures.rest_cpu,
+        "step, wall time": figures.step_wall,
+        "cycle begins late by": figures.late,
+        "bare loop late by": figures.bare_late,
+    }
     memory = figures.memory
-    print(
+    show(
+        table(
+            f"{figures.steps} steps at {RATE_HZ} Hz",
+            ("", "p50 ms", "p99 ms", "max ms"),
+            [(name, *spread.cells) for name, spread in rows.items()],
+        ),
         f"  resident memory: {memory.start_mb:.2f} MB at the start, {memory.warm_mb:.2f} MB after "
-        f"the warm-up, {memory.end_mb:.2f} MB at the end, {memory.slope_mb_min:+.3f} MB/min"
+        f"the warm-up, {memory.end_mb:.2f} MB at the end, {memory.slope_mb_min:+.3f} MB/min",
+        "  states: " + ", ".join(f"{name} {count}" for name, count in figures.states.items()),
     )
-    print("  states: " + ", ".join(f"{name} {count}" for name, count in figures.states.items()))
-    wrong = failures(figures)
-    if options.json is not None:
-        options.json.write_text(json.dumps({**asdict(figures), "failures": wrong}, indent=1) + "\n")
-    for sentence in wrong:
-        print(sentence, file=sys.stderr)
-    return 1 if wrong else 0
+    return finish(options.json, asdict(figures), failures(figures))
 
 
 if __name__ == "__main__":

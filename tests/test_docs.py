@@ -223,9 +223,9 @@ def _options(parser: argparse.ArgumentParser) -> set[str]:
 
 def _benchmark_options(name: str, root: Path) -> set[str]:
     """Options in the source text of a benchmark: its peers may not be installed."""
-    path = root / BENCHMARKS[name].replace(".", "/")
+    path = root / "benchmarks" / name.replace("-", "_")
     source = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
-    shared = root / "benchmarks/case_options.py"
+    shared = root / "benchmarks/harness/options.py"
     return {"--help", *OPTION.findall(source.read_text("utf-8") + shared.read_text("utf-8"))}
 
 

@@ -6,7 +6,6 @@ events as lines of JSON: ``ready``; ``mid`` where the tool approaches fast; ``pu
 a push. At the end it writes the truth of every physics step to FILE (.npz).
 """
 
-import argparse
 import json
 import sys
 import threading
@@ -25,9 +24,8 @@ from app.geometry import NS_PER_S, FloatArray
 from app.robot import Robot
 from app.simulation import World, WorldState, open_world
 from benchmarks.closed_loop.hand import PUSH_S, Phase, PushingHand
-
-RAW_TOPIC = "/tracker/raw"
-"""Where the tracker's samples are published; `tracker_relay` passes them on."""
+from benchmarks.closed_loop.stand_ins import RAW_TOPIC
+from benchmarks.harness.peer import emit
 
 MIN_EFFORT_N_M = 5.0
 MID_MM, MID_MM_S = 28.0, 40.0
@@ -74,10 +72,10 @@ class TruthShell:
             moved = float(np.linalg.norm(tool.translation_mm - before[1]))
             if moved * NS_PER_S > MID_MM_S * (stamp_ns - before[0]):
                 self._is_mid = True
-                _print(event="mid", stamp_ns=stamp_ns)
+                emit("mid", stamp_ns=stamp_ns)
         if phase is Phase.REST and self._last_phase is not Phase.REST:
             rows = (self._first_row, len(self._stamps))
-            _print(event="pushed", reached=self._hand.reached, rows=rows, lags=self.lags)
+            emit("pushed", reached=self._hand.reached, rows=rows, lags=self.lags)
         self._last_phase = phase
 
     def idle(self) -> None:
@@ -111,19 +109,14 @@ def with_strong_drives(robot: Robot) -> Robot:
 
 
 def main() -> int:
-    """Simulate until the line ``end``."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("seed", type=int)
-    parser.add_argument("tracker_seed", type=int)
-    parser.add_argument("file", type=Path)
-    options = parser.parse_args()
+    seed, tracker_seed, file = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
     prepare_environment()
     description = open_world(shipped("data", "worlds", "lumpectomy"))
     (robot,), (tumor,), hand = description.robots, description.tissues, description.hand
     assert robot.tool is not None and hand is not None
     description = replace(
         description,
-        seed=options.tracker_seed,
+        seed=tracker_seed,
         robots=(replace(robot, collision="none", robot=with_strong_drives(robot.robot)),),
         bodies=(),
         tissues=(replace(tumor, shifts=()),),
@@ -132,7 +125,7 @@ def main() -> int:
     world, stop = World(description), threading.Event()
     remap = ("--ros-args", "-r", f"/tracked_transforms:={RAW_TOPIC}")
     with RosNode(NODE_NAME, ros_args=remap) as ros:
-        pushing = PushingHand(robot.tool.name, tumor.name, hand.force_n, options.seed)
+        pushing = PushingHand(robot.tool.name, tumor.name, hand.force_n, seed)
         node = SimulationNode(ros, description, hand=pushing)
         shell = TruthShell(node, pushing, tumor.name)
         with prompt_process():  # as 'marginguard simulate'
@@ -141,10 +134,10 @@ def main() -> int:
             )
             node.serve(pace)
             threading.Thread(target=_read, args=(shell, stop), daemon=True).start()
-            _print(event="ready")
+            emit("ready")
             pace.run(shell, stop)
-    shell.write(options.file)
-    _print(event="written")
+    shell.write(file)
+    emit("written")
     return 0
 
 
@@ -155,10 +148,6 @@ def _read(shell: TruthShell, stop: threading.Event) -> None:
             break
         shell.push(command["number"], command.get("push_s", PUSH_S))
     stop.set()
-
-
-def _print(**event: object) -> None:
-    print(json.dumps(event), flush=True)
 
 
 if __name__ == "__main__":

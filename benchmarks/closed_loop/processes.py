@@ -1,20 +1,17 @@
 """The processes of the loop: physics and hand, the tracker's driver, guard and controller."""
 
-import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from app.files.shipped import shipped
 from benchmarks.closed_loop.base_error import drawn_registration
 from benchmarks.closed_loop.loop_operator import Operator
-from benchmarks.faults.child import Child, ChildError
+from benchmarks.harness.processes import CLI, Child, children
 
 START_S = 300.0
 """A guard that compiles its kernels takes minutes to start."""
@@ -47,7 +44,7 @@ class Loop:
 
     def cpu_s(self) -> dict[str, float]:
         """Processor time of each process since its start, in s; 0 for one that has ended."""
-        return {name: _cpu_s(child.process.pid) for name, child in self.children.items()}
+        return {name: child.cpu_s for name, child in self.children.items()}
 
     def follows(self, timeout_s: float = START_S) -> bool:
         """Wait until the arm follows the hand."""
@@ -68,40 +65,23 @@ def running_loop(
     """Start all processes, the physics last; end them on exit. Logs and truth are in ``folder``.
 
     ``seed`` gives the directions of the pushes, ``tracker_seed`` the errors of tracker and
-    registration, by default the same. Without ``fixture`` the guard is `open_guard`.
+    registration, by default the same. Without ``fixture`` the guard is that of `stand_ins`.
     ``base_error``: the base in the controller's file has an error (`base_error`).
     """
     folder.mkdir(parents=True, exist_ok=True)
     errors_seed = seed if tracker_seed is None else tracker_seed
     control, truth_file = write_control(folder, base_error, errors_seed), folder / "truth.npz"
-    live = str(shipped(*WORLD, "live.yaml"))
-    cli = ["-m", "app.cli"]
-    guard = [*cli, "live", "--config", live, "--constraint-hz", "200"]
-    programs = {
-        "tracker": ["-m", "benchmarks.closed_loop.tracker_relay"],
-        "guard": guard if fixture else ["-m", "benchmarks.closed_loop.open_guard"],
-        "controller": [*cli, "control", str(control)],
-        "physics": [
-            "-m",
-            "benchmarks.closed_loop.physics",
-            str(seed),
-            str(errors_seed),
-            str(truth_file),
-        ],
-    }
-    children: dict[str, Child] = {}
-    try:
-        for name, arguments in programs.items():
-            if name == "physics":  # real time begins when the others have started
-                for other in children.values():
-                    _wait_for_output(other)
-            children[name] = Child(name, arguments, folder / f"{name}.log")
-        loop = Loop(children, operator, truth_file)
-        loop.expect("ready", START_S)
-        yield loop
-    finally:
-        for child in children.values():
-            child.end()
+    live = ("live", "--config", shipped(*WORLD, "live.yaml"), "--constraint-hz", 200)
+    stand_in = ("-m", "benchmarks.closed_loop.stand_ins")
+    physics = ("-m", "benchmarks.closed_loop.physics", seed, errors_seed, truth_file)
+    with children(folder) as (running, start):
+        start("tracker", *stand_in, "tracker")
+        start("guard", *((*CLI, *live) if fixture else (*stand_in, "guard")))
+        start("controller", *CLI, "control", control)
+        for child in running.values():  # real time begins when the others have started
+            child.first_output(START_S)
+        start("physics", *physics).expect("ready", START_S)
+        yield Loop(running, operator, truth_file)
 
 
 def write_control(folder: Path, base_error: bool, seed: int) -> Path:
@@ -112,28 +92,3 @@ def write_control(folder: Path, base_error: bool, seed: int) -> Path:
     path = folder / "control.yaml"
     path.write_text(yaml.safe_dump(document))
     return path
-
-
-def _cpu_s(pid: int) -> float:
-    """User and system time of a process in s (proc(5)); 0 if it has ended."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _wait_for_output(child: Child) -> None:
-    """Wait for the first line of a program: an event, or another line of a command."""
-    end_s = time.monotonic() + START_S
-    while child.running and time.monotonic() < end_s:
-        if child.has_output:
-            return
-        time.sleep(0.05)
-    raise ChildError(f"{child.name} has not started: {child.tail()}")
-
-
-def read_truth(path: Path) -> dict[str, Any]:
-    """The truth that the physics has written: ``stamps`` (n, 3), ``poses`` (n, 24)."""
-    with np.load(path) as found:
-        return {name: found[name] for name in found.files}

@@ -122,12 +122,11 @@ def judged(
     rows: tuple[int, int],
     stops: Mapping[str, int],
 ) -> Push:
-    """Judge the push at ``rows`` of the truth."""
     first, _ = truth.phase_rows(*rows, Phase.PUSH)
     distances = truth.distances_mm(engine, first, rows[1])
-    slide = truth.phase_rows(*rows, Phase.SLIDE)
-    retreat = truth.phase_rows(*rows, Phase.RETREAT)
-    push = truth.phase_rows(*rows, Phase.PUSH)
+    push, slide, retreat = (
+        truth.phase_rows(*rows, phase) for phase in (Phase.PUSH, Phase.SLIDE, Phase.RETREAT)
+    )
     disabled = int(np.count_nonzero(np.diff(truth.enabled[first : rows[1]].astype(int)) < 0))
     causes = {**stops, "arm stood": disabled} if disabled else dict(stops)
     return Push(

@@ -59,6 +59,18 @@ class Stop:
         """True if the arm stood in time."""
         return self.still_ms is not None and self.still_ms <= self.limit_ms + ALLOWED_MS
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Cells of a table."""
+        return (
+            f"{self.process}-{self.signal}",
+            f"{self.speed_mm_s:.0f} mm/s",
+            "moves" if self.still_ms is None else f"{self.still_ms:.0f} ms",
+            f"{self.limit_ms:.0f}+{ALLOWED_MS:.0f} ms",
+            f"{self.lowest_mm:.1f} mm",
+            "" if self.again_mm is None else f"{self.again_mm:.1f} mm",
+        )
+
 
 def run_stop(
     folder: Path, operator: Operator, *, process: str, number: signal.Signals, seed: int

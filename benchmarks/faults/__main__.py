@@ -13,25 +13,17 @@ Exit status 1 when a row that must be safe is not, or could not be measured. Row
 source of truth are named as residual risks.
 """
 
-import argparse
-import json
-import os
-import platform
 import sys
-import tempfile
 from pathlib import Path
+from typing import Any
 
-from rich.console import Console
+from benchmarks.harness.figures import load, show, write_json
+from benchmarks.harness.options import BenchParser
+from benchmarks.ros_domain import own_ros
 
-from benchmarks.ros_domain import reserved_domain
 
-
-def parsed() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="marginguard bench faults",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def main() -> int:
+    parser = BenchParser("faults", __doc__)
     parser.add_argument(
         "--rows",
         nargs="+",
@@ -40,39 +32,19 @@ def parsed() -> argparse.Namespace:
         help="only rows whose name contains a text, or matches it as a wildcard",
     )
     parser.add_argument("--list", action="store_true", help="list the rows and end")
-    parser.add_argument("--trials", type=int, default=3, help="per row (default: 3)")
-    parser.add_argument(
-        "--constraint-hz", type=float, default=1000.0, help="of the guard (default: 1000)"
-    )
-    parser.add_argument(
-        "--stale-ms",
-        type=float,
-        help="stale_after_ms of the guard (default: that of the shipped live.yaml)",
-    )
+    parser.number("--trials", 3, "per row")
+    parser.number("--constraint-hz", 1000.0, "of the guard")
+    text = "stale_after_ms of the guard (default: that of the shipped live.yaml)"
+    parser.number("--stale-ms", None, text)
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep the programs' logs there")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
     options = parser.parse_args()
-    if options.trials < 1:
-        parser.error(f"--trials is {options.trials}; expected 1 or more")
-    return options
+    with own_ros(options.logs) as folder:
+        return run(options, folder)
 
 
-def main() -> int:
-    options = parsed()
-    with reserved_domain() as domain, tempfile.TemporaryDirectory() as temporary:
-        folder = options.logs or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        return run(options, domain, folder)
-
-
-def run(options: argparse.Namespace, domain: int, folder: Path) -> int:
-    """Run the selected rows in the ROS domain ``domain``; return the exit status."""
-    from benchmarks.faults.environment import prepare
-
-    prepare(domain, folder)
+def run(options: Any, folder: Path) -> int:
     # Load ROS only now: it reads the variables when it is loaded.
-    from benchmarks.faults.bench import Bench, Options
-    from benchmarks.faults.child import GuardStartError
+    from benchmarks.faults.bench import Bench, GuardStartError
     from benchmarks.faults.results import results_table
     from benchmarks.faults.run import run_rows, selected
 
@@ -80,29 +52,23 @@ def run(options: argparse.Namespace, domain: int, folder: Path) -> int:
     if options.list or not rows:
         print("\n".join(row.label for row in rows) or "no row has such a name; see --list")
         return 0 if rows else 2
-    bench = Bench(folder, Options(options.constraint_hz, options.stale_ms))
-    results = []
+    bench = Bench(folder, options.constraint_hz, options.stale_ms)
+    documents: list[dict[str, Any]] = []
+    passed = True
     try:
-        for result in run_rows(bench, rows, options.trials, lambda line: print(line, flush=True)):
-            results.append(result)
-            if options.json is not None:
-                machine = {"cores": os.cpu_count(), "kind": platform.machine()}
-                document = {
-                    "machine": {**machine, "load": os.getloadavg()[0]},
-                    "rows": [each.document() for each in results],
-                }
-                options.json.write_text(json.dumps(document, indent=1) + "\n")
+        for result in run_rows(bench, rows, options.trials):
+            print(f"{result.row.label}: {result.outcome}", flush=True)
+            passed = passed and result.passed
+            documents.append(result.document())
+            write_json(options.json, {"rows": documents})
     except GuardStartError as error:
         print(f"marginguard: error: {error}", file=sys.stderr)
         return 1
     finally:
         bench.close()
-    console = Console(width=None if sys.stdout.isatty() else 200)
-    title = (
-        f"{options.trials} trials per row; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
-    )
-    console.print(results_table(results, title), highlight=False)
-    return 0 if all(result.passed for result in results) else 1
+    title = f"{options.trials} trials per row; load {load():.1f}"
+    show(results_table(documents, title), width=200)
+    return 0 if passed else 1
 
 
 if __name__ == "__main__":

@@ -4,22 +4,22 @@ import json
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from app.files.shipped import shipped
-from benchmarks.faults.child import Child, ChildError, GuardStartError
 from benchmarks.faults.controller import Controller
 from benchmarks.faults.records import TOLERANCE_NS, Constraint, Twist, Verdict, judge
 from benchmarks.faults.scene import Scene, write_scene
+from benchmarks.harness.processes import CLI, Child, ChildError
 
-HERE = Path(__file__).resolve().parent
-LIVE_YAML = Path("data/live_example/live.yaml")
 NS_PER_MS = 1_000_000
+ALL = ["reference", "needle", "cautery"]
+"""The sensors."""
+
 START_S = 90.0
 """A guard that starts may compile kernels."""
 
@@ -37,20 +37,19 @@ class UnmeasuredError(RuntimeError):
     """The fault could not be injected, or its effect could not be separated from another."""
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """``constraint_hz`` of the guard; ``stale_ms`` of its configuration, None for the shipped."""
-
-    constraint_hz: float = 1000.0
-    stale_ms: float | None = None
+class GuardStartError(RuntimeError):
+    """The program under test does not start, so that no row can be measured."""
 
 
 class Bench:
-    """Starts what a row needs, keeps it for the next rows, and judges what follows a fault."""
+    """Starts what a row needs, keeps it for the next rows, and judges what follows a fault.
 
-    def __init__(self, folder: Path, options: Options) -> None:
+    ``stale_ms`` of the guard's configuration: None for the shipped one.
+    """
+
+    def __init__(self, folder: Path, constraint_hz: float, stale_ms: float | None) -> None:
         self.folder = folder
-        self.options = options
+        self._constraint_hz, self._stale_ms = constraint_hz, stale_ms
         self._scene_path = folder / "scene.json"
         self.scene: Scene = write_scene(self._scene_path, time.time_ns())
         self.controller = Controller(self.scene)
@@ -90,19 +89,21 @@ class Bench:
     def another_guard(self) -> Child:
         """Start a further `marginguard live` with the same configuration."""
         path = self.folder / "live.yaml"
-        values = yaml.safe_load((shipped() / LIVE_YAML).read_text())
+        values = yaml.safe_load(shipped("data", "live_example", "live.yaml").read_text())
         if not self._with_robot:
             for key in ("robot", "registration", "clock"):
                 values.pop(key, None)
-        if self.options.stale_ms is not None:
-            values["margins"]["stale_after_ms"] = self.options.stale_ms
+        if self._stale_ms is not None:
+            values["margins"]["stale_after_ms"] = self._stale_ms
         self.stale_ns = round(values["margins"]["stale_after_ms"] * NS_PER_MS)
         path.write_text(yaml.safe_dump(values))
-        rate = str(self.options.constraint_hz)
-        return self.child(
-            "guard",
-            ["-m", "app.cli", "live", "--constraint-hz", rate, "--config", str(path)],
-        )
+        arguments = ("--constraint-hz", str(self._constraint_hz), "--config", str(path))
+        return self.child("guard", [*CLI, "live", *arguments])
+
+    @property
+    def stale_ms(self) -> float:
+        """``stale_after_ms`` of the guard."""
+        return self.stale_ns / NS_PER_MS
 
     def wait_for_guard(self) -> None:
         """Wait for a first constraint of the guard that runs now; raises `GuardStartError`."""
@@ -123,24 +124,23 @@ class Bench:
 
     def sender(self, name: str, state: dict[str, Any]) -> Child:
         """A process that sends poses and joints with the faults ``state``; ``wait``: on request."""
-        script = str(HERE / "tracker_peer.py")
-        return self.child(name, [script, str(self._scene_path), json.dumps(state), f"{name}_peer"])
+        arguments = [str(self._scene_path), json.dumps(state), f"{name}_peer"]
+        return self.child(name, ["-m", "benchmarks.faults.tracker_peer", *arguments])
 
     @contextmanager
     def foreign(self) -> Iterator[Child]:
-        """A foreign node that takes requests; ends with the block."""
-        node = self.child("foreign", [str(HERE / "foreign_peer.py")])
+        """A foreign node that takes requests, beside a permissive session; ends with the block."""
+        node = self.child("foreign", ["-m", "benchmarks.faults.foreign_peer"])
         try:
             node.expect("ready")
+            self.free()
             yield node
         finally:
             self.leave(node)
 
     def leave(self, node: Child) -> None:
         """End a peer so that it leaves the graph."""
-        assert node.process.stdin is not None
-        with suppress(OSError):
-            node.process.stdin.close()
+        node.close_input()
         node.end(signal.SIGCONT)
 
     def child(self, name: str, arguments: list[str]) -> Child:
@@ -176,9 +176,10 @@ class Bench:
                 if self._is_stable():
                     return
             elif latest.content.nonce and latest.content.state != 3:
-                done, refusal = controller.rearm(latest)
+                reply = controller.requests.rearm(latest.seq, latest.content.nonce)
+                refusal = reply["message"]
                 controller.forget()
-                if not done:
+                if not reply["success"]:
                     controller.wait(lambda: False, 0.1)
                 continue
             controller.wait(lambda: False, 0.02)
@@ -193,17 +194,15 @@ class Bench:
             return False
         recent = [each for each in constraints if each.sent_ns > since_ns]
         pushed = [each for each in twists if each.sent_ns > since_ns and each.permissive]
-        held = [each for each in constraints if not each.permissive]
-        if held and held[-1].sent_ns > since_ns:
-            return False
-        return bool(recent) and (len(pushed) >= MIN_PUSHED or not self.controller.pushing)
+        is_free = bool(recent) and all(each.permissive for each in recent)
+        return is_free and len(pushed) >= MIN_PUSHED
 
     def observe(
         self,
         begin_ns: int,
-        *,
         limit_ms: float,
         observe_ms: float,
+        *,
         tolerance_ns: int = TOLERANCE_NS,
         free_at_ns: int | None = -1,
     ) -> Verdict:
@@ -218,12 +217,9 @@ class Bench:
             raise UnmeasuredError("no constraint arrived after the fault")
         if free_at_ns is not None:
             self._check_free(begin_ns if free_at_ns < 0 else free_at_ns)
+        limit_ns = begin_ns + round(limit_ms * NS_PER_MS)
         return judge(
-            constraints,
-            twists,
-            begin_ns=begin_ns,
-            limit_ns=begin_ns + round(limit_ms * NS_PER_MS),
-            tolerance_ns=tolerance_ns,
+            constraints, twists, begin_ns=begin_ns, limit_ns=limit_ns, tolerance_ns=tolerance_ns
         )
 
     def keep_records(self, label: str) -> None:
@@ -258,7 +254,7 @@ class Bench:
 
     def put_on_hold(self) -> Constraint:
         """Interrupt the poses so that the guard is on hold, with valid poses again afterwards."""
-        self.set_fault(silent=["reference", "needle", "cautery"])
+        self.set_fault(silent=ALL)
         self.wait_for(lambda seen: seen.content.hold, "no hold after silence")
         self.set_fault(silent=None)
         return self.wait_for(

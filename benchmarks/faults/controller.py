@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -11,21 +11,20 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
-from marginguard_msgs.srv import Rearm
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from benchmarks.faults.records import Constraint, Content, Twist
+from app.bridge.plain_constraint import plain_constraint
+from app.fixture import FixtureRule, RuleReason
+from benchmarks.faults.records import APPROACH_MM_S, Constraint, Content, Twist
+from benchmarks.faults.requests import Requests
 from benchmarks.faults.scene import PERIOD_NS, Scene
-from benchmarks.rate_receiver import seq_of
+from benchmarks.harness.peer import seq_of
 
 PUSH_MM_S = 50.0
 PUSH_PERIOD_S = 0.02
 NS = 10**9
-DOUBLE = 3
 JUDGED_AGE_NS = 150_000_000
 """Planes are older than the answer: the most favourable truth of this time counts."""
 
@@ -40,7 +39,6 @@ class Controller:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.frame = "tumor"
-        self.pushing = True
         self._constraints: list[Constraint] = []
         self._twists: list[Twist] = []
         self._contents: OrderedDict[bytes, Content] = OrderedDict()
@@ -61,10 +59,7 @@ class Controller:
         self._desired = self.node.create_publisher(
             TwistStamped, "/marginguard/desired_twist", QoSProfile(depth=1)
         )
-        self._rearm = self.node.create_client(Rearm, "/marginguard/rearm")
-        self._set = self.node.create_client(
-            SetParametersAtomically, "/marginguard/set_parameters_atomically"
-        )
+        self.requests = Requests(self.node, timeout_s=5.0)
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
         self._threads = [
@@ -110,33 +105,6 @@ class Controller:
         while (ahead_ns := ns - time.time_ns()) > 0:
             time.sleep(ahead_ns / NS)
 
-    def rearm(self, seen: Constraint, timeout_s: float = 2.0) -> tuple[bool, str]:
-        """Re-arm as the operator who saw ``seen``; success and message of the reply."""
-        request = Rearm.Request(seq=seen.seq, nonce=seen.content.nonce)
-        reply = self._call(self._rearm, request, timeout_s)
-        return (False, "no reply") if reply is None else (reply.success, reply.message)
-
-    def set_parameters(self, timeout_s: float = 5.0, **values: float) -> tuple[bool, str]:
-        """Set parameters of the guard that are doubles, as the operator."""
-        request = SetParametersAtomically.Request(
-            parameters=[
-                Parameter(name=name, value=ParameterValue(type=DOUBLE, double_value=value))
-                for name, value in values.items()
-            ]
-        )
-        reply = self._call(self._set, request, timeout_s)
-        if reply is None:
-            return False, "no reply"
-        return reply.result.successful, reply.result.reason
-
-    def _call(self, client: Any, request: Any, timeout_s: float) -> Any:
-        if not client.wait_for_service(timeout_s):
-            return None
-        done = threading.Event()
-        future = client.call_async(request)
-        future.add_done_callback(lambda _: done.set())
-        return future.result() if done.wait(timeout_s) else None
-
     def _take_constraint(self, raw: bytes, info: dict[str, int]) -> None:
         arrived_ns = time.time_ns()
         seq = seq_of(raw)
@@ -176,8 +144,6 @@ class Controller:
 
     def _push(self) -> None:
         while not self._closing.wait(PUSH_PERIOD_S):
-            if not self.pushing:
-                continue
             now_ns, frame = time.time_ns(), self.frame
             push = PUSH_MM_S / 1000.0 * self._direction(now_ns, frame)
             message = TwistStamped()
@@ -208,3 +174,26 @@ def _content(raw: bytes) -> Content:
 
 def _ns(stamp: Any) -> int:
     return int(stamp.sec * NS + stamp.nanosec)
+
+
+def rule_approaches(constraints: Iterable[Constraint], scene: Scene, *, after_ns: int) -> int:
+    """Number of messages sent after ``after_ns`` on which the documented rule allows an approach.
+
+    The rule gets the messages in their order of arrival, and one control step follows each. The
+    point of the tool at the governing plane stands for the tip.
+    """
+    rule = FixtureRule(frame="tumor")
+    count = 0
+    for each in sorted(constraints, key=lambda one: one.arrived_ns):
+        message = deserialize_message(each.content.raw, FixtureConstraint)
+        message.seq = each.seq
+        rule.receive(plain_constraint(message), each.arrived_ns)
+        approach, tip = scene.at(each.arrived_ns).approach, np.zeros(3)
+        if message.half_spaces:
+            point = message.half_spaces[0].point_on_tool
+            tip = 1000.0 * np.array([point.x, point.y, point.z])
+        desired = np.concatenate([PUSH_MM_S * approach, np.zeros(3)])
+        decision = rule.allow(desired, tip, each.arrived_ns)
+        allowed = float(decision.twist[:3] @ approach) > APPROACH_MM_S
+        count += allowed and each.sent_ns > after_ns and decision.reason is RuleReason.ALLOWED
+    return count

@@ -1,18 +1,70 @@
-"""Results of a row over its trials, and the table of all rows."""
+"""Rows of the fault matrix, their results over the trials, and the table of all rows."""
 
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from benchmarks.faults.row import SINGLE_SOURCE, Row, Trial
+from benchmarks.faults.records import Verdict
+from benchmarks.harness.figures import table
+
+if TYPE_CHECKING:
+    from benchmarks.faults.bench import Bench
+
+DROPOUT = frozenset({"stale", "missing", "latched", "starting", "recovering", "clear", "expired"})
+"""Reasons of a hold that a busy machine causes, too."""
+
+SINGLE_SOURCE = "single source"
+"""Residual risk of a session that has no second measurement; it must be flagged as such."""
 
 SAFE, UNSAFE, RESIDUAL, UNMEASURED = "safe", "UNSAFE", "residual risk", "not measured"
 UNFLAGGED = "NOT FLAGGED"
 """A single source that the constraint does not name as such."""
+
+
+class Variant(StrEnum):
+    """Which sources the session has."""
+
+    LIVE_JOINTS = "live joints"
+    SILENT_JOINTS = "silent joints"
+    NO_ROBOT = "no robot"
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """``verdict`` of one fault, with the error of the pose when it was detected, and a note."""
+
+    verdict: Verdict
+    error_mm: float | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One fault under one variant.
+
+    ``second_source`` names what can contradict the fault; empty: nothing can, and ``residual``
+    names the risk that remains. ``bound`` is the declared limit as text. ``restarts`` is true if
+    the guard cannot be used afterwards; ``trials`` overrides the number of trials.
+    """
+
+    name: str
+    variant: Variant
+    run: Callable[["Bench"], Trial]
+    second_source: str
+    bound: str
+    residual: str = ""
+    restarts: bool = False
+    trials: int | None = None
+
+    @property
+    def label(self) -> str:
+        """Unique name: that of the fault and the variant."""
+        return f"{self.name} ({self.variant})"
 
 
 @dataclass(slots=True)
@@ -67,57 +119,42 @@ class RowResult:
 
     def document(self) -> dict[str, Any]:
         """All figures, for JSON."""
-        errors = [trial.error_mm for trial in self.trials if trial.error_mm is not None]
+        verdicts = [trial.verdict for trial in self.trials]
         times = self.to_safe_ms
-        sources = {trial.verdict.single_source for trial in self.trials}
-        return {
-            "fault": self.row.name,
-            "variant": str(self.row.variant),
-            "second_source": self.row.second_source or None,
-            "residual": self.row.residual or None,
-            "bound": self.row.bound,
-            "outcome": self.outcome,
-            "trials": len(self.trials),
-            "unmeasured": self.unmeasured,
-            "held_before": self.held_before,
-            "never_safe": self.never_safe,
-            "to_safe_ms": {
-                "median": statistics.median(times) if times else None,
-                "worst": max(times, default=None),
-            },
-            "over_limit_ms": max((t.verdict.over_limit_ms for t in self.trials), default=None),
-            "late_constraints": sum(trial.verdict.late_constraints for trial in self.trials),
-            "late_twists": sum(trial.verdict.late_twists for trial in self.trials),
-            "max_approach_mm_s": max(
-                (t.verdict.max_approach_mm_s for t in self.trials), default=None
-            ),
-            "error_mm": max(errors, default=None),
-            "single_source": None if sources <= {None} else True in sources,
-            "reasons": reasons(self.trials),
-            "notes": [trial.note for trial in self.trials if trial.note],
-            "verdicts": [asdict(trial.verdict) for trial in self.trials],
+        sources = {verdict.single_source for verdict in verdicts}
+        worst = {
+            name: max((getattr(each, name) for each in verdicts), default=None)
+            for name in ("over_limit_ms", "max_approach_mm_s")
         }
+        row, median = self.row, statistics.median(times) if times else None
+        return {
+            "fault": row.name, "variant": str(row.variant),
+            "second_source": row.second_source or None, "residual": row.residual or None,
+            "bound": row.bound, "outcome": self.outcome, "trials": len(self.trials),
+            "unmeasured": self.unmeasured, "held_before": self.held_before,
+            "never_safe": self.never_safe,
+            "to_safe_ms": {"median": median, "worst": max(times, default=None)},
+            "late_constraints": sum(verdict.late_constraints for verdict in verdicts),
+            "late_twists": sum(verdict.late_twists for verdict in verdicts),
+            **worst,
+            "error_mm": max((t.error_mm for t in self.trials if t.error_mm is not None),
+                            default=None),
+            "single_source": None if sources <= {None} else True in sources,
+            "reasons": reasons(verdicts),
+            "notes": [trial.note for trial in self.trials if trial.note],
+            "verdicts": [asdict(verdict) for verdict in verdicts],
+        }  # fmt: skip
 
 
-def reasons(trials: Sequence[Trial]) -> str:
-    """The reasons of the hold in most trials."""
-    found = Counter(", ".join(trial.verdict.reasons) for trial in trials if trial.verdict.reasons)
+def reasons(verdicts: Sequence[Verdict]) -> str:
+    found = Counter(", ".join(verdict.reasons) for verdict in verdicts if verdict.reasons)
     return found.most_common(1)[0][0] if found else ""
 
 
-def results_table(results: Iterable[RowResult], title: str) -> Table:
-    """One line per row."""
-    table = Table(title=title, title_justify="left")
-    table.add_column("fault")
-    table.add_column("sources")
-    for name in ("trials", "to safe ms", "over ms", "late", "mm/s", "error mm"):
-        table.add_column(name, justify="right")
-    table.add_column("reasons; notes")
-    table.add_column("second source")
-    table.add_column("outcome")
-    for result in results:
-        table.add_row(*_cells(result.document()))
-    return table
+def results_table(documents: Iterable[dict[str, Any]], title: str) -> Table:
+    numbers = ("trials", "to safe ms", "over ms", "late", "mm/s", "error mm")
+    headings = ("fault; sources", "reasons; notes", "second source", "outcome", *numbers)
+    return table(title, headings, map(_cells, documents), left=4)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
@@ -130,25 +167,22 @@ def _cells(row: dict[str, Any]) -> list[str]:
         safe = "-"
     else:
         safe = f"{time['median']:.0f} / {time['worst']:.0f}"
-    measured = f"{row['trials']}/{row['trials'] + len(row['unmeasured'])}"
-    note = row["notes"][-1] if row["notes"] else ""
-    why = row["unmeasured"][-1] if row["unmeasured"] and not row["trials"] else ""
-    texts = (row["held_before"], row["reasons"], note, why)
+    why = row["unmeasured"][-1:] if not row["trials"] else []
+    texts = (row["held_before"], row["reasons"], *row["notes"][-1:], *why)
     source = row["second_source"] or f"none: {row['residual']}"
     if row["single_source"] is not None:
         source += f", single_source {str(row['single_source']).lower()}"
     return [
-        row["fault"],
-        row["variant"],
-        measured,
+        f"{row['fault']} ({row['variant']})",
+        "; ".join(text for text in texts if text),
+        source,
+        row["outcome"],
+        f"{row['trials']}/{row['trials'] + len(row['unmeasured'])}",
         safe,
         _number(row["over_limit_ms"]),
         f"{row['late_constraints']} + {row['late_twists']}",
         _number(row["max_approach_mm_s"]),
         _number(row["error_mm"], 1),
-        "; ".join(text for text in texts if text),
-        source,
-        row["outcome"],
     ]
 
 

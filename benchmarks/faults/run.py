@@ -1,16 +1,15 @@
 """Run rows of the fault matrix, one after the other, on one bench."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
-from benchmarks.faults.child import ChildError
-from benchmarks.faults.results import RowResult
-from benchmarks.faults.row import Row, Variant
-from benchmarks.faults.rows.foreign_rows import foreign_rows
-from benchmarks.faults.rows.guard_rows import guard_rows
-from benchmarks.faults.rows.tracker_rows import tracker_rows
+from benchmarks.faults.foreign_rows import foreign_rows
+from benchmarks.faults.guard_rows import guard_rows
+from benchmarks.faults.results import Row, RowResult, Variant
+from benchmarks.faults.tracker_rows import tracker_rows
+from benchmarks.harness.processes import ChildError
 
 MAX_ATTEMPTS = 5
 """A trial is repeated so often if its effect could not be separated from another."""
@@ -35,16 +34,13 @@ def selected(patterns: Sequence[str]) -> list[Row]:
     ]
 
 
-def run_rows(
-    bench: Bench, rows: Sequence[Row], trials: int, log: Callable[[str], None]
-) -> Iterator[RowResult]:
+def run_rows(bench: Bench, rows: Sequence[Row], trials: int) -> Iterator[RowResult]:
     """Run each row ``trials`` times, or as often as it declares; yield the results."""
     for row in rows:
         result = RowResult(row)
         for _ in range(row.trials or trials):
             if not _trial(bench, row, result):
                 break
-        log(f"{row.label}: {result.outcome}")
         if row.restarts and bench.guard is not None:
             bench.guard.end()
         yield result
@@ -56,8 +52,7 @@ def _trial(bench: Bench, row: Row, result: RowResult) -> bool:
     for _ in range(MAX_ATTEMPTS):
         try:
             bench.prepare(
-                robot=row.variant is not Variant.NO_ROBOT,
-                joints=row.variant is Variant.LIVE_JOINTS,
+                robot=row.variant is not Variant.NO_ROBOT, joints=row.variant is Variant.LIVE_JOINTS
             )
             trial = row.run(bench)
             result.trials.append(trial)

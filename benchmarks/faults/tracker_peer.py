@@ -1,11 +1,12 @@
 """Process of `benchmarks.faults` that sends a tracker's poses and a robot's joints, plain rclpy.
 
-    tracker_peer.py SCENE.json [STATE [NODE]]
+    python -m benchmarks.faults.tracker_peer SCENE.json [STATE [NODE]]
 
 Reads changes as lines of JSON from standard input, ``{"set": {KEY: VALUE}, "when": "moving"}``.
 Prints events as lines of JSON: ``ready``, ``matched`` when the poses have a subscriber, ``first``
 at the first sample, and ``set`` for each change, with the times of the last sample before it and of
-the first with it. STATE is the initial state as JSON. It does not import the project.
+the first with it. STATE is the initial state as JSON. Imports nothing
+of ``app``.
 
 Keys, each off with null: ``joints`` (false: not sent), ``joint_offset_rad`` of the first joint,
 ``silent`` (children that are not sent), ``status`` and ``nan`` of the tool, ``shift_ms`` of the
@@ -29,6 +30,8 @@ from marginguard_msgs.msg import TrackedTransform
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+
+from benchmarks.harness.peer import emit, to_and_fro
 
 TOOL, TUMOR = 2, 1
 NOISE_M = 0.02e-3
@@ -58,11 +61,11 @@ class Tracker:
     def join(self):
         """Create the publishers, after a line of input if so configured; False at its end."""
         state = self.state
-        print_event(event="ready")
+        emit("ready")
         if state.get("wait") and "end" in self.changes.get():
             return False
         qos = QoSProfile(depth=100)
-        matched = PublisherEventCallbacks(matched=lambda _: print_event(event="matched"))
+        matched = PublisherEventCallbacks(matched=lambda _: emit("matched"))
         # A second sender of one kind must not appear as one of the other kind.
         if state.get("poses") is not False:
             self.poses = self.node.create_publisher(
@@ -115,8 +118,8 @@ class Tracker:
             stamp(joints.header, stamp_ns - self.scene["joint_offset_ns"])
             self.joints.publish(joints)
         if changed or self.first:
-            print_event(
-                event="first" if self.first else "set",
+            emit(
+                "first" if self.first else "set",
                 ns=now_ns,
                 last_ns=self.last_ns,
                 shift=self.shift,
@@ -188,11 +191,6 @@ class Tracker:
         return poses
 
 
-def to_and_fro(frame, count):
-    index = frame % (2 * count - 2)
-    return index if index < count else 2 * count - 2 - index
-
-
 def stamp(header, ns):
     header.stamp.sec, header.stamp.nanosec = divmod(ns, 10**9)
 
@@ -200,10 +198,6 @@ def stamp(header, ns):
 def fill(transform, pose):
     to, by = transform.translation, transform.rotation
     to.x, to.y, to.z, by.x, by.y, by.z, by.w = map(float, pose)
-
-
-def print_event(**event):
-    print(json.dumps(event), flush=True)
 
 
 def main():

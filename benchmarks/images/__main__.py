@@ -11,12 +11,7 @@ above 150 ms, the 3D view has fewer than 15 pictures a second, or the memory of 
 more than 5 percent from the end of the first quarter on.
 """
 
-import argparse
-import json
-import os
-import subprocess
 import sys
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -24,12 +19,14 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from app.cli.progress import announce_duration
+from benchmarks.harness.figures import at_least, at_most, finish, missed, percentiles, show
+from benchmarks.harness.options import BenchParser
+from benchmarks.harness.processes import CLI, Child, children
 from benchmarks.images.session import write_session
-from benchmarks.ros_domain import reserved_domain
-from benchmarks.view.chromium import launch
+from benchmarks.ros_domain import own_ros
+from benchmarks.view.chromium import SIZE, launch
 
-GOAL_MS, GOAL_PICTURES_HZ, GOAL_GROWTH = 150.0, 15.0, 0.05
-SIZE = {"width": 1280, "height": 720}
+GOAL_MS, GOAL_PICTURES_HZ, GOAL_GROWTH_PERCENT = 150.0, 15.0, 5.0
 _WARM_UP_S = 5.0
 _SAMPLE_S = 5.0
 
@@ -85,90 +82,61 @@ class ImageFigures:
 
     def problems(self) -> list[str]:
         """The goals that are missed."""
-        found = []
-        if self.delay_p95_ms > GOAL_MS:
-            found.append(f"p95 is {self.delay_p95_ms:.0f} ms; expected at most {GOAL_MS:g}")
-        if self.pictures_hz < GOAL_PICTURES_HZ:
-            found.append(f"{self.pictures_hz:.1f} pictures/s; expected {GOAL_PICTURES_HZ:g}")
-        if self.growth > GOAL_GROWTH:
-            found.append(f"memory grows by {100 * self.growth:.1f} %; expected at most 5 %")
-        return found
+        return missed(
+            (
+                at_most("p95 is", self.delay_p95_ms, GOAL_MS, "ms", ".0f"),
+                at_least("there are", self.pictures_hz, GOAL_PICTURES_HZ, "pictures/s", ".1f"),
+                at_most("memory grows by", 100.0 * self.growth, GOAL_GROWTH_PERCENT, "%", ".1f"),
+            )
+        )
 
 
 def measure(seconds: float, folder: Path) -> ImageFigures:
-    """Run session, sender and page for ``seconds``."""
-    view = [sys.executable, "-m", "app.cli", "view", "--live", "--config"]
-    with reserved_domain() as domain, sync_playwright() as playwright:
-        env = {**os.environ, "ROS_DOMAIN_ID": str(domain), "XDG_STATE_HOME": str(folder / "state")}
-        sender = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.images.sender"], stdin=subprocess.PIPE, env=env
-        )
-        server = subprocess.Popen(
-            [*view, str(write_session(folder))], stdout=subprocess.PIPE, text=True, env=env
-        )
-        try:
-            assert server.stdout is not None
-            url = server.stdout.readline().strip()
-            browser = launch(playwright)
-            page = browser.new_page(viewport=SIZE)
-            page.goto(url)
-            page.evaluate(WATCH)
-            page.wait_for_function("window.shownImages.length > 0", timeout=60_000)
-            page.wait_for_timeout(1000.0 * _WARM_UP_S)
-            page.evaluate("window.shownImages.length = 0; window.shownPictures = 0")
-            memory_mb = _memory(page, server.pid, seconds)
-            shown = np.array(page.evaluate("window.shownImages"))
-            pictures = page.evaluate("window.shownPictures")
-            browser.close()
-        finally:
-            for process in (sender, server):
-                process.kill()
-                process.wait()
-    delays = shown[:, 2] - shown[:, 1]
-    p50, p95 = np.percentile(delays, [50, 95])
-    return ImageFigures(
-        seconds, len(shown), len(shown) / seconds, float(p50), float(p95), float(delays.max()),
-        pictures / seconds, memory_mb,
-    )  # fmt: skip
+    with children(folder) as (_, start), sync_playwright() as playwright:
+        start("sender", "-m", "benchmarks.images.sender")
+        config = write_session(folder / "session")
+        server = start("view", *CLI, "view", "--live", "--config", config)
+        page = launch(playwright).new_page(viewport=SIZE)
+        page.goto(server.line("http://", 300.0))
+        page.evaluate(WATCH)
+        page.wait_for_function("window.shownImages.length > 0", timeout=60_000)
+        page.wait_for_timeout(1000.0 * _WARM_UP_S)
+        page.evaluate("window.shownImages.length = 0; window.shownPictures = 0")
+        memory_mb = _memory(page, server, seconds)
+        shown = np.array(page.evaluate("window.shownImages"))
+        pictures = page.evaluate("window.shownPictures")
+    delays = percentiles(shown[:, 2] - shown[:, 1], 50, 95, 100)
+    rate_hz = len(shown) / seconds
+    return ImageFigures(seconds, len(shown), rate_hz, *delays, pictures / seconds, memory_mb)
 
 
-def _memory(page: Page, process: int, seconds: float) -> list[float]:
-    """Resident memory in MB of ``process`` while the page runs for ``seconds``."""
+def _memory(page: Page, server: Child, seconds: float) -> list[float]:
     found, left_s = [], seconds
     while left_s > 0.0:
         page.wait_for_timeout(1000.0 * min(left_s, _SAMPLE_S))
         left_s -= _SAMPLE_S
-        pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-        found.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+        found.append(server.rss_mb)
     return found
 
 
 def main() -> int:
-    """Measure, print and compare with the goals."""
-    parser = argparse.ArgumentParser(prog="marginguard bench images", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--minutes", type=float, default=1.0, help="duration (%(default)s)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser = BenchParser("images", __doc__)
+    parser.number("--minutes", 1.0, "duration", low=0, high=600, above=True)
     options = parser.parse_args()
-    if not 0.0 < options.minutes <= 600.0:
-        parser.error(f"--minutes is {options.minutes:g}; expected more than 0, at most 600")
     seconds = 60.0 * options.minutes
     announce_duration("images on the page", seconds + 15.0)
-    with tempfile.TemporaryDirectory() as folder:
-        figures = measure(seconds, Path(folder))
-    print(f"image to page   p50 {figures.delay_p50_ms:.0f} ms, p95 {figures.delay_p95_ms:.0f} ms, "
-          f"max {figures.delay_max_ms:.0f} ms; {figures.images_hz:.1f} images/s")  # fmt: skip
-    print(f"3D view         {figures.pictures_hz:.1f} pictures/s")
-    print(f"memory          {figures.memory_mb[0]:.0f} MB at first, {figures.memory_mb[-1]:.0f} MB "
-          f"at the end; after the first quarter {100 * figures.growth:+.1f} %, "
-          f"{figures.slope_mb_per_min:+.2f} MB a minute")  # fmt: skip
-    if options.json is not None:
-        derived = {"growth": figures.growth, "slope_mb_per_min": figures.slope_mb_per_min}
-        options.json.write_text(json.dumps({**asdict(figures), **derived}) + "\n")
-    problems = figures.problems()
-    for problem in problems:
-        print(problem, file=sys.stderr)
-    return 1 if problems else 0
+    with own_ros() as folder:
+        figures = measure(seconds, folder)
+    show(
+        f"image to page   p50 {figures.delay_p50_ms:.0f} ms, p95 {figures.delay_p95_ms:.0f} ms, "
+        f"max {figures.delay_max_ms:.0f} ms; {figures.images_hz:.1f} images/s\n"
+        f"3D view         {figures.pictures_hz:.1f} pictures/s\n"
+        f"memory          {figures.memory_mb[0]:.0f} MB at first, {figures.memory_mb[-1]:.0f} MB "
+        f"at the end; after the first quarter {100 * figures.growth:+.1f} %, "
+        f"{figures.slope_mb_per_min:+.2f} MB a minute"
+    )
+    derived = {"growth": figures.growth, "slope_mb_per_min": figures.slope_mb_per_min}
+    return finish(options.json, {**asdict(figures), **derived}, figures.problems())
 
 
 if __name__ == "__main__":

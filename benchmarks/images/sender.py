@@ -7,8 +7,6 @@ Image ``n`` is `image_values` of ``n``. It does not import ``app``.
 """
 
 import argparse
-import sys
-import threading
 import time
 from array import array
 
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
+from benchmarks.harness.peer import input_ended
 from benchmarks.images.session import COLUMNS, POSES_MM, ROWS, TOPIC
 
 _DIFFERENT = 16
@@ -26,20 +25,17 @@ _DIFFERENT = 16
 
 
 def image_values(number: int) -> NDArray[np.uint8]:
-    """Pixels of image ``number``, (rows, columns): speckle."""
     rng = np.random.default_rng(number % _DIFFERENT)
     return rng.integers(0, 256, (ROWS, COLUMNS), dtype=np.uint8)
 
 
 def main() -> None:
-    """Send until standard input ends."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--images-hz", type=float, default=30.0)
     parser.add_argument("--poses-hz", type=float, default=60.0)
     parser.add_argument("--encoding", default="mono8")
     options = parser.parse_args()
-    ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    ended = input_ended()
     rclpy.init()
     node = rclpy.create_node("images_sender")
     poses = node.create_publisher(TrackedTransform, "/tracked_transforms", QoSProfile(depth=100))

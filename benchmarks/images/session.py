@@ -34,6 +34,10 @@ def write_session(folder: Path, **images: Any) -> Path:
     numbers = " ".join(f"{value:g}" for value in PROBE_FROM_IMAGE.ravel())
     (folder / "image_to_probe.txt").write_text(numbers)
     identity = np.eye(4).ravel().tolist()
+
+    def mesh(name: str) -> dict[str, str]:
+        return {"path": f"{name}.stl", "units": "mm"}
+
     values = {
         "schema": 1,
         "name": "images",
@@ -46,24 +50,12 @@ def write_session(folder: Path, **images: Any) -> Path:
             "stale_after_ms": 500,
             **images,
         },
-        "tool": {
-            "frame": "rod",
-            "mesh": {"path": "rod.stl", "units": "mm"},
-            "tip_from": {"matrix": identity},
-        },
-        "tumor": {
-            "frame": "needle",
-            "mesh": {"path": "tumor.stl", "units": "mm"},
-            "pose": {"matrix": identity},
-        },
+        "tool": {"frame": "rod", "mesh": mesh("rod"), "tip_from": {"matrix": identity}},
+        "tumor": {"frame": "needle", "mesh": mesh("tumor"), "pose": {"matrix": identity}},
         "margins": {
-            "stop_mm": 1.0,
-            "warn_mm": 5.0,
-            "k_tre": 2.0,
-            "v_max_mm_s": 50,
-            "stale_after_ms": 500,
+            "stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50, "stale_after_ms": 500,
         },
-    }
+    }  # fmt: skip
     path = folder / "live.yaml"
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     return path

@@ -1,84 +1,101 @@
-"""Measurement of one receiver: the sender in a process of its own, the scene here."""
+"""The receivers that are compared, and the measurement of one beside a sending process."""
 
-import json
-import os
-import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from app.runtime.latest_value import SWITCH_INTERVAL_S
-from benchmarks.faults.child import Child
-from benchmarks.faults.scene import write_scene
-from benchmarks.latency.kinds import SESSION_HZ, Kind
-from benchmarks.latency.receivers import Receiver
-from benchmarks.latency.results import Run, delays_ms, transports_ms
-from benchmarks.soak.__main__ import interpolate
+from benchmarks.faults.scene import tracker_arguments
+from benchmarks.harness.figures import load
+from benchmarks.harness.processes import Child, children
+from benchmarks.latency.qt_loops import KEPT, RELEASED, Waking
+from benchmarks.latency.receivers import PlainListener, PolledIgtl, Receiver, Timer
+from benchmarks.latency.results import OURS, POLLED, Run, delays_ms, transports_ms
+from benchmarks.latency.senders import body_frames
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+RATE_HZ = 199.5
+"""Not a multiple of a timer's rate: their phases drift through a period every two seconds, so that
+the phase, which is random, does not decide the result."""
+
+SESSION_HZ = 200
 WARM_UP_S = 1.5
 SESSION_WARM_UP_S = 3.0
 """A session waits for its clock, its joints and a second driver."""
 
+Open = Callable[[int, float, int | None], Receiver]
+"""Makes the receiver for a number of bodies, seconds, and a TCP port."""
 
-class Sender:
-    """The sending process. ``report`` is its last line, available once `ended`."""
 
-    def __init__(self, module: str, *arguments: object) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", f"benchmarks.latency.{module}", *map(str, arguments)],
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=CHECKOUT,
-        )
-        if self._process.stdout is None:
-            raise RuntimeError("the sender has no standard output")
-        self._output = self._process.stdout
-        listening = self._output.readline()
-        self.port: int | None = json.loads(listening)["port"] if listening else None
-        self.report: dict[str, Any] = {}
-        self._ended = threading.Event()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A row of the table. ``sends``: ``tf`` or ``igtl``, or ``session`` for a tracker."""
 
-    def has_ended(self) -> bool:
-        """True once it has sent everything or has failed."""
-        return self._ended.is_set()
+    name: str
+    what: str
+    sends: str
+    open: Open
 
-    def _read(self) -> None:
-        line = self._output.readline()
-        self.report = json.loads(line) if line else {}
-        self._ended.set()
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second."""
+        return SESSION_HZ if self.sends == "session" else RATE_HZ
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if kind is not None:
-            self._process.kill()
-        self._process.wait()
-        self._reader.join()
-        self._output.close()
+def _qt(name: str, *waking: Any) -> Open:
+    """A receiver of `benchmarks.latency.qt_receivers`, which loads when it is made."""
+
+    def opened(bodies: int, seconds: float, port: int | None) -> Receiver:
+        from benchmarks.latency import qt_receivers
+
+        frames = (body_frames(bodies),) if name == "BodiesInModule" else ()
+        receiver: Receiver = getattr(qt_receivers, name)(*frames, *waking)
+        return receiver
+
+    return opened
+
+
+def _igtl(bodies: int, seconds: float, port: int | None) -> Receiver:
+    return PolledIgtl(body_frames(bodies), Timer(200.0, seconds), port or 0)
+
+
+LISTENER = "rclpy listener"
+_MODULE, _PANEL = "BodiesInModule", "PanelReceiver"
+KINDS = (
+    Kind(LISTENER, "transport alone: rclpy, no scene", "tf", lambda *_: PlainListener()),
+    Kind(OURS, "woken by messages", "tf", _qt(_MODULE, Waking(RELEASED))),
+    Kind(f"{OURS}, {KEPT}", "the same, loop as PythonQt's", "tf", _qt(_MODULE, Waking(KEPT))),
+    Kind(POLLED, "the same module, polled", "tf", _qt(_MODULE, Waking(RELEASED, 5))),
+    Kind("timer 20 ms", "polled, as before", "tf", _qt(_MODULE, Waking(RELEASED, 20))),
+    Kind(f"timer 20 ms, {KEPT}", "as before, as PythonQt's", "tf", _qt(_MODULE, Waking(KEPT, 20))),
+    Kind("OpenIGTLink", "pyigtl, polled at 200 Hz", "igtl", _igtl),
+    Kind("panel", "a session, woken", "session", _qt(_PANEL, Waking(RELEASED))),
+    Kind(f"panel, {KEPT}", "a session, woken", "session", _qt(_PANEL, Waking(KEPT))),
+    Kind("panel, timer 20 ms", "polled, as before", "session", _qt(_PANEL, Waking(RELEASED, 20))),
+    Kind("page", "a session in the live page", "session", _qt("PageReceiver")),
+)
 
 
 @contextmanager
-def switching_fast() -> Iterator[None]:
-    """The interpreter's switch interval of the programs that display live data."""
+def sending(*commands: Sequence[object]) -> Iterator[tuple[list[Child], int | None]]:
+    """A process of `benchmarks.latency.senders` for each of ``commands``, and the last one's port.
+
+    An event, or the end of the process, says that it has ended. This interpreter has the switch
+    interval of the programs that display live data.
+    """
     interval_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
-        yield
+        with tempfile.TemporaryDirectory() as folder, children(Path(folder)) as (running, start):
+            for number, command in enumerate(commands):
+                start(f"sender {number}", "-m", "benchmarks.latency.senders", *command)
+            senders = list(running.values())
+            ports = [sender.expect("listening", 60.0)["port"] for sender in senders]
+            yield senders, ports[-1] if ports else None
     finally:
         sys.setswitchinterval(interval_s)
 
@@ -87,26 +104,25 @@ def measure(kind: Kind, seconds: float, bodies: int) -> Run:
     """Run it for a warm-up and ``seconds``; frames sent during the warm-up do not count."""
     if kind.sends == "session":
         return _measure_session(kind, seconds, bodies)
-    with ExitStack() as stack:
-        stack.enter_context(switching_fast())
-        arguments = (kind.sends, bodies, kind.rate_hz, WARM_UP_S, seconds)
-        sender = stack.enter_context(Sender("sender", *arguments))
-        receiver = stack.enter_context(closing(kind.open(bodies, seconds, sender.port)))
-        load = os.getloadavg()[0]
-        receiver.run(sender.has_ended)
-    if not sender.report:
-        raise RuntimeError(f"the sender of {kind.name!r} has failed")
-    return _run_of(kind, receiver, sender.report["sent"], sender.report["counted_from_ns"], load)
+    command = (kind.sends, bodies, kind.rate_hz, WARM_UP_S, seconds)
+    with sending(command) as ((sender,), port):
+        with closing(kind.open(bodies, seconds, port)) as receiver:
+            before = load()
+            receiver.run(sender.has_event)
+        report = sender.expect("sent")
+    return _run_of(kind, receiver, report["sent"], report["counted_from_ns"], before)
 
 
-def _run_of(kind: Kind, receiver: Receiver, sent: int, counted_from_ns: int, load: float) -> Run:
+def _run_of(kind: Kind, receiver: Receiver, sent: int, counted_from_ns: int, before: float) -> Run:
     arrivals_ns = receiver.arrivals_ns
     return Run(
-        kind,
+        kind.name,
+        kind.what,
+        kind.rate_hz,
         sent,
         None if arrivals_ns is None else sum(at_ns >= counted_from_ns for at_ns in arrivals_ns),
         delays_ms(receiver.rows, counted_from_ns),
-        load,
+        before,
         transports_ms(receiver.rows, arrivals_ns, counted_from_ns),
         delays_ms(receiver.pictures, counted_from_ns),
         delays_ms(receiver.steps, counted_from_ns),
@@ -115,30 +131,18 @@ def _run_of(kind: Kind, receiver: Receiver, sent: int, counted_from_ns: int, loa
 
 def _measure_session(kind: Kind, seconds: float, bodies: int) -> Run:
     """A tracker with three sensors and joints, stamped when they are due, and a session here."""
-    with ExitStack() as stack:
-        stack.enter_context(switching_fast())
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        scene = folder / "scene.json"
-        write_scene(scene, time.time_ns())
-        interpolate(scene, round(SESSION_HZ))
-        peer = str(CHECKOUT / "benchmarks" / "faults" / "tracker_peer.py")
-        tracker = Child("tracker", [peer, str(scene)], folder / "tracker.log")
-        stack.callback(tracker.end)
-        receiver = stack.enter_context(closing(kind.open(bodies, seconds, None)))
-        load = os.getloadavg()[0]
-        receiver.run(_after_rows(receiver.rows, SESSION_WARM_UP_S + seconds))
-    if not receiver.rows:
-        raise RuntimeError(f"{kind.name!r} has shown no frame: {tracker.tail()}")
-    first_ns, last_ns = receiver.rows[0][0], receiver.rows[-1][0]
-    counted_from_ns = first_ns + round(1e9 * SESSION_WARM_UP_S)
-    sent = max(0, round((last_ns - counted_from_ns) * SESSION_HZ / 1e9) + 1)
-    return _run_of(kind, receiver, sent, counted_from_ns, load)
-
-
-def _after_rows(rows: Sequence[tuple[int, int]], seconds: float) -> Callable[[], bool]:
-    """True ``seconds`` after the first row."""
-
-    def has_ended() -> bool:
-        return bool(rows) and time.time_ns() - rows[0][1] > 1e9 * seconds
-
-    return has_ended
+    with (
+        sending(),
+        tempfile.TemporaryDirectory() as folder,
+        children(Path(folder)) as (_, start),
+    ):
+        tracker = start("tracker", *tracker_arguments(Path(folder), SESSION_HZ))
+        with closing(kind.open(bodies, seconds, None)) as receiver:
+            before, rows = load(), receiver.rows
+            duration_ns = 1e9 * (SESSION_WARM_UP_S + seconds)
+            receiver.run(lambda: bool(rows) and time.time_ns() - rows[0][1] > duration_ns)
+        if not rows:
+            raise RuntimeError(f"{kind.name!r} has shown no frame: {tracker.tail()}")
+    counted_from_ns = rows[0][0] + round(1e9 * SESSION_WARM_UP_S)
+    sent = max(0, round((rows[-1][0] - counted_from_ns) * SESSION_HZ / 1e9) + 1)
+    return _run_of(kind, receiver, sent, counted_from_ns, before)

@@ -5,6 +5,7 @@ In desktop Slicer the binding is PythonQt, which cannot be installed elsewhere.
 
 import ctypes
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import PySide6
@@ -31,7 +32,6 @@ def run_keeping(stop_after_ms: int = DEADLINE_MS) -> None:
 
 
 def quit_loop() -> None:
-    """End the loop that runs."""
     QtCore.QCoreApplication.exit(0)
 
 
@@ -41,3 +41,14 @@ LOOPS: dict[str, tuple[Callable[..., None], bool]] = {
     KEPT: (run_keeping, True),
 }
 """By name: the loop, and whether it keeps the interpreter lock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waking:
+    """How Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
+
+    ``loop`` is one of `LOOPS`.
+    """
+
+    loop: str
+    timer_ms: int | None = None

@@ -13,7 +13,7 @@ from app.geometry import NS_PER_S, FloatArray
 from app.scene import PoseNodes
 from app.scene.nodes.models import add_model, smooth_surface
 from benchmarks.fixture_shapes import lobed_tumor
-from benchmarks.latency.bodies import ROOT
+from benchmarks.latency.senders import ROOT
 
 _TRIANGLES = 1280
 _PAUSE_S = 0.05
@@ -50,7 +50,6 @@ class Receiver(ABC):
 def add_bodies(
     scene: vtkMRMLScene, frames: Sequence[str], parents: Sequence[vtkMRMLTransformNode]
 ) -> None:
-    """Add a model of a body below each of ``parents``."""
     surface = smooth_surface(lobed_tumor(_TRIANGLES))
     for frame, parent in zip(frames, parents, strict=True):
         add_model(scene, f"{frame}_model", surface, (0.7, 0.7, 0.7), parent=parent)

@@ -4,19 +4,17 @@ The delay at a stop is the time from the stamp of the first pose of a rest to th
 of the scene that shows this pose, and to the end of the picture where one is drawn.
 """
 
-import os
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.geometry import FloatArray
-from benchmarks.latency.measure import Sender, switching_fast
-from benchmarks.latency.module import RobotsInModule
-from benchmarks.latency.qt_loops import KEPT, RELEASED
-from benchmarks.latency.qt_receiver import Waking
-from benchmarks.latency.results import delays_ms
+from benchmarks.harness.figures import load
+from benchmarks.latency.measure import sending
+from benchmarks.latency.qt_loops import KEPT, RELEASED, Waking
+from benchmarks.latency.results import delays_ms, mean_or_none
 
 STOPS = 15
 MOVE_S, REST_S = 0.6, 0.4
@@ -24,7 +22,7 @@ WARM_UP_S = 3.0
 """The receiver reads the description and builds the robots meanwhile."""
 
 RATE_HZ = 99.5
-"""As `benchmarks.latency.kinds.RATE_HZ`, for a robot that sends 100 times a second."""
+"""As `benchmarks.latency.measure.RATE_HZ`, for a robot that sends 100 times a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +69,7 @@ class StopRun:
             "stop_max_ms": float(self.stops_ms.max()),
             "frame_mean_ms": float(self.frames_ms.mean()),
             "frame_p99_ms": float(np.percentile(self.frames_ms, 99)),
-            "picture_mean_ms": float(self.pictures_ms.mean()) if len(self.pictures_ms) else None,
+            "picture_mean_ms": mean_or_none(self.pictures_ms),
             "picture_sd_ms": float(self.pictures_ms.std()) if len(self.pictures_ms) else None,
             "stops_ms": [round(delay, 3) for delay in self.stops_ms.tolist()],
         }  # fmt: skip
@@ -79,26 +77,22 @@ class StopRun:
 
 def measure_stops(kind: StopKind, stops: int = STOPS) -> list[StopRun]:
     """Let each robot of ``kind`` stop ``stops`` times; one result for each robot."""
-    with ExitStack() as stack:
-        stack.enter_context(switching_fast())
-        numbers = (RATE_HZ, WARM_UP_S, stops, MOVE_S, REST_S)
-        senders = [
-            stack.enter_context(Sender("robot_sender", name, *numbers)) for name in kind.robots
-        ]
-        receiver = stack.enter_context(
-            closing(RobotsInModule(kind.robots, kind.waking, draws=kind.draws))
-        )
-        load = os.getloadavg()[0]
-        receiver.run(lambda: all(sender.has_ended() for sender in senders))
+    from benchmarks.latency.qt_receivers import RobotsInModule
+
+    commands = [(name, RATE_HZ, WARM_UP_S, stops, MOVE_S, REST_S) for name in kind.robots]
+    with sending(*commands) as (senders, _):
+        robots = RobotsInModule(kind.robots, kind.waking, draws=kind.draws)
+        with closing(robots) as receiver:
+            before = load()
+            receiver.run(lambda: all(sender.has_event() for sender in senders))
+        reports = [sender.expect("sent") for sender in senders]
     runs = []
-    for name, sender in zip(kind.robots, senders, strict=True):
-        if not sender.report:
-            raise RuntimeError(f"the sender of {name!r} has failed")
+    for name, report in zip(kind.robots, reports, strict=True):
         rows = receiver.rows_of[name]
-        rests_ns = sender.report["rests_ns"]
+        rests_ns = report["rests_ns"]
         pictures = delays_at(rests_ns, receiver.pictures) if kind.draws else np.empty(0)
-        frames = delays_ms(rows, sender.report["counted_from_ns"])
-        runs.append(StopRun(kind, name, delays_at(rests_ns, rows), frames, pictures, load))
+        frames = delays_ms(rows, report["counted_from_ns"])
+        runs.append(StopRun(kind, name, delays_at(rests_ns, rows), frames, pictures, before))
     return runs
 
 

@@ -11,54 +11,44 @@ same page runs with trame-slicer's default schedule. Exit status 1 when ours has
 pictures a second, a 95th percentile above 250 ms, or a growing delay.
 """
 
-import json
-import os
-import subprocess
 import sys
+import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
 from playwright.sync_api import Browser, sync_playwright
 
 from app.cli.progress import announce_duration
-from benchmarks.case_options import case_options
-from benchmarks.view.chromium import launch
+from benchmarks.harness.figures import finish, machine, show, table
+from benchmarks.harness.options import BenchParser
+from benchmarks.harness.processes import children
+from benchmarks.view.chromium import SIZE, launch
 from benchmarks.view.results import ViewFigures, failures, figures, ratios
 from benchmarks.view.stamps import READ_IN_PAGE
 
-SIZE = {"width": 1280, "height": 720}
-
 
 def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> ViewFigures:
-    """Figures of a page that shows ``seconds`` of the case."""
-    command = [sys.executable, "-m", "benchmarks.view.server", str(case), "--schedule", schedule]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as server:
-        assert server.stdin is not None
-        assert server.stdout is not None
-        try:
-            page = browser.new_page(viewport=SIZE)
-            page.goto(server.stdout.readline().strip())
-            page.wait_for_selector("body:not([data-lost]) #state-label")
-            page.evaluate(READ_IN_PAGE)
-            page.wait_for_function("window.seenFrames.length > 0")
-            page.evaluate("window.seenFrames.length = 0")
-            server.stdin.write("play\n")
-            server.stdin.flush()
-            due_ms: list[float] = json.loads(server.stdout.readline())
-            page.wait_for_timeout(1000.0 * seconds)
-            seen: list[list[float]] = page.evaluate("window.seenFrames")
-            page.close()
-            server.stdin.close()
-            server.wait(timeout=20.0)
-        finally:
-            server.kill()
+    with tempfile.TemporaryDirectory() as folder, children(Path(folder)) as (_, start):
+        server = start("server", "-m", "benchmarks.view.server", schedule, case)
+        page = browser.new_page(viewport=SIZE)
+        page.goto(server.line("http://", 300.0))
+        page.wait_for_selector("body:not([data-lost]) #state-label")
+        page.evaluate(READ_IN_PAGE)
+        page.wait_for_function("window.seenFrames.length > 0")
+        page.evaluate("window.seenFrames.length = 0")
+        server.send(do="play")
+        due_ms: list[float] = server.expect("due")["ms"]
+        page.wait_for_timeout(1000.0 * seconds)
+        seen: list[list[float]] = page.evaluate("window.seenFrames")
+        page.close()
     return figures(seen, due_ms, seconds)
 
 
 def main() -> int:
-    options = case_options("view", __doc__)
+    parser = BenchParser("view", __doc__)
+    parser.number("--seconds", 60.0, "how long")
+    parser.case()
+    options = parser.parse_args()
     with sync_playwright() as playwright:
         browser = launch(playwright)
         announce_duration("showing two pages", 2.0 * options.seconds)
@@ -67,26 +57,22 @@ def main() -> int:
             for schedule in ("ours", "default")
         )
         browser.close()
-    print(f"{'':<24}{'pictures/s':>11}{'p50 ms':>9}{'p95 ms':>9}{'max ms':>9}{'growth ms':>11}")
-    for name, one in (("marginguard", ours), ("trame-slicer's default", peer)):
-        print(
-            f"{name:<24}{one.per_s:>11}{one.delay_p50_ms:>9}{one.delay_p95_ms:>9}"
-            f"{one.delay_max_ms:>9}{one.growth_ms:>11}"
-        )
+    rows = [
+        (name, *map(str, (one.per_s, one.delay_p50_ms, one.delay_p95_ms, one.delay_max_ms,
+                          one.growth_ms)))
+        for name, one in (("marginguard", ours), ("trame-slicer's default", peer))
+    ]  # fmt: skip
+    headings = ("", "pictures/s", "p50 ms", "p95 ms", "max ms", "growth ms")
+    over, this = ratios(ours, peer), machine()
+    show(table("", headings, rows), f"ours over the default: {over}; load {this['load']}")
     found = {
         "ours": asdict(ours),
         "peer": asdict(peer),
-        "ours_over_peer": ratios(ours, peer),
-        "processors": os.cpu_count(),
-        "load_average": round(os.getloadavg()[0], 2),
-        "failures": failures(ours),
+        "ours_over_peer": over,
+        "processors": this["cores"],
+        "load_average": this["load"],
     }
-    print(f"ours over the default: {found['ours_over_peer']}; load {found['load_average']}")
-    if options.json is not None:
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
-    for sentence in failures(ours):
-        print(sentence, file=sys.stderr)
-    return 1 if failures(ours) else 0
+    return finish(options.json, found, failures(ours))
 
 
 if __name__ == "__main__":

@@ -5,6 +5,9 @@ from pathlib import Path
 from playwright.sync_api import Browser, BrowserType, Playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
+SIZE = {"width": 1280, "height": 720}
+"""Size of the pages that are measured."""
+
 _ARGUMENTS = (
     "--no-sandbox",
     "--disable-gpu",

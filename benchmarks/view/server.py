@@ -1,12 +1,12 @@
-"""Serves a replay whose pictures carry the number of their frame: python -m benchmarks.view.server
+"""Serves a replay whose pictures carry the number of their frame.
 
-Prints the page's address. On a line on standard input it plays from the first frame and prints, as
-JSON, the due times of all frames on the machine's clock in ms. Ends with standard input.
+    python -m benchmarks.view.server ours|default CASE
+
+Prints the page's address. On a line on standard input it plays from the first frame and prints
+``due``, the due times of all frames on the machine's clock in ms. Ends with standard input.
 """
 
-import argparse
 import asyncio
-import json
 import sys
 import threading
 import time
@@ -21,6 +21,7 @@ from app.viewer import Address, SceneView, Title, Viewer
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import RenderLoop
 from app.viewer.steps.replay import ReplayControl
+from benchmarks.harness.peer import emit
 from benchmarks.view.peer import DefaultSchedule
 from benchmarks.view.stamps import stamp
 
@@ -57,11 +58,8 @@ class ShownFrame:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("case", type=Path)
-    parser.add_argument("--schedule", choices=SCHEDULES, required=True)
-    options = parser.parse_args()
-    parts = replay_parts(options.case, (), SignalState(), tip_only=False)
+    schedule, case = sys.argv[1:]
+    parts = replay_parts(Path(case), (), SignalState(), tip_only=False)
     shown = ShownFrame(parts.feed)
     viewer = Viewer(
         SceneView(parts.content),
@@ -70,7 +68,7 @@ def main() -> None:
         Title(parts.content.name, live=False),
         parts.feed.control,
         area=lambda view: StampedArea(view, shown),
-        scheduler=SCHEDULES[options.schedule],
+        scheduler=SCHEDULES[schedule],
     )
 
     address = Address("127.0.0.1", 0, "benchmark")
@@ -89,8 +87,7 @@ def play_on_command(control: ReplayControl, viewer: Viewer) -> None:
     for _ in sys.stdin:
         began_ms = time.time_ns() / 1e6
         control.play()
-        due = [began_ms + control.time_ns(frame) / 1e6 for frame in range(control.frames)]
-        print(json.dumps(due), flush=True)
+        emit("due", ms=[began_ms + control.time_ns(n) / 1e6 for n in range(control.frames)])
     viewer.stop()
 
 

@@ -12,8 +12,7 @@ from rich.console import Console
 from benchmarks.fixture.case import Case
 from benchmarks.fixture.engines import ENGINES, OURS, OURS_TIP
 from benchmarks.fixture.plot import write_plot
-from benchmarks.fixture.results import CaseResult, speed_targets
-from benchmarks.fixture.table import case_table
+from benchmarks.fixture.results import CaseResult, case_table, speed_goals
 from benchmarks.fixture.timing import EngineRun, Timing, measure_in_processes
 
 pytest.importorskip("coal")
@@ -21,23 +20,20 @@ pytest.importorskip("vtkmodules")
 
 
 @pytest.fixture(scope="module")
-def case_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("case") / "case.npz"
-    Case.of(1280, 500, 200).write(path)
-    return path
+def case() -> Case:
+    return Case.of(320, 500, 200)
 
 
-def measure(case: Path, engine: str, seconds: float) -> Timing:
+def measure(case: Case, engine: str, seconds: float) -> Timing:
     run = EngineRun(case, engine, seconds)
     run.run_round()
     return run.timing()
 
 
 @pytest.fixture(scope="module")
-def result(case_file: Path) -> CaseResult:
-    case = Case.read(case_file)
-    timings = {name: measure(case_file, name, 0.2) for name in ENGINES}
-    return CaseResult(1280, 492, len(case.trajectory), case.speeds(), timings)
+def result(case: Case) -> CaseResult:
+    timings = {name: measure(case, name, 0.2) for name in ENGINES}
+    return CaseResult(320, 492, len(case.trajectory), case.speeds(), timings)
 
 
 def test_engines_of_the_same_quantity_agree(result: CaseResult) -> None:
@@ -60,22 +56,22 @@ def test_trajectory_stays_within_ten_millimetres_and_penetrates(result: CaseResu
     assert result.inside == int((distances <= 0.0).sum())
 
 
-def test_slow_engine_is_sampled_along_the_whole_trajectory(case_file: Path) -> None:
-    timing = measure(case_file, "vtk tip rebuilt", 0.02)
+def test_slow_engine_is_sampled_along_the_whole_trajectory(case: Case) -> None:
+    timing = measure(case, "vtk tip rebuilt", 0.02)
     assert 10 <= len(timing.pose_indices) < 200
     assert (timing.pose_indices[0], timing.pose_indices[-1]) == (0, 199)
 
 
-def test_separate_processes_give_the_same_results(case_file: Path, result: CaseResult) -> None:
-    apart = measure_in_processes(case_file, [OURS_TIP, "vtk tip"], 1.0, rounds=2)
+def test_separate_processes_give_the_same_results(case: Case, result: CaseResult) -> None:
+    apart = measure_in_processes(case, [OURS_TIP], 1.0, rounds=2)
     for name, timing in apart.items():
         here = result.timings[name]
         assert timing.engine == name
         assert timing.distances_mm[here.pose_indices] == pytest.approx(here.distances_mm, abs=1e-12)
 
 
-def test_fastest_round_of_each_pose_counts(case_file: Path) -> None:
-    run = EngineRun(case_file, OURS_TIP, 1.0)
+def test_fastest_round_of_each_pose_counts(case: Case) -> None:
+    run = EngineRun(case, OURS_TIP, 1.0)
     run.run_round()
     first = run.timing()
     for _ in range(4):
@@ -88,7 +84,7 @@ def test_fastest_round_of_each_pose_counts(case_file: Path) -> None:
 
 
 def test_table_plot_and_document_contain_every_engine(result: CaseResult, tmp_path: Path) -> None:
-    console = Console(width=130, file=StringIO())
+    console = Console(width=150, file=StringIO())
     console.print(case_table(result))
     text = console.file.getvalue()
     rows = json.loads(json.dumps(result.document()))["engines"]
@@ -112,13 +108,13 @@ def case_result(triangles: int, ours: Timing, fcl: Timing) -> CaseResult:
 def test_targets_are_met_missed_or_not_measured() -> None:
     ours, fcl = timing(OURS, 0.1, 0.4), timing("fcl", 1.1, 2.5)
     good = [case_result(81_920, ours, fcl), case_result(1_310_720, ours, fcl)]
-    assert [target.good for target in speed_targets(good)] == [True] * 7
+    assert [target.good for target in speed_goals(good)] == [True] * 7
     slow = [
         case_result(81_920, replace(ours, p50_ms=0.2, p99_ms=0.6), fcl),
         case_result(
             1_310_720, replace(ours, p50_ms=0.4, p99_ms=1.0, build_s=5.1, build_peak_mb=501.0), fcl
         ),
     ]
-    assert [target.good for target in speed_targets(slow)] == [False] * 7
-    assert [target.good for target in speed_targets(good[:1])] == [True] * 3 + [None] * 4
-    assert [target.good for target in speed_targets([])] == [None] * 7
+    assert [target.good for target in speed_goals(slow)] == [False] * 7
+    assert [target.good for target in speed_goals(good[:1])] == [True] * 3 + [None] * 4
+    assert [target.good for target in speed_goals([])] == [None] * 7

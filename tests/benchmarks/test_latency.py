@@ -18,35 +18,39 @@ pytest.importorskip(
 )
 
 from app.scene.nodes.convert import world_matrix
-from benchmarks.latency.bodies import TURN_RAD, body_frames
-from benchmarks.latency.kinds import KINDS, LISTENER, OURS, POLLED
-from benchmarks.latency.measure import Sender, measure
+from benchmarks.latency.measure import KINDS, measure, sending
 from benchmarks.latency.plot import DELAYS, STOPS, write_plots
 from benchmarks.latency.qt_loops import KEPT
 from benchmarks.latency.receivers import complete_frame_stamp
-from benchmarks.latency.results import Run, speed_targets, transports_ms
-from benchmarks.latency.robot_sender import SWEEP_RAD, angle_at
-from benchmarks.latency.stops import STOP_KINDS, delays_at, measure_stops
-from benchmarks.latency.table import runs_table, stops_table
+from benchmarks.latency.results import (
+    OURS,
+    POLLED,
+    Run,
+    goals,
+    runs_table,
+    transports_ms,
+)
+from benchmarks.latency.senders import SWEEP_RAD, TURN_RAD, angle_at, body_frames
+from benchmarks.latency.stops import STOP_KINDS, StopRun, delays_at
 from tests.ros_domain import domain_id as domain_id
 
 BODIES = 4
 SECONDS = 0.5
 BY_NAME = {kind.name: kind for kind in KINDS}
-STOPS_BY_NAME = {kind.name: kind for kind in STOP_KINDS}
 
 
 @pytest.mark.parametrize("name", [OURS, f"{OURS}, {KEPT}", "OpenIGTLink"])
 def test_every_body_arrives_at_its_sent_pose(name, domain_id):
     kind = BY_NAME[name]
     with (
-        Sender("sender", kind.sends, BODIES, kind.rate_hz, 0.0, SECONDS) as sender,
-        closing(kind.open(BODIES, SECONDS, sender.port)) as receiver,
+        sending((kind.sends, BODIES, kind.rate_hz, 0.0, SECONDS)) as ((sender,), port),
+        closing(kind.open(BODIES, SECONDS, port)) as receiver,
     ):
-        receiver.run(sender.has_ended)
+        receiver.run(sender.has_event)
+        report = sender.expect("sent")
         nodes = receiver.poses.nodes.values() if name == "OpenIGTLink" else receiver.lookups
         poses = [world_matrix(node) for node in nodes]
-    last = sender.report["sent"] - 1
+    last = report["sent"] - 1
     assert last == round(SECONDS * kind.rate_hz) - 1
     stamps = [stamp for stamp, _ in receiver.rows]
     assert sorted(stamps) == stamps
@@ -61,7 +65,7 @@ def test_every_body_arrives_at_its_sent_pose(name, domain_id):
 
 def test_run_counts_frames_sent_after_the_warm_up(domain_id):
     run = measure(BY_NAME[OURS], SECONDS, BODIES)
-    assert run.sent == round(SECONDS * run.kind.rate_hz)
+    assert run.sent == round(SECONDS * run.rate_hz)
     assert run.lost == 0
     assert run.shown + run.superseded == run.sent
     assert 0 < run.shown <= run.sent
@@ -69,37 +73,9 @@ def test_run_counts_frames_sent_after_the_warm_up(domain_id):
     assert len(run.transport_ms) == run.shown
     assert (run.transport_ms <= run.delays_ms).all()
     console = Console(file=StringIO(), width=170)
-    console.print(runs_table([run], "title"))
+    console.print(runs_table([run.document()], "title"))
     assert f" {run.mean_ms:.2f} " in console.file.getvalue()
     json.dumps(run.document())
-
-
-def test_plain_listener_measures_the_transport_alone(domain_id):
-    run = measure(BY_NAME[LISTENER], SECONDS, BODIES)
-    assert run.shown > 0
-    assert len(run.transport_ms) == 0
-
-
-def test_each_stop_of_each_of_two_robots_is_shown(domain_id, tmp_path):
-    stops = measure_stops(STOPS_BY_NAME["two robots"], stops=2)
-    assert [run.name for run in stops] == ["two robots: left", "two robots: right"]
-    for run in stops:
-        assert len(run.stops_ms) == 2
-        assert (run.stops_ms > 0.0).all()
-        assert len(run.frames_ms) > 20
-        json.dumps(run.document())
-    console = Console(file=StringIO(), width=170)
-    console.print(stops_table(stops, "title"))
-    assert f" {stops[0].stops_ms.mean():.2f} " in console.file.getvalue()
-    runs = [run_of(BY_NAME[OURS], [1.0, 2.0, 3.0]), run_of(BY_NAME[POLLED], [4.0, 5.0])]
-    write_plots(runs, stops, tmp_path / "plots")
-    for name in (DELAYS, STOPS):
-        assert (tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG")
-
-
-def test_picture_of_a_stop_is_drawn_after_the_scene_shows_it(domain_id):
-    (run,) = measure_stops(STOPS_BY_NAME["module ROS2, drawn"], stops=1)
-    assert run.pictures_ms[0] > run.stops_ms[0]
 
 
 def test_joint_moves_to_and_fro_with_rests():
@@ -118,7 +94,8 @@ def test_delay_at_a_stop_is_that_of_the_first_row_not_before_it():
 
 def run_of(kind, delays_ms, *, sent=None, arrived=None):
     delays, none = np.array(delays_ms), np.empty(0)
-    return Run(kind, sent or len(delays), arrived, delays, 0.5, none, none, none)
+    texts, counts = (kind.name, kind.what, kind.rate_hz), (sent or len(delays), arrived)
+    return Run(*texts, *counts, delays, 0.5, none, none, none)
 
 
 def test_each_requirement_can_fail():
@@ -127,7 +104,7 @@ def test_each_requirement_can_fail():
             OURS: run_of(BY_NAME[OURS], ours_ms),
             POLLED: run_of(BY_NAME[POLLED], polled_ms),
         }
-        return [target.good for target in speed_targets(runs)]
+        return [target.good for target in goals(runs)]
 
     assert verdict([1.0] * 100, [2.0] * 100) == [True, True, True]
     assert verdict([2.1] * 100, [9.0] * 100) == [False, True, True]
@@ -158,3 +135,12 @@ def test_frame_is_complete_if_no_body_is_of_an_earlier_one():
     assert complete_frame_stamp([20, 11, 12]) is None
     assert complete_frame_stamp([20, 21, 12]) is None
     assert complete_frame_stamp([20, 20, 20]) == 20
+
+
+def test_plots_are_written(tmp_path):
+    runs = [run_of(BY_NAME[OURS], [1.0, 2.0, 3.0]), run_of(BY_NAME[POLLED], [4.0, 5.0])]
+    delays = np.array([1.0, 2.0])
+    stops = [StopRun(STOP_KINDS[0], "left", delays, delays, delays, 0.5)]
+    write_plots(runs, stops, tmp_path / "plots")
+    for name in (DELAYS, STOPS):
+        assert (tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG")

@@ -5,8 +5,8 @@ import pytest
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import serialize_message
 
-from benchmarks.rate import failures, figures
-from benchmarks.rate_receiver import seq_of
+from benchmarks.harness.peer import seq_of
+from benchmarks.rate.__main__ import failures, figures
 
 MS = 1_000_000
 
@@ -39,7 +39,7 @@ def test_each_missed_requirement_is_reported():
     assert not any("gap" in line for line in failures(found(gap, 0.2, as_bad)))
     twice = np.arange(2001)
     twice[7] = 6
-    assert any("not in order" in line for line in failures(found(ones, 0.2, ones, seqs=twice)))
+    assert any("in order: False" in line for line in failures(found(ones, 0.2, ones, seqs=twice)))
     late = np.where(np.arange(2001) % 20 == 0, 3.0, 0.2)
     assert any("p99" in line for line in failures(found(ones, late, ones)))
 

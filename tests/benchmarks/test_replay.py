@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.replay import summary
+from benchmarks.replay.__main__ import compared, summary
 
 
 def a_run(wall_s: float) -> dict[str, Any]:
@@ -32,3 +32,10 @@ def test_analysis_and_waiting_for_the_picture_are_stated_apart() -> None:
     assert found["without_picture_s"] == pytest.approx(4.0)
     assert found["times_real_time"] == pytest.approx(15.0)
     assert found["inside_s"] == pytest.approx(3.25)
+
+
+def test_fastest_complete_run_is_compared_with_the_fastest_replay() -> None:
+    found = compared([a_run(4.5), a_run(4.0)], [a_run(8.0), a_run(7.5), a_run(9.0)])
+    assert (found["beyond_s"], found["beyond_cpu_s"]) == (3.5, 7.0)
+    assert found["complete"]["phases_s"] == a_run(7.5)["phases_s"]
+    assert found["walls_s"]["complete"] == [8.0, 7.5, 9.0]

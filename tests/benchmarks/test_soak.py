@@ -1,12 +1,10 @@
 """Figures of the soak benchmark."""
 
-import json
-
 import numpy as np
 import pytest
 
-from benchmarks.soak.__main__ import BARE, GUARD, failures, figures, interpolate, slope_mb_h
-from benchmarks.soak.receiver import Stream, percentile_ms
+from benchmarks.soak.__main__ import failures, figures, slope_mb_h
+from benchmarks.soak.processes import BARE, GUARD, Stream, percentile_ms
 
 
 def rows(live_mb):
@@ -64,20 +62,3 @@ def test_percentile_of_the_histogram_agrees_with_numpy():
         stream.histogram[gap_ns // 10_000] += 1
     expected_ms = np.percentile(gaps_ns, 99.99, method="inverted_cdf") / 1e6
     assert 0.0 <= percentile_ms(stream.histogram, 0.9999) - expected_ms <= 0.01
-
-
-def test_scene_is_interpolated_to_a_higher_rate(tmp_path):
-    half = np.sqrt(0.5)
-    frames = [
-        {"edges": [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]], "joints": [0.0]},
-        {"edges": [[4.0, 0.0, 0.0, 0.0, 0.0, -half, -half]], "joints": [1.0]},
-    ]
-    path = tmp_path / "scene.json"
-    path.write_text(json.dumps({"period_ns": 20_000_000, "frames": frames}))
-    interpolate(path, 200)
-    scene = json.loads(path.read_text())
-    assert scene["period_ns"] == 5_000_000
-    assert [frame["edges"][0][0] for frame in scene["frames"]] == [0.0, 1.0, 2.0, 3.0]
-    assert [frame["joints"][0] for frame in scene["frames"]] == [0.0, 0.25, 0.5, 0.75]
-    # The same rotation as -q is 90 degrees away, not 270.
-    assert scene["frames"][2]["edges"][0][6] == pytest.approx(np.cos(np.pi / 8.0))

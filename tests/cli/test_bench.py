@@ -12,20 +12,21 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
-    pytest.importorskip("pinocchio")
     (tmp_path / "benchmarks").mkdir()
-    (tmp_path / "benchmarks" / "kinematics.py").write_text("raise SystemExit(7)")
-    options = ("--samples", "1", "--json", "figures.json")
+    (tmp_path / "benchmarks" / "session.py").write_text("raise SystemExit(7)")
+    options = ("--seconds", "1", "--json", "figures.json")
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "app.cli", "bench", "kinematics", *options],
+        [sys.executable, "-P", "-m", "app.cli", "bench", "session", *options],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "figures.json").read_text())
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["steps"] == 1000, done.stderr
+    assert done.returncode == int(bool(figures["failures"]))
+    assert {"cores", "date", "versions", "commit"} <= figures["machine"].keys()
 
 
 @pytest.mark.parametrize("name", ["replay", "session"])
@@ -51,12 +52,9 @@ def test_each_help_contains_command(name):
         (["replay", "nowhere"], "'nowhere' is no case; expected a folder with a case.yaml"),
         (["replay", "--runs", "0"], "--runs is 0; expected 1 or more"),
         (["replay", "--minutes", "-1"], "--minutes is -1; expected more than 0, at most 600"),
-        (
-            ["kinematics", "--json", "none/x.json"],
-            "none/x.json cannot be written: parent",
-        ),
-        (["push", "--plot=none/x.png"], "none/x.png cannot be written: parent"),
-        (["kinematics", "--samples", "0"], "--samples is 0; expected 1 or more"),
+        (["view", "--json", "none/x.json"], "none/x.json cannot be written: parent"),
+        (["fixture", "--plot=none/x.png"], "none/x.png cannot be written: parent"),
+        (["fixture", "--tumors", "80", "19"], "--tumors is 19; expected 20 or more"),
     ],
 )
 def test_bad_options_give_one_error_line_and_no_figures(arguments, message):
@@ -74,7 +72,7 @@ def test_bad_options_give_one_error_line_and_no_figures(arguments, message):
 
 @pytest.mark.parametrize(
     ("benchmark", "peer"),
-    [("push", "igl"), ("view", "playwright"), ("kinematics", "pinocchio"), ("fixture", "coal")],
+    [("view", "playwright"), ("images", "playwright"), ("fixture", "coal")],
 )
 def test_missing_peer_is_reported_in_one_line(benchmark, peer, tmp_path):
     missing = f"raise ModuleNotFoundError('gone', name={peer!r})"

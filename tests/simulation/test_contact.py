@@ -2,21 +2,9 @@
 
 import pytest
 
-from benchmarks.closed_loop import contact
-from benchmarks.closed_loop.contact import MASSES_KG, MAX_DEPTH_MM, convex_error_mm, run_press
+from tests.simulation.pressed_tool import MASSES_KG, MAX_DEPTH_MM, convex_error_mm, run_press
 
 pytestmark = pytest.mark.long
-
-
-@pytest.fixture(autouse=True)
-def coarse_skull(monkeypatch):
-    """A skull of a quarter of the triangles, whose convex parts are computed sooner."""
-    icosphere = contact.trimesh.creation.icosphere
-    monkeypatch.setattr(
-        contact.trimesh.creation,
-        "icosphere",
-        lambda subdivisions=3, **options: icosphere(subdivisions - 1, **options),
-    )
 
 
 @pytest.mark.parametrize("mass_kg", MASSES_KG)

@@ -7,8 +7,8 @@ import pytest
 
 from app.robot import load_robot
 from app.simulation import World
-from benchmarks.closed_loop.dynamics import largest_difference
 from tests.simulation.conftest import arm, world_of
+from tests.simulation.random_arms import largest_difference
 
 pytestmark = pytest.mark.long
 

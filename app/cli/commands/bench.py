@@ -14,39 +14,29 @@ from app.files.shipped import shipped
 
 SUMMARY = "run a benchmark and compare its figures with those of peers"
 BENCHMARKS = {
-    "registration": "benchmarks.registration",
-    "fixture": "benchmarks.fixture",
-    "fixture-agreement": "benchmarks.fixture_agreement",
-    "push": "benchmarks.fixture_push",
-    "session": "benchmarks.session",
-    "frozen": "benchmarks.frozen",
-    "plausibility": "benchmarks.plausibility",
-    "rate": "benchmarks.rate",
-    "latency": "benchmarks.latency",
-    "faults": "benchmarks.faults",
-    "soak": "benchmarks.soak",
-    "kinematics": "benchmarks.kinematics",
-    "replay": "benchmarks.replay",
-    "report": "benchmarks.complete_report",
-    "view": "benchmarks.view",
-    "images": "benchmarks.images",
-    "fuzz": "benchmarks.fuzz",
-    "record": "benchmarks.recorder",
-    "simulation": "benchmarks.simulation",
-    "guided": "benchmarks.guided",
-    "depth": "benchmarks.depth",
-    "probability": "benchmarks.probability",
-    "passivity": "benchmarks.passivity",
-    "closed-loop": "benchmarks.closed_loop",
-    "cohort": "benchmarks.cohort",
-    "edits": "benchmarks.edits",
+    "fixture": "time of one evaluation; FCL, coal and VTK",
+    "session": "time of a session's step at 1 kHz, and memory",
+    "rate": "the constraint at 1 kHz to another process",
+    "latency": "from a stamp in another process to the scene; timers and OpenIGTLink",
+    "view": "pictures of the page a second, and delay from a pose to its pixels",
+    "images": "live ultrasound: delay from an image's stamp to the page, and memory",
+    "replay": "a whole replay, phase by phase; with --report all of its results",
+    "simulation": "a physics step of a world; MuJoCo's own step",
+    "closed-loop": "a hand pushes a simulated arm in real time, and processes that fail",
+    "cohort": "a cohort with more workers: wall clock, memory, equal bytes",
+    "soak": "a live session and its recorder for an hour: memory and gaps",
+    "faults": "faults of tracker, robot, graph and process, judged from outside",
 }
+"""Help by name; the module is that of the name in the folder ``benchmarks``."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard bench``; options after the name are the benchmark's."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    lines = "".join(f"\n  {name:12}  {text}" for name, text in BENCHMARKS.items())
+    parser.epilog = f"benchmarks:{lines}"
     parser.add_argument(
-        "name", choices=tuple(BENCHMARKS), help="the benchmark: docs/benchmarks.md describes each"
+        "name", choices=tuple(BENCHMARKS), metavar="NAME", help="a benchmark of the list below"
     )
     parser.add_argument(
         "options",
@@ -74,10 +64,14 @@ def run(options: argparse.Namespace) -> int:
         check_output_path(path)
     code = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
-        [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
+        [sys.executable, "-m", "app.cli.benchmark", _module(options.name), *options.options],
         env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
         check=False,
     ).returncode
+
+
+def _module(name: str) -> str:
+    return f"benchmarks.{name.replace('-', '_')}"
 
 
 def _output_paths(options: Sequence[str]) -> list[Path]:

@@ -1,0 +1,1 @@
+"""A cohort with more workers: `marginguard bench cohort`."""

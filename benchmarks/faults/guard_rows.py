@@ -1,0 +1,148 @@
+"""Faults of the guard's own process, and restarts."""
+
+import random
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+from benchmarks.faults.bench import Bench, UnmeasuredError
+from benchmarks.faults.controller import rule_approaches
+from benchmarks.faults.records import UNKNOWN, judge
+from benchmarks.faults.results import Row, Trial, Variant
+from benchmarks.harness.processes import ChildError
+
+STOPS = 25
+MIN_STOP_S, MAX_STOP_S = 0.3, 2.0
+AFTER_RESTART_S = 2.0
+START_S = 60.0
+
+
+def guard_rows() -> Iterator[Row]:
+    for name, run, second_source in (
+        ("guard stopped 0.3 to 2 s (SIGSTOP)", _stopped, "the clock"),
+        ("guard killed on hold, restarted", partial(_restarted, on_hold=True), "the file"),
+        ("guard killed, restarted", partial(_restarted, on_hold=False), "the file"),
+        ("guard replaced, by the controller's rule", _replaced, "instance_id"),
+        ("second instance beside a hold", _second_instance, "lock and graph"),
+        ("driver restarted (SIGTERM)", partial(_driver, number=signal.SIGTERM), "the graph"),
+        ("driver restarted (SIGKILL)", partial(_driver, number=signal.SIGKILL), "the graph"),
+    ):
+        trials = STOPS if run is _stopped else None
+        yield Row(name, Variant.LIVE_JOINTS, run, second_source, "0 ms", trials=trials)
+
+
+def _stopped(bench: Bench) -> Trial:
+    """After waking nothing is permissive: neither old data nor the commands that have waited."""
+    bench.free()
+    guard = bench.guard
+    assert guard is not None
+    seconds = random.uniform(MIN_STOP_S, MAX_STOP_S)
+    stopped_ns = time.time_ns()
+    guard.send_signal(signal.SIGSTOP)
+    try:
+        bench.controller.wait_until(time.time_ns() + round(seconds * 1e9))
+    finally:
+        woken_ns = time.time_ns()
+        guard.send_signal(signal.SIGCONT)
+    return Trial(bench.observe(woken_ns, 0.0, 600.0, tolerance_ns=0, free_at_ns=stopped_ns))
+
+
+def _restarted(bench: Bench, on_hold: bool) -> Trial:
+    """A guard that starts after SIGKILL must be on hold until it is re-armed."""
+    killed_ns = _kill_and_restart(bench, on_hold)
+    verdict = bench.observe(killed_ns, 0.0, 0.0, free_at_ns=None)
+    return Trial(verdict, note=_first_known(bench))
+
+
+def _replaced(bench: Bench) -> Trial:
+    """The rule of a controller must not allow motion by the new guard."""
+    killed_ns = _kill_and_restart(bench, False, forget=False)
+    limit_ns = killed_ns + bench.stale_ns
+    constraints, _ = bench.controller.records()
+    new = [each for each in constraints if each.sent_ns > limit_ns]
+    allowed = rule_approaches(constraints, bench.scene, after_ns=limit_ns)
+    verdict = judge(new, [], begin_ns=killed_ns, limit_ns=limit_ns)
+    verdict = replace(verdict, to_safe_ms=None, late_constraints=allowed, late_twists=0)
+    if allowed == 0:
+        verdict = replace(verdict, to_safe_ms=0.0, over_limit_ms=0.0)
+    return Trial(verdict, note=f"{len(new)} messages of the new guard")
+
+
+def _kill_and_restart(bench: Bench, on_hold: bool, *, forget: bool = True) -> int:
+    """Kill and restart the guard, wait until it knows the margin and longer; time of the kill."""
+    bench.free()
+    if on_hold:
+        bench.put_on_hold()
+    guard = bench.guard
+    assert guard is not None
+    guard.end(signal.SIGKILL)
+    killed_ns = time.time_ns()
+    old = bench.latest().content.instance_id
+    if forget:
+        bench.controller.forget()
+    bench.start_guard(wait=False)
+    known = bench.wait_for(
+        lambda seen: seen.content.instance_id != old and seen.content.state != UNKNOWN,
+        "the restarted guard does not know the margin",
+        START_S,
+    )
+    bench.controller.wait_until(known.sent_ns + round(AFTER_RESTART_S * 1e9))
+    return killed_ns
+
+
+def _first_known(bench: Bench) -> str:
+    for each in bench.controller.records()[0]:
+        if each.content.state != UNKNOWN:
+            return f"first known: {', '.join(each.content.reasons)}"
+    return ""
+
+
+def _second_instance(bench: Bench) -> Trial:
+    """A second guard beside one on hold must not start, or not be permissive."""
+    bench.free()
+    held = bench.put_on_hold()
+    bench.controller.forget()
+    begin_ns = time.time_ns()
+    other = bench.another_guard()
+
+    def has_appeared() -> bool:
+        recent = bench.controller.records()[0][-50:]
+        own = held.content.instance_id
+        return not other.running or any(
+            each.content.instance_id != own and each.content.state != UNKNOWN for each in recent
+        )
+
+    try:
+        deadline = time.monotonic() + START_S
+        while not bench.controller.wait(has_appeared, 0.2):
+            if time.monotonic() > deadline:
+                raise UnmeasuredError("the second instance neither ended nor published")
+        refused = not other.running
+        after_s = 0.5 if refused else AFTER_RESTART_S
+        bench.controller.wait_until(time.time_ns() + round(after_s * 1e9))
+        verdict = bench.observe(begin_ns, 0.0, 0.0, free_at_ns=None)
+    finally:
+        status = other.end(signal.SIGINT)
+    return Trial(verdict, note=f"refused, status {status}" if refused else "started")
+
+
+def _driver(bench: Bench, number: signal.Signals) -> Trial:
+    """A driver that is restarted is no second sender; a dropout may hold."""
+    bench.free()
+    assert bench.tracker is not None
+    begin_ns = time.time_ns()
+    bench.tracker.end(number)
+    bench.start_tracker()
+    verdict = bench.observe(begin_ns, bench.stale_ms, 3000.0)
+    constraints, _ = bench.controller.records()
+    accused = sum("second_sender" in each.content.reasons for each in constraints)
+    try:
+        bench.free()
+    except (UnmeasuredError, ChildError) as error:
+        return Trial(replace(verdict, to_safe_ms=None), note=f"not re-armed: {error}")
+    return Trial(
+        replace(verdict, late_constraints=verdict.late_constraints + accused),
+        note=f"second_sender in {accused}; re-armed",
+    )

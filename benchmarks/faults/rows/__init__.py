@@ -1,1 +1,0 @@
-"""The rows of the fault matrix: each injects one fault and judges what follows."""

@@ -1,0 +1,83 @@
+"""Parser of a benchmark's options, which checks the range of each number."""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from app.cli.options import input_argument
+
+RECORDED_CASE = Path(__file__).resolve().parents[2] / "data/recorded_case"
+
+
+class BenchParser(argparse.ArgumentParser):
+    """Parser of ``marginguard bench NAME``, with ``--json FILE`` unless ``json`` is false."""
+
+    def __init__(self, name: str, description: str | None, *, json: bool = True) -> None:
+        super().__init__(
+            prog=f"marginguard bench {name}",
+            description=description,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        self._ranges: dict[str, tuple[float, float, bool]] = {}
+        if json:
+            self.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+
+    def number(
+        self,
+        flag: str,
+        default: float | Sequence[float] | None,
+        text: str,
+        *,
+        low: float = 1,
+        high: float = math.inf,
+        above: bool = False,
+        **settings: Any,
+    ) -> None:
+        """Add a number from ``low`` to ``high``, or ``above`` the low one; int if the default is.
+
+        Several numbers by default: one or more, the range is that of each.
+        """
+        numbers: Sequence[float] = () if default is None else (default,)  # type: ignore[assignment]
+        if isinstance(default, Sequence):
+            numbers, settings["nargs"] = default, "+"
+        if numbers:
+            text = f"{text} (default: {' '.join(f'{each:g}' for each in numbers)})"
+        kind = int if numbers and isinstance(numbers[0], int) else float
+        self.add_argument(flag, type=kind, default=default, help=text, **settings)
+        self._ranges[flag] = (low, high, above)
+
+    def case(self, flag: str = "--case") -> None:
+        """Add the case to run on: an option, or an argument that may be missing."""
+        optional = {} if flag.startswith("-") else {"nargs": "?"}
+        text = "default: data/recorded_case"
+        self.add_argument(flag, type=case_folder, default=RECORDED_CASE, help=text, **optional)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
+        """Parse, and end with status 2 and one line if a number is outside of its range."""
+        options = super().parse_args(args, namespace)
+        for flag, (low, high, above) in self._ranges.items():
+            found = getattr(options, flag.lstrip("-").replace("-", "_"))
+            for value in found if isinstance(found, list | tuple) else [found]:
+                if value is None:
+                    continue
+                enough = low < value if above else low <= value
+                if enough and value <= high and value < math.inf:
+                    continue
+                self.error(f"{flag} is {value:g}; expected {_range_text(low, high, above)}")
+        return options
+
+
+def _range_text(low: float, high: float, above: bool) -> str:
+    if high == math.inf:
+        return f"more than {low:g}" if above else f"{low:g} or more"
+    return f"more than {low:g}, at most {high:g}" if above else f"{low:g} to {high:g}"
+
+
+def case_folder(text: str) -> Path:
+    """Case folder of an option; raises `argparse.ArgumentTypeError` without a case.yaml."""
+    folder = input_argument(text)
+    if not (folder / "case.yaml").is_file():
+        raise argparse.ArgumentTypeError(f"{text!r} is no case; expected a folder with a case.yaml")
+    return folder

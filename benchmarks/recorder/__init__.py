@@ -1,1 +1,0 @@
-"""What a killed recorder loses: `marginguard bench record`."""

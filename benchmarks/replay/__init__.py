@@ -1,0 +1,1 @@
+"""Duration of a replay and of its results: `marginguard bench replay`."""

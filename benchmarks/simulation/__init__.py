@@ -1,0 +1,1 @@
+"""Time of a physics step of a world: `marginguard bench simulation`."""

@@ -1,0 +1,155 @@
+"""Time of a physics step of a world, beside MuJoCo's own step of the same model.
+
+``marginguard bench simulation [WORLD]``: the scripted hand pushes, the arm follows slow joint
+velocities, the tracker measures. Prints the CPU time of a step (p50, p99, maximum) and how much
+faster than real time the world runs, then the same for a bare ``mj_step`` in the same minute. CPU
+time is that of the thread, so that other programs do not count. With ``--minutes M`` the world then
+runs that long in real time in a process of its own, and its pace is measured against the clock of
+the host. Exit status 1 if the p99 is above the goal, if the world drifts by more than 1 ms, or if
+more than 10 ms of the time were not simulated.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.files.extras import check_installed
+from app.files.shipped import shipped
+from app.geometry import MarginGuardError
+from benchmarks.harness.figures import Spread, at_most, load, machine, missed, show, table
+from benchmarks.harness.options import BenchParser
+
+GOAL_MS = 0.5
+MAX_DRIFT_MS, MAX_MISSING_S = 1.0, 0.01
+WARM_UP = 200
+
+
+def measured(step: Callable[[int], object], count: int) -> dict[str, float]:
+    """CPU time of ``count`` steps in ms, and simulated steps per second of wall time."""
+    for number in range(WARM_UP):
+        step(number)
+    times = np.zeros(count)
+    started = time.perf_counter()
+    for number in range(count):
+        before = time.thread_time_ns()
+        step(WARM_UP + number)
+        times[number] = 1e-6 * (time.thread_time_ns() - before)
+    wall_s = time.perf_counter() - started
+    return {**asdict(Spread.of(times)), "steps_per_s": count / wall_s}
+
+
+def run_world(path: Path, count: int) -> dict[str, Any]:
+    """Measure the world at ``path`` and a bare ``mj_step`` of its model."""
+    import mujoco
+
+    from app.simulation import JointVelocityCommand, ScriptedHand, World, WorldTracker, open_world
+
+    description = open_world(path)
+    world = World(description)
+    hand, tracker = None, None
+    if description.hand is not None:
+        robot = next(each for each in description.robots if each.name == description.hand.robot)
+        if robot.tool is not None:
+            hand = ScriptedHand(description.hand, robot.tool.name)
+    if description.tracker is not None:
+        tracker = WorldTracker(description.tracker, description.seed)
+    contacts = 0
+
+    def step(number: int) -> None:
+        nonlocal contacts
+        state = world.state()
+        speed = 0.2 * float(np.sin(0.002 * number))
+        commands = {
+            name: JointVelocityCommand(state.time_ns, arm.joints, (speed,) * len(arm.joints))
+            for name, arm in state.arms.items()
+        }
+        state = world.step(commands, {} if hand is None else {hand.tool: hand.wrench(state)})
+        if tracker is not None:
+            tracker.observe(state)
+            tracker.arrived(state.time_ns)
+        contacts += len(world.data.contact) > 0
+
+    ours = measured(step, count)
+    model, data = world.model, mujoco.MjData(world.model)
+    bare = measured(lambda _: mujoco.mj_step(model, data), count)
+    return {
+        "world": description.name,
+        "steps": count,
+        "timestep_ms": 1e-6 * description.timestep_ns,
+        "degrees_of_freedom": int(model.nv),
+        "convex_parts": int(model.ngeom),
+        "steps_with_contact": contacts,
+        "world_step": ours,
+        "mj_step": bare,
+        "real_time_factor": ours["steps_per_s"] * 1e-9 * description.timestep_ns,
+        "goal_p99_ms": GOAL_MS,
+        "load": load(),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = BenchParser("simulation", __doc__, json=False)
+    parser.add_argument(
+        "world",
+        nargs="?",
+        type=Path,
+        default=shipped("data", "worlds", "lumpectomy"),
+        help="world file or its folder (default: the shipped one)",
+    )
+    parser.number("--steps", 10_000, "steps to measure")
+    text = "also measure the pace over that time"
+    parser.number("--minutes", None, text, low=0.1, high=600.0, metavar="M")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    options = parser.parse_args(arguments)
+    pace = None
+    try:
+        check_installed("mujoco", "coacd")
+        found = run_world(options.world, options.steps)
+        if options.minutes is not None:
+            check_installed("rclpy")
+            from benchmarks.simulation.pace import measured_pace
+
+            pace = measured_pace(options.world, options.minutes)
+    except MarginGuardError as error:
+        print(f"marginguard bench simulation: {error}", file=sys.stderr)
+        return 2
+    goals = [at_most("p99 of a step is", found["world_step"]["p99_ms"], GOAL_MS, "ms", ".3f")]
+    if pace is not None:
+        goals.append(at_most("it drifts by", abs(pace.drift_ms), MAX_DRIFT_MS, "ms", ".3f"))
+        goals.append(at_most("not simulated are", pace.missing_s, MAX_MISSING_S, "s", ".4f"))
+    if options.json:
+        document = {"machine": machine(), **found, "pace": pace and asdict(pace)}
+        print(json.dumps(document, indent=2))
+    else:
+        names = ("world_step", "mj_step")
+        keys = ("p50_ms", "p99_ms", "max_ms", "steps_per_s")
+        show(
+            f"world {found['world']}: {found['degrees_of_freedom']} degrees of freedom, "
+            f"{found['convex_parts']} convex parts, {found['steps']} steps of "
+            f"{found['timestep_ms']:g} ms, load {found['load']:.1f}",
+            table(
+                f"CPU time of a step; real time factor {found['real_time_factor']:.1f}",
+                ("", "p50 ms", "p99 ms", "max ms", "steps/s"),
+                [(name, *(found[name][key] for key in keys)) for name in names],
+            ),
+        )
+        if pace is not None:
+            show(
+                f"  {pace.seconds:.0f} s in real time: drift {pace.drift_ms:.3f} ms, delay behind "
+                f"the stamp p50 {pace.median_ms:.2f} ms  p99 {pace.p99_ms:.2f} ms  "
+                f"max {pace.max_ms:.1f} ms, not simulated {pace.missing_s:.4f} s"
+            )
+    wrong = missed(goals)
+    for sentence in wrong:
+        print(sentence, file=sys.stderr)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

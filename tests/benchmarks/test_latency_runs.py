@@ -1,0 +1,50 @@
+"""Short runs of the receivers of the latency benchmark."""
+
+import json
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+pytest.importorskip("pyigtl")
+pytest.importorskip("rclpy")
+pytest.importorskip("slicer")
+pytest.importorskip(
+    "PySide6.QtCore", reason="PySide6 cannot be loaded: apt install libegl1", exc_type=ImportError
+)
+
+from benchmarks.latency.measure import KINDS, LISTENER, measure
+from benchmarks.latency.results import stops_table
+from benchmarks.latency.stops import STOP_KINDS, measure_stops
+from tests.ros_domain import domain_id as domain_id
+
+pytestmark = pytest.mark.long
+
+BODIES = 4
+SECONDS = 0.5
+BY_NAME = {kind.name: kind for kind in KINDS}
+STOPS_BY_NAME = {kind.name: kind for kind in STOP_KINDS}
+
+
+def test_plain_listener_measures_the_transport_alone(domain_id):
+    run = measure(BY_NAME[LISTENER], SECONDS, BODIES)
+    assert run.shown > 0
+    assert len(run.transport_ms) == 0
+
+
+def test_each_stop_of_each_of_two_robots_is_shown(domain_id):
+    stops = measure_stops(STOPS_BY_NAME["two robots"], stops=2)
+    assert [run.name for run in stops] == ["two robots: left", "two robots: right"]
+    for run in stops:
+        assert len(run.stops_ms) == 2
+        assert (run.stops_ms > 0.0).all()
+        assert len(run.frames_ms) > 20
+        json.dumps(run.document())
+    console = Console(file=StringIO(), width=170)
+    console.print(stops_table([run.document() for run in stops], "title"))
+    assert f" {stops[0].stops_ms.mean():.2f} " in console.file.getvalue()
+
+
+def test_picture_of_a_stop_is_drawn_after_the_scene_shows_it(domain_id):
+    (run,) = measure_stops(STOPS_BY_NAME["module ROS2, drawn"], stops=1)
+    assert run.pictures_ms[0] > run.stops_ms[0]
