@@ -1,7 +1,5 @@
 """The analysis of a simulated case whose only error is white noise: what an interval is of."""
 
-from pathlib import Path
-
 import pytest
 
 import marginguard as mg
@@ -9,7 +7,7 @@ from app.analysis import analyse_case
 
 
 @pytest.mark.timeout(300)
-def test_depths_cover_the_truth_and_are_nearer_than_the_lowest_samples(tmp_path: Path) -> None:
+def test_depths_cover_the_truth_and_are_nearer_than_the_lowest_samples(tmp_path):
     case = mg.open_case(mg.make_case(tmp_path / "case", seed=1))
     content = case.content
     found = analyse_case(

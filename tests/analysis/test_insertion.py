@@ -1,7 +1,6 @@
 """Insertion metrics of a recorded hand, compared with arithmetic on the text of the recording."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ def rigid(matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def test_metrics_of_the_phantom_case_equal_independent_arithmetic(project_root: Path):
+def test_metrics_of_the_phantom_case_equal_independent_arithmetic(project_root):
     folder = project_root / "data" / "phantom_case"
     case = mg.open_case(folder, tip_only=True)
     content = case.content
@@ -54,7 +53,7 @@ def test_metrics_of_the_phantom_case_equal_independent_arithmetic(project_root: 
     assert found.tissue_path_mm == pytest.approx(tissue_path, rel=1e-3)
 
 
-def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(project_root: Path):
+def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(project_root):
     """The tissue is a ball of 10 mm, whose surface is a mesh in the case."""
     folder = project_root / "data" / "phantom_case"
     case = mg.open_case(folder, tip_only=True)

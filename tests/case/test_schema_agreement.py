@@ -17,7 +17,7 @@ from tests.valid_documents import VALID, shipped
 @pytest.mark.parametrize("document", DOCUMENTS)
 @settings(max_examples=60)
 @given(data=st.data())
-def test_reader_accepts_what_the_schema_accepts(document: str, data: st.DataObject) -> None:
+def test_reader_accepts_what_the_schema_accepts(document, data):
     """Except for the rules that a schema cannot state, which half of the examples obey."""
     values = data.draw(documents(validator(document).schema))
     if document != "expected" and data.draw(st.booleans()):
@@ -29,12 +29,12 @@ def test_reader_accepts_what_the_schema_accepts(document: str, data: st.DataObje
 @pytest.mark.parametrize("document", DOCUMENTS)
 @settings(max_examples=300)
 @given(data=st.data())
-def test_reader_and_schema_agree_on_edited_documents(document: str, data: st.DataObject) -> None:
+def test_reader_and_schema_agree_on_edited_documents(document, data):
     values = data.draw(faulty([values for name, values in VALID if name == document]))
     assert disagreement(document, values) is None
 
 
-def test_comparison_finds_a_schema_that_is_too_strict_or_too_lax() -> None:
+def test_comparison_finds_a_schema_that_is_too_strict_or_too_lax():
     values = shipped("case")
     strict = jsonschema.Draft202012Validator({"required": ["colour"]})
     lax = jsonschema.Draft202012Validator({})

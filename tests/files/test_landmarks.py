@@ -26,7 +26,7 @@ def markups(folder: Path, **changes: object) -> Path:
     return path
 
 
-def test_markups_in_lps_are_converted_to_ras(tmp_path: Path) -> None:
+def test_markups_in_lps_are_converted_to_ras(tmp_path):
     found = read_landmarks(markups(tmp_path))
     assert list(found) == ["F-1", "F-2"]
     np.testing.assert_array_equal(found["F-1"], [1.0, 2.0, 3.0])
@@ -35,7 +35,7 @@ def test_markups_in_lps_are_converted_to_ras(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("axes", ["LPS", "RAS", None])
-def test_markups_agree_with_slicer(tmp_path: Path, axes: str | None) -> None:
+def test_markups_agree_with_slicer(tmp_path, axes):
     """Without a coordinate system a file is in LPS."""
     slicer = pytest.importorskip("slicer")
     path = markups(tmp_path, coordinateSystem=axes)
@@ -65,7 +65,7 @@ FIDUCIALS = """\
 
 
 @pytest.mark.parametrize("axes", ["LPS", "RAS", "0", "1"])
-def test_fiducial_tables_agree_with_slicer(tmp_path: Path, axes: str) -> None:
+def test_fiducial_tables_agree_with_slicer(tmp_path, axes):
     slicer = pytest.importorskip("slicer")
     path = tmp_path / "points.fcsv"
     path.write_text(FIDUCIALS.format(axes=axes))
@@ -83,7 +83,7 @@ def test_fiducial_tables_agree_with_slicer(tmp_path: Path, axes: str) -> None:
         np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
 
 
-def test_malformed_tables_are_refused(tmp_path: Path) -> None:
+def test_malformed_tables_are_refused(tmp_path):
     path = tmp_path / "points.fcsv"
     good = FIDUCIALS.format(axes="LPS")
     for text, message in (
@@ -104,7 +104,7 @@ def test_malformed_tables_are_refused(tmp_path: Path) -> None:
             read_landmarks(path)
 
 
-def test_points_may_have_empty_and_duplicate_names(tmp_path: Path) -> None:
+def test_points_may_have_empty_and_duplicate_names(tmp_path):
     points = [{"label": "", "position": [1.0, 2.0, 3.0]}] * 2
     path = markups(tmp_path, controlPoints=points)
     assert [(name, p.tolist()) for name, p in read_points(path)] == [("", [-1.0, -2.0, 3.0])] * 2
@@ -112,7 +112,7 @@ def test_points_may_have_empty_and_duplicate_names(tmp_path: Path) -> None:
         read_landmarks(path)
 
 
-def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path: Path) -> None:
+def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path):
     path = tmp_path / "phantom.yaml"
     path.write_text(
         "landmarks:\n- {name: B, position_mm: [1, 2, 3]}\n- {name: A, position_mm: [4, 5, 6]}"
@@ -132,14 +132,14 @@ def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_malformed_yaml_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_yaml_is_refused(tmp_path, text, message):
     path = tmp_path / "phantom.yml"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_landmarks(path)
 
 
-def test_malformed_markups_are_refused(tmp_path: Path) -> None:
+def test_malformed_markups_are_refused(tmp_path):
     for changes, message in (
         ({"coordinateSystem": "IJK"}, "expected RAS or LPS"),
         ({"coordinateUnits": "cm"}, "expected mm"),

@@ -130,12 +130,12 @@ def files_that_use(name: str) -> set[str]:
 
 
 @pytest.mark.parametrize("name", PARSED_IN)
-def test_a_parser_is_named_in_its_own_file_only(name: str) -> None:
+def test_a_parser_is_named_in_its_own_file_only(name):
     assert files_that_use(name) <= PARSED_IN[name]
 
 
 @pytest.mark.parametrize("name", [name for name, files in PARSED_IN.items() if files])
-def test_the_table_names_no_file_without_its_parser(name: str) -> None:
+def test_the_table_names_no_file_without_its_parser(name):
     assert files_that_use(name) == PARSED_IN[name]
 
 
@@ -151,19 +151,19 @@ def opening_calls(path: Path) -> set[str]:
     return found
 
 
-def test_only_the_bounded_read_opens_files() -> None:
+def test_only_the_bounded_read_opens_files():
     found = {str(path.relative_to(APP)): opening_calls(path) for path in APP.rglob("*.py")}
     assert {path: calls for path, calls in found.items() if calls} == OPENS_FILES
 
 
-def test_an_opening_call_is_found(tmp_path: Path) -> None:
+def test_an_opening_call_is_found(tmp_path):
     path = tmp_path / "module.py"
     path.write_text("open('a')\nPath('a').open('rb')\nnumpy.load(path)\nio.open(name)\n")
     expected = {"open", "Path('a').open", "numpy.load", "io.open"}
     assert opening_calls(path) == expected
 
 
-def test_files_of_users_are_not_read_without_a_bound() -> None:
+def test_files_of_users_are_not_read_without_a_bound():
     found = {
         str(path.relative_to(APP))
         for path in APP.rglob("*.py")

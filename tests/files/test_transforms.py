@@ -45,13 +45,13 @@ def write_with_slicer(path: Path, transform: Transform) -> None:
 
 
 @pytest.mark.parametrize("ending", [".tfm", ".txt"])
-def test_slicer_reads_the_written_matrix(tmp_path: Path, ending: str) -> None:
+def test_slicer_reads_the_written_matrix(tmp_path, ending):
     path = tmp_path / f"StylusTipToStylus{ending}"
     write_transform(path, TIP_TO_STYLUS, "pivot, 100 poses:\nsigma 0.1 mm")
     np.testing.assert_allclose(read_with_slicer(path), TIP_TO_STYLUS.matrix, atol=1e-12)
 
 
-def test_simple_itk_maps_points_by_the_written_matrix(tmp_path: Path) -> None:
+def test_simple_itk_maps_points_by_the_written_matrix(tmp_path):
     """ITK stores the transform from the parent, in LPS."""
     path = tmp_path / "StylusTipToStylus.tfm"
     write_transform(path, TIP_TO_STYLUS)
@@ -62,7 +62,7 @@ def test_simple_itk_maps_points_by_the_written_matrix(tmp_path: Path) -> None:
         np.testing.assert_allclose(found, at, rtol=0, atol=1e-9)
 
 
-def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path: Path) -> None:
+def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path):
     path = tmp_path / "theirs.tfm"
     write_with_slicer(path, TIP_TO_STYLUS)
     assert "FixedParameters: 0 0 0" not in path.read_text(), (
@@ -78,7 +78,7 @@ def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path: Path) -> Non
     shift=st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3),
     ending=st.sampled_from([".yaml", ".yml", ".tfm", ".txt"]),
 )
-def test_transform_survives_a_round_trip(tmp_path_factory, vector, shift, ending) -> None:
+def test_transform_survives_a_round_trip(tmp_path_factory, vector, shift, ending):
     path = tmp_path_factory.mktemp("transform") / f"t{ending}"
     pose = Transform.from_rotation_vector(vector, shift, target="a", source="b")
     write_transform(path, pose)
@@ -87,7 +87,7 @@ def test_transform_survives_a_round_trip(tmp_path_factory, vector, shift, ending
     assert (back.target, back.source) == ("a", "b")
 
 
-def test_yaml_holds_frames_that_are_checked(tmp_path: Path) -> None:
+def test_yaml_holds_frames_that_are_checked(tmp_path):
     path = tmp_path / "tip.yaml"
     write_transform(path, TIP_TO_STYLUS, "a note")
     document = yaml.safe_load(path.read_text())
@@ -97,7 +97,7 @@ def test_yaml_holds_frames_that_are_checked(tmp_path: Path) -> None:
         read_transform(path, target="probe", source="stylus_tip")
 
 
-def test_sixteen_numbers_are_read_as_a_matrix(tmp_path: Path) -> None:
+def test_sixteen_numbers_are_read_as_a_matrix(tmp_path):
     path = tmp_path / "matrix.txt"
     np.savetxt(path, TIP_TO_STYLUS.matrix)
     back = read_transform(path, target="stylus", source="stylus_tip")
@@ -137,14 +137,14 @@ def test_sixteen_numbers_are_read_as_a_matrix(tmp_path: Path) -> None:
         ("a.yaml", "matrx: 1", "matrx is unknown"),
     ],
 )
-def test_malformed_transform_is_refused(tmp_path: Path, name, text, message) -> None:
+def test_malformed_transform_is_refused(tmp_path, name, text, message):
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_transform(path, target="a", source="b")
 
 
-def test_unusable_paths_are_refused(tmp_path: Path) -> None:
+def test_unusable_paths_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"expected \.yaml, \.yml, \.tfm, \.txt"):
         check_transform_path(tmp_path / "pose.h5")
     for path in (tmp_path / "no" / "pose.tfm", tmp_path):
@@ -157,7 +157,7 @@ def test_unusable_paths_are_refused(tmp_path: Path) -> None:
         read_transform(tmp_path / "none.txt", target="a", source="b")
 
 
-def test_earlier_file_is_replaced_without_leftovers(tmp_path: Path) -> None:
+def test_earlier_file_is_replaced_without_leftovers(tmp_path):
     path = tmp_path / "pose.tfm"
     path.write_text("old")
     write_transform(path, TIP_TO_STYLUS)

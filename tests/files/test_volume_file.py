@@ -1,6 +1,5 @@
 """Volumes of four formats, written by other libraries, against the function that made them."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import nibabel
@@ -94,9 +93,7 @@ def write_series(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("write", "error"), [(write_nifti, 1e-3), (write_nrrd, 1e-3), (write_series, 0.011)]
 )
-def test_value_of_each_voxel_is_that_of_its_place(
-    tmp_path: Path, write: Callable[[Path], Path], error: float
-) -> None:
+def test_value_of_each_voxel_is_that_of_its_place(tmp_path, write, error):
     volume = read_volume(write(tmp_path))
     assert sorted(volume.values.shape) == sorted(SHAPE)
     found = np.stack(
@@ -159,15 +156,13 @@ def write_text(folder: Path) -> Path:
         (lambda folder: folder / "none.nrrd", "no such file"),
     ],
 )
-def test_other_content_is_refused_in_one_line(
-    tmp_path: Path, write: Callable[[Path], Path], message: str
-) -> None:
+def test_other_content_is_refused_in_one_line(tmp_path, write, message):
     with pytest.raises(InputError, match=message) as caught:
         read_volume(write(tmp_path))
     assert "\n" not in str(caught.value)
 
 
-def test_two_series_in_one_folder_are_refused(tmp_path: Path) -> None:
+def test_two_series_in_one_folder_are_refused(tmp_path):
     series = write_series(tmp_path)
     (tmp_path / "other").mkdir()
     for path in write_series(tmp_path / "other").iterdir():

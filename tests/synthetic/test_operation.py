@@ -1,7 +1,5 @@
 """The simulated operation: its phases on request, its images, its files and its truth."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -51,7 +49,7 @@ class Played:
         return found
 
 
-def test_phases_reach_their_end_and_the_breach_is_in_the_true_tumour() -> None:
+def test_phases_reach_their_end_and_the_breach_is_in_the_true_tumour():
     played = Played()
     for phase in ("pivot", "spin", "sweep 0", "touch"):
         played.play(phase)
@@ -60,7 +58,7 @@ def test_phases_reach_their_end_and_the_breach_is_in_the_true_tumour() -> None:
     assert played.distances_mm(played.play("retreat"))[-1] > 30.0
 
 
-def test_the_same_seed_and_requests_give_the_same_moments() -> None:
+def test_the_same_seed_and_requests_give_the_same_moments():
     first, second = (Played().play("touch") for _ in range(2))
     assert len(first) == len(second)
     for one, other in zip(first, second, strict=True):
@@ -71,7 +69,7 @@ def test_the_same_seed_and_requests_give_the_same_moments() -> None:
     assert others[0].poses[1].matrix.tolist() != first[0].poses[1].matrix.tolist()
 
 
-def test_arm_and_tool_touch_the_same_points() -> None:
+def test_arm_and_tool_touch_the_same_points():
     played = Played()
     truth, arm = played.truth, TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
     for moment in played.play("touch")[::40]:
@@ -82,7 +80,7 @@ def test_arm_and_tool_touch_the_same_points() -> None:
         assert np.linalg.norm(reference - touched) < 1.0
 
 
-def test_image_shows_the_cut_through_the_true_tumour() -> None:
+def test_image_shows_the_cut_through_the_true_tumour():
     truth = operation_truth(1)
     slices = UltrasoundSlice(truth.tumour, np.random.default_rng(1))
     pose = Transform("tumor", "probe", np.eye(3), np.zeros(3))
@@ -97,7 +95,7 @@ def test_image_shows_the_cut_through_the_true_tumour() -> None:
 
 
 @pytest.mark.parametrize("phase", ["", "dance", "sweep", "sweep 9", "sweep -1", "pivot 2"])
-def test_unknown_phase_is_refused_and_changes_nothing(phase: str) -> None:
+def test_unknown_phase_is_refused_and_changes_nothing(phase):
     played = Played()
     with pytest.raises(InputError, match=r"expected (one of rest, pivot|a plane from 0 to 8)"):
         played.operation.request(phase)
@@ -106,7 +104,7 @@ def test_unknown_phase_is_refused_and_changes_nothing(phase: str) -> None:
     assert PLANES == 9
 
 
-def test_files_are_a_live_session_with_errors_and_the_truth_beside_it(tmp_path: Path) -> None:
+def test_files_are_a_live_session_with_errors_and_the_truth_beside_it(tmp_path):
     truth = operation_truth(3)
     write_operation(tmp_path / "operation", truth)
     live = open_live(tmp_path / "operation" / "live.yaml")

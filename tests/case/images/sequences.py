@@ -19,6 +19,8 @@ CALIBRATION = np.array(
     ]
 )
 """ImageToProbe, (3, 4): pixels of 0.085 x 0.079 mm, axes 3 degrees from a right angle."""
+PROBE_FROM_IMAGE = np.vstack([CALIBRATION, (0, 0, 0, 1)])
+"""The same matrix as (4, 4)."""
 
 
 def some_pixels(

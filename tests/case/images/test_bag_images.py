@@ -103,7 +103,7 @@ def images_of(case: Case) -> BagImages:
     return found
 
 
-def test_each_image_is_as_written_and_at_the_place_of_its_own_stamp(tmp_path: Path) -> None:
+def test_each_image_is_as_written_and_at_the_place_of_its_own_stamp(tmp_path):
     images = images_of(case_with(tmp_path / "case", [image(n) for n in range(COUNT)]))
     assert (len(images), images.size) == (COUNT, (COLUMNS, ROWS))
     for number in (11, 0, 7, 3, 4):
@@ -124,12 +124,12 @@ def test_each_image_is_as_written_and_at_the_place_of_its_own_stamp(tmp_path: Pa
         images.image(12)
 
 
-def test_orientation_is_that_of_the_case(tmp_path: Path) -> None:
+def test_orientation_is_that_of_the_case(tmp_path):
     images = images_of(case_with(tmp_path / "case", [image(0)], orientation="UN"))
     np.testing.assert_array_equal(images.image(0).pixels, PIXELS[0][::-1, ::-1])
 
 
-def test_refused_images_are_left_out(tmp_path: Path) -> None:
+def test_refused_images_are_left_out(tmp_path):
     other_size = encoded(message(PIXELS[1][:20], "mono8"))
     data = [image(0), image(1, "bgr8"), other_size, b"\0\1", image(4)]
     images = images_of(case_with(tmp_path / "case", data))
@@ -148,15 +148,15 @@ def test_refused_images_are_left_out(tmp_path: Path) -> None:
     ],
 )
 def test_images_that_cannot_be_used_are_found_when_the_case_is_opened(
-    tmp_path: Path, images: list[bytes], changes: dict[str, str], expected: str
-) -> None:
+    tmp_path, images, changes, expected
+):
     with pytest.raises(InputError) as caught:
         case_with(tmp_path / "case", images, **changes)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_file_that_changed_meanwhile_is_reported(tmp_path: Path) -> None:
+def test_file_that_changed_meanwhile_is_reported(tmp_path):
     images = images_of(case_with(tmp_path / "case", [image(n) for n in range(COUNT)]))
     (part,) = (tmp_path / "case" / "tracking").glob("*.mcap")
     part.write_bytes(part.read_bytes()[:1000])
@@ -164,7 +164,7 @@ def test_file_that_changed_meanwhile_is_reported(tmp_path: Path) -> None:
         images.image(9)
 
 
-def test_case_that_was_changed_to_mcap_keeps_the_calibration(tmp_path: Path) -> None:
+def test_case_that_was_changed_to_mcap_keeps_the_calibration(tmp_path):
     from app.case import convert_case
 
     case = case_with(tmp_path / "case", [image(n) for n in range(COUNT)])

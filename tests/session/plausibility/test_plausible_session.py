@@ -16,9 +16,7 @@ from app.case import (
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, Transform
 from app.registration import DriftBound, given_registration
-from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
-from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample
 
 SENSORS = {
@@ -26,11 +24,6 @@ SENSORS = {
     "cautery": np.array([40.0, 0.0, 0.0]),
     "reference": np.array([0.0, 80.0, 0.0]),
 }
-
-
-@pytest.fixture(scope="module")
-def touch():
-    return load_robot(TOUCH_URDF)
 
 
 def make_setup(robot=None, **entry) -> SessionSetup:
