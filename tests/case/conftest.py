@@ -70,21 +70,28 @@ def some_frames(count: int = 50, *, seed: int = 0) -> Iterator[TrackingFrame]:
         yield TrackingFrame(stamp, tuple(poses), joints, stamp.shifted(3_000_000, "tracker"))
 
 
-def assert_same_frames(one: TrackingFrame, other: TrackingFrame, *, atol_mm: float = 1e-9) -> None:
-    def known(frame: TrackingFrame) -> tuple[object, ...]:
-        poses = [(p.target, p.source, p.status, p.stamp) for p in frame.poses]
-        joints = [(j.names, j.stamp) for j in frame.joints]
-        return frame.stamp, frame.unfiltered_stamp, poses, joints
+def assert_same_frames(ones, others, *, atol_mm=1e-9):
+    def parts(frames: list[TrackingFrame]) -> tuple[list[Any], np.ndarray, np.ndarray]:
+        known = [
+            (
+                frame.stamp,
+                frame.unfiltered_stamp,
+                [(p.target, p.source, p.status, p.stamp, p.transform is None) for p in frame.poses],
+                [(j.names, j.stamp, tuple(j.positions)) for j in frame.joints],
+            )
+            for frame in frames
+        ]
+        poses = [p.transform for frame in frames for p in frame.poses if p.transform is not None]
+        return (
+            known,
+            np.array([pose.translation_mm for pose in poses]),
+            np.array([pose.rotation for pose in poses]),
+        )
 
-    assert known(one) == known(other)
-    for mine, yours in zip(one.poses, other.poses, strict=True):
-        if mine.transform is not None and yours.transform is not None:
-            places = mine.transform.translation_mm, yours.transform.translation_mm
-            np.testing.assert_allclose(*places, rtol=0, atol=atol_mm)
-            turns = mine.transform.rotation, yours.transform.rotation
-            np.testing.assert_allclose(*turns, rtol=0, atol=1e-12)
-    for left, right in zip(one.joints, other.joints, strict=True):
-        np.testing.assert_array_equal(left.positions, right.positions)
+    (known, places, turns), expected = parts(list(ones)), parts(list(others))
+    assert known == expected[0]
+    np.testing.assert_allclose(places, expected[1], rtol=0, atol=atol_mm)
+    np.testing.assert_allclose(turns, expected[2], rtol=0, atol=1e-12)
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Sentences that name what to install for a missing module."""
 
-from pathlib import Path
-
 import pytest
 
 from app.files import extras
@@ -9,9 +7,7 @@ from app.geometry import InputError
 
 
 @pytest.fixture(params=["checkout", "wheel"])
-def installed_as(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> str:
+def installed_as(request, tmp_path, monkeypatch):
     if request.param == "wheel":
         monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
     return request.param

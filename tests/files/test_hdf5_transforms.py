@@ -12,6 +12,8 @@ from app.files import read_transform
 from app.files.hdf5_transforms import read_hdf5_matrices
 from app.geometry import InputError
 
+pytestmark = pytest.mark.slow
+
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -28,7 +30,10 @@ def itk_transform(seed: int) -> SimpleITK.AffineTransform:
     return transform
 
 
-def written(path: Path, kind: str = "AffineTransform_double_3_3", **changes: object) -> Path:
+AFFINE = "AffineTransform_double_3_3"
+
+
+def written(path: Path, kind: str = AFFINE, **changes: object) -> Path:
     """A file as ITK lays it out, written by h5py."""
     values = {
         "TransformParameters": np.append(rotation(3).ravel(), [1.0, 2.0, 3.0]),
@@ -97,15 +102,13 @@ def test_misspelt_names_of_older_itk_are_read(tmp_path):
     ("kind", "changes", "message"),
     [
         ("Euler3DTransform_double_3_3", {}, "holds Euler3DTransform_double_3_3; expected one Aff"),
-        ("AffineTransform_double_3_3", {"TransformParameters": np.zeros(1000)},
+        (AFFINE, {"TransformParameters": np.zeros(1000)},
          "has 1000 values; expected 64 or fewer"),
-        ("AffineTransform_double_3_3",
-         {"TransformParameters": np.append(np.diag([2.0, 2, 2]).ravel(), [0, 0, 0])},
+        (AFFINE, {"TransformParameters": np.append(np.diag([2.0, 2, 2]).ravel(), [0, 0, 0])},
          "not orthonormal"),
-        ("AffineTransform_double_3_3", {"TransformParameters": np.full(12, np.nan)}, "finite"),
-        ("AffineTransform_double_3_3", {"TransformParameters": [1, 2]}, "expected floating point"),
-        ("AffineTransform_double_3_3",
-         {"TransformParameters": h5py.ExternalLink("/etc/passwd", "/x")},
+        (AFFINE, {"TransformParameters": np.full(12, np.nan)}, "finite"),
+        (AFFINE, {"TransformParameters": [1, 2]}, "expected floating point"),
+        (AFFINE, {"TransformParameters": h5py.ExternalLink("/etc/passwd", "/x")},
          "it has no TransformParameters"),
     ],
 )  # fmt: skip

@@ -34,25 +34,24 @@ def test_markups_in_lps_are_converted_to_ras(tmp_path):
     np.testing.assert_array_equal(again["F-1"], [-1.0, -2.0, 3.0])
 
 
+def check_with_slicer(node, storage, path: Path) -> None:
+    assert storage.ReadData(node)
+    found = read_landmarks(path)
+    assert list(found) == ["F-1", "F-2"]
+    for index, (name, position) in enumerate(found.items()):
+        assert node.GetNthControlPointLabel(index) == name
+        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
 @pytest.mark.parametrize("axes", ["LPS", "RAS", None])
-def test_markups_agree_with_slicer(tmp_path, axes):
+def test_markups_agree_with_slicer(tmp_path, slicer_node, axes):
     """Without a coordinate system a file is in LPS."""
-    slicer = pytest.importorskip("slicer")
     path = markups(tmp_path, coordinateSystem=axes)
     if axes is None:
         path.write_text(path.read_text().replace('"coordinateSystem": null, ', ""))
         assert "coordinateSystem" not in path.read_text()
-    scene = slicer.vtkMRMLScene()
-    logic = slicer.vtkSlicerMarkupsLogic()
-    logic.SetMRMLScene(scene)
-    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
-    storage = slicer.vtkMRMLMarkupsJsonStorageNode()
-    scene.AddNode(storage)
-    storage.SetFileName(str(path))
-    assert storage.ReadData(node)
-    for index, (name, position) in enumerate(read_landmarks(path).items()):
-        assert node.GetNthControlPointLabel(index) == name
-        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+    kinds = "vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsJsonStorageNode"
+    check_with_slicer(*slicer_node(*kinds, path), path)
 
 
 FIDUCIALS = """\
@@ -65,22 +64,11 @@ FIDUCIALS = """\
 
 
 @pytest.mark.parametrize("axes", ["LPS", "RAS", "0", "1"])
-def test_fiducial_tables_agree_with_slicer(tmp_path, axes):
-    slicer = pytest.importorskip("slicer")
+def test_fiducial_tables_agree_with_slicer(tmp_path, slicer_node, axes):
     path = tmp_path / "points.fcsv"
     path.write_text(FIDUCIALS.format(axes=axes))
-    scene = slicer.vtkMRMLScene()
-    logic = slicer.vtkSlicerMarkupsLogic()
-    logic.SetMRMLScene(scene)
-    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
-    storage = slicer.vtkMRMLMarkupsFiducialStorageNode()
-    scene.AddNode(storage)
-    storage.SetFileName(str(path))
-    assert storage.ReadData(node)
-    found = read_landmarks(path)
-    assert list(found) == ["F-1", "F-2"]
-    for index, position in enumerate(found.values()):
-        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+    kinds = "vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsFiducialStorageNode"
+    check_with_slicer(*slicer_node(*kinds, path), path)
 
 
 def test_malformed_tables_are_refused(tmp_path):
@@ -120,21 +108,21 @@ def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path):
     assert list(read_landmarks(path)) == ["B", "A"]
 
 
+POINT = "{name: A, position_mm: [1, 2, 3]}"
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("landmarks", "message"),
     [
-        ("landmarks: []", "holds no landmarks"),
-        ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is unknown"),
-        ("landmarks: [{name: A, position_mm: [1, 2]}]", "expected a list of 3 numbers"),
-        (
-            "landmarks: [{name: A, position_mm: [1, 2, 3]}, {name: A, position_mm: [1, 2, 3]}]",
-            "occurs twice",
-        ),
+        ("[]", "holds no landmarks"),
+        ("[{name: A, position: [1, 2, 3]}]", "position is unknown"),
+        ("[{name: A, position_mm: [1, 2]}]", "expected a list of 3 numbers"),
+        (f"[{POINT}, {POINT}]", "occurs twice"),
     ],
 )
-def test_malformed_yaml_is_refused(tmp_path, text, message):
+def test_malformed_yaml_is_refused(tmp_path, landmarks, message):
     path = tmp_path / "phantom.yml"
-    path.write_text(text)
+    path.write_text(f"landmarks: {landmarks}")
     with pytest.raises(InputError, match=message):
         read_landmarks(path)
 

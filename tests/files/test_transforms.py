@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import SimpleITK
@@ -15,40 +13,34 @@ TIP_TO_STYLUS = Transform.from_rotation_vector(
 )
 
 
-def read_with_slicer(path: Path) -> np.ndarray:
-    """Read the file with 3D Slicer's storage node: the matrix (4, 4) to parent, in RAS."""
-    slicer = pytest.importorskip("slicer")
-    matrices = pytest.importorskip("vtkmodules.vtkCommonMath")
-    scene = slicer.vtkMRMLScene()
-    storage = slicer.vtkMRMLTransformStorageNode()
-    scene.AddNode(storage)
-    storage.SetFileName(str(path))
-    node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
-    assert storage.ReadData(node), "Slicer refused the file"
-    matrix = matrices.vtkMatrix4x4()
-    node.GetMatrixTransformToParent(matrix)
-    return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+LINEAR = "vtkMRMLLinearTransformNode", "vtkMRMLTransformStorageNode"
 
 
-def write_with_slicer(path: Path, transform: Transform) -> None:
-    slicer = pytest.importorskip("slicer")
-    matrices = pytest.importorskip("vtkmodules.vtkCommonMath")
-    scene = slicer.vtkMRMLScene()
-    storage = slicer.vtkMRMLTransformStorageNode()
-    scene.AddNode(storage)
-    storage.SetFileName(str(path))
-    node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
-    matrix = matrices.vtkMatrix4x4()
-    matrix.DeepCopy(transform.matrix.ravel().tolist())
-    node.SetMatrixTransformToParent(matrix)
-    assert storage.WriteData(node)
+@pytest.fixture
+def matrix4x4():
+    return pytest.importorskip("vtkmodules.vtkCommonMath").vtkMatrix4x4()
 
 
 @pytest.mark.parametrize("ending", [".tfm", ".txt"])
-def test_slicer_reads_the_written_matrix(tmp_path, ending):
+def test_slicer_reads_the_written_matrix(tmp_path, slicer_node, matrix4x4, ending):
     path = tmp_path / f"StylusTipToStylus{ending}"
     write_transform(path, TIP_TO_STYLUS, "pivot, 100 poses:\nsigma 0.1 mm")
-    np.testing.assert_allclose(read_with_slicer(path), TIP_TO_STYLUS.matrix, atol=1e-12)
+    node, storage = slicer_node(*LINEAR, path)
+    assert storage.ReadData(node), "Slicer refused the file"
+    node.GetMatrixTransformToParent(matrix4x4)
+    found = [[matrix4x4.GetElement(i, j) for j in range(4)] for i in range(4)]
+    np.testing.assert_allclose(found, TIP_TO_STYLUS.matrix, atol=1e-12)
+
+
+def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path, slicer_node, matrix4x4):
+    path = tmp_path / "theirs.tfm"
+    node, storage = slicer_node(*LINEAR, path)
+    matrix4x4.DeepCopy(TIP_TO_STYLUS.matrix.ravel().tolist())
+    node.SetMatrixTransformToParent(matrix4x4)
+    assert storage.WriteData(node)
+    assert "FixedParameters: 0 0 0" not in path.read_text(), "Slicer wrote no centre"
+    back = read_transform(path, target="stylus", source="stylus_tip")
+    np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
 
 
 def test_simple_itk_maps_points_by_the_written_matrix(tmp_path):
@@ -60,16 +52,6 @@ def test_simple_itk_maps_points_by_the_written_matrix(tmp_path):
     for at in np.random.default_rng(1).normal(0.0, 100.0, (10, 3)):
         found = flip @ itk.TransformPoint((flip @ TIP_TO_STYLUS.apply(at)).tolist())
         np.testing.assert_allclose(found, at, rtol=0, atol=1e-9)
-
-
-def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path):
-    path = tmp_path / "theirs.tfm"
-    write_with_slicer(path, TIP_TO_STYLUS)
-    assert "FixedParameters: 0 0 0" not in path.read_text(), (
-        "Slicer wrote no centre: the test is void"
-    )
-    back = read_transform(path, target="stylus", source="stylus_tip")
-    np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
 
 
 @settings(max_examples=50)
@@ -104,6 +86,10 @@ def test_sixteen_numbers_are_read_as_a_matrix(tmp_path):
     np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
 
 
+AFFINE = "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
+UNTURNED = "Parameters: 1 0 0 0 1 0 0 0 1"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -114,29 +100,16 @@ def test_sixteen_numbers_are_read_as_a_matrix(tmp_path):
         ("a.txt", "nan 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", "not finite"),
         ("a.tfm", "#Insight Transform File V1.0\nTransform: BSpline\n", "holds BSpline"),
         ("a.tfm", "#Insight Transform File V1.0\n", "holds nothing"),
-        (
-            "a.tfm",
-            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
-            "Parameters: 2 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n",
-            "not orthonormal",
-        ),
-        (
-            "a.tfm",
-            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
-            "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n"
-            "Parameters: 1 0 0 0 1 0 0 0 1 9 9 9\n",
-            "in 4 fields; .* no field twice",
-        ),
-        (
-            "a.tfm",
-            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
-            "Parameters: 0 -1 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 1e300 0 0\n",
-            "the centre, FixedParameters, is .* expected coordinates of at most",
-        ),
+        ("a.tfm", f"{AFFINE}Parameters: 2 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n",
+         "not orthonormal"),
+        ("a.tfm", f"{AFFINE}{UNTURNED} 0 0 0\nFixedParameters: 0 0 0\n{UNTURNED} 9 9 9\n",
+         "in 4 fields; .* no field twice"),
+        ("a.tfm", f"{AFFINE}Parameters: 0 -1 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 1e300 0 0\n",
+         "the centre, FixedParameters, is .* expected coordinates of at most"),
         ("a.yaml", "matrix: [1, 2]", "2 values; expected a list of 16 numbers"),
         ("a.yaml", "matrx: 1", "matrx is unknown"),
     ],
-)
+)  # fmt: skip
 def test_malformed_transform_is_refused(tmp_path, name, text, message):
     path = tmp_path / name
     path.write_text(text)

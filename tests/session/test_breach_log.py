@@ -1,6 +1,5 @@
 """Breaches of a session: counted as in the report, with place and part, and displayed."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -39,15 +38,7 @@ def tumor() -> SurfaceMesh:
     return SurfaceMesh("needle_tumor", fine.vertices + CENTER_MM, fine.faces)
 
 
-def step_of(
-    index: int,
-    distance_mm: float | None,
-    *,
-    ns: int | None = None,
-    side: Sequence[float] = (0.0, 0.0, 10.0),
-    behind_tip_mm: float = 0.0,
-    cautery: CauteryState | None = None,
-) -> StepResult:
+def step_of(index, distance_mm, *, ns=None, side=(0.0, 0.0, 10.0), behind_tip_mm=0.0, cautery=None):
     """A step whose deepest tool point lies ``behind_tip_mm`` from the tip, at ``side``."""
     on_tumor = CENTER_MM + np.array(side)
     on_tool = on_tumor + np.array([0.0, 0.0, distance_mm or 0.0])
@@ -105,12 +96,9 @@ def test_breach_has_place_part_and_time(tumor):
     assert (entry.place, entry.place_text) == ("IR", "inferior right")
     assert (entry.from_tip_mm, entry.part_text) == (pytest.approx(12.4), "12 mm from the tip")
     assert after.text == "1 breach so far, deepest 3.2 mm"
-
-
-def test_tip_is_named(tumor):
-    entry = BreachLog(tumor, STALE_NS).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
-    assert entry.part_text == "tip"
-    assert replace(entry, from_tip_mm=None).part_text == "part of the tool not known"
+    by_tip = BreachLog(tumor, STALE_NS).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
+    assert by_tip.part_text == "tip"
+    assert replace(by_tip, from_tip_mm=None).part_text == "part of the tool not known"
 
 
 def test_long_list_keeps_count_first_and_deepest(tumor):
@@ -127,17 +115,16 @@ def test_long_list_keeps_count_first_and_deepest(tumor):
 
 def test_tool_inside_the_stop_margin_has_a_display_of_its_own():
     decision = step_of(0, 0.4).decision
-    warning = replace(decision, state=MarginState.WARNING, reasons=(Reason.WARNING_DISTANCE,))
-    stopped = replace(decision, state=MarginState.WARNING, reasons=(Reason.STOP_DISTANCE,))
-    inside = replace(
-        decision, state=MarginState.POSITIVE, reasons=(Reason.INSIDE, Reason.STOP_DISTANCE)
-    )
-    unknown = replace(
-        decision, state=MarginState.UNKNOWN, reasons=(Reason.STALE, Reason.STOP_DISTANCE)
-    )
-    keys = [shown_state(each).key for each in (warning, stopped, inside, unknown)]
-    assert keys == ["WARNING", STOP, "POSITIVE", "UNKNOWN"]
-    displays = [shown_state(each) for each in (warning, stopped, inside, unknown)]
+    displays = [
+        shown_state(replace(decision, state=state, reasons=reasons))
+        for state, reasons in (
+            (MarginState.WARNING, (Reason.WARNING_DISTANCE,)),
+            (MarginState.WARNING, (Reason.STOP_DISTANCE,)),
+            (MarginState.POSITIVE, (Reason.INSIDE, Reason.STOP_DISTANCE)),
+            (MarginState.UNKNOWN, (Reason.STALE, Reason.STOP_DISTANCE)),
+        )
+    ]
+    assert [each.key for each in displays] == ["WARNING", STOP, "POSITIVE", "UNKNOWN"]
     assert len({each.symbol for each in displays}) == len({each.label for each in displays}) == 4
 
 
@@ -206,13 +193,9 @@ def rgb(text: str) -> Rgb:
 
 
 @pytest.mark.parametrize("vision", VISIONS)
-def test_grounds_differ_in_luminance(vision):
+def test_grounds_differ_in_luminance_and_their_text_is_readable(vision):
     for first, second in combinations(SHOWN_STATES.values(), 2):
         assert seen_ratio(rgb(first.ground_hex), rgb(second.ground_hex), vision) >= 1.5
-
-
-@pytest.mark.parametrize("vision", VISIONS)
-def test_text_is_readable_on_the_ground(vision):
     for shown in SHOWN_STATES.values():
         assert seen_ratio(rgb(shown.text_hex), rgb(shown.ground_hex), vision) >= 4.5
 

@@ -78,10 +78,7 @@ def test_image_without_a_pose_is_not_shown(images):
         (1120, ""),
         (1120.001, "the image is 100 ms old; expected at most 100 ms"),
         (920, ""),
-        (
-            919,
-            "the image is stamped 101 ms after the poses; expected at most 100 ms",
-        ),
+        (919, "the image is stamped 101 ms after the poses; expected at most 100 ms"),
     ],
 )
 def test_image_that_is_too_old_or_from_the_future_is_not_shown(images, now_ms, problem):

@@ -12,13 +12,7 @@ from app.fixture import (
     Witnesses,
     limit_twist,
 )
-from app.geometry import (
-    FrameError,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import Robot
 from app.session import RobotSetup, Session, SessionSetup

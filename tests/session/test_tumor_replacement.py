@@ -13,6 +13,8 @@ from app.geometry import FrameError, MeshError, SurfaceMesh, Transform
 from app.session import ToolEngines, prepare_replacement, tumor_change
 from benchmarks.fixture_shapes import cautery, lobed_tumor, tumor
 
+pytestmark = pytest.mark.slow
+
 FRAME_FROM_TUMOR = Transform.from_rotation_vector(
     [0.4, -1.2, 0.7], [31.0, -4.0, 12.0], target="needle", source="tumor"
 )
@@ -42,15 +44,19 @@ def known() -> SurfaceMesh:
     return tumor("spiky", 3).transformed(FRAME_FROM_TUMOR)
 
 
+@pytest.fixture(scope="module")
+def engine() -> ProximityEngine:
+    return ProximityEngine(lobed_tumor(80), cautery(500))
+
+
 @pytest.mark.parametrize("scale", [0.4, 1.0, 2.5])
-def test_replacement_is_that_of_two_calls(scale):
+def test_replacement_is_that_of_two_calls(engine, scale):
     shape = lobed_tumor(1280)
     new = SurfaceMesh("tumor", scale * shape.vertices_mm + np.array([3.0, 1.0, 0.0]), shape.faces)
     made = prepare_replacement(known(), new, FRAME_FROM_TUMOR)
     expected = tumor_change(known(), new.transformed(FRAME_FROM_TUMOR))
     assert made.change.text == expected.text
     assert 0.0 < made.change.overlap <= 1.0
-    engine = ProximityEngine(lobed_tumor(80), cautery(500))
     one, other = (engine.with_tumor(each) for each in (made.prepared, prepared_tumor(new)))
     pose = Transform("tumor", one.frames[1], np.eye(3), [1.0, 2.0, 20.0 * scale])
     rows = [each.evaluate(pose).witnesses.rows for each in (one, other)]
@@ -74,8 +80,8 @@ def test_preparation_finds_its_compiled_functions_loaded(project_root):
     subprocess.run([sys.executable, "-c", LOADED], cwd=project_root, check=True)
 
 
-def ball(radius_mm, x_mm=0.0, frame="needle"):
-    mesh = trimesh.creation.icosphere(4, radius=radius_mm)
+def ball(radius_mm, x_mm=0.0, frame="needle", subdivisions=4):
+    mesh = trimesh.creation.icosphere(subdivisions, radius=radius_mm)
     return SurfaceMesh(frame, mesh.vertices + np.array([x_mm, 0.0, 0.0]), mesh.faces)
 
 
@@ -113,7 +119,7 @@ def test_tumours_in_different_frames_are_refused():
 def test_engines_for_one_tool_are_as_new_ones_and_prepare_it_once():
     shapes = trimesh.creation.box([4, 4, 30]), trimesh.creation.cylinder(2.0, 30.0)
     box, rod = (SurfaceMesh("tool", each.vertices, each.faces) for each in shapes)
-    balls = [ball(radius, frame="tumor") for radius in (9.0, 12.0)]
+    balls = [ball(radius, frame="tumor", subdivisions=2) for radius in (9.0, 12.0)]
     engines, tools = ToolEngines(), []
     for pair in ((balls[0], box), (balls[1], box), (balls[0], rod), (balls[1], box)):
         made, new = engines(*pair), ProximityEngine(*pair)

@@ -149,10 +149,7 @@ def test_stop_ends_the_playback_while_it_waits():
     assert len(list(playback.play())) == 1
 
 
-@given(
-    st.lists(st.integers(1, 300), min_size=1, max_size=20),
-    st.sampled_from([0.5, 1.0, 3.0]),
-)
+@given(st.lists(st.integers(1, 300), min_size=1, max_size=20), st.sampled_from([0.5, 1.0, 3.0]))
 def test_no_stamp_is_repeated_or_from_the_future(intervals_ms, rate):
     stamps = [sum(intervals_ms[:index]) for index in range(len(intervals_ms))]
     playback, time = make([frame(ms) for ms in stamps], loop=True, rate=rate)

@@ -43,9 +43,7 @@ def assert_decoded(path: Path, expected: NDArray[np.generic]) -> None:
             np.testing.assert_array_equal(sequence.image(number).pixels, expected[number])
 
 
-def assert_corners(
-    path: Path, header: dict[str, str], matrix: NDArray[np.float64], calibration: ImageCalibration
-) -> None:
+def assert_corners(path, header, matrix, calibration):
     """Corners in ``reference`` against a product of the printed matrices, solved by NumPy."""
     with ImageSequence(path) as sequence:
         right, below = sequence.size[0] - 1, sequence.size[1] - 1

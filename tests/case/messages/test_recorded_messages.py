@@ -11,17 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from app.case import message_definition
 from app.case.frames.samples import JointSample
-from app.case.messages.recorded_messages import (
-    joint_state_bytes,
-    tf_bytes,
-    tracked_transform_bytes,
-)
-from app.case.messages.ros_messages import (
-    JOINT_STATE,
-    TF_MESSAGE,
-    TRACKED_TRANSFORM,
-    ros_types,
-)
+from app.case.messages.recorded_messages import joint_state_bytes, tf_bytes, tracked_transform_bytes
+from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM, ros_types
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 

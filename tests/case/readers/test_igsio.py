@@ -10,6 +10,7 @@ from app.case import read_igsio, read_recording
 from app.case.readers.igsio.header import check_igsio_header
 from app.geometry import InputError, Stamp, TrackingStatus
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
+from tests.refusals import refused
 
 ONE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 -0 0 -0 1 "
 HEAD = "ObjectType = Image\nNDims = 3\nDimSize = 0 0 2              \nElementType = MET_OTHER\n"
@@ -42,14 +43,14 @@ def test_real_recordings_agree_with_an_independent_parse(real_recording, name, c
     for source in ("Stylus", "Reference"):
         samples = igsio_samples(path, f"{source}ToTracker")
         assert len(samples.matrices) == count
-        for matrix, status, one in zip(samples.matrices, samples.statuses, frames, strict=True):
-            (sample,) = (p for p in one.poses if p.source == source.lower())
-            assert sample.target == "tracker"
-            assert sample.status.name == status
-            if sample.transform is not None:
-                # The reader projects the printed, rounded matrix to the nearest rotation.
-                np.testing.assert_array_equal(sample.transform.translation_mm, matrix[:3, 3])
-                np.testing.assert_allclose(sample.transform.matrix, matrix, atol=5e-4)
+        found = [pose for one in frames for pose in one.poses if pose.source == source.lower()]
+        assert {pose.target for pose in found} == {"tracker"}
+        assert [pose.status.name for pose in found] == list(samples.statuses)
+        known = [pose.transform is not None for pose in found]
+        matrices = np.array([pose.transform.matrix for pose in found if pose.transform])
+        # The reader projects the printed, rounded matrix to the nearest rotation.
+        np.testing.assert_array_equal(matrices[:, :3, 3], samples.matrices[known][:, :3, 3])
+        np.testing.assert_allclose(matrices, samples.matrices[known], atol=5e-4)
     for time_s, one in zip(igsio_times_s(path), frames, strict=True):
         assert abs(one.stamp.ns - time_s * 1e9) < 64  # rounding of a double at 350 s
 
@@ -146,16 +147,16 @@ def test_images_are_not_read(tmp_path):
 
 def test_a_file_is_never_held_in_memory(tmp_path):
     rows = [f"AToBTransform = {ONE}", "Timestamp = 1"]
-    path = mha(tmp_path, "".join(frame(index, *rows) for index in range(2000)))
+    path = mha(tmp_path, "".join(frame(index, *rows) for index in range(1000)))
     with path.open("r+b") as file:
         file.truncate(1 << 30)  # a sparse gigabyte of pictures
     tracemalloc.start()
     try:
-        assert sum(1 for _ in read_igsio(path, str)) == 2000
+        assert sum(1 for _ in read_igsio(path, str)) == 1000
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak < 1_000_000
+    assert peak < 500_000
 
 
 @pytest.mark.parametrize(
@@ -206,9 +207,8 @@ def test_nrrd_header_is_read(tmp_path):
     ],
 )  # fmt: skip
 def test_malformed_headers_are_refused_with_their_line(tmp_path, body, message):
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message):
         read(mha(tmp_path, body))
-    assert "\n" not in str(caught.value)
 
 
 WHOLE = (
@@ -220,17 +220,14 @@ WHOLE = (
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(cut=st.integers(0, len(WHOLE) - len(" = LOCAL\n")))
 def test_a_header_cut_anywhere_is_refused_in_one_line(tmp_path_factory, cut):
     path = tmp_path_factory.mktemp("cut") / "x.igs.mha"
     path.write_text(WHOLE[:cut])
     for reading in (check_igsio_header, read):
-        with pytest.raises(
-            InputError, match=r"is cut at line \d+, (before any|in) frame"
-        ) as caught:
+        with refused(r"is cut at line \d+, (before any|in) frame"):
             reading(path)
-        assert "\n" not in str(caught.value)
 
 
 def test_cut_header_is_refused_with_its_frame(tmp_path):

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import TrackingFrame, open_case, read_mrml
 from app.geometry import InputError, MarginGuardError
+from tests.refusals import refused
 
 NEEDLE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 0 0 0 1"
 CAUTERY = "1 0 0 100.125 0 1 0 0 0 0 1 7 0 0 0 1"
@@ -203,9 +204,8 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faulty_scenes_are_refused_in_one_line(tmp_path, fault):
     files, message = FAULTS[fault]
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message) as caught:
         read(bundle(tmp_path / "x.mrb", files))
-    assert "\n" not in str(caught.value)
     assert "x.mrb" in str(caught.value)
 
 
@@ -330,24 +330,31 @@ def test_file_that_is_not_a_bundle_is_refused(tmp_path):
         read(path)
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(position=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
-def test_damaged_bundle_is_refused_or_read_identically(tmp_path, position, bits, cut):
-    path = bundle(tmp_path / "x.mrb", FILES)
-    expected = statuses_by_frame(read(path)[0])
-    content = bytearray(path.read_bytes())
-    at = int(position * len(content))
-    if cut:
-        del content[at:]
-    else:
-        content[at] ^= bits
-    path.write_bytes(content)
-    try:
-        frames, _ = read(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-    else:
-        assert statuses_by_frame(frames) == expected
+def compare_damaged_bundles(path: Path, count: int) -> None:
+    expected = statuses_by_frame(read(bundle(path, FILES))[0])
+    whole = path.read_bytes()
+
+    @settings(max_examples=count)
+    @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255), st.booleans())
+    def compare(position: float, bits: int, cut: bool) -> None:
+        content, at = bytearray(whole), int(position * len(whole))
+        if cut:
+            del content[at:]
+        else:
+            content[at] ^= bits
+        path.write_bytes(content)
+        try:
+            frames, _ = read(path)
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:
+            assert statuses_by_frame(frames) == expected
+
+    compare()
+
+
+def test_damaged_bundle_is_refused_or_read_identically(tmp_path):
+    compare_damaged_bundles(tmp_path / "x.mrb", 80)
 
 
 def test_case_with_a_bundle_as_recording_is_opened(write_case, manifest):

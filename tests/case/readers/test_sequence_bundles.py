@@ -73,16 +73,14 @@ def check(path: Path) -> None:
         np.testing.assert_allclose(pose.transform.matrix, expected(item), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["x.seq.mrb", "NeedleToReference-Sequence.mrb"])
-def test_bundle_of_one_sequence_is_a_recording(tmp_path, name):
-    (tmp_path / name).write_bytes(bundle("NeedleToReference"))
+@pytest.mark.parametrize(
+    ("name", "items"),
+    [("x.seq.mrb", "NeedleToReference"), ("NeedleToReference-Sequence.mrb", "Item")],
+    ids=["names of the items", "name of the file"],
+)
+def test_bundle_of_one_sequence_is_a_recording(tmp_path, name, items):
+    (tmp_path / name).write_bytes(bundle(items))
     check(tmp_path / name)
-
-
-def test_name_of_the_file_gives_the_frames_where_the_items_do_not(tmp_path):
-    path = tmp_path / "NeedleToReference-Sequence.mrb"
-    path.write_bytes(bundle("Item"))
-    check(path)
 
 
 def outer_scene(*, with_class: bool) -> str:
@@ -96,8 +94,7 @@ def outer_scene(*, with_class: bool) -> str:
     )
 
 
-@pytest.mark.parametrize("with_class", [True, False])
-@pytest.mark.parametrize("index", [True, False])
+@pytest.mark.parametrize(("with_class", "index"), [(True, True), (False, False)])
 def test_scene_names_the_bundle_with_or_without_the_class_of_its_items(tmp_path, with_class, index):
     """Slicer 4.4 gives the class of the items by their IDs only, and embeds no index."""
     (tmp_path / "Needle.seq.mrb").write_bytes(bundle("NeedleToReference", index=index))

@@ -120,7 +120,7 @@ WORDS = BagTopic("/words", "std_msgs/msg/String", "string data", type_hash="RIHS
 NS = 1_700_000_000_000_000_000
 
 
-def write_word(bag: BagWriter, number: int, size: int = 16) -> None:
+def write_word(bag, number, size=16):
     # Incompressible bytes.
     data = b"".join(hash((number, at)).to_bytes(8, "little", signed=True) for at in range(size))
     bag.write("/words", data, received_ns=NS + number, published_ns=NS + number - 1)

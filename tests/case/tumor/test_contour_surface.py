@@ -19,7 +19,7 @@ def on_ellipsoid(count: int, axes: tuple[float, float, float], seed: int) -> Flo
     return directions / np.linalg.norm(directions, axis=1, keepdims=True) * axes
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(
     count=st.integers(4, 40),
     seed=st.integers(0, 10_000),
@@ -59,7 +59,7 @@ def test_forty_points_recover_an_ellipsoid(axes):
 
     true_mm3 = BALL_MM3 * float(np.prod(axes))
     ratios, lumpnav_ratios = [], []
-    for seed in range(5):
+    for seed in range(2):
         points = on_ellipsoid(40, axes, seed)
         mesh = surface_around(points, "tumor")
         ratios.append(mesh.signed_volume_mm3 / true_mm3)
