@@ -52,11 +52,8 @@ def test_document_that_is_large_with_its_aliases_written_out_is_refused(tmp_path
         load(tmp_path, "\n".join([*lines, "b: *x30"]))
 
 
-def test_date_is_a_text(tmp_path):
+def test_date_is_a_text_and_an_alias_of_a_value_is_accepted(tmp_path):
     assert load(tmp_path, "a: 2026-99-99\nb: 2026-01-01\n").text("a") == "2026-99-99"
-
-
-def test_alias_of_a_value_is_accepted(tmp_path):
     pair = Numbers("two numbers", 2)
     section = load(tmp_path, "a: &x [1.0, 2.0]\nb: *x\n", pair, pair)
     assert section.numbers("a") == section.numbers("b") == (1.0, 2.0)

@@ -52,7 +52,7 @@ def test_name_that_could_leave_the_folder_is_refused(folder, name):
 )  # fmt: skip
 def test_symbolic_link_out_of_the_folder_is_refused(folder, target, name, problem):
     (folder / "link").symlink_to(target)
-    with pytest.raises(InputError, match=problem):
+    with pytest.raises(InputError, match=problem or None):
         resolve_inside(folder, name, "k")
 
 
