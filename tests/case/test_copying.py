@@ -18,6 +18,8 @@ from app.cli.main import main
 from app.geometry import InputError
 from tests.case.conftest import add_robot, write_manifest
 
+pytestmark = pytest.mark.slow
+
 EXTRA = ("/camera", "our_msgs/msg/Picture", b"uint8[] pixels")
 
 

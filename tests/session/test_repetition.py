@@ -12,6 +12,8 @@ from app.session.repetition import REST_LIMIT, RepetitionHistory
 from benchmarks.frozen import clean_run, inject, moments, quantised, recorded
 from tests.doubles import frame, sample
 
+pytestmark = pytest.mark.slow
+
 LIMITS = FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS)
 PERIOD_MS = 20
 EDGE = ("tracker", "cautery")

@@ -12,6 +12,8 @@ from app.synthetic.simulated_tracker import Metal, SimulatedTracker
 from app.synthetic.tracker import Dropout, Jitter, reported
 from app.synthetic.tracker_model import NO_JITTER, Distortion, TrackerModel
 
+pytestmark = pytest.mark.slow
+
 TRUTH = Transform.from_rotation_vector(
     (0.4, -0.8, 0.3), (100.0, -50.0, 220.0), target="tracker", source="needle"
 )

@@ -19,6 +19,8 @@ from app.geometry import InputError
 from tests.case.readers.test_mcap import pose, tf, tracked, write_bag, write_messages
 from tests.refusals import refused
 
+pytestmark = pytest.mark.slow
+
 MAGIC = b"\x89MCAP0\r\n"
 
 

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from app.case import read_recording
 from app.geometry import InputError
 
+pytestmark = pytest.mark.slow
+
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 COUNT = 12
 
