@@ -12,7 +12,6 @@ from app.synthetic.motion import JointMotion, Path, Waypoint
 from app.synthetic.physiology import Breathing, BreathingBody
 from app.synthetic.poses import Poses
 from app.synthetic.script import PLUNGE_FROM_MM, Script
-from app.synthetic.simulation import HANDLE_END_MM, TRACKED_FRAMES
 
 AT_REST = np.zeros(3)
 
@@ -185,22 +184,6 @@ def test_operations_are_those_of_single_transforms():
     np.testing.assert_allclose(one.apply(points), [each.apply(points) for each in a_from_b])
     with pytest.raises(FrameError, match="a_from_b cannot be multiplied by a_from_b"):
         one @ one
-
-
-def test_poses_of_a_simulation_at_many_times_are_those_at_each(simulation):
-    times_s = np.concatenate([[-1.0, 0.0], np.linspace(0.3, simulation.duration_s + 1.0, 60)])
-    single = times_s.tolist()
-    tips = [simulation.tumor_from_tip(time_s) for time_s in single]
-    assert_same(simulation.tumor_from_tips(times_s), tips)
-    poses, metal_mm = simulation.tracked(times_s)
-    for name, tracked in zip(TRACKED_FRAMES, poses, strict=True):
-        assert_same(tracked, [simulation.tracker_from(name, time_s) for time_s in single])
-    ends = np.array([[0.0, 0.0, -HANDLE_END_MM]])
-    for (start_mm, end_mm), time_s in zip(metal_mm, single, strict=True):
-        base = simulation.tracker_from_base
-        np.testing.assert_allclose(start_mm, base.translation_mm)
-        tracker_from_tip = base @ simulation.base_from_tip(time_s)
-        np.testing.assert_allclose(end_mm, tracker_from_tip.apply(ends)[0])
 
 
 DIRECTION = np.array([0.0, 0.0, -1.0])
