@@ -1,13 +1,18 @@
-"""The analysis of the shipped case, whose truth is known."""
+"""The analysis of the shipped case, whose truth is known: the frames around its breaches.
+
+The whole case is analysed in `tests/analysis/test_whole_cases.py`.
+"""
 
 import json
+from collections.abc import Iterator
 
 import pytest
 
 import marginguard as mg
 from app.analysis import CaseAnalysis, analyse_case
 from app.geometry import InputError
-from tests.shipped_case import FRAMES
+from app.session import StepResult
+from tests.shipped_case import BREACHES
 
 
 @pytest.fixture(scope="module")
@@ -15,43 +20,53 @@ def case() -> mg.PreparedCase:
     return mg.open_case(mg.example_case())
 
 
-@pytest.fixture(scope="module")
-def analysis(case: mg.PreparedCase) -> CaseAnalysis:
+def analysed(case: mg.PreparedCase, steps: Iterator[StepResult]) -> CaseAnalysis:
     content = case.content
-    return analyse_case(
-        mg.replay(case), name=content.name, margins=content.margins, tumor=content.tumor
-    )
+    return analyse_case(steps, name=content.name, margins=content.margins, tumor=content.tumor)
+
+
+@pytest.fixture(scope="module")
+def steps(case) -> list[StepResult]:
+    """From 8 s before each breach until 2 s after it."""
+    spans = [(breach["start_s"] - 8.0, breach["end_s"] + 2.0) for breach in BREACHES]
+    return [step for start, end in spans for step in mg.replay(case, start_s=start, end_s=end)]
+
+
+@pytest.fixture(scope="module")
+def analysis(case, steps) -> CaseAnalysis:
+    return analysed(case, iter(steps))
+
+
+def check_breaches(case: mg.PreparedCase, analysis: CaseAnalysis) -> None:
+    """Calibration and contour have errors, which an interval of the noise does not contain."""
+    expected = case.case.expected().breaches
+    truths = [breach.min_signed_distance_mm for breach in expected.intervals]
+    assert len(analysis.breaches) == len(truths) == 3
+    for breach, truth in zip(analysis.breaches, truths, strict=True):
+        assert breach.estimate is not None
+        assert breach.estimate.low_mm < breach.estimate.distance_mm < breach.estimate.high_mm
+        assert abs(breach.estimate.distance_mm - truth) < expected.depth_tolerance_mm
+        assert breach.lowest_sample_mm < breach.estimate.distance_mm
+    parts = ["shaft" if breach.shaft_only else "tip" for breach in expected.intervals]
+    assert [breach.part for breach in analysis.breaches] == parts
+
+
+def check_figures(analysis: CaseAnalysis, frames: int) -> None:
+    assert analysis.frames == frames
+    assert sum(analysis.state_seconds.values()) == pytest.approx(analysis.duration_s)
+    assert sum(analysis.phase_seconds.values()) == pytest.approx(analysis.duration_s)
+    assert analysis.percentiles_mm[0] == min(b.lowest_sample_mm for b in analysis.breaches)
+    assert all(20.0 < breach.entry_speed_mm_s < 70.0 for breach in analysis.breaches)
 
 
 def test_depths_are_within_the_tolerance_of_the_case_and_higher_than_the_lowest_samples(
     case, analysis
 ):
-    """Calibration and contour have errors, which an interval of the noise does not contain."""
-    expected = case.case.expected()
-    assert expected is not None and expected.breaches is not None
-    truths = [breach.min_signed_distance_mm for breach in expected.breaches.intervals]
-    assert len(analysis.breaches) == len(truths) == 3
-    for breach, truth in zip(analysis.breaches, truths, strict=True):
-        assert breach.estimate is not None
-        assert breach.estimate.low_mm < breach.estimate.distance_mm < breach.estimate.high_mm
-        error_mm = abs(breach.estimate.distance_mm - truth)
-        assert error_mm < expected.breaches.depth_tolerance_mm
-        assert breach.lowest_sample_mm < breach.estimate.distance_mm
+    check_breaches(case, analysis)
 
 
-def test_part_of_the_tool_is_that_of_the_script(case, analysis):
-    expected = case.case.expected()
-    assert expected is not None and expected.breaches is not None
-    parts = ["shaft" if breach.shaft_only else "tip" for breach in expected.breaches.intervals]
-    assert [breach.part for breach in analysis.breaches] == parts
-
-
-def test_figures_agree_with_those_of_the_report(analysis):
-    assert analysis.frames == FRAMES
-    assert sum(analysis.state_seconds.values()) == pytest.approx(analysis.duration_s)
-    assert sum(analysis.phase_seconds.values()) == pytest.approx(analysis.duration_s)
-    assert analysis.percentiles_mm[0] == min(b.lowest_sample_mm for b in analysis.breaches)
-    assert all(20.0 < breach.entry_speed_mm_s < 70.0 for breach in analysis.breaches)
+def test_figures_agree_with_those_of_the_report(analysis, steps):
+    check_figures(analysis, len(steps))
 
 
 def test_flat_record_is_plain_and_agrees(analysis):
@@ -63,15 +78,12 @@ def test_flat_record_is_plain_and_agrees(analysis):
 
 
 def test_case_without_steps_is_refused(case):
-    content = case.content
     with pytest.raises(InputError, match="expected at least 1"):
-        analyse_case([], name="none", margins=content.margins, tumor=content.tumor)
+        analysed(case, iter([]))
 
 
 def test_short_case_without_a_breach_has_unknown_figures(case):
-    content = case.content
-    steps = mg.replay(case, start_s=20.0, end_s=20.3)
-    found = analyse_case(steps, name="short", margins=content.margins, tumor=content.tumor)
+    found = analysed(case, mg.replay(case, start_s=20.0, end_s=20.3))
     assert (found.jitter, found.breaches) == (None, ())
     record = found.flat()
     assert record["deepest_mm"] is None

@@ -10,31 +10,13 @@ from scipy.spatial.transform import Rotation
 from app.analysis import CaseSamples, coverage_of
 from app.analysis.coverage import MAX_PLACES, SPACING_MM, WITHIN_MM, surface_points
 from app.geometry import SurfaceMesh
+from tests.analysis.case_samples import mesh, samples
+
+pytestmark = pytest.mark.slow
 
 
-def mesh(frame: str, shape: trimesh.Trimesh) -> SurfaceMesh:
-    return SurfaceMesh(frame, shape.vertices, shape.faces)
-
-
-TUMOR = mesh("tumor", trimesh.creation.icosphere(3, radius=8.0))
-TOOL = mesh("tip", trimesh.creation.box([2.0, 3.0, 6.0]))
-
-
-def samples(tips: np.ndarray, rotations: np.ndarray | None = None) -> CaseSamples:
-    count = len(tips)
-    unknown = np.full((count, 3), np.nan)
-    return CaseSamples(
-        stamps_ns=np.arange(count, dtype=np.int64) * 20_000_000,
-        states=np.zeros(count, dtype=np.int8),
-        distances_mm=np.zeros(count),
-        stop_mm=np.zeros(count),
-        tips_mm=tips,
-        rotations=np.tile(np.eye(3), (count, 1, 1)) if rotations is None else rotations,
-        on_tumor_mm=unknown,
-        on_tool_mm=unknown,
-        normals=unknown,
-        between=np.zeros(count, dtype=bool),
-    )
+TUMOR = mesh(trimesh.creation.icosphere(3, radius=8.0), "tumor")
+TOOL = mesh(trimesh.creation.box([2.0, 3.0, 6.0]), "tip")
 
 
 def test_coverage_equals_the_distance_to_the_tool_in_every_frame():
@@ -61,7 +43,7 @@ def test_coverage_equals_the_distance_to_the_tool_in_every_frame():
 @pytest.mark.parametrize("order", ["as made", "every n-th on one side"])
 def test_share_of_a_fine_surface_does_not_depend_on_the_order_of_its_faces(order):
     """A cap of a ball of 20480 faces, of which every n-th one may follow a pattern of the mesh."""
-    fine = mesh("tumor", trimesh.creation.icosphere(5, radius=8.0))
+    fine = mesh(trimesh.creation.icosphere(5, radius=8.0), "tumor")
     if order == "every n-th on one side":
         upwards = np.argsort(fine.triangles_mm.mean(axis=1)[:, 2])
         places = np.argsort(np.arange(len(upwards)) % -(-len(upwards) // MAX_PLACES), kind="stable")
@@ -99,13 +81,12 @@ def test_points_of_a_surface_are_dense():
 
 
 def test_large_tumour_is_represented_by_some_of_its_faces():
-    fine = mesh("tumor", trimesh.creation.icosphere(5, radius=8.0))
+    fine = mesh(trimesh.creation.icosphere(5, radius=8.0), "tumor")
     tips = np.array([[10.0, 0.0, 0.0]])
     found = coverage_of(samples(tips), fine, None)
     assert len(found.faces) < len(fine.faces)
-    assert found.share(5.0) == pytest.approx(
-        coverage_of(samples(tips), TUMOR, None).share(5.0), abs=0.01
-    )
+    coarse = coverage_of(samples(tips), TUMOR, None).share(5.0)
+    assert found.share(5.0) == pytest.approx(coarse, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +103,7 @@ def test_share_of_a_coarse_surface_is_that_of_its_area(shape):
     """Compared with 40 thousand points that are random on the surface."""
     random = np.random.default_rng(8)
     tips = random.uniform(-7.0, 7.0, (12, 3)) + np.array([6.0, 0.0, 3.0])
-    found = coverage_of(samples(tips), mesh("tumor", shape), None)
+    found = coverage_of(samples(tips), mesh(shape), None)
     points, _ = trimesh.sample.sample_surface(shape, 40_000, seed=5)
     nearest = np.linalg.norm(points[:, None] - tips[None], axis=2).min(axis=1)
     for within in WITHIN_MM:

@@ -22,57 +22,54 @@ def rigid(matrices: np.ndarray) -> np.ndarray:
     return found
 
 
-def test_metrics_of_the_phantom_case_equal_independent_arithmetic(project_root: Path):
-    folder = project_root / "data" / "phantom_case"
-    case = mg.open_case(folder, tip_only=True)
+FOLDER = Path(__file__).resolve().parents[2] / "data" / "phantom_case"
+
+
+@pytest.fixture(scope="module")
+def insertion():
+    """What the analysis finds in the phantom case, whose tissue is a ball of 10 mm."""
+    case = mg.open_case(FOLDER, tip_only=True)
     content = case.content
-    found = analyse_case(
+    return analyse_case(
         mg.replay(case), name="phantom", margins=content.margins, tumor=content.tumor
     ).insertion
 
-    manifest = yaml.safe_load((folder / "case.yaml").read_text())
-    recording = folder / "tracking.igs.mha"
-    reference, stylus = (
-        rigid(igsio_samples(recording, f"{name}ToTracker").matrices)
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Matrices (n, 4, 4) of reference and stylus, those of tip and tumour, by the files' text."""
+    manifest = yaml.safe_load((FOLDER / "case.yaml").read_text())
+    tracked = [
+        igsio_samples(FOLDER / "tracking.igs.mha", f"{name}ToTracker").matrices
         for name in ("Reference", "Stylus")
-    )
-    tip = np.reshape(manifest["tool"]["tip_from"]["matrix"], (4, 4))[:, 3]
-    centre = np.reshape(manifest["tumor"]["pose"]["matrix"], (4, 4))[:3, 3]
-    tips = (np.linalg.inv(reference) @ stylus @ tip)[:, :3]
-    times = igsio_times_s(recording)
+    ]
+    tip, tumor = manifest["tool"]["tip_from"]["matrix"], manifest["tumor"]["pose"]["matrix"]
+    return *tracked, np.reshape(tip, (4, 4)), np.reshape(tumor, (4, 4))
+
+
+def test_metrics_of_the_phantom_case_equal_independent_arithmetic(insertion, recorded):
+    reference, stylus, tip, tumor = recorded
+    tips = (np.linalg.inv(rigid(reference)) @ rigid(stylus) @ tip[:, 3])[:, :3]
+    times = igsio_times_s(FOLDER / "tracking.igs.mha")
     path = tissue_path = tissue_s = 0.0
     for k in range(1, len(tips)):
         step = float(np.sqrt(((tips[k] - tips[k - 1]) ** 2).sum()))
         path += step
-        if np.linalg.norm(tips[k] - centre) < 10.0:
+        if np.linalg.norm(tips[k] - tumor[:3, 3]) < 10.0:
             tissue_path += step
             tissue_s += times[k] - times[k - 1]
     assert tissue_s > 0.5
-    assert found.elapsed_s == pytest.approx(times[-1] - times[0], rel=1e-3)
-    assert found.path_mm == pytest.approx(path, rel=1e-3)
-    assert found.tissue_s == pytest.approx(tissue_s, rel=1e-3)
-    assert found.tissue_path_mm == pytest.approx(tissue_path, rel=1e-3)
+    assert insertion.elapsed_s == pytest.approx(times[-1] - times[0], rel=1e-3)
+    assert insertion.path_mm == pytest.approx(path, rel=1e-3)
+    assert insertion.tissue_s == pytest.approx(tissue_s, rel=1e-3)
+    assert insertion.tissue_path_mm == pytest.approx(tissue_path, rel=1e-3)
 
 
-def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(project_root: Path):
-    """The tissue is a ball of 10 mm, whose surface is a mesh in the case."""
-    folder = project_root / "data" / "phantom_case"
-    case = mg.open_case(folder, tip_only=True)
-    content = case.content
-    found = analyse_case(
-        mg.replay(case), name="phantom", margins=content.margins, tumor=content.tumor
-    ).insertion.tissue_damage_mm2
-    manifest = yaml.safe_load((folder / "case.yaml").read_text())
-    reference, stylus = (
-        igsio_samples(folder / "tracking.igs.mha", f"{name}ToTracker").matrices
-        for name in ("Reference", "Stylus")
-    )
-    tip = np.reshape(manifest["tool"]["tip_from"]["matrix"], (4, 4))
-    centre = np.reshape(manifest["tumor"]["pose"]["matrix"], (4, 4))[:3, 3]
-    poses = np.linalg.inv(reference) @ stylus @ tip
+def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(insertion, recorded):
+    reference, stylus, tip, tumor = recorded
     area, before = 0.0, None
-    for pose in poses:
-        place, back = pose[:3, 3] - centre, -pose[:3, 2]
+    for pose in np.linalg.inv(reference) @ stylus @ tip:
+        place, back = pose[:3, 3] - tumor[:3, 3], -pose[:3, 2]
         if place @ place >= 100.0:
             before = None
             continue
@@ -86,13 +83,13 @@ def test_damage_of_the_phantom_case_equals_a_sphere_in_closed_form(project_root:
                 area += 0.5 * math.sqrt((one @ one) * (other @ other) - (one @ other) ** 2)
         before = place, out
     assert area > 20.0
-    assert found == pytest.approx(area, rel=0.01)
+    assert insertion.tissue_damage_mm2 == pytest.approx(area, rel=0.01)
 
 
-def block() -> SurfaceMesh:
+def block(frame: str = "tissue") -> SurfaceMesh:
     """20 x 20 x 20 mm around the origin."""
     made = trimesh.creation.box((20.0, 20.0, 20.0))
-    return SurfaceMesh("tissue", made.vertices, made.faces)
+    return SurfaceMesh(frame, made.vertices, made.faces)
 
 
 def test_a_step_counts_by_its_end():
@@ -125,8 +122,6 @@ def test_each_part_and_each_hollow_of_the_tissue_decide():
 
 def test_the_tip_decides_whatever_the_rest_of_the_tool_does():
     """The shaft stays in the tissue while the tip has left it on the other side."""
-    made = trimesh.creation.box((20.0, 20.0, 20.0))
-    tissue = SurfaceMesh("tumor", made.vertices, made.faces)
     z = np.linspace(-30.0, 30.0, 121)
     distances = np.where(z + 10.0 > 0.0, -1.0, 1.0)
     samples = CaseSamples.from_rows(
@@ -140,7 +135,7 @@ def test_the_tip_decides_whatever_the_rest_of_the_tool_does():
             for k, d in enumerate(distances.tolist())
         ]
     )
-    found = case_insertion(samples, tissue)
+    found = case_insertion(samples, block("tumor"))
     assert found.tissue_path_mm == pytest.approx(20.0, abs=0.51)
     assert found.tissue_s == pytest.approx(0.4, abs=0.011)
 

@@ -1,8 +1,13 @@
+"""Motion of the tip, its jitter, and the filter of both."""
+
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
-from app.analysis import PHASES, motion_of, phases_of
+from app.analysis import PHASES, Jitter, estimate_jitter, motion_of, phases_of
 from app.analysis.motion import raw_path_mm
+from app.analysis.savitzky_golay import savitzky_golay
+from app.geometry import InputError
 
 TIMES = np.arange(0.0, 10.0, 0.02)
 
@@ -62,3 +67,74 @@ def test_phases_follow_the_rule():
         "away",
         "unknown",
     ]
+
+
+LONG_TIMES = np.arange(0.0, 30.0, 0.02)
+
+
+def noise(sigma: float, tau: float | None, seed: int = 1) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    values = random.normal(size=len(LONG_TIMES))
+    if tau is not None:
+        keep = np.exp(-0.02 / tau)
+        for k in range(1, len(values)):
+            values[k] = keep * values[k - 1] + np.sqrt(1.0 - keep**2) * values[k]
+    return sigma * values
+
+
+def test_white_jitter_beside_a_motion():
+    found = estimate_jitter(LONG_TIMES, 8.0 + 3.0 * np.sin(LONG_TIMES) + noise(0.3, None))
+    assert found is not None
+    assert found.sigma_mm == pytest.approx(0.3, rel=0.06)
+    assert found.covariance(LONG_TIMES[:3])[0, 1] < 0.03
+
+
+def test_correlated_jitter_has_the_autocorrelation_of_its_process():
+    found = estimate_jitter(LONG_TIMES, 8.0 + 3.0 * np.sin(LONG_TIMES) + noise(0.3, 0.04))
+    assert found is not None
+    covariance = found.covariance(LONG_TIMES[:4])
+    assert covariance[0, 1:3] / 0.09 == pytest.approx(np.exp([-0.5, -1.0]), abs=0.1)
+
+
+def test_a_fast_motion_is_not_taken_for_jitter():
+    plunges = 4.0 * np.maximum(0.0, np.sin(0.7 * LONG_TIMES)) ** 12
+    found = estimate_jitter(LONG_TIMES, 8.0 - plunges + noise(0.3, None))
+    assert found is not None
+    assert found.sigma_mm == pytest.approx(0.3, rel=0.06)
+
+
+def test_jitter_of_a_short_recording_is_unknown():
+    assert estimate_jitter(LONG_TIMES[:50], LONG_TIMES[:50]) is None
+    assert estimate_jitter(np.array([]), np.array([])) is None
+
+
+def test_gaps_are_not_bridged():
+    times = np.concatenate([LONG_TIMES[:300], 100.0 + LONG_TIMES[:300]])
+    distances = np.concatenate([np.zeros(300), np.full(300, 40.0)]) + noise(0.3, None)[:600]
+    found = estimate_jitter(times, distances)
+    assert found is not None
+    assert found.sigma_mm == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("sigma", [0.0, np.nan, np.inf])
+def test_a_jitter_out_of_range_is_refused(sigma):
+    with pytest.raises(InputError, match="sigma_mm is"):
+        Jitter(sigma)
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2, 3])
+@pytest.mark.parametrize(("count", "length"), [(40, 11), (11, 11), (8, 5)])
+def test_equals_scipy_at_the_ends_too(count, length, derivative):
+    values = np.random.default_rng(count).normal(size=(count, 3)).cumsum(axis=0)
+    found = savitzky_golay(values, length, 3, derivative=derivative, step=0.02)
+    expected = savgol_filter(values, length, 3, deriv=derivative, delta=0.02, axis=0)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_cubic_keeps_its_values_and_derivatives():
+    times = 0.02 * np.arange(30)[:, None]
+    for derivative, expected in enumerate(
+        (2 * times**3 - times, 6 * times**2 - 1, 12 * times, 12 + 0 * times)
+    ):
+        found = savitzky_golay(2 * times**3 - times, 9, 3, derivative=derivative, step=0.02)
+        np.testing.assert_allclose(found, expected, atol=1e-8)

@@ -9,18 +9,15 @@ import trimesh
 from igl.copyleft import cgal
 from scipy.spatial.transform import Rotation
 
-from app.analysis import CaseSamples, coverage_of
+from app.analysis import coverage_of
 from app.analysis.directions import side_results, sides_of_surface
 from app.analysis.specimen import resection_of, specimen_of
 from app.analysis.swept_volume import MAX_POINTS, MAX_STEPS, cutting_points, solid_of, swept_volume
 from app.geometry import InputError, MeshError, SurfaceMesh
+from tests.analysis.case_samples import mesh, samples
 
 STALE_NS = 100_000_000
 RADIUS_MM = 1.5
-
-
-def mesh(shape: trimesh.Trimesh, frame: str = "tumor", at: tuple[float, ...] = ()) -> SurfaceMesh:
-    return SurfaceMesh(frame, shape.vertices + (np.array(at) if at else 0.0), shape.faces)
 
 
 def ball_points(segments: int) -> np.ndarray:
@@ -30,26 +27,6 @@ def ball_points(segments: int) -> np.ndarray:
 
 def unturned(count: int) -> np.ndarray:
     return np.tile(np.eye(3), (count, 1, 1))
-
-
-def samples(tips: np.ndarray, gap_at: int | None = None) -> CaseSamples:
-    count = len(tips)
-    stamps = np.arange(count, dtype=np.int64) * 20_000_000
-    if gap_at is not None:
-        stamps[gap_at:] += 10 * STALE_NS
-    unknown = np.full((count, 3), np.nan)
-    return CaseSamples(
-        stamps_ns=stamps,
-        states=np.zeros(count, dtype=np.int8),
-        distances_mm=np.zeros(count),
-        stop_mm=np.zeros(count),
-        tips_mm=tips,
-        rotations=unturned(count),
-        on_tumor_mm=unknown,
-        on_tool_mm=unknown,
-        normals=unknown,
-        between=np.zeros(count, dtype=bool),
-    )
 
 
 @pytest.mark.parametrize("poses", [2, 30, 400])

@@ -15,6 +15,7 @@ from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 
+MARGINS = {"stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50, "stale_after_ms": 200}
 MANIFEST: dict[str, Any] = {
     "schema": 1,
     "name": "a case",
@@ -30,14 +31,21 @@ MANIFEST: dict[str, Any] = {
         "mesh": {"path": "tumor.stl", "units": "mm"},
         "pose": {"matrix": IDENTITY},
     },
-    "margins": {
-        "stop_mm": 1.0,
-        "warn_mm": 5.0,
-        "k_tre": 2.0,
-        "v_max_mm_s": 50,
-        "stale_after_ms": 200,
-    },
+    "margins": MARGINS,
 }
+
+
+def add_robot(manifest: dict[str, Any], urdf: str, **more: object) -> dict[str, Any]:
+    """Add a robot, which is returned, and a registration that is given."""
+    robot = {"urdf": urdf, "base_frame": "base", "tool_link": "tip", **more}
+    manifest |= {"robot": robot, "registration": {"method": "given", "matrix": IDENTITY}}
+    return robot
+
+
+def write_manifest(folder: Path, manifest: dict[str, Any]) -> Path:
+    """Write ``case.yaml`` in ``folder``, which is returned."""
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
+    return folder
 
 
 def some_frames(count: int = 50, *, seed: int = 0) -> Iterator[TrackingFrame]:
@@ -47,47 +55,43 @@ def some_frames(count: int = 50, *, seed: int = 0) -> Iterator[TrackingFrame]:
         stamp = Stamp(1_000_000_000 + index * 20_000_000)
         poses = []
         for source in ("reference", "needle", "cautery"):
-            pose = Transform.from_rotation_vector(
-                random.normal(size=3),
-                random.normal(scale=200.0, size=3),
-                target="tracker",
-                source=source,
-            )
-            lost = source == "needle" and index % 7 == 3
-            poses.append(
-                TrackedTransform.lost("tracker", source, stamp, TrackingStatus.INVALID)
-                if lost
-                else TrackedTransform(pose, stamp, TrackingStatus.OK)
-            )
+            turn, place = random.normal(size=3), random.normal(scale=200.0, size=3)
+            pose = Transform.from_rotation_vector(turn, place, target="tracker", source=source)
+            if source == "needle" and index % 7 == 3:
+                lost = TrackedTransform.lost("tracker", source, stamp, TrackingStatus.INVALID)
+                poses.append(lost)
+            else:
+                poses.append(TrackedTransform(pose, stamp, TrackingStatus.OK))
+        names = ("waist", "shoulder")
         joints = tuple(
-            JointSample(
-                ("waist", "shoulder"), random.normal(size=2), stamp.shifted(shift, "tracker")
-            )
+            JointSample(names, random.normal(size=2), stamp.shifted(shift, "tracker"))
             for shift in (-15_000_000, -10_000_000, -5_000_000, 0)
         )
         yield TrackingFrame(stamp, tuple(poses), joints, stamp.shifted(3_000_000, "tracker"))
 
 
-def assert_same_frames(one: TrackingFrame, other: TrackingFrame, *, atol_mm: float = 1e-9) -> None:
-    assert one.stamp == other.stamp
-    assert one.unfiltered_stamp == other.unfiltered_stamp
-    assert [(p.target, p.source, p.status, p.stamp) for p in one.poses] == [
-        (p.target, p.source, p.status, p.stamp) for p in other.poses
-    ]
-    for pose, other_pose in zip(one.poses, other.poses, strict=True):
-        if pose.transform is not None and other_pose.transform is not None:
-            np.testing.assert_allclose(
-                pose.transform.translation_mm,
-                other_pose.transform.translation_mm,
-                rtol=0,
-                atol=atol_mm,
+def assert_same_frames(ones, others, *, atol_mm=1e-9):
+    def parts(frames: list[TrackingFrame]) -> tuple[list[Any], np.ndarray, np.ndarray]:
+        known = [
+            (
+                frame.stamp,
+                frame.unfiltered_stamp,
+                [(p.target, p.source, p.status, p.stamp, p.transform is None) for p in frame.poses],
+                [(j.names, j.stamp, tuple(j.positions)) for j in frame.joints],
             )
-            np.testing.assert_allclose(
-                pose.transform.rotation, other_pose.transform.rotation, rtol=0, atol=1e-12
-            )
-    assert [(j.names, j.stamp) for j in one.joints] == [(j.names, j.stamp) for j in other.joints]
-    for left, right in zip(one.joints, other.joints, strict=True):
-        np.testing.assert_array_equal(left.positions, right.positions)
+            for frame in frames
+        ]
+        poses = [p.transform for frame in frames for p in frame.poses if p.transform is not None]
+        return (
+            known,
+            np.array([pose.translation_mm for pose in poses]),
+            np.array([pose.rotation for pose in poses]),
+        )
+
+    (known, places, turns), expected = parts(list(ones)), parts(list(others))
+    assert known == expected[0]
+    np.testing.assert_allclose(places, expected[1], rtol=0, atol=atol_mm)
+    np.testing.assert_allclose(turns, expected[2], rtol=0, atol=1e-12)
 
 
 @pytest.fixture
@@ -115,7 +119,6 @@ def write_case(tmp_path: Path) -> Callable[..., Path]:
         trimesh.creation.icosphere(subdivisions=1, radius=10.0).export(folder / "tumor.stl")
         trimesh.creation.box((1.0, 2.0, 30.0)).export(folder / "tool.stl")
         write_recording(folder / "tracking.mcap", some_frames(count))
-        (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
-        return folder
+        return write_manifest(folder, manifest)
 
     return write

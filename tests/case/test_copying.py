@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
@@ -15,6 +16,9 @@ from app.case import convert_case, open_case, recover_recording
 from app.case.messages.ros_messages import ros_types
 from app.cli.main import main
 from app.geometry import InputError
+from tests.case.conftest import add_robot, write_manifest
+
+pytestmark = pytest.mark.slow
 
 EXTRA = ("/camera", "our_msgs/msg/Picture", b"uint8[] pixels")
 
@@ -28,15 +32,8 @@ def content(path: Path) -> tuple[Counter[tuple[str, ...]], list[tuple[Any, ...]]
             own = (schema.name, schema.encoding, schema.data.decode()) if schema else ("",) * 3
             key = (channel.topic, *own)
             topics[*key, channel.message_encoding, json.dumps(channel.metadata)] += 1
-            messages.append(
-                (
-                    channel.topic,
-                    message.log_time,
-                    message.publish_time,
-                    message.sequence,
-                    message.data,
-                )
-            )
+            times = message.log_time, message.publish_time
+            messages.append((channel.topic, *times, message.sequence, message.data))
     return topics, messages
 
 
@@ -72,22 +69,17 @@ def case(manifest: dict[str, Any], write_case: Callable[..., Path]) -> Path:
     return folder
 
 
-def test_conversion_keeps_all_messages_of_all_topics(
-    case: Path, tmp_path: Path, same_frames: Callable[..., None]
-) -> None:
+def test_conversion_keeps_all_messages_of_all_topics(case, tmp_path, same_frames):
     opened = open_case(case)
     assert convert_case(opened, tmp_path / "new") == ()
     before, after = (content(folder / "tracking.mcap") for folder in (case, tmp_path / "new"))
     assert {key[0] for key in before[0]} >= {"/camera", "/notes", "/tracked_transforms", "/tf"}
     assert before == after
     converted = open_case(tmp_path / "new")
-    for one, other in zip(opened.frames(), converted.frames(), strict=True):
-        same_frames(one, other)
+    same_frames(opened.frames(), converted.frames())
 
 
-def test_database_is_converted_with_all_topics(
-    manifest: dict[str, Any], write_case: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_database_is_converted_with_all_topics(manifest, write_case, tmp_path):
     folder = write_case(manifest)
     manifest["recording"] = {"path": "bag"}
     with RosbagsWriter(folder / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
@@ -95,33 +87,38 @@ def test_database_is_converted_with_all_topics(
         with (folder / "tracking.mcap").open("rb") as file:
             for schema, channel, message in make_reader(file).iter_messages():
                 assert schema is not None
-                if channel.topic not in known:
-                    known[channel.topic] = bag.add_connection(
-                        channel.topic, schema.name, typestore=ros_types()
-                    )
-                bag.write(known[channel.topic], message.log_time, message.data)
+                topic = channel.topic
+                if topic not in known:
+                    known[topic] = bag.add_connection(topic, schema.name, typestore=ros_types())
+                bag.write(known[topic], message.log_time, message.data)
     (folder / "case.yaml").write_text(json.dumps(manifest))
     original = content(folder / "tracking.mcap")[1]
     convert_case(open_case(folder), tmp_path / "new")
     topics, messages = content(tmp_path / "new" / "tracking.mcap")
-    assert sorted((topic, log, data) for topic, log, _, _, data in messages) == sorted(
-        (topic, log, data) for topic, log, _, _, data in original
-    )
+    found, expected = (sorted((a, b, e) for a, b, _, _, e in each) for each in (messages, original))
+    assert found == expected
     assert all(len(definition) > 20 for _, _, _, definition, _, _ in topics)
 
 
-def test_unreadable_recording_is_not_converted(case: Path, tmp_path: Path) -> None:
+def test_unreadable_and_empty_recordings_are_neither_converted_nor_recovered(case, tmp_path):
     opened = open_case(case)
     path = case / "tracking.mcap"
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(InputError, match="holds no readable sample"):
         convert_case(opened, tmp_path / "new")
-    assert not (tmp_path / "new").exists()
+    with (tmp_path / "x.mcap").open("xb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    with pytest.raises(InputError, match="holds no intact message"):
+        recover_recording(tmp_path / "x.mcap", tmp_path / "new.mcap")
+    (tmp_path / "x.igs.mha").touch()
+    with pytest.raises(InputError, match="has no messages to recover"):
+        recover_recording(tmp_path / "x.igs.mha", tmp_path / "new.mcap")
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["case", "x.igs.mha", "x.mcap"]
 
 
-def test_cut_recording_is_recovered_and_not_changed(
-    case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_cut_recording_is_recovered_and_not_changed(case, tmp_path, capsys):
     source, target = case / "tracking.mcap", tmp_path / "new.mcap"
     whole = content(source)[1]
     source.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
@@ -149,9 +146,7 @@ def test_cut_recording_is_recovered_and_not_changed(
         ("empty.mcap", "new.mcap", "is not an MCAP file"),
     ],
 )
-def test_recover_refuses_and_writes_nothing(
-    case: Path, source: str, target: str, problem: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recover_refuses_and_writes_nothing(case, source, target, problem, capsys):
     (case / "empty.mcap").touch()
     before = sorted(path.name for path in case.iterdir())
     assert main(["recover", str(case / source), str(case / target)]) == 2
@@ -159,14 +154,63 @@ def test_recover_refuses_and_writes_nothing(
     assert sorted(path.name for path in case.iterdir()) == before
 
 
-def test_recording_without_messages_is_not_recovered(tmp_path: Path) -> None:
-    with (tmp_path / "x.mcap").open("xb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.finish()
-    with pytest.raises(InputError, match="holds no intact message"):
-        recover_recording(tmp_path / "x.mcap", tmp_path / "new.mcap")
-    (tmp_path / "x.igs.mha").touch()
-    with pytest.raises(InputError, match="has no messages to recover"):
-        recover_recording(tmp_path / "x.igs.mha", tmp_path / "new.mcap")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.igs.mha", "x.mcap"]
+@pytest.fixture
+def real_case(manifest, write_case, real_recording) -> Path:
+    name = "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha"
+    manifest |= {"recording": {"path": name}, "expected": "expected.yaml"}
+    manifest["tool"]["frame"] = "stylus"
+    folder = write_case(manifest)
+    (folder / "tracking.mcap").unlink()
+    (folder / "expected.yaml").write_text("frames: 1000\n")
+    (folder / name).write_bytes(real_recording(name).read_bytes())
+    return folder
+
+
+def test_real_recording_is_converted_unchanged(real_case, tmp_path, same_frames):
+    case = open_case(real_case)
+    assert convert_case(case, tmp_path / "converted") == ()
+    converted = open_case(tmp_path / "converted")
+    assert converted.manifest.recording.sha256 is not None
+    assert converted.expected() is not None
+    frames = list(converted.recorded_frames())
+    assert len(frames) == 1000
+    same_frames(case.recorded_frames(), frames)
+    assert not (tmp_path / "converted" / case.recording_path.name).exists()
+
+
+def test_joints_statuses_and_both_clocks_are_converted(manifest, write_case, tmp_path, same_frames):
+    manifest["clock"] = {"offset_robot_to_tracker_ms": -12.5}
+    add_robot(manifest, "arm/arm.urdf", joint_states="/joint_states")
+    manifest["registration"] = {"method": "paired_points", "dwells": [{"start_s": 0, "end_s": 1}]}
+    folder = write_case(manifest)
+    (folder / "arm/meshes").mkdir(parents=True)
+    (folder / "arm/arm.urdf").write_text("<robot/>")
+    (folder / "arm/meshes/link.stl").write_text("x")
+    case = open_case(folder)
+    convert_case(case, tmp_path / "a" / "converted")
+    converted = open_case(tmp_path / "a" / "converted")
+    assert (converted.robot_urdf().parent / "meshes/link.stl").is_file()
+    same_frames(case.frames(), converted.frames())
+    before, after = (
+        yaml.safe_load((c.folder / "case.yaml").read_text()) for c in (case, converted)
+    )
+    del before["recording"], after["recording"]
+    assert before == after
+
+
+def test_failed_conversion_leaves_no_folder_and_no_folder_is_overwritten(
+    manifest, write_case, tmp_path
+):
+    manifest["recording"]["path"] = "x.igs.mha"
+    folder = write_case(manifest)
+    (folder / "x.igs.mha").write_text(
+        "Seq_Frame0000_Timestamp = 1\nSeq_Frame0001_Timestamp = soon\nElementDataFile = LOCAL\n"
+    )
+    with pytest.raises(InputError, match="'soon'"):
+        convert_case(open_case(folder), tmp_path / "converted")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["case"]
+    manifest["recording"]["path"] = "tracking.mcap"
+    (tmp_path / "there").mkdir()
+    with pytest.raises(InputError, match="refusing to overwrite it"):
+        convert_case(open_case(write_manifest(folder, manifest)), tmp_path / "there")
+    assert list((tmp_path / "there").iterdir()) == []

@@ -19,6 +19,7 @@ from app.case.manifest.entries import CauteryEntry
 from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
 from app.geometry import InputError
 from app.session import guidance_parameters, limiter_parameters, tumor_motion_parameters
+from tests.refusals import refused
 
 
 @pytest.fixture
@@ -33,6 +34,12 @@ def opened(folder: Path, values: dict[str, Any]):
     return open_live(path)
 
 
+def begun(live, folder: Path) -> dict[str, Any]:
+    """The document of the case that a recording of the session begins."""
+    begin_case(live, folder / "case")
+    return yaml.safe_load((folder / "case" / "case.yaml").read_text())
+
+
 def test_example_is_valid_and_names_the_meshes_of_the_recorded_case(project_root):
     live = open_live(project_root / "data" / "live_example" / "live.yaml")
     recorded = open_case(project_root / "data" / "recorded_case")
@@ -43,47 +50,34 @@ def test_example_is_valid_and_names_the_meshes_of_the_recorded_case(project_root
     assert live.case.manifest.clock == recorded.manifest.clock
 
 
-@pytest.mark.parametrize(
-    ("source", "entry", "of_host"),
-    [
-        ({"tf": {}, "clock": "host"}, TfSourceEntry(()), True),
-        (
-            {"tf": {"edges": [{"parent": "tracker", "child": "cautery"}]}, "clock": "estimate"},
-            TfSourceEntry((("tracker", "cautery"),)),
-            False,
-        ),
-        (
-            {"tracked_transforms": {"topic": "/ndi/poses"}, "clock": "host"},
-            TopicSourceEntry("/ndi/poses"),
-            True,
-        ),
-        (
-            {"igtl": {"host": "plus", "port": 18944}, "clock": "estimate"},
-            IgtlSourceEntry("plus", 18944),
-            False,
-        ),
-    ],
-)
-def test_each_kind_of_source_is_read(tmp_path, values, source, entry, of_host):
-    live = opened(tmp_path, values | {"source": source})
-    assert live.source == entry
-    assert live.stamps_of_host is of_host
-
-
 def test_joints_use_the_host_clock_without_a_clock_section(tmp_path, values):
     assert not opened(tmp_path, values).joints_of_host
     del values["clock"]
     assert opened(tmp_path, values).joints_of_host
 
 
-GUIDANCE = {
-    "force_n": 2.0,
-    "range_mm": 10.0,
-    "rate_n_s": 20.0,
-    "period_ms": 20.0,
-    "delay_ms": 5.0,
-    "damping_n_s_m": 5.0,
-}
+GUIDANCE = {"force_n": 2.0, "range_mm": 10.0, "rate_n_s": 20.0}
+GUIDANCE |= {"period_ms": 20.0, "delay_ms": 5.0, "damping_n_s_m": 5.0}
+MOTION = {"swing_mm": 5, "rate_hz": 0.25, "jitter_mm": 0.3, "jitter_deg": 0.3}
+IGTL = {"igtl": {"host": "plus", "port": 18944}}
+DWELLS = {"method": "paired_points", "dwells": [{"start_s": 0.0, "end_s": 1.0}]}
+
+
+@pytest.mark.parametrize(
+    ("source", "entry"),
+    [
+        ({"tf": {}, "clock": "host"}, TfSourceEntry(())),
+        ({"tf": {"edges": [{"parent": "tracker", "child": "cautery"}]}, "clock": "estimate"},
+         TfSourceEntry((("tracker", "cautery"),))),
+        ({"tracked_transforms": {"topic": "/ndi/poses"}, "clock": "host"},
+         TopicSourceEntry("/ndi/poses")),
+        ({**IGTL, "clock": "estimate"}, IgtlSourceEntry("plus", 18944)),
+    ],
+)  # fmt: skip
+def test_each_kind_of_source_is_read(tmp_path, values, source, entry):
+    live = opened(tmp_path, values | {"source": source})
+    assert live.source == entry
+    assert live.stamps_of_host is (source["clock"] == "host")
 
 
 def test_guidance_and_limiter_are_read(tmp_path, values):
@@ -98,7 +92,7 @@ def test_guidance_and_limiter_are_read(tmp_path, values):
 
 def test_tumor_motion_is_in_degrees_and_needs_all_keys(tmp_path, values):
     assert tumor_motion_parameters(opened(tmp_path, values)) is None
-    motion = {"swing_mm": 5, "swing_deg": 180, "rate_hz": 0.25, "jitter_mm": 0.3, "jitter_deg": 0.3}
+    motion = MOTION | {"swing_deg": 180}
     found = tumor_motion_parameters(opened(tmp_path, values | {"tumor_motion": motion}))
     assert found == TumorMotionParameters(5.0, math.pi, 0.25, 0.3, math.radians(0.3))
     still = opened(tmp_path, values | {"tumor_motion": motion | {"rate_hz": 0.0}})
@@ -110,9 +104,8 @@ def test_errors_of_the_tracker_are_in_ns_mm_and_radians(tmp_path, values):
     unknown = opened(tmp_path, values)
     assert (unknown.latency_ns, unknown.sigma_mm, unknown.sigma_rad) == (0, 0.0, 0.0)
     assert unknown.motion_frame is None
-    motion = {"swing_mm": 5, "swing_deg": 1, "rate_hz": 0.25, "jitter_mm": 0.3, "jitter_deg": 0.3}
     source = {"tf": {}, "clock": "host", "latency_ms": 20, "sigma_mm": 0.2, "sigma_deg": 45}
-    given = {"source": source, "tumor_motion": motion | {"frame": "tracker"}}
+    given = {"source": source, "tumor_motion": MOTION | {"swing_deg": 1, "frame": "tracker"}}
     live = opened(tmp_path, values | given)
     assert (live.latency_ns, live.sigma_mm) == (20_000_000, 0.2)
     assert live.sigma_rad == pytest.approx(math.pi / 4.0)
@@ -123,10 +116,7 @@ def test_errors_of_the_tracker_are_in_ns_mm_and_radians(tmp_path, values):
 
 def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     stiff = opened(tmp_path, values | {"guidance": GUIDANCE | {"delay_ms": 15.0}})
-    with pytest.raises(
-        InputError,
-        match=r"live.yaml: guidance: stiffness of the guidance .* is 200 N/m; .* 200 N/m",
-    ):
+    with refused(r"live.yaml: guidance: stiffness of the guidance .* is 200 N/m; .* 200 N/m"):
         guidance_parameters(stiff)
     still = opened(tmp_path, values | {"limiter": {"most_mm_s": 0.0}})
     with pytest.raises(InputError, match=r"live.yaml: limiter: most_mm_s of the limiter is 0.0;"):
@@ -137,15 +127,11 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     ("change", "message"),
     [
         ({"source": {"clock": "host"}}, "has none of tf, tracked_transforms, igtl"),
-        (
-            {"source": {"tf": {}, "tracked_transforms": {}, "clock": "host"}},
-            "has tf and tracked_transforms of tf",
-        ),
+        ({"source": {"tf": {}, "tracked_transforms": {}, "clock": "host"}},
+         "has tf and tracked_transforms of tf"),
         ({"source": {"tf": {}}}, "live.yaml: source.clock is missing"),
-        (
-            {"source": {"tf": {}, "clock": "ntp"}},
-            "source.clock is 'ntp'; expected one of host, estimate",
-        ),
+        ({"source": {"tf": {}, "clock": "ntp"}},
+         "source.clock is 'ntp'; expected one of host, estimate"),
         ({"source": {"tf": {"edges": []}, "clock": "host"}}, "source.tf.edges is empty"),
         ({"source": {"tf": {"edge": []}, "clock": "host"}}, "source.tf.edge is unknown"),
         ({"source": {"tracked_transforms": {"topic": "a b"}, "clock": "host"}}, "topic is 'a b'"),
@@ -154,51 +140,34 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
         ({"guidance": GUIDANCE | {"gain": 1.0}}, "guidance.gain is unknown"),
         ({"limiter": {"most_mm_s": -1.0}}, "limiter.most_mm_s is -1; expected at least 0"),
         ({"clock": {"estimate": True}}, "live.yaml: clock.estimate needs a recording"),
-        (
-            {
-                "registration": {
-                    "method": "paired_points",
-                    "dwells": [{"start_s": 0.0, "end_s": 1.0}],
-                }
-            },
-            "live.yaml: registration.dwells needs a recording",
-        ),
+        ({"registration": DWELLS}, "live.yaml: registration.dwells needs a recording"),
         ({"source": {"igtl": {"host": "plus"}, "clock": "host"}}, "source.igtl.port is missing"),
-        (
-            {"source": {"igtl": {"host": "plus", "port": 65536}, "clock": "host"}},
-            "source.igtl.port is 65536; expected 1 to 65535",
-        ),
+        ({"source": {"igtl": {"host": "plus", "port": 65536}, "clock": "host"}},
+         "source.igtl.port is 65536; expected 1 to 65535"),
         ({"schema": 2}, "live.yaml: schema is 2; expected 1"),
     ],
-)
+)  # fmt: skip
 def test_faults_are_refused_with_their_key(tmp_path, values, change, message):
     with pytest.raises(InputError, match=re.escape(message)):
         opened(tmp_path, values | change)
 
 
-def test_missing_file_is_refused_with_its_key(tmp_path, values):
+def test_missing_file_folder_and_recording_are_refused(tmp_path, values):
+    with pytest.raises(InputError, match=r"live\.yaml: a live case has no recording"):
+        opened(tmp_path, values).case.recorded_frames()
     values["tumor"]["mesh"]["path"] = "gone.stl"
     with pytest.raises(InputError, match=r"live\.yaml: tumor\.mesh\.path is 'gone\.stl'"):
         opened(tmp_path, values)
-
-
-def test_folder_is_not_a_live_configuration(tmp_path):
     with pytest.raises(InputError, match="is not a live configuration: it is a folder"):
         open_live(tmp_path)
 
 
-def test_a_live_case_has_no_recording(tmp_path, values):
-    with pytest.raises(InputError, match=r"live\.yaml: a live case has no recording"):
-        opened(tmp_path, values).case.recorded_frames()
-
-
 def test_case_of_an_igtl_source_has_its_images_on_a_topic(tmp_path, values):
-    values["source"] = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
+    values["source"] = {**IGTL, "clock": "host"}
     images = {"probe": "probe", "calibration": "probe.txt"}
     values["images"] = {**images, "device": "Image_Probe"}
     (tmp_path / "probe.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
-    begin_case(opened(tmp_path, values), tmp_path / "case")
-    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    written = begun(opened(tmp_path, values), tmp_path)
     assert written["images"] == {**images, "topic": "/marginguard/images"}
 
 
@@ -208,9 +177,8 @@ def test_live_recording_starts_with_a_case_without_recording(tmp_path, values, p
     stl = (project_root / "data" / "recorded_case" / "tumor.stl").read_bytes()
     (config / "tumor.stl").write_bytes(stl)
     values["tumor"]["mesh"]["path"] = "tumor.stl"
-    begin_case(opened(config, values), tmp_path / "case")
+    written = begun(opened(config, values), tmp_path)
     assert (tmp_path / "case" / "tumor.stl").read_bytes() == stl
-    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
     assert written.pop("recording") == {"path": "tracking"}
     del values["source"]
     assert written == values
@@ -229,8 +197,7 @@ def test_recorded_case_omits_live_sections_and_estimates_the_clocks(tmp_path, va
     values["source"]["clock"] = "estimate"
     del values["clock"]
     live = opened(tmp_path, values | {"guidance": GUIDANCE, "limiter": {"tau_ms": 80.0}})
-    begin_case(live, tmp_path / "case")
-    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    written = begun(live, tmp_path)
     assert not {"source", "guidance", "limiter"} & written.keys()
     assert written["clock"] == {"estimate": True}
 
@@ -258,6 +225,5 @@ def test_cautery_of_a_session_is_in_its_recorded_case(tmp_path, project_root):
     (folder / "live.yaml").write_text(text)
     live = open_live(folder / "live.yaml")
     assert live.case.manifest.cautery == CauteryEntry("/generator/active", None, 10**9)
-    begin_case(live, tmp_path / "case")
-    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    written = begun(live, tmp_path)
     assert written["cautery"] == {"topic": "/generator/active"}

@@ -3,8 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import jsonschema
@@ -49,7 +48,7 @@ FREE_NAMES = ("robot.xacro_args.", "package_dirs.")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_schema_is_valid_and_uses_keywords_of_draft_7_only(document: str) -> None:
+def test_schema_is_valid_and_uses_keywords_of_draft_7_only(document):
     schema = json.loads(schema_text(document))
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.Draft7Validator.check_schema(schema)
@@ -75,16 +74,14 @@ def _keywords(schema: Any) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_committed_schema_is_the_generated_one(document: str) -> None:
+def test_committed_schema_is_the_generated_one(document):
     committed = ROOT / "docs/schemas" / f"{document}.schema.json"
     assert committed.read_text() == schema_text(document), (
         f"run: marginguard schema {document} -o docs/schemas/{document}.schema.json"
     )
 
 
-def test_command_prints_and_writes_the_schema(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_prints_and_writes_the_schema(tmp_path, capsys):
     assert (*DOCUMENTS, "world", "control", "cohort") == NAMES
     assert main(["schema", "live"]) == 0
     assert capsys.readouterr().out == schema_text("live")
@@ -101,11 +98,11 @@ def test_command_prints_and_writes_the_schema(
 
 
 @pytest.mark.parametrize(("path", "document"), SHIPPED.items())
-def test_shipped_files_are_valid(path: str, document: str) -> None:
+def test_shipped_files_are_valid(path, document):
     validator(document).validate(yaml.safe_load((ROOT / path).read_text()))
 
 
-def test_every_shipped_document_is_checked() -> None:
+def test_every_shipped_document_is_checked():
     found = {
         path.relative_to(ROOT).as_posix()
         for name in DOCUMENTS
@@ -115,13 +112,13 @@ def test_every_shipped_document_is_checked() -> None:
 
 
 @pytest.mark.parametrize(("document", "values"), VALID)
-def test_complete_documents_are_valid(document: str, values: dict[str, Any]) -> None:
+def test_complete_documents_are_valid(document, values):
     assert refusal(document, values) is None
     validator(document).validate(values)
 
 
 @pytest.mark.parametrize(("document", "block"), DOCUMENTS.items())
-def test_complete_documents_have_every_key(document: str, block: Block) -> None:
+def test_complete_documents_have_every_key(document, block):
     used = {path for name, values in VALID if name == document for path in _paths(values)}
     declared = set(_declared_paths(block))
     if document == "live":
@@ -149,75 +146,61 @@ def _declared_paths(key: Key, place: str = "") -> Iterator[str]:
             yield from _declared_paths(inner, f"{place}{name}.")
 
 
-Edit = Callable[[dict[str, Any]], object]
-
-
-def _set(path: str, value: object) -> Edit:
-    *places, key = path.split(".")
-
-    def edit(values: Any) -> None:
-        for place in places:
-            values = values[int(place) if isinstance(values, list) else place]
-        values[key] = value
-
-    return edit
+def changed(document: dict[str, Any], **values: object) -> dict[str, Any]:
+    """The only block of ``document`` with other values."""
+    (block,) = document.values()
+    return block | values
 
 
 SOME_PAIR, _ = PLAUSIBILITY["plausibility"]["pairs"]
 SOME_APPROACH = PLAUSIBILITY["plausibility"]["approach"]
 SOME_BOX = BOX["plausibility"]["workspace"]
 
-EXAMPLES: dict[str, tuple[str, Edit]] = {
-    GENERAL_RULES[0]: ("case", _set("margins.k_tre", math.inf)),
-    GENERAL_RULES[1]: ("case", _set("schema", 1.0)),
-    RIGID: ("case", _set("tumor.pose.matrix", [2.0, *IDENTITY[1:]])),
-    "tumor.frame is not the frame of the tool": ("live", _set("tumor.frame", "cautery")),
+EXAMPLES: dict[str, tuple[str, str, object]] = {
+    GENERAL_RULES[0]: ("case", "margins.k_tre", math.inf),
+    GENERAL_RULES[1]: ("case", "schema", 1.0),
+    RIGID: ("case", "tumor.pose.matrix", [2.0, *IDENTITY[1:]]),
+    "tumor.frame is not the frame of the tool": ("live", "tumor.frame", "cautery"),
     "needle.frame is not the frame of the tool": (
-        "case",
-        _set("needle", NEEDLE["needle"] | {"frame": "cautery"}),
+        "case", "needle", changed(NEEDLE, frame="cautery"),
     ),
-    OWN_STYLUS_FRAME: ("live", _set("stylus", STYLUS["stylus"] | {"frame": "cautery"})),
-    STYLUS_TIP: (
-        "case",
-        _set("stylus", STYLUS["stylus"] | {"tip_from": {"matrix": IDENTITY}}),
-    ),
-    "warn_mm is more than stop_mm": ("live", _set("margins.stop_mm", 5)),
+    OWN_STYLUS_FRAME: ("live", "stylus", changed(STYLUS, frame="cautery")),
+    STYLUS_TIP: ("case", "stylus", changed(STYLUS, tip_from={"matrix": IDENTITY})),
+    "warn_mm is more than stop_mm": ("live", "margins.stop_mm", 5),
     "moving_mm has as many points as fixed_mm": (
-        "case",
-        _set("registration", POINTS["registration"] | {"moving_mm": []}),
+        "case", "registration", changed(POINTS, moving_mm=[]),
     ),
-    "dwells do not overlap": ("case", _set("registration.dwells.1.start_s", 1.0)),
-    "end_s is after start_s": ("case", _set("registration.dwells.0.end_s", 0.05)),
+    "dwells do not overlap": ("case", "registration.dwells.1.start_s", 1.0),
+    "end_s is after start_s": ("case", "registration.dwells.0.end_s", 0.05),
     "parent and child are two frames": (
-        "live",
-        _set("plausibility", {"pairs": [{**SOME_PAIR, "child": "reference"}]}),
+        "live", "plausibility", {"pairs": [{**SOME_PAIR, "child": "reference"}]},
     ),
     "a direction and an axis have a length above 0": (
-        "case",
-        _set("plausibility", {"approach": {**SOME_APPROACH, "axis": [0.0, 0.0, 0.0]}}),
+        "case", "plausibility", {"approach": {**SOME_APPROACH, "axis": [0.0, 0.0, 0.0]}},
     ),
     "every value of max_mm is more than that of min_mm": (
-        "case",
-        _set("plausibility", {"workspace": {**SOME_BOX, "max_mm": [1.0, 0.0, 1.0]}}),
+        "case", "plausibility", {"workspace": {**SOME_BOX, "max_mm": [1.0, 0.0, 1.0]}},
     ),
     "xacro_args are given for a .xacro only": (
-        "case",
-        _set("robot", {**XACRO["robot"], "urdf": "arm.urdf"}),
+        "case", "robot", XACRO["robot"] | {"urdf": "arm.urdf"},
     ),
-    NOT_BOTH: ("case", _set("images", IMAGES["images"] | {"topic": "/image"})),
-    FROM_IGTL: ("live", _set("images", LIVE_IMAGES["images"])),
-    LISTED_DEPTH: ("case", _set("images", DEPTHS["images"] | {"depth_mm": 60})),
-    ONE_SOURCE: ("live", _set("cautery", {"device": "Cautery"})),
-    "end_s is start_s or later": ("expected", _set("dropouts.0.end_s", 1)),
-}
+    NOT_BOTH: ("case", "images", changed(IMAGES, topic="/image")),
+    FROM_IGTL: ("live", "images", LIVE_IMAGES["images"]),
+    LISTED_DEPTH: ("case", "images", changed(DEPTHS, depth_mm=60)),
+    ONE_SOURCE: ("live", "cautery", {"device": "Cautery"}),
+    "end_s is start_s or later": ("expected", "dropouts.0.end_s", 1),
+}  # fmt: skip
 """Rule of `UNSTATED` -> a document that breaks it."""
 
 
 @pytest.mark.parametrize("rule", UNSTATED)
-def test_reader_checks_the_rule_that_a_schema_cannot_state(rule: str) -> None:
-    document, edit = EXAMPLES[rule]
-    values = shipped(document)
-    edit(values)
+def test_reader_checks_the_rule_that_a_schema_cannot_state(rule):
+    document, path, value = EXAMPLES[rule]
+    block = values = shipped(document)
+    *places, key = path.split(".")
+    for place in places:
+        block = block[int(place) if isinstance(block, list) else place]
+    block[key] = value
     assert validator(document).is_valid(values)
     assert re.search(UNSTATED[rule], str(refusal(document, values)))
 
@@ -237,7 +220,7 @@ HELD_BY = {
 """Rule that is not about the values of one document -> where the refusal is tested."""
 
 
-def test_every_rule_that_a_schema_does_not_state_is_tested_and_documented() -> None:
+def test_every_rule_that_a_schema_does_not_state_is_tested_and_documented():
     rules = {rule for block in DOCUMENTS.values() for rule in _rules(block)} | {*GENERAL_RULES}
     assert rules == {*UNSTATED, *HELD_BY}
     assert all((ROOT / path).is_file() for path in HELD_BY.values())
@@ -257,12 +240,12 @@ def _rules(key: Key) -> Iterator[str]:
 LIMITS = re.findall(r"(\w+) up to (\d+)", SESSION_LIMITS)
 
 
-def test_session_limits_name_all_margins() -> None:
+def test_session_limits_name_all_margins():
     assert {key for key, _ in LIMITS} == set(DOCUMENTS["case"].keys["margins"].keys)
 
 
 @pytest.mark.parametrize(("key", "limit"), LIMITS)
-def test_session_limits_are_those_of_the_fixture(tmp_path: Path, key: str, limit: str) -> None:
+def test_session_limits_are_those_of_the_fixture(tmp_path, key, limit):
     values = shipped("live")
     values["margins"] |= {"stop_mm": 0, "warn_mm": 200}
     path = tmp_path / "live.yaml"
@@ -278,7 +261,7 @@ def test_session_limits_are_those_of_the_fixture(tmp_path: Path, key: str, limit
         parameters(int(limit) + 1)
 
 
-def test_defaults_of_the_limiter_are_those_of_the_fixture(tmp_path: Path) -> None:
+def test_defaults_of_the_limiter_are_those_of_the_fixture(tmp_path):
     path = tmp_path / "live.yaml"
     path.write_text(yaml.safe_dump(shipped("live") | {"limiter": {}}))
     assert limiter_parameters(open_live(path)) == LimiterParameters()

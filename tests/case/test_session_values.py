@@ -1,7 +1,6 @@
 """Values of a session reach its recorder unchanged and become those of the recorded case."""
 
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,19 +42,16 @@ VALUES = SessionValues(
 )
 
 
-def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
+def test_values_arrive_unchanged_and_the_stream_goes_on_after_them():
     stream = io.BytesIO(b"".join(sent_values(VALUES)) + b"next")
     found = received_values(stream)
     assert stream.read() == b"next"
     assert found.margins == VALUES.margins
-    assert (found.tip_sigma_mm, found.tumor_sigma_mm) == (0.2, 0.45)
-    assert found.stylus_sigma_mm == 0.35
-    assert found.stylus_from_tip is not None and VALUES.stylus_from_tip is not None
+    sigmas = (found.tip_sigma_mm, found.tumor_sigma_mm, found.stylus_sigma_mm)
+    assert sigmas == (0.2, 0.45, 0.35)
     assert (found.needle_length_mm, found.image_depth_mm) == (61.5, 45.0)
-    assert found.tumor is not None and VALUES.tumor is not None
     assert np.array_equal(found.tumor.vertices_mm, VALUES.tumor.vertices_mm)
     assert np.array_equal(found.tumor.faces, VALUES.tumor.faces)
-    assert found.registration is not None and VALUES.registration is not None
     for mine, sent in (
         (found.tool_from_tip, VALUES.tool_from_tip),
         (found.frame_from_tumor, VALUES.frame_from_tumor),
@@ -70,14 +66,25 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them() -> None:
 @pytest.mark.parametrize(
     "content", [b"", b"[]\n", b"{}\n", b"\xff\n", b"".join(sent_values(VALUES))[:-5]]
 )
-def test_other_bytes_are_refused(content: bytes) -> None:
+def test_other_bytes_are_refused(content):
     with pytest.raises(InputError, match=r"^values of the session: .* expected those that a live"):
         received_values(io.BytesIO(content))
 
 
-def test_case_of_a_recording_has_the_values_of_the_session(
-    tmp_path: Path, project_root: Path
-) -> None:
+@pytest.fixture
+def live_file(project_root, tmp_path):
+    """The example with more text, and with an old text replaced by a new one."""
+    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
+
+    def written(more: str = "", old: str = "", new: str = ""):
+        path = tmp_path / "live.yaml"
+        path.write_text(f"{text}\n{more}\n".replace(old, new))
+        return path
+
+    return written
+
+
+def test_case_of_a_recording_has_the_values_of_the_session(tmp_path, project_root):
     live = open_live(project_root / "data" / "live_example" / "live.yaml")
     begin_case(live, tmp_path / "case", VALUES)
     written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
@@ -90,55 +97,40 @@ def test_case_of_a_recording_has_the_values_of_the_session(
     assert written["registration"]["covariance"][35] == 0.3
     shape = written["tumor"]["mesh"]
     surface = load_mesh(tmp_path / "case" / shape["path"], units=shape["units"], frame="tumor")
-    assert VALUES.tumor is not None
-    triangles = {np.sort(corners, axis=0).tobytes() for corners in VALUES.tumor.triangles_mm}
-    assert {np.sort(corners, axis=0).tobytes() for corners in surface.triangles_mm} == triangles
+    found, expected = (
+        {np.sort(corners, axis=0).tobytes() for corners in mesh.triangles_mm}
+        for mesh in (surface, VALUES.tumor)
+    )
+    assert found == expected
 
 
-def test_case_of_a_recording_has_the_needle_as_it_is_shown(
-    tmp_path: Path, project_root: Path
-) -> None:
-    path = tmp_path / "live.yaml"
-    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
-    path.write_text(f"{text}\nneedle: {{frame: needle, length_mm: 60, model: {MODEL}}}\n")
+def test_case_of_a_recording_has_the_needle_as_it_is_shown(tmp_path, live_file):
+    path = live_file(f"needle: {{frame: needle, length_mm: 60, model: {MODEL}}}")
     write_exact_ply(tmp_path / "wire.ply", SurfaceMesh("a", BALL.vertices, BALL.faces))
     begin_case(open_live(path), tmp_path / "case", VALUES)
     recorded = load_manifest(tmp_path / "case").needle
-    assert recorded is not None and recorded.model is not None
     assert (recorded.length_mm, recorded.direction) == (61.5, (0.0, 0.0, 1.0))
     assert (tmp_path / "case" / recorded.model.path).is_file()
 
 
-def test_case_of_a_recording_has_the_calibrated_tip_of_the_stylus(
-    tmp_path: Path, project_root: Path
-) -> None:
-    path = tmp_path / "live.yaml"
-    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
-    path.write_text(f"{text}\nstylus: {{frame: pointer}}\n")
-    stated = open_live(path).case.manifest.stylus
-    assert stated is not None and stated.frame_from_tip is None
-    begin_case(open_live(path), tmp_path / "case", VALUES)
+def test_case_of_a_recording_has_the_calibrated_tip_of_the_stylus(tmp_path, live_file):
+    live = open_live(live_file("stylus: {frame: pointer}"))
+    assert live.case.manifest.stylus.frame_from_tip is None
+    begin_case(live, tmp_path / "case", VALUES)
     recorded = load_manifest(tmp_path / "case").stylus
-    assert recorded is not None and recorded.frame_from_tip is not None
-    assert VALUES.stylus_from_tip is not None
     assert (recorded.frame, recorded.sigma_mm) == ("pointer", 0.35)
     assert np.array_equal(recorded.frame_from_tip.matrix, VALUES.stylus_from_tip.matrix)
 
 
-def test_session_of_other_frames_than_those_of_the_file_is_refused(
-    tmp_path: Path, project_root: Path
-) -> None:
-    path = tmp_path / "live.yaml"
-    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
-    path.write_text(text.replace("frame: needle", "frame: reference"))
+def test_session_of_other_frames_than_those_of_the_file_is_refused(tmp_path, live_file):
+    path = live_file(old="frame: needle", new="frame: reference")
     with pytest.raises(FrameError, match=r"live\.yaml: places 'tumor' in 'reference'; expected"):
         begin_case(open_live(path), tmp_path / "case", VALUES)
     assert not (tmp_path / "case").exists()
 
 
-def test_slicer_reads_an_exact_mesh(tmp_path: Path) -> None:
+def test_slicer_reads_an_exact_mesh(tmp_path):
     slicer = pytest.importorskip("slicer")
-    assert VALUES.tumor is not None
     write_exact_ply(tmp_path / "ball.ply", VALUES.tumor)
     scene = slicer.vtkMRMLScene()
     node = scene.AddNewNodeByClass("vtkMRMLModelNode")

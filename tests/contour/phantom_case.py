@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from app.files.meshes import write_mesh
-from tests.case.images.sequences import write_metafile
+from tests.case.images.sequences import with_probe, write_metafile
 from tests.cli.small_case import FRAMES, recording, write_small_case
 from tests.contour.phantom import slice_of, tumor_from_image, tumour
 
@@ -27,20 +27,9 @@ def write_phantom_case(folder: Path) -> Path:
     first = tumor_from_image(0.0)
     lines = (" ".join(f"{value!r}" for value in row) for row in first.tolist())
     (folder / "image_to_probe.txt").write_text("\n".join(lines))
-    fields = {}
-    for line in recording().splitlines():
-        key, _, value = line.partition(" = ")
-        if key.startswith("Seq_"):
-            fields[key] = value
-    random, pixels = np.random.default_rng(3), []
-    for index in range(FRAMES):
-        frame, pose = f"Seq_Frame{index:04}_", tumor_from_image(offset_mm(index))
-        probe = pose @ np.linalg.inv(first)
-        numbers = " ".join(f"{value:.9g}" for value in probe.ravel())
-        fields[f"{frame}ProbeToTrackerTransform"] = numbers
-        fields[f"{frame}ProbeToTrackerTransformStatus"] = "OK"
-        fields[f"{frame}ImageStatus"] = "OK"
-        pixels.append(slice_of(solid, pose, random))
-    ordered = dict(sorted(fields.items(), key=lambda item: item[0][:13]))
-    write_metafile(folder / "tracking.igs.mha", np.array(pixels), compressed=True, fields=ordered)
+    random = np.random.default_rng(3)
+    cuts = [tumor_from_image(offset_mm(index)) for index in range(FRAMES)]
+    fields = with_probe(recording(), [cut @ np.linalg.inv(first) for cut in cuts])
+    pixels = np.array([slice_of(solid, cut, random) for cut in cuts])
+    write_metafile(folder / "tracking.igs.mha", pixels, compressed=True, fields=fields)
     return folder

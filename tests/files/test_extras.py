@@ -1,7 +1,5 @@
 """Sentences that name what to install for a missing module."""
 
-from pathlib import Path
-
 import pytest
 
 from app.files import extras
@@ -9,9 +7,7 @@ from app.geometry import InputError
 
 
 @pytest.fixture(params=["checkout", "wheel"])
-def installed_as(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> str:
+def installed_as(request, tmp_path, monkeypatch):
     if request.param == "wheel":
         monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
     return request.param
@@ -27,9 +23,7 @@ def installed_as(
         ("trame_server", "scene"),
     ],
 )
-def test_missing_module_of_an_extra_names_its_command(
-    installed_as: str, module: str, extra: str
-) -> None:
+def test_missing_module_of_an_extra_names_its_command(installed_as, module, extra):
     hint = extras.install_hint(ModuleNotFoundError(name=module))
     command = {
         "checkout": f"`pip install -c constraints.txt -e '.[{extra}]'`",
@@ -39,7 +33,7 @@ def test_missing_module_of_an_extra_names_its_command(
     assert ("interfaces" in hint) is (extra == "ros")
 
 
-def test_missing_messages_of_this_project_need_no_extra(installed_as: str) -> None:
+def test_missing_messages_of_this_project_need_no_extra(installed_as):
     hint = extras.install_hint(ModuleNotFoundError(name="marginguard_msgs.msg"))
     assert "[ros]" not in hint
     what = {"checkout": "./interfaces", "wheel": "the wheel of marginguard-interfaces"}
@@ -54,11 +48,11 @@ def test_missing_messages_of_this_project_need_no_extra(installed_as: str) -> No
         ImportError("no name"),
     ],
 )
-def test_another_import_error_refers_to_doctor(error: ImportError) -> None:
+def test_another_import_error_refers_to_doctor(error):
     assert "'marginguard doctor'" in extras.install_hint(error)
 
 
-def test_module_that_does_not_exist_is_an_error() -> None:
+def test_module_that_does_not_exist_is_an_error():
     extras.check_installed("json", "numpy")
     with pytest.raises(InputError, match=r"^trame_none is not installed: .*\[scene\]'`, or wait$"):
         extras.check_installed("json", "trame_none", otherwise="wait")

@@ -12,6 +12,8 @@ from app.files import read_transform
 from app.files.hdf5_transforms import read_hdf5_matrices
 from app.geometry import InputError
 
+pytestmark = pytest.mark.slow
+
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -28,7 +30,10 @@ def itk_transform(seed: int) -> SimpleITK.AffineTransform:
     return transform
 
 
-def written(path: Path, kind: str = "AffineTransform_double_3_3", **changes: object) -> Path:
+AFFINE = "AffineTransform_double_3_3"
+
+
+def written(path: Path, kind: str = AFFINE, **changes: object) -> Path:
     """A file as ITK lays it out, written by h5py."""
     values = {
         "TransformParameters": np.append(rotation(3).ravel(), [1.0, 2.0, 3.0]),
@@ -48,7 +53,7 @@ def read(path: Path) -> np.ndarray:
     return read_transform(path, target="reference", source="needle").matrix
 
 
-def test_files_of_itk_equal_h5py_arithmetic(tmp_path: Path) -> None:
+def test_files_of_itk_equal_h5py_arithmetic(tmp_path):
     for seed in range(3):
         path = tmp_path / f"{seed}.h5"
         SimpleITK.WriteTransform(itk_transform(seed), str(path))
@@ -62,7 +67,7 @@ def test_files_of_itk_equal_h5py_arithmetic(tmp_path: Path) -> None:
         np.testing.assert_allclose(read(path), expected, rtol=0, atol=1e-9)
 
 
-def test_simpleitk_maps_points_alike(tmp_path: Path) -> None:
+def test_simpleitk_maps_points_alike(tmp_path):
     """ITK maps a point of the parent, in LPS, to the node: the inverse of Slicer's matrix."""
     path = tmp_path / "t.h5"
     SimpleITK.WriteTransform(itk_transform(7), str(path))
@@ -73,13 +78,13 @@ def test_simpleitk_maps_points_alike(tmp_path: Path) -> None:
         np.testing.assert_allclose(FLIP[:3, :3] @ mapped, in_node[:3], rtol=0, atol=1e-9)
 
 
-def test_text_of_the_same_transform_gives_the_same_matrix(tmp_path: Path) -> None:
+def test_text_of_the_same_transform_gives_the_same_matrix(tmp_path):
     for name in ("t.h5", "t.tfm"):
         SimpleITK.WriteTransform(itk_transform(5), str(tmp_path / name))
     np.testing.assert_allclose(read(tmp_path / "t.h5"), read(tmp_path / "t.tfm"), atol=1e-9)
 
 
-def test_misspelt_names_of_older_itk_are_read(tmp_path: Path) -> None:
+def test_misspelt_names_of_older_itk_are_read(tmp_path):
     new, old = written(tmp_path / "new.h5"), tmp_path / "old.h5"
     with h5py.File(new) as file:
         numbers = file["TransformGroup/0/TransformParameters"][()]
@@ -97,37 +102,24 @@ def test_misspelt_names_of_older_itk_are_read(tmp_path: Path) -> None:
     ("kind", "changes", "message"),
     [
         ("Euler3DTransform_double_3_3", {}, "holds Euler3DTransform_double_3_3; expected one Aff"),
-        (
-            "AffineTransform_double_3_3",
-            {"TransformParameters": np.zeros(1000)},
-            "has 1000 values; expected 64 or fewer",
-        ),
-        (
-            "AffineTransform_double_3_3",
-            {"TransformParameters": np.append(np.diag([2.0, 2, 2]).ravel(), [0, 0, 0])},
-            "not orthonormal",
-        ),
-        (
-            "AffineTransform_double_3_3",
-            {"TransformParameters": np.full(12, np.nan)},
-            "finite",
-        ),
-        ("AffineTransform_double_3_3", {"TransformParameters": [1, 2]}, "expected floating point"),
-        (
-            "AffineTransform_double_3_3",
-            {"TransformParameters": h5py.ExternalLink("/etc/passwd", "/x")},
-            "it has no TransformParameters",
-        ),
+        (AFFINE, {"TransformParameters": np.zeros(1000)},
+         "has 1000 values; expected 64 or fewer"),
+        (AFFINE, {"TransformParameters": np.append(np.diag([2.0, 2, 2]).ravel(), [0, 0, 0])},
+         "not orthonormal"),
+        (AFFINE, {"TransformParameters": np.full(12, np.nan)}, "finite"),
+        (AFFINE, {"TransformParameters": [1, 2]}, "expected floating point"),
+        (AFFINE, {"TransformParameters": h5py.ExternalLink("/etc/passwd", "/x")},
+         "it has no TransformParameters"),
     ],
-)
-def test_other_content_is_refused(tmp_path: Path, kind, changes, message) -> None:
+)  # fmt: skip
+def test_other_content_is_refused(tmp_path, kind, changes, message):
     path = written(tmp_path / "x.h5", kind, **changes)
     with pytest.raises(InputError, match=message) as error:
         read(path)
     assert str(path) in str(error.value) and str(error.value).isprintable()
 
 
-def test_damaged_file_is_named(tmp_path: Path) -> None:
+def test_damaged_file_is_named(tmp_path):
     """The process that reads may even end: the first file without an answer is the damaged one."""
     good = written(tmp_path / "good.h5").read_bytes()
     damaged = bytearray(good)
@@ -136,14 +128,14 @@ def test_damaged_file_is_named(tmp_path: Path) -> None:
         read_hdf5_matrices([good, bytes(damaged), good], ["first", "second", "third"])
 
 
-def test_process_that_ends_is_an_error_that_names_its_file() -> None:
+def test_process_that_ends_is_an_error_that_names_its_file():
     with pytest.raises(
         InputError, match="first cannot be read: the HDF5 library ended with status -11"
     ):
         read_hdf5_matrices([b""], ["first"], start=lambda request: (-11, b""))
 
 
-def test_missing_h5py_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_h5py_names_the_extra(tmp_path, monkeypatch):
     path = written(tmp_path / "x.h5")
     monkeypatch.setattr("app.files.extras.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"h5py is not installed: run `pip install .*\[hdf5\]"):

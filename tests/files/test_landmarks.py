@@ -8,6 +8,8 @@ from app.files import read_landmarks
 from app.files.landmarks import read_points
 from app.geometry import InputError
 
+pytestmark = pytest.mark.slow
+
 
 def markups(folder: Path, **changes: object) -> Path:
     """Write a point list as 3D Slicer does: positions in LPS, one point not placed."""
@@ -26,7 +28,7 @@ def markups(folder: Path, **changes: object) -> Path:
     return path
 
 
-def test_markups_in_lps_are_converted_to_ras(tmp_path: Path) -> None:
+def test_markups_in_lps_are_converted_to_ras(tmp_path):
     found = read_landmarks(markups(tmp_path))
     assert list(found) == ["F-1", "F-2"]
     np.testing.assert_array_equal(found["F-1"], [1.0, 2.0, 3.0])
@@ -34,25 +36,24 @@ def test_markups_in_lps_are_converted_to_ras(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again["F-1"], [-1.0, -2.0, 3.0])
 
 
+def check_with_slicer(node, storage, path: Path) -> None:
+    assert storage.ReadData(node)
+    found = read_landmarks(path)
+    assert list(found) == ["F-1", "F-2"]
+    for index, (name, position) in enumerate(found.items()):
+        assert node.GetNthControlPointLabel(index) == name
+        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
 @pytest.mark.parametrize("axes", ["LPS", "RAS", None])
-def test_markups_agree_with_slicer(tmp_path: Path, axes: str | None) -> None:
+def test_markups_agree_with_slicer(tmp_path, slicer_node, axes):
     """Without a coordinate system a file is in LPS."""
-    slicer = pytest.importorskip("slicer")
     path = markups(tmp_path, coordinateSystem=axes)
     if axes is None:
         path.write_text(path.read_text().replace('"coordinateSystem": null, ', ""))
         assert "coordinateSystem" not in path.read_text()
-    scene = slicer.vtkMRMLScene()
-    logic = slicer.vtkSlicerMarkupsLogic()
-    logic.SetMRMLScene(scene)
-    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
-    storage = slicer.vtkMRMLMarkupsJsonStorageNode()
-    scene.AddNode(storage)
-    storage.SetFileName(str(path))
-    assert storage.ReadData(node)
-    for index, (name, position) in enumerate(read_landmarks(path).items()):
-        assert node.GetNthControlPointLabel(index) == name
-        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+    kinds = "vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsJsonStorageNode"
+    check_with_slicer(*slicer_node(*kinds, path), path)
 
 
 FIDUCIALS = """\
@@ -65,25 +66,14 @@ FIDUCIALS = """\
 
 
 @pytest.mark.parametrize("axes", ["LPS", "RAS", "0", "1"])
-def test_fiducial_tables_agree_with_slicer(tmp_path: Path, axes: str) -> None:
-    slicer = pytest.importorskip("slicer")
+def test_fiducial_tables_agree_with_slicer(tmp_path, slicer_node, axes):
     path = tmp_path / "points.fcsv"
     path.write_text(FIDUCIALS.format(axes=axes))
-    scene = slicer.vtkMRMLScene()
-    logic = slicer.vtkSlicerMarkupsLogic()
-    logic.SetMRMLScene(scene)
-    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
-    storage = slicer.vtkMRMLMarkupsFiducialStorageNode()
-    scene.AddNode(storage)
-    storage.SetFileName(str(path))
-    assert storage.ReadData(node)
-    found = read_landmarks(path)
-    assert list(found) == ["F-1", "F-2"]
-    for index, position in enumerate(found.values()):
-        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+    kinds = "vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsFiducialStorageNode"
+    check_with_slicer(*slicer_node(*kinds, path), path)
 
 
-def test_malformed_tables_are_refused(tmp_path: Path) -> None:
+def test_malformed_tables_are_refused(tmp_path):
     path = tmp_path / "points.fcsv"
     good = FIDUCIALS.format(axes="LPS")
     for text, message in (
@@ -104,7 +94,7 @@ def test_malformed_tables_are_refused(tmp_path: Path) -> None:
             read_landmarks(path)
 
 
-def test_points_may_have_empty_and_duplicate_names(tmp_path: Path) -> None:
+def test_points_may_have_empty_and_duplicate_names(tmp_path):
     points = [{"label": "", "position": [1.0, 2.0, 3.0]}] * 2
     path = markups(tmp_path, controlPoints=points)
     assert [(name, p.tolist()) for name, p in read_points(path)] == [("", [-1.0, -2.0, 3.0])] * 2
@@ -112,7 +102,7 @@ def test_points_may_have_empty_and_duplicate_names(tmp_path: Path) -> None:
         read_landmarks(path)
 
 
-def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path: Path) -> None:
+def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path):
     path = tmp_path / "phantom.yaml"
     path.write_text(
         "landmarks:\n- {name: B, position_mm: [1, 2, 3]}\n- {name: A, position_mm: [4, 5, 6]}"
@@ -120,26 +110,26 @@ def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path: Path) -> None:
     assert list(read_landmarks(path)) == ["B", "A"]
 
 
+POINT = "{name: A, position_mm: [1, 2, 3]}"
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("landmarks", "message"),
     [
-        ("landmarks: []", "holds no landmarks"),
-        ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is unknown"),
-        ("landmarks: [{name: A, position_mm: [1, 2]}]", "expected a list of 3 numbers"),
-        (
-            "landmarks: [{name: A, position_mm: [1, 2, 3]}, {name: A, position_mm: [1, 2, 3]}]",
-            "occurs twice",
-        ),
+        ("[]", "holds no landmarks"),
+        ("[{name: A, position: [1, 2, 3]}]", "position is unknown"),
+        ("[{name: A, position_mm: [1, 2]}]", "expected a list of 3 numbers"),
+        (f"[{POINT}, {POINT}]", "occurs twice"),
     ],
 )
-def test_malformed_yaml_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_yaml_is_refused(tmp_path, landmarks, message):
     path = tmp_path / "phantom.yml"
-    path.write_text(text)
+    path.write_text(f"landmarks: {landmarks}")
     with pytest.raises(InputError, match=message):
         read_landmarks(path)
 
 
-def test_malformed_markups_are_refused(tmp_path: Path) -> None:
+def test_malformed_markups_are_refused(tmp_path):
     for changes, message in (
         ({"coordinateSystem": "IJK"}, "expected RAS or LPS"),
         ({"coordinateUnits": "cm"}, "expected mm"),

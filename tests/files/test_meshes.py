@@ -7,13 +7,14 @@ import trimesh
 from app.files import load_mesh, write_mesh
 from app.files.mesh_file import MeshOptions
 from app.geometry import InputError, MeshError, SurfaceMesh
+from tests.refusals import refused
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("suffix", ["stl", "STL", "ply", "obj"])
 @pytest.mark.parametrize(("units", "scale"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])
-def test_formats_and_units_are_applied(
-    tmp_path: Path, suffix: str, units: str, scale: float
-) -> None:
+def test_formats_and_units_are_applied(tmp_path, suffix, units, scale):
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
     path = tmp_path / f"sphere.{suffix}"
     sphere.export(path, file_type=suffix.lower())
@@ -23,7 +24,7 @@ def test_formats_and_units_are_applied(
     assert mesh.frame == "tumor"
 
 
-def test_degenerate_face_of_an_ascii_stl_is_dropped(tmp_path: Path) -> None:
+def test_degenerate_face_of_an_ascii_stl_is_dropped(tmp_path):
     box = trimesh.creation.box((1.0, 2.0, 3.0))
     text = trimesh.exchange.stl.export_stl_ascii(box)
     corner = "vertex 0.5 1.0 1.5\n"
@@ -35,7 +36,7 @@ def test_degenerate_face_of_an_ascii_stl_is_dropped(tmp_path: Path) -> None:
     assert mesh.signed_volume_mm3 == pytest.approx(6.0)
 
 
-def test_open_mesh_is_read_without_repair(tmp_path: Path) -> None:
+def test_open_mesh_is_read_without_repair(tmp_path):
     box = trimesh.creation.box()
     box.update_faces(np.arange(len(box.faces)) > 0)
     box.export(tmp_path / "open.stl")
@@ -46,9 +47,7 @@ def test_open_mesh_is_read_without_repair(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
-def test_vertices_that_are_not_finite_are_refused(
-    tmp_path: Path, suffix: str, value: float
-) -> None:
+def test_vertices_that_are_not_finite_are_refused(tmp_path, suffix, value):
     box = trimesh.creation.box()
     vertices = np.array(box.vertices)
     vertices[3, 1] = value
@@ -56,9 +55,8 @@ def test_vertices_that_are_not_finite_are_refused(
     path = tmp_path / f"broken.{suffix}"
     with np.errstate(invalid="ignore"):
         broken.export(path)
-    with pytest.raises(MeshError, match=rf"broken\.{suffix}: vertex \d+ .*finite") as caught:
+    with refused(rf"broken\.{suffix}: vertex \d+ .*finite", MeshError):
         load_mesh(path, units="mm", frame="tumor")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -73,15 +71,14 @@ def test_vertices_that_are_not_finite_are_refused(
         ("a.stl", b"\xff" * 84),
     ],
 )
-def test_file_without_a_surface_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
+def test_file_without_a_surface_is_refused(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     words = rf"{name} (holds no triangles|is of an unknown format|is not an? |does not end)"
-    with pytest.raises(MeshError, match=words) as caught:
+    with refused(words, MeshError):
         load_mesh(tmp_path / name, units="mm", frame="tumor")
-    assert "\n" not in str(caught.value)
 
 
-def test_linked_files_are_not_read(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_linked_files_are_not_read(tmp_path, caplog):
     """trimesh would log an invalid picture with a traceback."""
     (tmp_path / "secret.png").write_bytes(b"not for this case")
     ply = trimesh.creation.box().export(file_type="ply", encoding="ascii").decode()
@@ -92,25 +89,23 @@ def test_linked_files_are_not_read(tmp_path: Path, caplog: pytest.LogCaptureFixt
     assert (len(mesh.faces), "image" in caplog.text, "secret" in caplog.text) == (12, False, False)
 
 
-def test_endless_file_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_file_is_refused(monkeypatch):
     monkeypatch.setattr("app.files.meshes._OPTIONS", MeshOptions(("",), 10_000, 10_000))
     with pytest.raises(MeshError, match="/dev/zero cannot be read: it is a device; expected"):
         load_mesh(Path("/dev/zero"), units="mm", frame="tumor")
 
 
+MODEL = "vtkMRMLModelNode", "vtkMRMLModelStorageNode"
+
+
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
-def test_model_of_slicer_keeps_its_position(tmp_path: Path, suffix: str) -> None:
-    slicer = pytest.importorskip("slicer")
-    vtk = pytest.importorskip("vtk")
-    scene = slicer.vtkMRMLScene()
-    ball = vtk.vtkSphereSource()
+def test_model_of_slicer_keeps_its_position(tmp_path, slicer_node, suffix):
+    path = tmp_path / f"ball.{suffix}"
+    node, storage = slicer_node(*MODEL, path)
+    ball = pytest.importorskip("vtk").vtkSphereSource()
     ball.SetCenter(10.0, 20.0, 30.0)
     ball.Update()
-    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
     node.SetAndObservePolyData(ball.GetOutput())
-    storage = scene.AddNewNodeByClass("vtkMRMLModelStorageNode")
-    path = tmp_path / f"ball.{suffix}"
-    storage.SetFileName(str(path))
     assert storage.WriteData(node)
     assert b"SPACE=LPS" in path.read_bytes()[:200]
     mesh = load_mesh(path, units="mm", frame="tumor").require_closed("the ball")
@@ -118,17 +113,13 @@ def test_model_of_slicer_keeps_its_position(tmp_path: Path, suffix: str) -> None
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply"])
-def test_slicer_reads_a_written_mesh_at_its_position(tmp_path: Path, suffix: str) -> None:
-    slicer = pytest.importorskip("slicer")
+def test_slicer_reads_a_written_mesh_at_its_position(tmp_path, slicer_node, suffix):
     ball = trimesh.creation.icosphere(subdivisions=2, radius=5.0)
     mesh = SurfaceMesh("tumor", np.add(ball.vertices, [10.0, 20.0, 30.0]), ball.faces)
     path = tmp_path / f"ball.{suffix}"
     write_mesh(path, mesh)
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
-    scene = slicer.vtkMRMLScene()
-    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
-    storage = scene.AddNewNodeByClass("vtkMRMLModelStorageNode")
-    storage.SetFileName(str(path))
+    node, storage = slicer_node(*MODEL, path)
     assert storage.ReadData(node)
     bounds = np.zeros(6)
     node.GetBounds(bounds)
@@ -138,7 +129,7 @@ def test_slicer_reads_a_written_mesh_at_its_position(tmp_path: Path, suffix: str
     assert again.signed_volume_mm3 == pytest.approx(mesh.signed_volume_mm3, rel=1e-6)
 
 
-def test_unusable_paths_and_axes_are_refused(tmp_path: Path) -> None:
+def test_unusable_paths_and_axes_are_refused(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=1)
     mesh = SurfaceMesh("tumor", ball.vertices, ball.faces)
     for name, message in (
@@ -154,7 +145,7 @@ def test_unusable_paths_and_axes_are_refused(tmp_path: Path) -> None:
         load_mesh(tmp_path / "ball.stl", units="mm", frame="tumor")
 
 
-def test_missing_file_and_unknown_units_are_refused(tmp_path: Path) -> None:
+def test_missing_file_and_unknown_units_are_refused(tmp_path):
     with pytest.raises(MeshError, match="cannot be read"):
         load_mesh(tmp_path / "no.stl", units="mm", frame="tumor")
     with pytest.raises(MeshError, match=r"'inch'; expected one of mm, cm, m"):

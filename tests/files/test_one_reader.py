@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 APP = Path(__file__).resolve().parents[2] / "app"
 
 PARSED_IN = {
@@ -113,10 +115,16 @@ OPENS_FILES = {
 
 
 @cache
+def tree(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of the syntax tree of ``path``."""
+    return tuple(ast.walk(ast.parse(path.read_text(), str(path))))
+
+
+@cache
 def names(path: Path) -> set[str]:
     """Names of the form ``module.attribute`` in ``path``."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+    for node in tree(path):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             found.add(f"{node.value.id}.{node.attr}")
         elif isinstance(node, ast.ImportFrom):
@@ -130,40 +138,40 @@ def files_that_use(name: str) -> set[str]:
 
 
 @pytest.mark.parametrize("name", PARSED_IN)
-def test_a_parser_is_named_in_its_own_file_only(name: str) -> None:
+def test_a_parser_is_named_in_its_own_file_only(name):
     assert files_that_use(name) <= PARSED_IN[name]
 
 
 @pytest.mark.parametrize("name", [name for name, files in PARSED_IN.items() if files])
-def test_the_table_names_no_file_without_its_parser(name: str) -> None:
+def test_the_table_names_no_file_without_its_parser(name):
     assert files_that_use(name) == PARSED_IN[name]
 
 
 def opening_calls(path: Path) -> set[str]:
     """Calls in ``path`` that open a file by its name, as ``open`` or ``module.open``."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
-        if not isinstance(node, ast.Call):
-            continue
-        name = ast.unparse(node.func)
-        if (name.split(".")[-1] in OPENING or name in LOADERS) and name not in NOT_FILES:
-            found.add(name)
-    return found
+    for node in tree(path):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
+            last = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+            if last in OPENING or last in {name.split(".")[-1] for name in LOADERS}:
+                found.add(ast.unparse(node.func))
+    known = {name for name in found if name.split(".")[-1] in OPENING or name in LOADERS}
+    return known - NOT_FILES.keys()
 
 
-def test_only_the_bounded_read_opens_files() -> None:
+def test_only_the_bounded_read_opens_files():
     found = {str(path.relative_to(APP)): opening_calls(path) for path in APP.rglob("*.py")}
     assert {path: calls for path, calls in found.items() if calls} == OPENS_FILES
 
 
-def test_an_opening_call_is_found(tmp_path: Path) -> None:
+def test_an_opening_call_is_found(tmp_path):
     path = tmp_path / "module.py"
     path.write_text("open('a')\nPath('a').open('rb')\nnumpy.load(path)\nio.open(name)\n")
     expected = {"open", "Path('a').open", "numpy.load", "io.open"}
     assert opening_calls(path) == expected
 
 
-def test_files_of_users_are_not_read_without_a_bound() -> None:
+def test_files_of_users_are_not_read_without_a_bound():
     found = {
         str(path.relative_to(APP))
         for path in APP.rglob("*.py")
@@ -173,5 +181,4 @@ def test_files_of_users_are_not_read_without_a_bound() -> None:
 
 
 def attributes(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(), str(path))
-    return {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    return {node.attr for node in tree(path) if isinstance(node, ast.Attribute)}

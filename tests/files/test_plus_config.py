@@ -25,7 +25,7 @@ def landmarks(*entries: str) -> str:
     return f"<PhantomDefinition>{geometry}</PhantomDefinition>"
 
 
-def test_recorded_configuration_is_read(shared_data: Path) -> None:
+def test_recorded_configuration_is_read(shared_data):
     path = shared_data / "plus" / FILE
     found = read_plus_config(path)
     tip = found.transform("stylus", "stylus_tip")
@@ -36,7 +36,7 @@ def test_recorded_configuration_is_read(shared_data: Path) -> None:
         found.transform("probe", "probe_tip")
 
 
-def test_configuration_in_the_layout_of_plus_is_read(tmp_path: Path) -> None:
+def test_configuration_in_the_layout_of_plus_is_read(tmp_path):
     """Among devices, with attributes of their own, and matrices over several lines."""
     path = tmp_path / "PlusDeviceSet_Server.xml"
     path.write_text(
@@ -79,7 +79,7 @@ def test_configuration_in_the_layout_of_plus_is_read(tmp_path: Path) -> None:
         found.transform("probe", "probe_tip")
 
 
-def test_scaled_transform_does_not_affect_the_others(tmp_path: Path) -> None:
+def test_scaled_transform_does_not_affect_the_others(tmp_path):
     scaled = "<Transform From='Image' To='Probe' Matrix='.1 0 0 0 0 .1 0 0 0 0 .1 0 0 0 0 1'/>"
     rigid = "<Transform From='StylusTip' To='Stylus' Matrix='1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1'/>"
     found = read_plus_config(configuration(tmp_path, coordinates(scaled, rigid)))
@@ -90,7 +90,7 @@ def test_scaled_transform_does_not_affect_the_others(tmp_path: Path) -> None:
         found.transform("probe", "image")
 
 
-def test_document_type_is_refused(tmp_path: Path) -> None:
+def test_document_type_is_refused(tmp_path):
     bomb = (
         "<!DOCTYPE PlusConfiguration [<!ENTITY a 'xxxxxxxxxx'><!ENTITY b '&a;&a;&a;'>"
         f"<!ENTITY file SYSTEM '{tmp_path}/secret'>]>"
@@ -114,12 +114,12 @@ def test_document_type_is_refused(tmp_path: Path) -> None:
         ("<open>", "not well-formed XML"),
     ],
 )
-def test_malformed_entry_is_named(tmp_path: Path, inner: str, message: str) -> None:
+def test_malformed_entry_is_named(tmp_path, inner, message):
     with pytest.raises(InputError, match=message):
         read_plus_config(configuration(tmp_path, inner))
 
 
-def test_other_xml_and_missing_file_are_refused(tmp_path: Path) -> None:
+def test_other_xml_and_missing_file_are_refused(tmp_path):
     other = tmp_path / "other.xml"
     other.write_text("<robot/>")
     with pytest.raises(InputError, match="is a 'robot'; expected a PlusConfiguration"):

@@ -23,7 +23,7 @@ def pictures(count: int) -> Iterator[np.ndarray]:
         yield picture
 
 
-def test_video_has_each_picture_at_its_time_in_its_colours() -> None:
+def test_video_has_each_picture_at_its_time_in_its_colours():
     with av.open(BytesIO(video_mp4(pictures(30), RATE))) as container:
         (stream,) = container.streams
         assert stream.codec_context.name == "h264"
@@ -37,12 +37,12 @@ def test_video_has_each_picture_at_its_time_in_its_colours() -> None:
         assert np.abs(error).max() <= 6
 
 
-def test_same_pictures_give_the_same_bytes() -> None:
+def test_same_pictures_give_the_same_bytes():
     noise = np.random.default_rng(1).integers(0, 256, (8, 90, 160, 3), np.uint8)
     assert video_mp4(noise, RATE) == video_mp4(noise, RATE)
 
 
-def test_index_is_before_the_pictures_so_that_a_browser_begins_at_once() -> None:
+def test_index_is_before_the_pictures_so_that_a_browser_begins_at_once():
     content = video_mp4(pictures(5), RATE)
     assert 0 < content.index(b"moov") < content.index(b"mdat")
 
@@ -55,20 +55,18 @@ def test_index_is_before_the_pictures_so_that_a_browser_begins_at_once() -> None
         ([(90, 160, 3), (80, 160, 3)], "160 x 80 pixels after those of 160 x 90"),
     ],
 )
-def test_pictures_that_are_no_video_are_refused(
-    shapes: list[tuple[int, ...]], message: str
-) -> None:
+def test_pictures_that_are_no_video_are_refused(shapes, message):
     with pytest.raises(InputError, match=message):
         video_mp4((np.zeros(shape, np.uint8) for shape in shapes), RATE)
 
 
-def test_missing_encoder_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_encoder_is_one_line(monkeypatch):
     monkeypatch.setattr(video_file, "_CODEC", "no_such_codec")
     with pytest.raises(InputError, match="PyAV has no encoder no_such_codec; expected"):
         video_mp4(pictures(1), RATE)
 
 
-def test_missing_extra_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_extra_is_one_line(monkeypatch):
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"av is not installed: run `pip install .*video") as found:
         video_mp4(pictures(1), RATE)

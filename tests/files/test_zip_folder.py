@@ -29,7 +29,7 @@ def refused(tmp_path: Path, path: Path, match: str, **options: int) -> None:
 
 
 @pytest.mark.parametrize("top", ["", "monday/"])
-def test_case_at_the_top_or_in_one_folder_is_unpacked(tmp_path: Path, top: str) -> None:
+def test_case_at_the_top_or_in_one_folder_is_unpacked(tmp_path, top):
     files = {f"{top}{name}": content for name, content in CASE.items()}
     unpack_folder(archive(tmp_path, files), tmp_path / "case", "case.yaml")
     found = {
@@ -40,7 +40,7 @@ def test_case_at_the_top_or_in_one_folder_is_unpacked(tmp_path: Path, top: str) 
     assert found == CASE
 
 
-def test_other_folders_beside_that_of_the_case_are_left_out(tmp_path: Path) -> None:
+def test_other_folders_beside_that_of_the_case_are_left_out(tmp_path):
     path = archive(tmp_path, {"day/case.yaml": b"x", "__MACOSX/case.txt": b"y"})
     unpack_folder(path, tmp_path / "case", "case.yaml")
     assert [each.name for each in (tmp_path / "case").iterdir()] == ["case.yaml"]
@@ -51,11 +51,11 @@ def test_other_folders_beside_that_of_the_case_are_left_out(tmp_path: Path) -> N
     ["../case.yaml", "/etc/x", "a/../../x", "a\\b", "C:x", ".hidden/x", "a/./b", "x" * 201, "a\nb",
      "/".join("abcdefghi")],
 )  # fmt: skip
-def test_name_that_leaves_the_folder_is_refused(tmp_path: Path, name: str) -> None:
+def test_name_that_leaves_the_folder_is_refused(tmp_path, name):
     refused(tmp_path, archive(tmp_path, {**CASE, name: b""}), "has the name .* expected a relative")
 
 
-def test_link_is_refused(tmp_path: Path) -> None:
+def test_link_is_refused(tmp_path):
     path = tmp_path / "a.zip"
     with zipfile.ZipFile(path, "w") as made:
         link = zipfile.ZipInfo("case.yaml")
@@ -64,13 +64,13 @@ def test_link_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, path, "is a link or a device; expected regular files")
 
 
-def test_bomb_is_refused_by_what_is_written(tmp_path: Path) -> None:
+def test_bomb_is_refused_by_what_is_written(tmp_path):
     path = archive(tmp_path, {**CASE, "zeros": bytes(1 << 20)})
     assert path.stat().st_size < 1 << 14
     refused(tmp_path, path, "too large when unpacked", max_bytes=1 << 19)
 
 
-def test_stated_size_is_not_believed(tmp_path: Path) -> None:
+def test_stated_size_is_not_believed(tmp_path):
     """A header that states fewer bytes than are compressed ends as damage or by the limit."""
     path = archive(tmp_path, {**CASE, "zeros": bytes(1 << 20)})
     data = bytearray(path.read_bytes())
@@ -80,14 +80,14 @@ def test_stated_size_is_not_believed(tmp_path: Path) -> None:
     refused(tmp_path, path, "damaged|too large", max_bytes=1 << 19)
 
 
-def test_other_compression_is_refused(tmp_path: Path) -> None:
+def test_other_compression_is_refused(tmp_path):
     path = tmp_path / "a.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as made:
         made.writestr("case.yaml", b"x")
     refused(tmp_path, path, "compressed by another method or encrypted")
 
 
-def test_names_twice_and_too_many_files_are_refused(tmp_path: Path) -> None:
+def test_names_twice_and_too_many_files_are_refused(tmp_path):
     refused(
         tmp_path, archive(tmp_path, {**CASE, "CASE.yaml": b""}), "twice; expected each name once"
     )
@@ -96,12 +96,12 @@ def test_names_twice_and_too_many_files_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("names", [["a/x"], ["a/case.yaml", "b/case.yaml"], ["a/b/case.yaml"]])
-def test_archive_without_one_case_is_refused(tmp_path: Path, names: list[str]) -> None:
+def test_archive_without_one_case_is_refused(tmp_path, names):
     path = archive(tmp_path, dict.fromkeys(names, b""))
     refused(tmp_path, path, "folders with a case.yaml; expected one case")
 
 
-def test_damaged_archive_is_refused(tmp_path: Path) -> None:
+def test_damaged_archive_is_refused(tmp_path):
     whole = archive(tmp_path, {**CASE, "data": bytes(range(256)) * 40}).read_bytes()
     path = tmp_path / "b.zip"
     path.write_bytes(io.BytesIO(whole).read(len(whole) // 2))
@@ -112,14 +112,14 @@ def test_damaged_archive_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, path, "damaged .* expected a zip file")
 
 
-def test_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
+def test_existing_folder_is_not_overwritten(tmp_path):
     (tmp_path / "case").mkdir()
     with pytest.raises(InputError, match="already exists; refusing to overwrite it"):
         unpack_folder(archive(tmp_path, CASE), tmp_path / "case", "case.yaml")
     assert list((tmp_path / "case").iterdir()) == []
 
 
-def test_directory_that_zipfile_would_read_as_a_million_objects_is_refused(tmp_path: Path) -> None:
+def test_directory_that_zipfile_would_read_as_a_million_objects_is_refused(tmp_path):
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w") as opened:
         opened.writestr("case.yaml", b"")

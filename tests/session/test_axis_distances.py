@@ -41,7 +41,7 @@ def first_hit(mesh: SurfaceMesh, point: np.ndarray, direction: np.ndarray) -> fl
     return float(-t[best] if np.cross(side, other)[best] @ direction > 0 else t[best])
 
 
-def test_distances_are_those_of_a_ray_search(blob: SurfaceMesh) -> None:
+def test_distances_are_those_of_a_ray_search(blob):
     random = np.random.default_rng(3)
     distances, kinds = AxisDistances(blob), set()
     for point in random.uniform(-16.0, 16.0, (300, 3)):
@@ -52,9 +52,7 @@ def test_distances_are_those_of_a_ray_search(blob: SurfaceMesh) -> None:
     assert kinds == {None, True, False}
 
 
-def test_distances_to_the_stop_margin_are_those_of_steps_by_the_exact_distance(
-    blob: SurfaceMesh,
-) -> None:
+def test_distances_to_the_stop_margin_are_those_of_steps_by_the_exact_distance(blob):
     """Each step along the ray is as long as the exact distance to the margin: it passes nothing."""
     stop_mm, exact = 2.0, TipProximity(blob)
     surface = margin_surface(blob, stop_mm, spacing_mm=1.0)
@@ -79,7 +77,7 @@ def test_distances_to_the_stop_margin_are_those_of_steps_by_the_exact_distance(
     assert len(differences) > 60 and np.median(differences) < 0.05
 
 
-def test_ball_and_box_have_their_closed_forms() -> None:
+def test_ball_and_box_have_their_closed_forms():
     box = AxisDistances(mesh_of(trimesh.creation.box((20.0, 10.0, 6.0))))
     inside = box.at(np.array([1.0, 2.0, -1.0]))
     assert inside == pytest.approx(
@@ -92,12 +90,12 @@ def test_ball_and_box_have_their_closed_forms() -> None:
     assert above["I"] == pytest.approx(20.0 - np.sqrt(64.0 - 13.0), abs=0.02)
 
 
-def test_ray_through_edges_and_corners_meets_the_surface() -> None:
+def test_ray_through_edges_and_corners_meets_the_surface():
     box = AxisDistances(mesh_of(trimesh.creation.box((2.0, 2.0, 2.0))))
     for point in ([0.0, 0.0, 5.0], [0.5, 0.5, 5.0], [1.0, 1.0, 5.0]):
         assert box.at(np.array(point))["I"] == pytest.approx(4.0)
 
 
-def test_point_that_is_not_finite_is_refused(blob: SurfaceMesh) -> None:
+def test_point_that_is_not_finite_is_refused(blob):
     with pytest.raises(InputError, match="expected three finite numbers"):
         AxisDistances(blob).at(np.array([0.0, np.nan, 0.0]))

@@ -9,9 +9,7 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import Stamp, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
-from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
-from app.synthetic.touch_arm import TOUCH_URDF
 from benchmarks.session import failures, measure
 from benchmarks.session_trajectory import Trajectory
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
@@ -20,43 +18,29 @@ RATE_HZ = 1000
 
 
 @pytest.fixture(scope="module")
-def recorded():
+def recorded(touch):
     """One second at 50 Hz: the tool approaches; one sample is lost."""
-    rest = dict.fromkeys(load_robot(TOUCH_URDF).actuated_joint_names, 0.0)
+    rest = dict.fromkeys(touch.actuated_joint_names, 0.0)
     frames = []
     for k in range(51):
         at_ms = 20.0 * k
         tool = sample("tracker", "cautery", (40.0 - 0.5 * k, 0.1 * k, 0.0), at_ms)
         if k == 10:
             tool = lost("tracker", "cautery", at_ms, TrackingStatus.INVALID)
-        frames.append(
-            frame(
-                at_ms,
-                tool,
-                sample("tracker", "needle", (0.0, 0.0, 0.01 * k), at_ms),
-                sample("tracker", "reference", (0.01 * k, 0.0, 0.0), at_ms),
-                joints=(joint_sample({**rest, "waist": 0.01 * k, "elbow": -0.02 * k}, at_ms),),
-            )
-        )
+        needle = sample("tracker", "needle", (0.0, 0.0, 0.01 * k), at_ms)
+        reference = sample("tracker", "reference", (0.01 * k, 0.0, 0.0), at_ms)
+        joints = joint_sample({**rest, "waist": 0.01 * k, "elbow": -0.02 * k}, at_ms)
+        frames.append(frame(at_ms, tool, needle, reference, joints=(joints,)))
     return frames
 
 
 @pytest.fixture(scope="module")
-def setup(project_root):
-    robot = load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
-    return SessionSetup(
-        tool_from_tip=Transform.identity("cautery", "cautery_tip"),
-        frame_from_tumor=Transform.identity("needle", "tumor"),
-        proximity=AnalyticSphere(10.0),
-        margins=PARAMETERS,
-        robot=RobotSetup(
-            robot=robot,
-            base_frame="robot_base",
-            tool_link="stylus",
-            registration=given_registration(Transform.identity("reference", "robot_base")),
-            max_drift=DriftBound(1e4, 4.0),
-        ),
-    )
+def setup(touch):
+    identity = Transform.identity
+    registration = given_registration(identity("reference", "robot_base"))
+    robot = RobotSetup(touch, "robot_base", "stylus", registration, DriftBound(1e4, 4.0))
+    tip, tumor = identity("cautery", "cautery_tip"), identity("needle", "tumor")
+    return SessionSetup(tip, tumor, AnalyticSphere(10.0), PARAMETERS, robot)
 
 
 def test_recording_is_interpolated_without_lost_samples(recorded):
@@ -114,7 +98,7 @@ def test_slow_steps_and_growing_memory_are_failures(recorded, setup):
 
 def test_thousands_of_steps_leak_no_memory(recorded, setup):
     session = Session(setup)
-    frames = Trajectory(recorded, RATE_HZ).frames(4500)
+    frames = Trajectory(recorded, RATE_HZ).frames(3500)
     for _ in range(500):
         session.step(next(frames))
     tracemalloc.start()
@@ -123,10 +107,10 @@ def test_thousands_of_steps_leak_no_memory(recorded, setup):
         for _ in range(2000):
             session.step(next(frames))
         before, _ = tracemalloc.get_traced_memory()
-        for _ in range(2000):
+        for _ in range(1000):
             session.step(next(frames))
         after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    # One kept reference of 8 bytes a step would be 16 kB.
-    assert after - before < 8_000
+    # One kept reference of 8 bytes a step would be 8 kB.
+    assert after - before < 4_000

@@ -1,7 +1,7 @@
-"""Breaches of a session: counted as in the report, with place and part of the tool."""
+"""Breaches of a session: counted as in the report, with place and part, and displayed."""
 
-from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -10,10 +10,20 @@ import trimesh
 from app.analysis import find_breaches
 from app.case import CauteryState, TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
-from app.geometry import NS_PER_MS, Stamp, SurfaceMesh, Transform
+from app.geometry import NS_PER_MS, InputError, Stamp, SurfaceMesh, Transform, anatomical_words
 from app.report import ReportRow
-from app.session import STOP, BreachLog, StepResult, shown_state
+from app.session import (
+    SHOWN_STATES,
+    STOP,
+    BreachLog,
+    StepResult,
+    checked_axes,
+    is_tip,
+    place_letters,
+    shown_state,
+)
 from app.session.breach_log import MAX_LISTED
+from tests.fixture.control.test_state_display import VISIONS, Rgb, seen_ratio
 
 STALE_NS = 200 * NS_PER_MS
 STEP_NS = 50 * NS_PER_MS
@@ -28,15 +38,7 @@ def tumor() -> SurfaceMesh:
     return SurfaceMesh("needle_tumor", fine.vertices + CENTER_MM, fine.faces)
 
 
-def step_of(
-    index: int,
-    distance_mm: float | None,
-    *,
-    ns: int | None = None,
-    side: Sequence[float] = (0.0, 0.0, 10.0),
-    behind_tip_mm: float = 0.0,
-    cautery: CauteryState | None = None,
-) -> StepResult:
+def step_of(index, distance_mm, *, ns=None, side=(0.0, 0.0, 10.0), behind_tip_mm=0.0, cautery=None):
     """A step whose deepest tool point lies ``behind_tip_mm`` from the tip, at ``side``."""
     on_tumor = CENTER_MM + np.array(side)
     on_tool = on_tumor + np.array([0.0, 0.0, distance_mm or 0.0])
@@ -62,7 +64,7 @@ def step_of(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_breaches_are_those_of_the_report(seed: int, tumor: SurfaceMesh) -> None:
+def test_breaches_are_those_of_the_report(seed, tumor):
     random = np.random.default_rng(seed)
     log, rows, now_ns = BreachLog(tumor, STALE_NS), [], 10**9
     steps = []
@@ -79,7 +81,7 @@ def test_breaches_are_those_of_the_report(seed: int, tumor: SurfaceMesh) -> None
         ]
 
 
-def test_breach_has_place_part_and_time(tumor: SurfaceMesh) -> None:
+def test_breach_has_place_part_and_time(tumor):
     log = BreachLog(tumor, STALE_NS)
     log.observe(step_of(0, 4.0))
     log.observe(step_of(1, -1.0))
@@ -94,15 +96,12 @@ def test_breach_has_place_part_and_time(tumor: SurfaceMesh) -> None:
     assert (entry.place, entry.place_text) == ("IR", "inferior right")
     assert (entry.from_tip_mm, entry.part_text) == (pytest.approx(12.4), "12 mm from the tip")
     assert after.text == "1 breach so far, deepest 3.2 mm"
+    by_tip = BreachLog(tumor, STALE_NS).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
+    assert by_tip.part_text == "tip"
+    assert replace(by_tip, from_tip_mm=None).part_text == "part of the tool not known"
 
 
-def test_tip_is_named(tumor: SurfaceMesh) -> None:
-    entry = BreachLog(tumor, STALE_NS).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
-    assert entry.part_text == "tip"
-    assert replace(entry, from_tip_mm=None).part_text == "part of the tool not known"
-
-
-def test_long_list_keeps_count_first_and_deepest(tumor: SurfaceMesh) -> None:
+def test_long_list_keeps_count_first_and_deepest(tumor):
     log = BreachLog(tumor, STALE_NS)
     for index in range(2 * (MAX_LISTED + 100)):
         depth = -9.0 if index == 20 else -1.0
@@ -114,19 +113,18 @@ def test_long_list_keeps_count_first_and_deepest(tumor: SurfaceMesh) -> None:
     assert found.text == f"{MAX_LISTED + 100} breaches so far, deepest 9.0 mm"
 
 
-def test_tool_inside_the_stop_margin_has_a_display_of_its_own() -> None:
+def test_tool_inside_the_stop_margin_has_a_display_of_its_own():
     decision = step_of(0, 0.4).decision
-    warning = replace(decision, state=MarginState.WARNING, reasons=(Reason.WARNING_DISTANCE,))
-    stopped = replace(decision, state=MarginState.WARNING, reasons=(Reason.STOP_DISTANCE,))
-    inside = replace(
-        decision, state=MarginState.POSITIVE, reasons=(Reason.INSIDE, Reason.STOP_DISTANCE)
-    )
-    unknown = replace(
-        decision, state=MarginState.UNKNOWN, reasons=(Reason.STALE, Reason.STOP_DISTANCE)
-    )
-    keys = [shown_state(each).key for each in (warning, stopped, inside, unknown)]
-    assert keys == ["WARNING", STOP, "POSITIVE", "UNKNOWN"]
-    displays = [shown_state(each) for each in (warning, stopped, inside, unknown)]
+    displays = [
+        shown_state(replace(decision, state=state, reasons=reasons))
+        for state, reasons in (
+            (MarginState.WARNING, (Reason.WARNING_DISTANCE,)),
+            (MarginState.WARNING, (Reason.STOP_DISTANCE,)),
+            (MarginState.POSITIVE, (Reason.INSIDE, Reason.STOP_DISTANCE)),
+            (MarginState.UNKNOWN, (Reason.STALE, Reason.STOP_DISTANCE)),
+        )
+    ]
+    assert [each.key for each in displays] == ["WARNING", STOP, "POSITIVE", "UNKNOWN"]
     assert len({each.symbol for each in displays}) == len({each.label for each in displays}) == 4
 
 
@@ -140,9 +138,7 @@ def test_tool_inside_the_stop_margin_has_a_display_of_its_own() -> None:
         ((CauteryState.OFF, CauteryState.ON), "tip, cautery on"),
     ],
 )
-def test_breach_says_whether_the_cautery_was_on(
-    tumor: SurfaceMesh, states: Sequence[CauteryState | None], text: str
-) -> None:
+def test_breach_says_whether_the_cautery_was_on(tumor, states, text):
     """It changes neither the number nor the depth of breaches."""
     log, plain = (BreachLog(tumor, STALE_NS) for _ in range(2))
     for index, state in enumerate(states):
@@ -151,3 +147,60 @@ def test_breach_says_whether_the_cautery_was_on(
     (entry,), (same,) = log.breaches.entries, plain.breaches.entries
     assert entry.tool_text == text
     assert replace(entry, cautery=None) == same
+
+
+CENTRE_MM = np.array([10.0, 0.0, -3.0])
+FLIPPED = np.diag([-1.0, -1.0, 1.0])
+"""The tumour's axes are left, posterior and superior."""
+
+
+@pytest.mark.parametrize(
+    ("direction", "axes", "words"),
+    [
+        ((1.0, 0.0, 0.0), None, "right"),
+        ((0.1, -2.0, 1.2), None, "posterior superior"),
+        ((1.0, 0.0, 0.0), FLIPPED, "left"),
+        ((0.0, -2.0, 1.2), FLIPPED, "anterior superior"),
+        ((0.0, 0.0, 0.0), None, ""),
+        ((np.nan, 0.0, 0.0), None, ""),
+    ],
+)
+def test_place_is_named_by_the_axes(direction, axes, words):
+    assert anatomical_words(place_letters(np.array(direction), axes)) == words
+
+
+@pytest.mark.parametrize("matrix", [np.eye(4), np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3)])
+def test_axes_that_are_no_rotation_are_refused(matrix):
+    with pytest.raises(InputError, match="expected"):
+        checked_axes(matrix)
+
+
+def test_tip_ends_2_mm_behind_its_point():
+    assert is_tip(2.0) and not is_tip(2.01)
+
+
+def test_centre_of_a_surface_does_not_depend_on_its_triangles():
+    box = trimesh.creation.box((4.0, 6.0, 8.0))
+    fine = box.subdivide(np.flatnonzero(box.face_normals[:, 0] > 0.5))
+    for mesh in (box, fine):
+        surface = SurfaceMesh("tumor", mesh.vertices + CENTRE_MM, mesh.faces)
+        np.testing.assert_allclose(surface.centroid_mm, CENTRE_MM, atol=1e-12)
+
+
+def rgb(text: str) -> Rgb:
+    red, green, blue = (int(text[n : n + 2], 16) / 255.0 for n in (1, 3, 5))
+    return (red, green, blue)
+
+
+@pytest.mark.parametrize("vision", VISIONS)
+def test_grounds_differ_in_luminance_and_their_text_is_readable(vision):
+    for first, second in combinations(SHOWN_STATES.values(), 2):
+        assert seen_ratio(rgb(first.ground_hex), rgb(second.ground_hex), vision) >= 1.5
+    for shown in SHOWN_STATES.values():
+        assert seen_ratio(rgb(shown.text_hex), rgb(shown.ground_hex), vision) >= 4.5
+
+
+def test_symbols_and_labels_are_unique():
+    assert len({shown.symbol for shown in SHOWN_STATES.values()}) == len(SHOWN_STATES)
+    assert len({shown.label for shown in SHOWN_STATES.values()}) == len(SHOWN_STATES)
+    assert SHOWN_STATES[STOP].label.isascii() and SHOWN_STATES[STOP].label.isupper()

@@ -4,106 +4,97 @@ from dataclasses import replace
 
 import pytest
 
-from app.case import open_case
 from app.fixture import MarginState, NotRearmableError, Reason, TipProximity
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.session import Session, SessionSetup, setup_from_case
+from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, sample
 from tests.doubles import frame as frame_of
 
 
-@pytest.fixture(scope="module")
-def case(project_root):
-    return open_case(project_root / "data" / "recorded_case")
+@pytest.fixture
+def session(case_setup):
+    return Session(case_setup)
 
 
 @pytest.fixture(scope="module")
-def setup(case):
-    return setup_from_case(case, tip_only=True)
+def moved(case, case_setup):
+    """The set-up with the tumour 3 mm away."""
+    mesh = case.tumor_mesh()
+    elsewhere = SurfaceMesh(mesh.frame, mesh.vertices_mm + 3.0, mesh.faces)
+    return replace(case_setup, proximity=TipProximity(elsewhere))
 
 
-@pytest.fixture(scope="module")
-def frames(case):
-    frames = case.frames()
-    return [next(frames) for _ in range(30)]
+def run(session, frames):
+    return [session.step(frame) for frame in frames][-1].decision
 
 
-def moved(mesh, by_mm):
-    return SurfaceMesh(mesh.frame, mesh.vertices_mm + by_mm, mesh.faces)
+def later(frame, **changes):
+    """The frame a second later."""
+    stamp = frame.stamp.shifted(10**9, frame.stamp.clock)
+    poses = [replace(p, stamp=p.stamp.shifted(10**9, p.stamp.clock)) for p in frame.poses]
+    return replace(frame, **{"stamp": stamp, "poses": tuple(poses), **changes})
 
 
-def test_new_margins_apply_from_the_next_step_on(setup, frames):
-    session = Session(setup)
-    before = [session.step(frame) for frame in frames[:10]][-1]
-    wider = setup.margins.replaced(stop_mm=20.0, warn_mm=100.0)
-    session.use(replace(setup, margins=wider))
-    after = session.step(frames[10])
-    assert before.decision.margin.stop_mm == setup.margins.stop_mm
-    assert after.decision.margin.stop_mm == 20.0
-    assert after.decision.margin.warn_mm == 100.0
+def test_new_margins_apply_from_the_next_step_on(session, case_setup, case_frames):
+    before = run(session, case_frames[:10])
+    wider = case_setup.margins.replaced(stop_mm=20.0, warn_mm=100.0)
+    session.use(replace(case_setup, margins=wider))
+    after = session.step(case_frames[10]).decision
+    assert before.margin.stop_mm == case_setup.margins.stop_mm
+    assert (after.margin.stop_mm, after.margin.warn_mm) == (20.0, 100.0)
 
 
-def test_shorter_stale_limit_applies_to_stored_poses(setup, frames):
-    session = Session(setup)
-    for frame in frames[:10]:
-        session.step(frame)
-    session.use(replace(setup, margins=setup.margins.replaced(stale_after_ns=1)))
-    silent = replace(frames[11], poses=())
-    assert Reason.STALE in session.step(silent).decision.reasons
+def test_shorter_stale_limit_applies_to_stored_poses(session, case_setup, case_frames):
+    run(session, case_frames[:10])
+    session.use(replace(case_setup, margins=case_setup.margins.replaced(stale_after_ns=1)))
+    assert Reason.STALE in session.step(replace(case_frames[11], poses=())).decision.reasons
 
 
-def test_session_with_another_tumor_equals_a_new_session(case, setup, frames):
-    other = replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0)))
-    session, fresh = Session(setup), Session(other)
-    for frame in frames[:10]:
-        session.step(frame)
-    session.use(other)
-    for frame in frames[10:]:
+def test_session_with_another_tumor_equals_a_new_session(session, moved, case_frames):
+    fresh = Session(moved)
+    run(session, case_frames[:10])
+    session.use(moved)
+    for frame in case_frames[10:30]:
         ours, theirs = session.step(frame).decision, fresh.step(frame).decision
         assert ours.state is theirs.state
         assert ours.proximity.signed_distance_mm == theirs.proximity.signed_distance_mm
         assert ours.constraint.offsets_mm.tolist() == theirs.constraint.offsets_mm.tolist()
 
 
-def test_state_is_unknown_until_the_new_tumor_is_evaluated(case, setup, frames):
-    session = Session(setup)
-    for frame in frames[:10]:
-        session.step(frame)
-    session.use(replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0))))
-    late = frames[10].stamp.shifted(10**9, frames[10].stamp.clock)
-    decision = session.step(replace(frames[10], stamp=late, poses=())).decision
+def test_state_is_unknown_until_the_new_tumor_is_evaluated(session, moved, case_frames):
+    run(session, case_frames[:10])
+    session.use(moved)
+    decision = session.step(
+        later(case_frames[10], poses=(), joints=case_frames[10].joints)
+    ).decision
     assert decision.state is MarginState.UNKNOWN
     assert decision.constraint is None
     assert decision.hold
 
 
-def changed(case, setup, what):
-    if what == "tumour":
-        return replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0)))
-    if what == "tool":
-        tip = setup.tool_from_tip
-        there = Transform(tip.target, tip.source, tip.rotation, tip.translation_mm + 0.1)
-        return replace(setup, tool_from_tip=there)
-    given = given_registration(setup.robot.registration.transform)
-    return replace(setup, robot=replace(setup.robot, registration=given))
-
-
 @pytest.mark.parametrize("what", ["tumour", "tool", "registration"])
-def test_change_of_setup_latches_hold_until_rearm(case, setup, frames, what):
-    session = Session(setup)
-    for frame in frames[:10]:
+def test_change_of_setup_latches_hold_until_rearm(session, case_setup, moved, case_frames, what):
+    tip, robot = case_setup.tool_from_tip, case_setup.robot
+    there = Transform(tip.target, tip.source, tip.rotation, tip.translation_mm + 0.1)
+    given = given_registration(robot.registration.transform)
+    changed = {
+        "tumour": moved,
+        "tool": replace(case_setup, tool_from_tip=there),
+        "registration": replace(case_setup, robot=replace(robot, registration=given)),
+    }[what]
+    for frame in case_frames[:10]:
         assert not session.step(frame).decision.hold
-    session.use(changed(case, setup, what))
+    session.use(changed)
     with pytest.raises(NotRearmableError):
         session.rearm()
-    for frame in frames[10:15]:
+    for frame in case_frames[10:15]:
         known = session.step(frame).decision
         assert known.state is not MarginState.UNKNOWN
         assert known.hold
         assert Reason.LATCHED in known.reasons
     session.rearm()
-    assert not session.step(frames[15]).decision.hold
+    assert not session.step(case_frames[15]).decision.hold
 
 
 def test_new_tool_that_never_moves_is_frozen():
@@ -120,30 +111,16 @@ def test_new_tool_that_never_moves_is_frozen():
     assert Reason.FROZEN in reasons
 
 
-def test_new_margins_do_not_latch_hold(setup, frames):
-    session = Session(setup)
-    for frame in frames[:10]:
-        session.step(frame)
-    session.use(replace(setup, margins=setup.margins.replaced(stop_mm=2.0)))
-    assert not session.step(frames[10]).decision.hold
+def test_new_margins_do_not_latch_hold(session, case_setup, case_frames):
+    run(session, case_frames[:10])
+    session.use(replace(case_setup, margins=case_setup.margins.replaced(stop_mm=2.0)))
+    assert not session.step(case_frames[10]).decision.hold
 
 
-def test_latched_hold_survives_a_change_of_tumor(case, setup, frames):
-    session = Session(setup)
-    for frame in frames[:5]:
-        session.step(frame)
-    late = frames[5].stamp.shifted(10**9, frames[5].stamp.clock)
-    session.step(replace(frames[5], stamp=late, poses=()))
-    session.use(replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0))))
-    decision = None
-    for frame in frames[6:]:
-        shifted = [
-            replace(sample, stamp=sample.stamp.shifted(10**9, sample.stamp.clock))
-            for sample in frame.poses
-        ]
-        stamp = frame.stamp.shifted(10**9, frame.stamp.clock)
-        decision = session.step(
-            replace(frame, stamp=stamp, poses=tuple(shifted), joints=())
-        ).decision
+def test_latched_hold_survives_a_change_of_tumor(session, moved, case_frames):
+    run(session, case_frames[:5])
+    session.step(later(case_frames[5], poses=()))
+    session.use(moved)
+    decision = run(session, [later(frame, joints=()) for frame in case_frames[6:30]])
     assert decision.hold
     assert Reason.LATCHED in decision.reasons

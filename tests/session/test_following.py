@@ -10,24 +10,14 @@ import yaml
 from app.case import open_case
 from app.geometry import Transform
 from app.registration import DriftBound, given_registration
-from app.robot import UnreachableError, load_robot
+from app.robot import UnreachableError
 from app.session import RobotSetup, Session, setup_from_case
 from app.session.following import OUT_OF_REACH, IkFollower
 
 
 @pytest.fixture(scope="module")
-def case(project_root):
-    return open_case(project_root / "data" / "recorded_case")
-
-
-@pytest.fixture(scope="module")
 def recorded(case):
     return setup_from_case(case)
-
-
-@pytest.fixture(scope="module")
-def touch(project_root):
-    return load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
 
 
 def robot_setup(touch, **more):

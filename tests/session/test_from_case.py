@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -21,11 +20,14 @@ from tests.shipped_case import CLOCK_OFFSET_MS
 
 
 @pytest.fixture
-def recorded(project_root, tmp_path):
-    folder = tmp_path / "case"
-    shutil.copytree(project_root / "data" / "recorded_case", folder)
+def recorded(case, tmp_path):
+    """The recorded case, or a copy with other blocks."""
 
     def with_blocks(**blocks):
+        if not blocks:
+            return case
+        folder = tmp_path / "case"
+        shutil.copytree(case.folder, folder)
         manifest = yaml.safe_load((folder / "case.yaml").read_text())
         (folder / "case.yaml").write_text(yaml.safe_dump({**manifest, **blocks}))
         return open_case(folder)
@@ -63,17 +65,24 @@ def test_base_is_registered_from_dwells(recorded, method):
     assert np.degrees(np.arccos((np.trace(setup.robot.link_from_tip.rotation) - 1) / 2)) < 1.0
 
 
-def test_dwell_with_a_moving_robot_is_rejected(recorded):
-    case = recorded(registration=at_dwells((0.05, 2.0)))
-    with pytest.raises(InputError, match=r"moved by .* in dwell 1"):
+@pytest.mark.parametrize(
+    ("spans", "error", "message"),
+    [
+        ([(0.05, 2.0)], InputError, r"moved by .* in dwell 1"),
+        ([(500.0, 501.0)], InputError, "dwell 1 has 0 good samples of 'cautery' in"),
+        ([(0.05, 1.25), (2.35, 3.55)], TooFewError, "at least 3"),
+    ],
+    ids=["moving robot", "after the end", "too few"],
+)
+def test_unusable_dwells_are_rejected(recorded, spans, error, message):
+    case = recorded(registration=at_dwells(*spans))
+    with pytest.raises(error, match=message):
         setup_from_case(case, tip_only=True)
 
 
-def test_repeated_pose_counts_once_in_a_dwell(recorded):
+def test_repeated_pose_counts_once_in_a_dwell(case, case_setup, case_frames):
     """The tool every 150 ms, within its stale limit, and the reference at 50 Hz."""
-    case = recorded()
-    setup = setup_from_case(case, tip_only=True)
-    held = next(iter(case.frames())).joints[0]
+    held = case_frames[0].joints[0]
     frames = [
         frame(
             at_ms,
@@ -83,31 +92,29 @@ def test_repeated_pose_counts_once_in_a_dwell(recorded):
         )
         for at_ms in range(0, 160, 20)
     ]
-    poses = PoseTree(setup.margins.freshness_limits, ("cautery",))
+    poses = PoseTree(case_setup.margins.freshness_limits, ("cautery",))
     with pytest.raises(InputError, match="dwell 1 has 1 good samples of 'cautery' in 'reference'"):
         dwell_poses(
             frames,
             [Dwell(0.0, 0.15)],
             poses,
             tool_from_tip=case.manifest.tool.tool_from_tip,
-            robot=setup.robot,
+            robot=case_setup.robot,
         )
 
 
-def test_dwell_with_a_moving_reference_is_rejected(recorded):
+def test_dwell_with_a_moving_reference_is_rejected(case, case_setup, case_frames):
     """The robot stands still while the chest with the reference moves."""
-    case = recorded()
-    setup = setup_from_case(case, tip_only=True)
     tool_from_tip = case.manifest.tool.tool_from_tip
 
     def poses_of(rise_mm_a_frame):
         frames = [
             replace(each, poses=tuple(risen(p, rise_mm_a_frame * n) for p in each.poses))
-            for n, each in enumerate(islice(case.frames(), 75))
+            for n, each in enumerate(case_frames[:75])
         ]
-        tree = PoseTree(setup.margins.freshness_limits, ("cautery",))
+        tree = PoseTree(case_setup.margins.freshness_limits, ("cautery",))
         return dwell_poses(
-            frames, [Dwell(0.05, 1.25)], tree, tool_from_tip=tool_from_tip, robot=setup.robot
+            frames, [Dwell(0.05, 1.25)], tree, tool_from_tip=tool_from_tip, robot=case_setup.robot
         )
 
     assert len(poses_of(0.0)) == 1
@@ -123,26 +130,14 @@ def risen(pose, shift_mm):
     return replace(pose, transform=shift @ here)
 
 
-def test_repeated_pose_counts_once_in_the_motion_for_the_clock(recorded):
-    case = recorded()
-    frames = list(islice(case.frames(), 200))
+def test_repeated_pose_counts_once_in_the_motion_for_the_clock(case, case_setup, case_frames):
+    frames = case_frames
     sparse = [
         replace(each, poses=tuple(p for p in each.poses if p.source != "cautery" or k % 4 == 0))
         for k, each in enumerate(frames)
     ]
     (_, all_of_it), (_, seen) = tip_signals(case, frames), tip_signals(case, sparse)
     assert len(seen.times_ns) == pytest.approx(len(all_of_it.times_ns) / 4, abs=1)
-
-
-def test_dwell_after_the_end_of_the_recording_is_rejected(recorded):
-    case = recorded(registration=at_dwells((500.0, 501.0)))
-    with pytest.raises(InputError, match="dwell 1 has 0 good samples of 'cautery' in"):
-        setup_from_case(case, tip_only=True)
-
-
-def test_too_few_dwells_are_rejected(recorded):
-    with pytest.raises(TooFewError, match="at least 3"):
-        setup_from_case(recorded(registration=at_dwells((0.05, 1.25), (2.35, 3.55))), tip_only=True)
 
 
 def test_given_clock_offset_is_not_estimated(recorded):

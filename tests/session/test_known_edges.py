@@ -5,9 +5,7 @@ import pytest
 
 from app.geometry import FrameError, Stamp, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
-from app.robot import load_robot
 from app.session import KnownEdges, RobotSetup, Session, SessionSetup
-from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
 
@@ -15,11 +13,6 @@ def turned(target, source, angle):
     return Transform.from_rotation_vector(
         (0.0, 0.0, angle), (1, 2, 3), target=target, source=source
     )
-
-
-@pytest.fixture(scope="module")
-def touch():
-    return load_robot(TOUCH_URDF)
 
 
 @pytest.fixture

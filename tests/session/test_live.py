@@ -11,10 +11,8 @@ from app.case import CauteryState
 from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
-from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
 from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
-from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
@@ -105,6 +103,34 @@ def track(host, start_ms, end_ms, period_ms=20, delay_ms=3.0):
         host.arrive(at_ms + delay_ms + 0.2, cautery(at_ms))
 
 
+def tracked(start_ms, end_ms, *, period_ms=20, delay_ms=3.0, **options):
+    """A host that gets the samples of `track`."""
+    host = SimulatedHost(**options)
+    track(host, start_ms, end_ms, period_ms, delay_ms)
+    return host
+
+
+def send_joints(host, times, *, ahead_ms=0, of_host=False):
+    """Schedule joints, stamped ``ahead_ms`` (or as a function of their time) too late."""
+    for at_ms in times:
+        ahead = ahead_ms(at_ms) if callable(ahead_ms) else ahead_ms
+        joints = joint_sample({"waist": 0.001 * at_ms}, at_ms + ahead)
+        host.at(max(at_ms + 3.0, 0.0), partial(host.live.add_joints, joints, of_host=of_host))
+
+
+def joint_ages_ms(steps, after_ms):
+    """Age of the joints of each step after ``after_ms``, by its time."""
+    return {
+        at: step.joints.stamp.age_ns(step.frame.stamp) / NS_PER_MS
+        for at, step in steps
+        if at > after_ms
+    }
+
+
+def unknown(steps):
+    return {step.decision.state for step in steps} == {MarginState.UNKNOWN}
+
+
 def test_state_is_unknown_before_the_first_sample():
     steps = SimulatedHost().run(350)
     assert [at for at, _ in steps] == pytest.approx([0.0, 100.0, 200.0, 300.0])
@@ -115,8 +141,7 @@ def test_state_is_unknown_before_the_first_sample():
 
 
 def test_frame_is_stepped_on_arrival_of_its_last_sample():
-    host = SimulatedHost()
-    track(host, 0, 200)
+    host = tracked(0, 200)
     frames = [(at, step) for at, step in host.run(195) if step.frame.poses]
     # The first frames determine which samples form a group; later ones do not wait.
     grouped = [(at, step) for at, step in frames if at > 60]
@@ -130,25 +155,19 @@ def test_frame_is_stepped_on_arrival_of_its_last_sample():
 def test_cautery_is_in_each_frame_and_changes_no_decision():
     states = [CauteryState.UNKNOWN, CauteryState.OFF, CauteryState.ON]
     told = iter(states * 1000)
-    hosts = SimulatedHost(cautery=lambda: next(told)), SimulatedHost()
-    for host in hosts:
-        track(host, 0, 200)
+    hosts = tracked(0, 200, cautery=lambda: next(told)), tracked(0, 200)
     with_cautery, without = (host.run(400) for host in hosts)
     assert {step.frame.cautery for _, step in with_cautery} == set(states)
     assert {step.frame.cautery for _, step in without} == {None}
-
-    def judged(steps):
-        return [
-            (at, step.decision.state, step.decision.reasons, step.decision.hold, step.index)
-            for at, step in steps
-        ]
-
-    assert judged(with_cautery) == judged(without)
+    judged = [
+        [(at, s.decision.state, s.decision.reasons, s.decision.hold, s.index) for at, s in steps]
+        for steps in (with_cautery, without)
+    ]
+    assert judged[0] == judged[1]
 
 
 def test_silent_source_is_stale_at_once_and_stays_held():
-    host = SimulatedHost()
-    track(host, 0, 200)
+    host = tracked(0, 200)
     track(host, 800, 1200)
     steps = host.run(1100)
     last_ms = 180
@@ -187,8 +206,7 @@ def test_own_published_edges_are_not_used():
 
 
 def test_rearm_is_refused_while_unknown_and_releases_hold_afterwards():
-    host = SimulatedHost()
-    track(host, 0, 200)
+    host = tracked(0, 200)
     track(host, 800, 1400)
     refusals = []
 
@@ -226,8 +244,7 @@ def test_session_slower_than_its_source_steps_the_newest_samples():
 
 
 def test_lost_tool_is_unknown_with_the_trackers_reason():
-    host = SimulatedHost()
-    track(host, 0, 100)
+    host = tracked(0, 100)
     host.arrive(103, needle(100), lost("tracker", "cautery", 100, TrackingStatus.OUT_OF_VIEW))
     step = next(step for at, step in host.run(115) if at > 102)
     assert step.decision.state is MarginState.UNKNOWN
@@ -250,8 +267,7 @@ class SlowLock:
 
 
 def test_frame_delayed_by_a_change_of_the_session_keeps_its_true_age():
-    host = SimulatedHost()
-    track(host, 0, 400)
+    host = tracked(0, 400)
     host.live._stepping = SlowLock(host, wait_ms=1500, entry=9)
     steps = host.live.steps()
     before = [next(steps) for _ in range(8)]
@@ -297,8 +313,7 @@ def test_one_future_stamp_is_one_fault(stamps_of_host, ahead_ms):
 
 
 def test_live_session_can_be_stopped_and_resumed():
-    host = SimulatedHost()
-    track(host, 0, 600)
+    host = tracked(0, 600)
     assert host.run(290)
     host.live.resume()
     again = host.run(590)
@@ -307,8 +322,7 @@ def test_live_session_can_be_stopped_and_resumed():
 
 
 def test_host_clock_set_back_does_not_delay_the_watchdog_step():
-    host = SimulatedHost()
-    track(host, 0, 200)
+    host = tracked(0, 200)
 
     def set_back():
         host.ns -= 3_600_000 * NS_PER_MS
@@ -365,19 +379,17 @@ def problems_of(steps):
 )
 def test_missing_frame_is_reported_with_the_received_ones(sent, message):
     host = SimulatedHost()
-    for at_ms in range(0, 4000, 20):
-        poses = [sample(*edge, (1.0, 2.0, 0.001 * at_ms), at_ms) for edge in sent]
-        host.arrive(at_ms, *poses)
-    steps = host.run(3500)
+    for at_ms in range(0, 2500, 20):
+        host.arrive(at_ms, *(sample(*edge, (1.0, 2.0, 0.001 * at_ms), at_ms) for edge in sent))
+    steps = host.run(2400)
     assert problems_of(steps) == {"": 0.0, message: pytest.approx(2000.0, abs=100.0)}
-    assert {step.decision.state for _, step in steps} == {MarginState.UNKNOWN}
+    assert unknown(step for _, step in steps)
 
 
 def test_late_frame_is_reported_missing_until_it_arrives():
     host = SimulatedHost()
     for at_ms in range(0, 5000, 20):
-        tool = [cautery(at_ms)] if at_ms >= 3000 else []
-        host.arrive(at_ms, needle(at_ms), *tool)
+        host.arrive(at_ms, needle(at_ms), *([cautery(at_ms)] if at_ms >= 3000 else []))
     steps = host.run(4900)
     assert [at for at, step in steps if step.frames_problem] == pytest.approx(
         [at for at, _ in steps if 2000 <= at < 3000]
@@ -386,14 +398,11 @@ def test_late_frame_is_reported_missing_until_it_arrives():
 
 
 def test_complete_source_has_no_missing_frames():
-    host = SimulatedHost()
-    track(host, 1500, 4000)
-    assert set(problems_of(host.run(3900))) == {""}
+    assert set(problems_of(tracked(1500, 4000).run(3900))) == {""}
 
 
 def test_source_that_sends_nothing_is_reported_until_it_does():
-    host = SimulatedHost()
-    track(host, 3000, 6000)
+    host = tracked(3000, 6000)
     steps = host.run(5900)
     silent = [at for at, step in steps if "no pose has come so far" in step.frames_problem]
     assert (silent[0], silent[-1]) == pytest.approx((2000.0, 2900.0), abs=100.0)
@@ -405,28 +414,32 @@ def test_source_that_sends_nothing_is_reported_until_it_does():
 
 def test_problem_of_the_source_is_the_first_one():
     gone = ["OpenIGTLink server tracker:18944: cannot reach"]
-    host = SimulatedHost(source_problem=lambda: gone[0])
-    track(host, 0, 1000)
+    host = tracked(0, 1000, source_problem=lambda: gone[0])
     steps = host.run(900)
     assert {step.frames_problem for _, step in steps} == set(gone)
 
 
-def test_named_edge_that_never_arrives_is_reported():
-    host = SimulatedHost(edges=[("tracker", "needle"), ("tracker", "cautary")])
-    track(host, 0, 3000)
-    message = (
-        "source.tf.edges has tracker -> cautary: not sent by the tracker so far; it sends "
-        "tracker -> needle, tracker -> cautery"
-    )
+@pytest.mark.parametrize(
+    ("edges", "message", "used"),
+    [
+        (
+            [("tracker", "needle"), ("tracker", "cautary")],
+            "source.tf.edges has tracker -> cautary: not sent by the tracker so far; it sends "
+            "tracker -> needle, tracker -> cautery",
+            [("tracker", "needle")],
+        ),
+        (
+            [("tracker", "needle")],
+            "tool.frame is 'cautery': not among what source.tf.edges has, needle, tracker",
+            [("tracker", "needle")],
+        ),
+    ],
+    ids=["never arrives", "does not connect the tool"],
+)
+def test_named_edges_that_cannot_be_used_are_reported(edges, message, used):
+    host = tracked(0, 3000, edges=edges)
     assert list(problems_of(host.run(2900))) == ["", message]
-    assert host.live.edges == (("tracker", "needle"),)
-
-
-def test_named_edges_that_do_not_connect_the_tool_are_reported():
-    host = SimulatedHost(edges=[("tracker", "needle")])
-    track(host, 0, 3000)
-    message = "tool.frame is 'cautery': not among what source.tf.edges has, needle, tracker"
-    assert list(problems_of(host.run(2900))) == ["", message]
+    assert host.live.edges == tuple(used)
 
 
 def test_report_on_received_frame_names_has_bounded_length():
@@ -435,22 +448,18 @@ def test_report_on_received_frame_names_has_bounded_length():
         name = f"{index:03}" + "x" * 250
         host.arrive(index, sample(f"a{name}", f"b{name}", (1.0, 2.0, 3.0), index))
     host.at(2500, lambda: None)
-    ((_, message),) = [
-        problems for problems in [list(problems_of(host.run(2600)))] if len(problems) == 2
-    ]
+    _, message = problems_of(host.run(2600))
     assert message.startswith("tool.frame is 'cautery' and tumor.frame is 'needle': not among")
     assert message.endswith(", 492 more")
     assert len(message) < 1200
 
 
 @pytest.mark.parametrize("measured", [("tracker", "robot_base"), ("robot_base", "tracker")])
-def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
+def test_measured_robot_base_makes_margin_unknown_and_is_reported(touch, measured):
     """The registration would place the base a second time, and tf would alternate."""
     given = given_registration(Transform.identity("reference", "robot_base"))
-    touch = load_robot(TOUCH_URDF)
     robot = RobotSetup(touch, "robot_base", "stylus", given, DriftBound(1e6, 4.0))
-    host = SimulatedHost(robot=robot)
-    track(host, 0, 1000)
+    host = tracked(0, 1000, robot=robot)
     for at_ms in range(0, 1000, 5):
         joints = joint_sample(dict.fromkeys(touch.actuated_joint_names, 0.0), at_ms)
         host.at(at_ms + 3.0, partial(host.live.add_joints, joints, of_host=False))
@@ -477,41 +486,26 @@ def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
 @pytest.mark.parametrize("ahead_ms", [0, 29, 150])
 def test_joints_ahead_of_the_tracker_wait_for_its_present(ahead_ms):
     """A tracker that stamps late, with an offset of the robot's clock to match."""
-    host = SimulatedHost()
-    track(host, 0, 1000)
-    for at_ms in range(-200, 1000, 5):
-        joints = joint_sample({"waist": 0.001 * at_ms}, at_ms + ahead_ms)
-        host.at(max(at_ms + 3.0, 0.0), partial(host.live.add_joints, joints, of_host=False))
-    steps = [step for at, step in host.run(990) if at > 200]
-    assert len(steps) > 30
-    for step in steps:
-        age_ms = step.joints.stamp.age_ns(step.frame.stamp) / NS_PER_MS
-        assert 0.0 <= age_ms <= 10.0
+    host = tracked(0, 1000)
+    send_joints(host, range(-200, 1000, 5), ahead_ms=ahead_ms)
+    ages_ms = joint_ages_ms(host.run(990), 200).values()
+    assert len(ages_ms) > 30
+    assert 0.0 <= min(ages_ms) <= max(ages_ms) <= 10.0
     assert host.live.left_out().get("joints that came late", 0) == 0
 
 
 def test_joints_far_ahead_are_reported_at_once_and_do_not_stay():
-    host = SimulatedHost()
-    track(host, 0, 600)
-    for at_ms in range(0, 600, 5):
-        joints = joint_sample({"waist": 0.1}, at_ms + (1000 if at_ms == 300 else 0))
-        host.at(at_ms + 3.0, partial(host.live.add_joints, joints, of_host=False))
-    ages_ms = {
-        at: step.joints.stamp.age_ns(step.frame.stamp) / NS_PER_MS
-        for at, step in host.run(590)
-        if at > 100
-    }
+    host = tracked(0, 600)
+    send_joints(host, range(0, 600, 5), ahead_ms=lambda at_ms: 1000 if at_ms == 300 else 0)
+    ages_ms = joint_ages_ms(host.run(590), 100)
     assert [at for at, age_ms in ages_ms.items() if age_ms < 0.0] == [pytest.approx(303.2, abs=21)]
     assert max(ages_ms.values()) <= 25.0
 
 
 @pytest.mark.parametrize(("of_host", "robot_ms"), [(True, HOST_MS), (False, 0)])
 def test_joints_are_converted_to_the_source_clock_once(of_host, robot_ms):
-    host = SimulatedHost()
-    track(host, 0, 200, delay_ms=0.0)
-    for at_ms in range(1, 200, 10):
-        joints = joint_sample({"waist": 0.1}, robot_ms + at_ms)
-        host.at(at_ms, partial(host.live.add_joints, joints, of_host=of_host))
+    host = tracked(0, 200, delay_ms=0.0)
+    send_joints(host, range(1, 200, 10), ahead_ms=robot_ms + 3.0, of_host=of_host)
     last = host.run(199)[-1][1]
     assert 0.0 <= last.joints.stamp.age_ns(last.frame.stamp) / NS_PER_MS <= 11.0
 
@@ -557,8 +551,7 @@ def test_known_state_always_rests_on_fresh_poses(arrivals, stamps_of_host):
 
 
 def test_spent_ns_is_the_age_of_the_last_step():
-    host = SimulatedHost()
-    track(host, 0, 100)
+    host = tracked(0, 100)
     host.at(90, host.live.stop)
     for _ in host.live.steps():
         assert host.live.spent_ns() == 0
@@ -570,8 +563,7 @@ def test_spent_ns_is_the_age_of_the_last_step():
 
 def test_samples_that_waited_during_a_stop_of_the_process_are_not_young():
     """The first samples fill the buffer of the socket during the stop; later ones are lost."""
-    host = SimulatedHost()
-    track(host, 1050, 1400)
+    host = tracked(1050, 1400)
 
     def stop():
         host.ns += 1000 * NS_PER_MS

@@ -41,7 +41,7 @@ def images() -> LiveImages:
     return LiveImages(ImageDepths.one(CALIBRATION), stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
 
 
-def test_newest_image_is_placed_by_the_pose_at_its_own_stamp(images: LiveImages) -> None:
+def test_newest_image_is_placed_by_the_pose_at_its_own_stamp(images):
     images.add_poses([pose(1000, 0.0), pose(1040, 40.0)])
     images.add(image(1010, 7))
     found = images.at(ns(1060), "reference")
@@ -52,7 +52,7 @@ def test_newest_image_is_placed_by_the_pose_at_its_own_stamp(images: LiveImages)
     assert images.image(found.number).pixels[0, 0] == 7
 
 
-def test_image_waits_for_its_pose_and_the_one_before_it_is_shown(images: LiveImages) -> None:
+def test_image_waits_for_its_pose_and_the_one_before_it_is_shown(images):
     images.add_poses([pose(1000), pose(1020)])
     images.add(image(1010))
     images.add(image(1043))
@@ -61,7 +61,7 @@ def test_image_waits_for_its_pose_and_the_one_before_it_is_shown(images: LiveIma
     assert images.at(ns(1060), "reference").number == 1
 
 
-def test_image_without_a_pose_is_not_shown(images: LiveImages) -> None:
+def test_image_without_a_pose_is_not_shown(images):
     images.add_poses([pose(1000)])
     images.add(image(1040))
     found = images.at(ns(1050), "reference").pose
@@ -78,24 +78,17 @@ def test_image_without_a_pose_is_not_shown(images: LiveImages) -> None:
         (1120, ""),
         (1120.001, "the image is 100 ms old; expected at most 100 ms"),
         (920, ""),
-        (
-            919,
-            "the image is stamped 101 ms after the poses; expected at most 100 ms",
-        ),
+        (919, "the image is stamped 101 ms after the poses; expected at most 100 ms"),
     ],
 )
-def test_image_that_is_too_old_or_from_the_future_is_not_shown(
-    images: LiveImages, now_ms: float, problem: str
-) -> None:
+def test_image_that_is_too_old_or_from_the_future_is_not_shown(images, now_ms, problem):
     images.add_poses([pose(1000), pose(1040)])
     images.add(image(1020))
     found = images.at(ns(now_ms), "reference").pose
     assert (found.problem, found.matrix is None) == (problem, bool(problem))
 
 
-def test_refused_image_covers_until_a_good_one_arrives_and_is_reported_once(
-    images: LiveImages,
-) -> None:
+def test_refused_image_covers_until_a_good_one_arrives_and_is_reported_once(images):
     reported: list[str] = []
     images.report = reported.append
     images.add_poses([pose(1000), pose(1040)])
@@ -113,9 +106,7 @@ def test_refused_image_covers_until_a_good_one_arrives_and_is_reported_once(
     assert images.at(ns(1030), "reference").pose.problem == ""
 
 
-def test_image_that_came_late_is_dropped_and_one_of_a_clock_set_back_starts_anew(
-    images: LiveImages,
-) -> None:
+def test_image_that_came_late_is_dropped_and_one_of_a_clock_set_back_starts_anew(images):
     images.add_poses([pose(1000), pose(1040)])
     images.add(image(1020))
     images.add(image(1010))
@@ -154,9 +145,7 @@ def corners_of(depth_mm: float, x_mm: float) -> FloatArray:
     return np.array([(x_mm + x, y, 0.0) for x, y in ends])
 
 
-def test_chosen_depth_places_images_that_are_stamped_later_and_no_others(
-    two_depths: LiveImages,
-) -> None:
+def test_chosen_depth_places_images_that_are_stamped_later_and_no_others(two_depths):
     images = two_depths
     images.add_poses([pose(1000), pose(1100, 100)])
     images.add(image(1030))
@@ -176,7 +165,7 @@ def test_chosen_depth_places_images_that_are_stamped_later_and_no_others(
         images.choose_depth(50.0)
 
 
-def test_depth_holds_for_all_images_after_the_clock_was_set_back(two_depths: LiveImages) -> None:
+def test_depth_holds_for_all_images_after_the_clock_was_set_back(two_depths):
     two_depths.add_poses([pose(9000), pose(9040)])
     two_depths.choose_depth(60.0)
     two_depths.add_poses([pose(1000), pose(1040)])
@@ -190,14 +179,14 @@ def test_depth_holds_for_all_images_after_the_clock_was_set_back(two_depths: Liv
     assert corners_at(two_depths, 1020)[0] == 40.0
 
 
-def test_no_image_yet(images: LiveImages) -> None:
+def test_no_image_yet(images):
     assert images.at(0, "reference").pose.problem == "no image yet"
     assert images.size is None
     images.add(ImageSample(0, None, ImageStatus.OK, np.zeros((3, 4), np.uint8)))
     assert "no stamp" in images.problem
 
 
-def test_memory_holds_the_last_images_only(images: LiveImages) -> None:
+def test_memory_holds_the_last_images_only(images):
     for index in range(40):
         images.add(image(1000 + index))
     images.add_poses([pose(990), pose(1050)])

@@ -17,6 +17,8 @@ from app.geometry import MeshError
 from app.session import with_repaired_meshes
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.slow
+
 OpenCase = Callable[..., Case]
 
 
@@ -42,16 +44,14 @@ def broken(project_root: Path, tmp_path: Path) -> OpenCase:
 
 
 @pytest.mark.parametrize("repair", [None, False])
-def test_mesh_is_repaired_only_on_request(broken: OpenCase, repair: bool | None) -> None:
+def test_mesh_is_repaired_only_on_request(broken, repair):
     case = broken(repair=repair)
     assert with_repaired_meshes(case) is case
     with pytest.raises(MeshError, match="is not closed"):
         case.tumor_mesh()
 
 
-def test_repaired_tumour_equals_that_of_the_sound_case(
-    broken: OpenCase, project_root: Path
-) -> None:
+def test_repaired_tumour_equals_that_of_the_sound_case(broken, project_root):
     case = with_repaired_meshes(broken(repair=True))
     sound = open_case(project_root / "data" / "recorded_case").tumor_mesh()
     assert case.tumor_mesh().signed_volume_mm3 == pytest.approx(sound.signed_volume_mm3, rel=1e-4)
@@ -60,7 +60,7 @@ def test_repaired_tumour_equals_that_of_the_sound_case(
     assert "1 holes closed with planar patches" in closed
 
 
-def test_tool_of_overlapping_parts_is_united_on_request(tmp_path: Path) -> None:
+def test_tool_of_overlapping_parts_is_united_on_request(tmp_path):
     def with_parts(manifest: dict[str, Any]) -> None:
         manifest["tool"]["mesh"]["repair"] = True
 
@@ -82,15 +82,13 @@ def test_tool_of_overlapping_parts_is_united_on_request(tmp_path: Path) -> None:
     assert with_repaired_meshes(case) is case
 
 
-def test_mesh_without_safe_repair_is_rejected(broken: OpenCase) -> None:
+def test_mesh_without_safe_repair_is_rejected(broken):
     with pytest.raises(MeshError, match=r"the tumour's mesh tumor.stl: holes touch at"):
         with_repaired_meshes(broken(repair=True, missing=2000))
 
 
 @pytest.mark.parametrize("command", ["info", "replay"])
-def test_commands_report_the_repair(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
-) -> None:
+def test_commands_report_the_repair(tmp_path, capsys, command):
     def repair(manifest: dict[str, Any]) -> None:
         manifest["tumor"]["mesh"]["repair"] = True
 

@@ -12,6 +12,8 @@ from app.session.repetition import REST_LIMIT, RepetitionHistory
 from tests.doubles import frame, sample
 from tests.session.frozen_sensors import clean_run, inject, moments, quantised, recorded
 
+pytestmark = pytest.mark.slow
+
 LIMITS = FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS)
 PERIOD_MS = 20
 EDGE = ("tracker", "cautery")

@@ -12,16 +12,9 @@ from app.fixture import (
     Witnesses,
     limit_twist,
 )
-from app.geometry import (
-    NS_PER_MS,
-    FrameError,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, register_points
-from app.robot import Robot, load_robot
+from app.robot import Robot
 from app.session import RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
@@ -38,10 +31,13 @@ def make_setup(robot: RobotSetup | None = None) -> SessionSetup:
     return SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
 
 
+def valid(pose: Transform, at_ms: float) -> TrackedTransform:
+    return TrackedTransform.valid(pose, Stamp(int(at_ms * 1e6)))
+
+
 def cautery_at(distance_mm: float, at_ms: float) -> TrackedTransform:
     """The cautery with its tip this far from the sphere's centre, along the tumour's x."""
-    pose = tracker_from_cautery([distance_mm, 0.0, 0.0])
-    return TrackedTransform(pose, Stamp(int(at_ms * 1e6)), TrackingStatus.OK)
+    return valid(tracker_from_cautery([distance_mm, 0.0, 0.0]), at_ms)
 
 
 def tracker_from_cautery(tip_mm):
@@ -51,20 +47,33 @@ def tracker_from_cautery(tip_mm):
 
 
 def needle(at_ms: float) -> TrackedTransform:
-    return TrackedTransform(TRACKER_FROM_NEEDLE, Stamp(int(at_ms * 1e6)), TrackingStatus.OK)
+    return valid(TRACKER_FROM_NEEDLE, at_ms)
+
+
+def frame_at(at_ms: float, distance_mm: float = 40.0, *more, joints=()):
+    """A frame with needle and cautery."""
+    return frame(at_ms, *more, needle(at_ms), cautery_at(distance_mm, at_ms), joints=joints)
 
 
 def steps(session: Session, distances, *, start_ms=0.0):
-    return [
-        session.step(frame(at, needle(at), cautery_at(distance, at)))
-        for at, distance in zip(np.arange(len(distances)) * 20.0 + start_ms, distances, strict=True)
-    ]
+    times = np.arange(len(distances)) * 20.0 + start_ms
+    pairs = zip(times, distances, strict=True)
+    return [session.step(frame_at(at, distance)) for at, distance in pairs]
+
+
+def distance_mm(step) -> float:
+    return step.decision.proximity.signed_distance_mm
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session(make_setup())
 
 
 def test_distance_is_measured_in_the_tumours_frame():
     (step,) = steps(Session(make_setup()), [17.0])
     assert step.decision.state is MarginState.NEGATIVE
-    assert step.decision.proximity.signed_distance_mm == pytest.approx(7.0, abs=1e-9)
+    assert distance_mm(step) == pytest.approx(7.0, abs=1e-9)
     np.testing.assert_allclose(step.tumor_from_tip.translation_mm, [17.0, 0, 0], atol=1e-9)
     assert step.decision.stamp == Stamp(0)
 
@@ -77,14 +86,11 @@ def test_fixture_plane_is_at_the_stop_margin_facing_the_tool():
     np.testing.assert_allclose(fixture.rotation[:, 2], [1.0, 0, 0], atol=1e-9)
 
 
-def test_constraint_keeps_recently_governing_planes():
-    session = Session(make_setup())
+def test_constraint_keeps_recently_governing_planes(session):
     (first,) = steps(session, [12.0])
     aside, offset_mm = cautery_at(12.0, 20).transform, np.array([0.0, 1.5, 0.0])
     aside = Transform("tracker", "cautery", aside.rotation, aside.translation_mm + offset_mm)
-    second = session.step(
-        frame(20, needle(20), TrackedTransform(aside, Stamp(20_000_000), TrackingStatus.OK))
-    )
+    second = session.step(frame(20, needle(20), valid(aside, 20)))
     tip_mm = second.tumor_from_tip.translation_mm
     apart_mm = tip_mm - first.decision.proximity.on_tumor_mm
     planes = second.decision.constraint
@@ -94,15 +100,13 @@ def test_constraint_keeps_recently_governing_planes():
     assert planes.clearances_mm[1] == pytest.approx(np.linalg.norm(apart_mm) - stop_mm)
 
 
-def test_states_follow_the_distance():
-    session = Session(make_setup())
+def test_states_follow_the_distance(session):
     found = [step.decision.state.name for step in steps(session, [30.0, 14.0, 9.0, 14.0, 30.0])]
     assert found == ["NEGATIVE", "WARNING", "POSITIVE", "POSITIVE", "POSITIVE"]
 
 
 @pytest.mark.parametrize("edge", ["cautery", "needle"])
-def test_lost_tool_or_tumour_is_unknown_and_holds(edge):
-    session = Session(make_setup())
+def test_lost_tool_or_tumour_is_unknown_and_holds(session, edge):
     steps(session, [30.0, 30.1])
     poses = {"cautery": cautery_at(30.2, 40), "needle": needle(40)}
     poses[edge] = lost("tracker", edge, 40, TrackingStatus.INVALID)
@@ -115,23 +119,20 @@ def test_lost_tool_or_tumour_is_unknown_and_holds(edge):
     assert step.virtual_fixture is not None, "stale never means unconstrained"
 
 
-def test_silent_tracker_is_unknown_from_its_watchdog_frame_on():
-    session = Session(make_setup())
+def test_silent_tracker_is_unknown_from_its_watchdog_frame_on(session):
     steps(session, [30.0, 30.1])
     assert session.step(frame(221)).decision.reasons[0] is Reason.STALE
 
 
-def test_crossing_between_two_frames_is_a_breach():
-    session = Session(make_setup())
+def test_crossing_between_two_frames_is_a_breach(session):
     before, after, later = steps(session, [30.0, -30.0, -60.0])
     assert before.decision.state is MarginState.NEGATIVE
     assert after.decision.state is MarginState.POSITIVE
-    assert after.decision.proximity.signed_distance_mm == pytest.approx(-10.0, abs=0.5)
-    assert later.decision.proximity.signed_distance_mm == pytest.approx(50.0)
+    assert distance_mm(after) == pytest.approx(-10.0, abs=0.5)
+    assert distance_mm(later) == pytest.approx(50.0)
 
 
-def test_planes_face_the_tool_after_a_crossing():
-    session = Session(make_setup())
+def test_planes_face_the_tool_after_a_crossing(session):
     _, after = steps(session, [30.0, -14.0])
     planes = after.decision.constraint
     np.testing.assert_allclose(planes.normals[0], [-1.0, 0.0, 0.0], atol=1e-9)
@@ -144,56 +145,58 @@ def test_planes_face_the_tool_after_a_crossing():
     assert limit_twist(inward, planes, tip_mm, LimiterParameters())[0] < 0.0, "driven out, not in"
 
 
-def test_two_crossings_in_a_row_are_two_breaches():
-    session = Session(make_setup())
+def test_two_crossings_in_a_row_are_two_breaches(session):
     found = steps(session, [30.0, -30.0, 30.0])
     distances = [step.decision.proximity.signed_distance_mm for step in found]
     assert [distance < 0.0 for distance in distances] == [False, True, True]
 
 
-def test_crossing_from_far_away_is_a_breach():
-    """70 mm from the sphere at both ends of a path of 160 mm."""
-    _, after = steps(Session(make_setup()), [80.0, -80.0])
-    assert after.decision.state is MarginState.POSITIVE
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (frame_at(0, 80.0), frame_at(20, -80.0)),
+        (frame_at(0, 30.0), frame(0, cautery_at(-30.0, 0))),
+        # Poses are 150 ms old: the limit applies to the time between the frames.
+        (
+            frame(150, needle(0), cautery_at(30.0, 0)),
+            frame(250, needle(100), cautery_at(-30.0, 100)),
+        ),
+    ],
+    ids=["from 70 mm away", "equal stamps", "late samples"],
+)
+def test_crossing_is_a_breach(session, before, after):
+    session.step(before)
+    assert session.step(after).decision.state is MarginState.POSITIVE
 
 
-def test_crossing_between_equal_stamps_is_a_breach():
-    session = Session(make_setup())
-    session.step(frame(0, needle(0), cautery_at(30.0, 0)))
-    assert session.step(frame(0, cautery_at(-30.0, 0))).decision.state is MarginState.POSITIVE
-
-
-def test_crossing_by_late_samples_is_a_breach():
-    """Poses are 150 ms old: the limit applies to the time between the frames."""
-    session = Session(make_setup())
-    session.step(frame(150, needle(0), cautery_at(30.0, 0)))
-    step = session.step(frame(250, needle(100), cautery_at(-30.0, 100)))
-    assert step.decision.state is MarginState.POSITIVE
-
-
-def test_crossing_while_the_tool_is_lost_is_a_breach():
-    session = Session(make_setup())
+def test_crossing_while_the_tool_is_lost_is_a_breach(session):
     steps(session, [30.0])
     session.step(frame(20, needle(20), lost("tracker", "cautery", 20, TrackingStatus.MISSING)))
     (after,) = steps(session, [-30.0], start_ms=40.0)
     assert after.decision.state is MarginState.UNKNOWN
-    assert after.decision.proximity.signed_distance_mm == pytest.approx(-10.0, abs=0.5)
+    assert distance_mm(after) == pytest.approx(-10.0, abs=0.5)
 
 
-def test_no_sweep_across_a_clock_jump():
-    session = Session(make_setup())
+def test_no_sweep_across_a_clock_jump(session):
     steps(session, [30.0], start_ms=100.0)
     session.step(frame(0))
     (after,) = steps(session, [-30.0], start_ms=150.0)
-    assert after.decision.proximity.signed_distance_mm == pytest.approx(20.0)
+    assert distance_mm(after) == pytest.approx(20.0)
 
 
-def test_no_sweep_across_a_change_of_tumor():
-    session = Session(make_setup())
+def test_no_sweep_across_a_change_of_tumor(session):
     steps(session, [30.0])
     session.use(replace(make_setup(), proximity=AnalyticSphere(9.0)))
     (after,) = steps(session, [-30.0], start_ms=20.0)
-    assert after.decision.proximity.signed_distance_mm == pytest.approx(21.0)
+    assert distance_mm(after) == pytest.approx(21.0)
+
+
+def test_no_sweep_across_a_gap_longer_than_the_stale_limit(session):
+    session.step(frame_at(0, 30.0))
+    step = session.step(frame_at(250, -30.0))
+    assert distance_mm(step) == pytest.approx(20.0)
+    assert step.decision.state is MarginState.UNKNOWN
+    assert step.decision.reasons == (Reason.STALE, Reason.LATCHED)
 
 
 class Vague(AnalyticSphere):
@@ -213,23 +216,13 @@ def test_sweep_uses_lower_bounds_and_touch_is_a_breach(height_mm):
     session = Session(replace(make_setup(), proximity=Vague(10.0)))
     for at_ms, x_mm in ((0, -4.0), (20, 4.0)):
         pose = tracker_from_cautery([x_mm, height_mm, 0.0])
-        tool = TrackedTransform(pose, Stamp(at_ms * NS_PER_MS), TrackingStatus.OK)
+        tool = valid(pose, at_ms)
         step = session.step(frame(at_ms, needle(at_ms), tool))
-    assert step.decision.proximity.signed_distance_mm == pytest.approx(height_mm - 10.0, abs=1e-9)
+    assert distance_mm(step) == pytest.approx(height_mm - 10.0, abs=1e-9)
     assert step.decision.state is MarginState.POSITIVE
 
 
-def test_no_sweep_across_a_gap_longer_than_the_stale_limit():
-    session = Session(make_setup())
-    session.step(frame(0, needle(0), cautery_at(30.0, 0)))
-    step = session.step(frame(250, needle(250), cautery_at(-30.0, 250)))
-    assert step.decision.proximity.signed_distance_mm == pytest.approx(20.0)
-    assert step.decision.state is MarginState.UNKNOWN
-    assert step.decision.reasons == (Reason.STALE, Reason.LATCHED)
-
-
-def test_margin_grows_with_age_over_a_single_missing_frame():
-    session = Session(make_setup())
+def test_margin_grows_with_age_over_a_single_missing_frame(session):
     steps(session, [30.0])
     step = session.step(frame(20, cautery_at(29.0, 20)))
     assert step.decision.state is MarginState.NEGATIVE
@@ -237,8 +230,7 @@ def test_margin_grows_with_age_over_a_single_missing_frame():
     assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.020)
 
 
-def test_latch_is_released_by_rearm_and_not_while_its_cause_lasts():
-    session = Session(make_setup())
+def test_latch_is_released_by_rearm_and_not_while_its_cause_lasts(session):
     steps(session, [30.0, 30.1])
     session.step(frame(40, needle(40), lost("tracker", "cautery", 40, TrackingStatus.MISSING)))
     with pytest.raises(NotRearmableError):
@@ -250,11 +242,6 @@ def test_latch_is_released_by_rearm_and_not_while_its_cause_lasts():
     assert not free.decision.hold
 
 
-@pytest.fixture(scope="module")
-def touch(project_root):
-    return load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
-
-
 def registered(touch, registration) -> RobotSetup:
     return RobotSetup(touch, "robot_base", "stylus", registration, DriftBound(5.0, 0.05))
 
@@ -263,50 +250,45 @@ def reference(at_ms: float) -> TrackedTransform:
     return sample("tracker", "reference", (1.0, 2.0, 3.0), at_ms)
 
 
-def landmarks():
-    generator = np.random.default_rng(5)
-    return generator.uniform(-60.0, 60.0, (8, 3))
-
-
 def found_registration(noise_mm: float):
-    points = landmarks()
+    points = np.random.default_rng(5).uniform(-60.0, 60.0, (8, 3))
     noisy = points + np.random.default_rng(6).normal(0.0, noise_mm, points.shape)
     return register_points(noisy, points, fixed_frame="reference", moving_frame="robot_base")
 
 
 def test_registration_error_at_the_tip_widens_the_margin(touch):
-    session = Session(make_setup(registered(touch, found_registration(0.3))))
-    step = session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
-    assert step.decision.margin.tre_mm > 0.1
-    exact = Session(make_setup(registered(touch, found_registration(0.0))))
-    step = exact.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
-    assert step.decision.margin.tre_mm == pytest.approx(0.0, abs=1e-9)
+    def tre_mm(noise_mm):
+        session = Session(make_setup(registered(touch, found_registration(noise_mm))))
+        return session.step(frame_at(0, 40.0, reference(0))).decision.margin.tre_mm
+
+    assert tre_mm(0.3) > 0.1
+    assert tre_mm(0.0) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_robot_without_registration_is_unknown(touch):
-    session = Session(make_setup(registered(touch, None)))
-    step = session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+@pytest.mark.parametrize(
+    ("noise_mm", "more", "reason"),
+    [(None, [sample("tracker", "reference", (1.0, 2.0, 3.0), 0)], Reason.REGISTRATION_MISSING),
+     (0.1, [], Reason.MISSING)],
+    ids=["no registration", "no reference"],
+)  # fmt: skip
+def test_robot_needs_its_registration_and_the_reference(touch, noise_mm, more, reason):
+    registration = None if noise_mm is None else found_registration(noise_mm)
+    session = Session(make_setup(registered(touch, registration)))
+    step = session.step(frame_at(0, 40.0, *more))
     assert step.decision.state is MarginState.UNKNOWN
-    assert Reason.REGISTRATION_MISSING in step.decision.reasons
-
-
-def test_robot_needs_the_reference_frame(touch):
-    session = Session(make_setup(registered(touch, found_registration(0.1))))
-    step = session.step(frame(0, needle(0), cautery_at(40.0, 0)))
-    assert step.decision.state is MarginState.UNKNOWN
-    assert Reason.MISSING in step.decision.reasons
+    assert reason in step.decision.reasons
 
 
 def test_age_of_the_reference_counts_for_a_robot(touch):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
-    session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    session.step(frame_at(0, 40.0, reference(0)))
     step = session.step(frame(100, needle(100), cautery_at(40.1, 100)))
     assert step.decision.stamp == Stamp(0)
     assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.1)
     by_hand = Session(make_setup())
-    by_hand.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    by_hand.step(frame_at(0, 40.0, reference(0)))
     moved = needle(100).transform @ Transform("needle", "needle", np.eye(3), [0.0, 0.0, 1e-3])
-    sample = TrackedTransform(moved, Stamp(100 * NS_PER_MS), TrackingStatus.OK)
+    sample = valid(moved, 100)
     step = by_hand.step(frame(100, sample, cautery_at(40.1, 100)))
     assert step.decision.margin.age_mm == 0.0
 
@@ -319,7 +301,7 @@ def test_sensor_stuck_from_the_first_frame_on_is_no_fixed_transform(touch, stuck
         moving = "reference" if stuck == "needle" else "needle"
         away = Transform(moving, moving, np.eye(3), [0.0, 0.0, 1e-3 * at_ms])
         pose = poses[moving].transform @ away
-        poses[moving] = TrackedTransform(pose, poses[moving].stamp, TrackingStatus.OK)
+        poses[moving] = valid(pose, at_ms)
         tool = cautery_at(40.0 + 1e-3 * at_ms, at_ms)
         step = session.step(frame(at_ms, *poses.values(), tool))
     assert step.decision.state is MarginState.UNKNOWN
@@ -338,19 +320,16 @@ def test_links_follow_joints_and_are_empty_for_stale_or_wrong_joints(touch):
         step.links["stylus"].matrix, touch.forward_kinematics(joints)["stylus"].matrix
     )
     stale = session.step(frame(205))
-    assert (dict(stale.links), stale.robot_problem) == (
-        {},
-        "joint positions are stale or from the future",
-    )
+    assert dict(stale.links) == {}
+    assert stale.robot_problem == "joint positions are stale or from the future"
     ahead = session.step(frame(206, joints=(joint_sample(joints, 207),)))
     assert (dict(ahead.links), ahead.robot_problem) == (dict(stale.links), stale.robot_problem)
     wrong = session.step(frame(206, joints=(joint_sample({**joints, "waist": np.nan}, 206),)))
     assert not wrong.links
     assert "waist" in wrong.robot_problem
     del joints["roll"]
-    partly = Session(make_setup(registered(touch, given))).step(
-        frame(207, joints=(joint_sample(joints, 207),))
-    )
+    fresh = Session(make_setup(registered(touch, given)))
+    partly = fresh.step(frame(207, joints=(joint_sample(joints, 207),)))
     assert not partly.links
     assert "'roll', which moves 'stylus', has no position" in partly.robot_problem
 
@@ -379,31 +358,26 @@ def test_joints_of_another_device_do_not_replace_those_of_the_robot(touch):
     assert stale.robot_problem == "joint positions are stale or from the future"
 
 
-def drifting(touch, shift_mm, turn_rad=0.0, *, mounted=False):
-    """One step with the tracked tool ``shift_mm`` away from its prediction."""
-    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
-    base_from_tip = touch.forward_kinematics(joints)["stylus"].renamed(
-        target="robot_base", source="cautery_tip"
+def found_tool(touch, joints, shift_mm=0.0, turn_rad=0.0, at_ms=0):
+    """The cautery away from where the robot's joints put it."""
+    tip = touch.forward_kinematics(joints)["stylus"]
+    turn = Transform.from_rotation_vector(
+        [0.0, turn_rad, 0.0], [0.0, 0.0, 0.0], target="reference", source=tip.target
     )
+    place = tip.translation_mm + np.array([shift_mm, 0.0, 0.0])
+    seen = Transform("reference", "cautery_tip", (turn @ tip).rotation, place)
+    pose = reference(at_ms).transform @ seen @ TOOL_FROM_TIP.inverse()
+    return valid(pose, at_ms)
+
+
+def drifting(touch, shift_mm, turn_rad=0.0, mounted=False):
+    """A step whose tool is ``shift_mm`` away from its prediction."""
+    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
     given = given_registration(Transform.identity("reference", "robot_base"))
     mount = Transform.identity("stylus", "cautery_tip") if mounted else None
     robot = RobotSetup(touch, "robot_base", "stylus", given, DriftBound(5.0, 0.05), mount)
-    move = Transform.from_rotation_vector(
-        [0.0, turn_rad, 0.0], [shift_mm, 0.0, 0.0], target="reference", source="robot_base"
-    )
-    turned = Transform("reference", "cautery_tip", (move @ base_from_tip).rotation, [0, 0, 0])
-    seen = Transform(
-        "reference",
-        "cautery_tip",
-        turned.rotation,
-        base_from_tip.translation_mm + np.array([shift_mm, 0.0, 0.0]),
-    )
-    pose = reference(0).transform @ seen @ TOOL_FROM_TIP.inverse()
-    cautery = TrackedTransform(pose, Stamp(0), TrackingStatus.OK)
-    session = Session(make_setup(robot))
-    return session.step(
-        frame(0, reference(0), needle(0), cautery, joints=(joint_sample(joints, 0),))
-    )
+    poses = (reference(0), needle(0), found_tool(touch, joints, shift_mm, turn_rad))
+    return Session(make_setup(robot)).step(frame(0, *poses, joints=(joint_sample(joints, 0),)))
 
 
 def test_tool_away_from_its_prediction_is_drift(touch):
@@ -431,12 +405,9 @@ def test_drift_persists_when_joint_states_stop(touch):
 def test_drift_ends_when_the_tool_is_at_its_prediction(touch):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
     joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
-    tip = touch.forward_kinematics(joints)["stylus"].translation_mm
     for at_ms, off_mm in ((0, 6.0), (20, 0.0)):
-        seen = Transform("reference", "cautery_tip", np.eye(3), tip + np.array([off_mm, 0.0, 0.0]))
-        pose = reference(at_ms).transform @ seen @ TOOL_FROM_TIP.inverse()
-        cautery = TrackedTransform(pose, Stamp(at_ms * NS_PER_MS), TrackingStatus.OK)
-        poses = (reference(at_ms), needle(at_ms), cautery)
+        tool = found_tool(touch, joints, off_mm, at_ms=at_ms)
+        poses = (reference(at_ms), needle(at_ms), tool)
         step = session.step(frame(at_ms, *poses, joints=(joint_sample(joints, at_ms),)))
         assert (Reason.REGISTRATION_DRIFT in step.decision.reasons) == (off_mm > 5.0)
 
@@ -513,7 +484,7 @@ def test_constraint_is_in_the_tumours_frame_for_any_name():
 
 def test_uncertainty_of_the_tumour_widens_the_margin():
     plain = replace(make_setup(), tumor_sigma_mm=0.6)
-    step = Session(plain).step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    step = Session(plain).step(frame_at(0, 40.0, reference(0)))
     assert step.decision.margin.tre_mm == pytest.approx(PARAMETERS.k_tre * 0.6)
 
 

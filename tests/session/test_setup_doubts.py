@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,23 +66,23 @@ def doubts_of(
     return doubts.texts()
 
 
-def test_sound_set_up_has_no_doubts(setup, steps) -> None:
+def test_sound_set_up_has_no_doubts(setup, steps):
     assert doubts_of(setup, steps) == ()
 
 
-def test_tip_at_the_origin_of_the_sensor_is_named_at_once(setup, steps) -> None:
+def test_tip_at_the_origin_of_the_sensor_is_named_at_once(setup, steps):
     identity = Transform.identity(setup.tool_from_tip.target, setup.tool_from_tip.source)
     wrong = replace(setup, tool_from_tip=identity)
     (text,) = SetupDoubts(wrong).observe(steps[0])
     assert "tool.tip_from: the tip is at the origin of the sensor 'rod'" in text
 
 
-def test_tip_at_the_origin_of_a_tracked_tip_is_not_named(setup, steps) -> None:
+def test_tip_at_the_origin_of_a_tracked_tip_is_not_named(setup, steps):
     identity = Transform.identity("StylusTip", setup.tool_from_tip.source)
     assert SetupDoubts(replace(setup, tool_from_tip=identity)).observe(steps[0]) == ()
 
 
-def test_tumor_that_is_metres_away_is_named_until_the_tool_is_near(setup, steps) -> None:
+def test_tumor_that_is_metres_away_is_named_until_the_tool_is_near(setup, steps):
     def far(index: int, step: StepResult) -> StepResult:
         return _at_distance(step, 1500.0)
 
@@ -103,21 +102,21 @@ def _at_distance(step: StepResult, distance_mm: float) -> StepResult:
     return replace(step, decision=replace(step.decision, proximity=far))
 
 
-def test_stale_limit_below_the_period_of_the_tracker_is_named(setup, steps) -> None:
+def test_stale_limit_below_the_period_of_the_tracker_is_named(setup, steps):
     found = doubts_of(setup, steps, period_ns=250 * NS_PER_MS)
     assert len(found) == 2
     assert "margins.stale_after_ms: is 200; expected more than 250" in found[0]
     assert doubts_of(setup, steps, period_ns=150 * NS_PER_MS) == ()
 
 
-def test_sensor_on_the_patient_that_never_moves_is_named(setup, steps) -> None:
+def test_sensor_on_the_patient_that_never_moves_is_named(setup, steps):
     (text,) = doubts_of(setup, steps, moves_mm=0.001)
     assert text.startswith("frame 'needle': has not moved by 0.01 mm in 15 s")
     assert doubts_of(setup, steps, moves_mm=0.001, count=150) == ()
 
 
 @pytest.mark.parametrize(("lost", "is_named"), [(5, False), (4, True)])
-def test_share_of_unusable_frames_is_named_with_its_cause(setup, steps, lost, is_named) -> None:
+def test_share_of_unusable_frames_is_named_with_its_cause(setup, steps, lost, is_named):
     def lose(index: int, step: StepResult) -> StepResult:
         if index % lost:
             return step
@@ -133,13 +132,13 @@ def test_share_of_unusable_frames_is_named_with_its_cause(setup, steps, lost, is
         assert Reason.INVALID.text in found[0]
 
 
-def test_shipped_case_has_no_doubts(project_root: Path) -> None:
+def test_shipped_case_has_no_doubts(project_root):
     prepared = prepare_case(project_root / "data/recorded_case", package_dirs=(), tip_only=True)
     run = ReplayRun(prepared, clock_ns=lambda: 0, end_s=30.0)
     assert [*run.steps()] and run.doubts.texts() == ()
 
 
-def test_every_fault_has_advice_of_words() -> None:
+def test_every_fault_has_advice_of_words():
     assert set(ADVICE) == {reason for reason in Reason if reason.is_fault} | {Reason.LATCHED}
     for reason in Reason:
         assert bool(advice_text([reason])) is reason.is_fault

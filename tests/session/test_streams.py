@@ -29,6 +29,8 @@ from app.session import RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, joint_sample
 from tests.oracles.margin_trust import MarginTrustOracle, SentSample
 
+pytestmark = pytest.mark.slow
+
 ROUNDS = int(os.environ.get("MARGINGUARD_TEST_ROUNDS", "1"))
 """Factor on the number of examples, for a long run by hand."""
 

@@ -2,8 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,26 +20,25 @@ from app.geometry import (
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
+from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample
+
+pytestmark = pytest.mark.slow
 
 EXPECTED = TumorMotionParameters(
     swing_mm=5.0, swing_rad=0.01, rate_hz=0.25, jitter_mm=0.1, jitter_rad=0.001
 )
+TOUCH = load_robot(TOUCH_URDF)
+JOINTS = TOUCH.actuated_joint_names
 PACE = 2.0 * math.pi * EXPECTED.rate_hz
 NEEDLE_FROM_TUMOR = Transform(
     "needle", "tumor", [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [3.0, 4.0, 5.0]
 )
 
 
-@cache
-def touch():
-    robots = Path(__file__).resolve().parents[2] / "data" / "robots"
-    return load_robot(robots / "touch" / "touch.urdf")
-
-
 def make_setup(motion: TumorMotionParameters | None) -> SessionSetup:
     registration = given_registration(Transform.identity("reference", "robot_base"))
-    robot = RobotSetup(touch(), "robot_base", "stylus", registration, DriftBound(1e6, 4.0))
+    robot = RobotSetup(TOUCH, "robot_base", "stylus", registration, DriftBound(1e6, 4.0))
     tip = Transform.identity("cautery", "cautery_tip")
     return SessionSetup(tip, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot, motion)
 
@@ -62,7 +59,7 @@ def breath(at_ms: float, rng: np.random.Generator):
 
 def joints(at_ms: float):
     """Joints at rest, so that the tracker is checked."""
-    return (joint_sample(dict.fromkeys(touch().actuated_joint_names, 0.0), at_ms),)
+    return (joint_sample(dict.fromkeys(JOINTS, 0.0), at_ms),)
 
 
 def run(session: Session, start_ms: float, end_ms: float):
@@ -98,6 +95,16 @@ def test_tumour_without_fresh_samples_counts_as_still():
     silent = session.step(frame(2000 + PARAMETERS.stale_after_ns / 1e6))
     assert silent.decision.state is MarginState.UNKNOWN
     assert not silent.decision.constraint.tumor_velocities_mm_s.any()
+    with pytest.raises(InputError, match="tumor_motion is given without a robot"):
+        replace(make_setup(EXPECTED), robot=None)
+
+
+def test_future_and_lost_samples_do_not_disturb_the_filter():
+    session = Session(make_setup(EXPECTED))
+    run(session, 0, 1000)
+    ahead = breath(5000, np.random.default_rng(0))
+    assert session.step(frame(1000, *ahead)).decision.state is MarginState.UNKNOWN
+    assert np.abs(off_mm_s(run(session, 1020, 2000)[10:])).max() < 5.0
 
 
 def test_clock_jump_or_new_shape_resets_the_filter():
@@ -142,19 +149,6 @@ def test_scattered_tumour_samples_count_as_still():
     assert not decision.constraint.tumor_velocities_mm_s.any()
 
 
-def test_future_and_lost_samples_do_not_disturb_the_filter():
-    session = Session(make_setup(EXPECTED))
-    run(session, 0, 1000)
-    ahead = breath(5000, np.random.default_rng(0))
-    assert session.step(frame(1000, *ahead)).decision.state is MarginState.UNKNOWN
-    assert np.abs(off_mm_s(run(session, 1020, 2000)[10:])).max() < 5.0
-
-
-def test_moving_tumour_without_robot_is_rejected():
-    with pytest.raises(InputError, match="tumor_motion is given without a robot"):
-        replace(make_setup(EXPECTED), robot=None)
-
-
 def test_tumour_velocity_is_bounded_by_v_max():
     """The tumour moves at up to 320 mm/s; the margin allows for 50."""
     session, bound = Session(make_setup(EXPECTED)), PARAMETERS.v_max_mm_s
@@ -162,14 +156,8 @@ def test_tumour_velocity_is_bounded_by_v_max():
     for at in range(0, 2000, 20):
         away = -100.0 * max(0.0, (at - 400) / 1000.0) ** 2
         needle = sample("reference", "needle", (away, 0.0, 0.001 * at), at)
-        step = session.step(
-            frame(
-                at,
-                needle,
-                sample("reference", "cautery", (60, 0, 0.001 * at), at),
-                joints=joints(at),
-            )
-        )
+        tool = sample("reference", "cautery", (60, 0, 0.001 * at), at)
+        step = session.step(frame(at, needle, tool, joints=joints(at)))
         constraint = step.decision.constraint
         told.append(float(constraint.normals[0] @ constraint.tumor_velocities_mm_s[0]))
     assert min(told) == pytest.approx(-bound)

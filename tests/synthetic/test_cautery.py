@@ -1,7 +1,11 @@
+"""The mesh of the cautery, and its file."""
+
 import numpy as np
+import pytest
 import trimesh
 
 from app.synthetic import CAUTERY_TIP_FRAME, cautery_mesh
+from app.synthetic.stl import write_stl
 
 
 def test_the_cautery_is_one_closed_surface():
@@ -25,3 +29,21 @@ def test_the_blade_is_flat_and_the_shaft_is_round():
     shaft = vertices[(vertices[:, 2] < -18.0) & (vertices[:, 2] > -62.0)]
     assert np.ptp(blade[:, 0]) > 2.5 * np.ptp(blade[:, 1])
     np.testing.assert_allclose(np.hypot(shaft[:, 0], shaft[:, 1]), 1.4, atol=1e-9)
+
+
+@pytest.fixture
+def written(tmp_path):
+    write_stl(tmp_path / "tool.stl", cautery_mesh())
+    return tmp_path / "tool.stl"
+
+
+def test_trimesh_reads_the_same_surface(written):
+    read, mesh = trimesh.load_mesh(written, process=False), cautery_mesh()
+    np.testing.assert_allclose(read.triangles, mesh.triangles_mm, atol=1e-5)
+    read.merge_vertices()
+    assert read.is_watertight
+    assert read.volume == pytest.approx(mesh.signed_volume_mm3, rel=1e-5)
+
+
+def test_a_triangle_takes_fifty_bytes(written):
+    assert written.stat().st_size == 84 + 50 * len(cautery_mesh().faces)

@@ -10,7 +10,7 @@ from app.synthetic.patient import PatientOptions
 from app.synthetic.script import PLUNGE_FROM_MM, Script
 from app.synthetic.surgeon import SurgeonOptions
 from app.synthetic.tumour import Tumour, icosphere
-from tests.synthetic.test_script import DIRECTION, height_over_floor, pose
+from tests.synthetic.test_motion import DIRECTION, height_over_floor, tip_at
 
 DIRECTIONS, _ = icosphere(3)
 
@@ -69,8 +69,8 @@ def test_expert_enters_less_often_than_a_novice_and_works_faster():
 
 
 def test_entry_with_the_fixture_rests_before_the_surface():
-    halted = Script(pose(0.0, 0.0, 40.0), height_over_floor)
-    halted.halt(pose(1.0, 2.0, 4.0), DIRECTION, distance_mm=2.2, hold_s=0.3, speed_mm_s=45.0)
+    halted = Script(tip_at(0.0, 0.0, 40.0), height_over_floor)
+    halted.halt(tip_at(1.0, 2.0, 4.0), DIRECTION, distance_mm=2.2, hold_s=0.3, speed_mm_s=45.0)
     path = halted.path
     times = np.linspace(0.0, path.end_s, 4001)
     heights = np.array([height_over_floor(path.at(t)) for t in times.tolist()])

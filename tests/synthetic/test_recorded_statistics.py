@@ -11,6 +11,8 @@ from tests.synthetic.recorded_statistics import (
     recorded,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def stylus():

@@ -7,8 +7,9 @@ from app.geometry import NS_PER_S, TrackingStatus
 from app.synthetic import Recording, SimulatedTracker, cautery_mesh, find_breaches
 from app.synthetic.clearance import dense_surface
 from app.synthetic.presets import WHITE
-from app.synthetic.simulation import CAUTERY_FROM_TIP, TRACKED_FRAMES
+from app.synthetic.simulation import CAUTERY_FROM_TIP, HANDLE_END_MM, TRACKED_FRAMES
 from tests.oracles.winding_number import any_point_inside
+from tests.synthetic.test_motion import assert_same
 
 
 @pytest.fixture(scope="module")
@@ -180,3 +181,19 @@ def test_dropouts_lose_exactly_their_samples(frames, simulation):
         not_ok = {s.source for s in frame.poses if s.status is TrackingStatus.INVALID}
         assert not_ok == invalid
         assert all(s.stamp == frame.stamp for s in frame.poses)
+
+
+def test_poses_of_a_simulation_at_many_times_are_those_at_each(simulation):
+    times_s = np.concatenate([[-1.0, 0.0], np.linspace(0.3, simulation.duration_s + 1.0, 60)])
+    single = times_s.tolist()
+    tips = [simulation.tumor_from_tip(time_s) for time_s in single]
+    assert_same(simulation.tumor_from_tips(times_s), tips)
+    poses, metal_mm = simulation.tracked(times_s)
+    for name, tracked in zip(TRACKED_FRAMES, poses, strict=True):
+        assert_same(tracked, [simulation.tracker_from(name, time_s) for time_s in single])
+    ends = np.array([[0.0, 0.0, -HANDLE_END_MM]])
+    for (start_mm, end_mm), time_s in zip(metal_mm, single, strict=True):
+        base = simulation.tracker_from_base
+        np.testing.assert_allclose(start_mm, base.translation_mm)
+        tracker_from_tip = base @ simulation.base_from_tip(time_s)
+        np.testing.assert_allclose(end_mm, tracker_from_tip.apply(ends)[0])

@@ -1,11 +1,11 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from app.case import open_case
 from app.geometry import InputError, MarginGuardError
 from app.synthetic import simulate_case, simulate_unrecorded_case
-from app.synthetic.case_options import CaseOptions
-from app.synthetic.presets import PRESETS
 from app.synthetic.simulation import CAUTERY_FROM_TIP, NEEDLE_FROM_TUMOR
 
 FILES = {"case.yaml", "tracking.mcap", "tumor.stl", "cautery.stl", "expected.yaml", "README.md"}
@@ -23,10 +23,24 @@ def case(folder):
     return open_case(folder)
 
 
-def test_the_same_seed_writes_the_same_bytes(folder, tmp_path, gantry):
-    simulate_case(tmp_path / "again", seed=1, arm=gantry)
-    for name in FILES:
-        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+def check_unrecorded(written: Path, kept: Path, **options: object) -> None:
+    """A case without its recording has the frames and the other files of ``written``."""
+    frames = simulate_unrecorded_case(kept, **options)
+    assert {path.name for path in kept.iterdir()} == FILES - {"tracking.mcap"}
+    read, other = open_case(written), open_case(kept, frames=frames)
+    assert list(map(content, other.recorded_frames())) == list(map(content, read.recorded_frames()))
+    assert sum(sample.transform is None for frame in frames for sample in frame.poses) > 10
+    for name in FILES - {"tracking.mcap", "case.yaml"}:
+        assert (kept / name).read_bytes() == (written / name).read_bytes(), name
+    with pytest.raises(InputError, match="opened with frames"):
+        other.with_joint_offset(0)
+
+
+def test_same_seed_gives_an_unrecorded_case_the_frames_that_are_read_of_a_recording(
+    folder, tmp_path, gantry
+):
+    """Equal frames have equal bytes: `tests/case/recorder`."""
+    check_unrecorded(folder, tmp_path / "kept", seed=1, arm=gantry)
 
 
 def test_the_folder_holds_its_files_and_is_small(folder):
@@ -45,24 +59,6 @@ def test_the_reader_reads_what_was_simulated(case):
     tumor = case.tumor_mesh().require_closed("tumor.stl")
     assert len(tumor.faces) >= 20_000
     case.tool_mesh().require_closed("cautery.stl")
-
-
-@pytest.mark.parametrize("tracker", PRESETS)
-def test_frames_of_an_unrecorded_case_are_those_that_are_read_of_its_recording(
-    tracker, tmp_path, gantry
-):
-    options = CaseOptions.of_tracker(tracker).with_values({"duration_s": 50.0})
-    simulate_case(tmp_path / "written", seed=2, arm=gantry, options=options)
-    frames = simulate_unrecorded_case(tmp_path / "kept", seed=2, arm=gantry, options=options)
-    assert {path.name for path in (tmp_path / "kept").iterdir()} == FILES - {"tracking.mcap"}
-    read, kept = open_case(tmp_path / "written"), open_case(tmp_path / "kept", frames=frames)
-    assert list(map(content, kept.recorded_frames())) == list(map(content, read.recorded_frames()))
-    assert sum(sample.transform is None for frame in frames for sample in frame.poses) > 10
-    for name in FILES - {"tracking.mcap", "case.yaml"}:
-        same = (tmp_path / "kept" / name).read_bytes() == (tmp_path / "written" / name).read_bytes()
-        assert same, name
-    with pytest.raises(InputError, match="opened with frames"):
-        kept.with_joint_offset(0)
 
 
 def content(frame):

@@ -103,26 +103,19 @@ def test_intervals_are_divided_by_the_rate():
     assert found == [(0, [0, 0], []), (5, [], [5 - OFFSET_MS]), (10, [10, 10], [])]
 
 
-def test_stamps_increase_across_the_seams_of_a_loop():
-    frames = [frame(100), frame(120), frame(140)]
-    found = played(*make(frames, loop=True, pause_ns=1000 * MS), count=7)
-    assert [at for at, _, _ in found] == [0, 20, 40, 1040, 1060, 1080, 2080]
-    assert [poses[0] for _, poses, _ in found] == [at for at, _, _ in found]
-
-
-def test_pause_between_passes_lasts_as_long_at_every_rate():
-    found = played(*make([frame(0), frame(20)], loop=True, rate=4.0, pause_ns=1000 * MS), count=3)
-    assert [at for at, _, _ in found] == [0, 5, 1005]
-
-
-def test_every_pass_begins_at_the_start():
-    frames = [frame(100), frame(120), frame(140)]
-    found = played(*make(frames, loop=True, start_s=0.03, pause_ns=500 * MS), count=3)
-    assert [(at, poses) for at, poses, _ in found] == [
-        (0, [0, 0]),
-        (500, [500, 500]),
-        (1000, [1000, 1000]),
-    ]
+@pytest.mark.parametrize(
+    ("stamps", "options", "times"),
+    [
+        ((100, 120, 140), {}, [0, 20, 40, 1040, 1060, 1080, 2080]),
+        ((0, 20), {"rate": 4.0}, [0, 5, 1005]),
+        ((100, 120, 140), {"start_s": 0.03}, [0, 1000, 2000]),
+    ],
+    ids=["seams of a loop", "the pause has no rate", "each pass begins at the start"],
+)
+def test_stamps_increase_across_the_pause_between_passes(stamps, options, times):
+    playback, time = make([frame(ms) for ms in stamps], loop=True, pause_ns=1000 * MS, **options)
+    found = played(playback, time, count=len(times))
+    assert [(at, poses) for at, poses, _ in found] == [(at, [at, at]) for at in times]
 
 
 def test_late_joint_sample_is_played_at_once_and_delays_nothing():
@@ -135,16 +128,13 @@ def test_late_joint_sample_is_played_at_once_and_delays_nothing():
     ]
 
 
-def test_start_after_the_end_is_refused():
+def test_start_after_the_end_and_values_out_of_range_are_refused():
     playback, _ = make([frame(100), frame(120)], start_s=0.1, loop=True)
     with pytest.raises(InputError, match=r"start of a playback is 0\.1 s; expected"):
         list(playback.play())
-
-
-@pytest.mark.parametrize("given", [{"rate": 0.0}, {"start_s": -1.0}, {"start_s": float("nan")}])
-def test_rate_and_start_out_of_range_are_refused(given):
-    with pytest.raises(InputError):
-        make([frame(100)], **given)
+    for options in ({"rate": 0.0}, {"start_s": -1.0}, {"start_s": float("nan")}):
+        with pytest.raises(InputError):
+            make([frame(100)], **options)
 
 
 def test_stop_ends_the_playback_while_it_waits():
@@ -159,10 +149,7 @@ def test_stop_ends_the_playback_while_it_waits():
     assert len(list(playback.play())) == 1
 
 
-@given(
-    st.lists(st.integers(1, 300), min_size=1, max_size=20),
-    st.sampled_from([0.5, 1.0, 3.0]),
-)
+@given(st.lists(st.integers(1, 300), min_size=1, max_size=20), st.sampled_from([0.5, 1.0, 3.0]))
 def test_no_stamp_is_repeated_or_from_the_future(intervals_ms, rate):
     stamps = [sum(intervals_ms[:index]) for index in range(len(intervals_ms))]
     playback, time = make([frame(ms) for ms in stamps], loop=True, rate=rate)

@@ -2,6 +2,7 @@
 
 import gzip
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ CALIBRATION = np.array(
     ]
 )
 """ImageToProbe, (3, 4): pixels of 0.085 x 0.079 mm, axes 3 degrees from a right angle."""
+PROBE_FROM_IMAGE = np.vstack([CALIBRATION, (0, 0, 0, 1)])
+"""The same matrix as (4, 4)."""
 
 
 def some_pixels(
@@ -48,6 +51,25 @@ def frame_fields(
         found[f"Seq_Frame{n:04d}_Timestamp"] = f"{start_s + period_s * n:.6f}"
         found[f"Seq_Frame{n:04d}_ImageStatus"] = "OK"
     return dict(sorted({**found, **changes}.items(), key=lambda item: item[0][:13]))
+
+
+def with_probe(
+    recording: str, poses: Iterable[NDArray[Any]], *, lost: int = -1, invalid: int = -1
+) -> dict[str, str]:
+    """Fields of ``recording`` with a pose of the probe and an image in each frame.
+
+    The probe is out of view in the frame ``lost``, and the image ``invalid`` is marked so.
+    """
+    lines = (line.partition(" = ") for line in recording.splitlines())
+    fields = {key: value for key, _, value in lines if key.startswith("Seq_")}
+    for index, pose in enumerate(poses):
+        frame = f"Seq_Frame{index:04}_"
+        numbers = " ".join(f"{value:.9g}" for value in pose.ravel())
+        fields[f"{frame}ProbeToTrackerTransform"] = numbers
+        status = "OUT_OF_VIEW" if index == lost else "OK"
+        fields[f"{frame}ProbeToTrackerTransformStatus"] = status
+        fields[f"{frame}ImageStatus"] = "INVALID" if index == invalid else "OK"
+    return dict(sorted(fields.items(), key=lambda item: item[0][:13]))
 
 
 _MET = {"uint8": "MET_UCHAR", "int8": "MET_CHAR", "uint16": "MET_USHORT", "int16": "MET_SHORT"}

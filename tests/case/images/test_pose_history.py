@@ -23,7 +23,7 @@ def at(history: PoseHistory, ms: float, target: str = "tracker"):
     return history.matrix(round(ms * NS_PER_MS), target, "probe")
 
 
-def test_pose_between_two_samples_is_interpolated() -> None:
+def test_pose_between_two_samples_is_interpolated():
     history = PoseHistory(GAP_NS)
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     end = Transform("tracker", "probe", quarter, np.array([10.0, 0.0, 0.0]))
@@ -34,7 +34,7 @@ def test_pose_between_two_samples_is_interpolated() -> None:
     np.testing.assert_array_equal(at(history, 1040), end.matrix)
 
 
-def test_path_through_the_tracker_uses_each_edge_at_the_stamp() -> None:
+def test_path_through_the_tracker_uses_each_edge_at_the_stamp():
     history = PoseHistory(GAP_NS)
     history.add([sample(1000, 0.0), sample(1050, 50.0)])
     history.add([sample(990, 3.0, source="reference"), sample(1030, 7.0, source="reference")])
@@ -62,19 +62,19 @@ def test_path_through_the_tracker_uses_each_edge_at_the_stamp() -> None:
         ([sample(1000, 0), sample(1000, 1)], 1000, "tracker -> probe is INVALID"),
     ],
 )
-def test_pose_that_is_not_known_has_a_reason(samples, at_ms: float, problem: str) -> None:
+def test_pose_that_is_not_known_has_a_reason(samples, at_ms, problem):
     history = PoseHistory(GAP_NS)
     history.add(samples)
     assert at(history, at_ms) == problem
 
 
-def test_samples_that_come_late_are_put_in_order() -> None:
+def test_samples_that_come_late_are_put_in_order():
     history = PoseHistory(GAP_NS)
     history.add([sample(1040, 40.0), sample(1000, 0.0), sample(1020, 20.0)])
     np.testing.assert_allclose(at(history, 1010)[:3, 3], [10.0, 0, 0], rtol=0, atol=1e-9)
 
 
-def test_old_samples_are_dropped_and_a_clock_that_was_set_back_starts_anew() -> None:
+def test_old_samples_are_dropped_and_a_clock_that_was_set_back_starts_anew():
     history = PoseHistory(GAP_NS, keep_ns=1000 * NS_PER_MS)
     history.add([sample(10_000 + 20 * index, index) for index in range(1000)])
     assert at(history, 10_010) == "no pose of tracker -> probe before the image"

@@ -7,7 +7,7 @@ import pytest
 
 from app.case import ImageSequence, read_image_calibration
 from app.geometry import ImageCalibration, InputError
-from tests.case.images.sequences import CALIBRATION, frame_fields, some_pixels, write_metafile
+from tests.case.images.sequences import PROBE_FROM_IMAGE, frame_fields, some_pixels, write_metafile
 
 
 def refused(path: Path, orientation: str | None = None) -> str:
@@ -21,48 +21,41 @@ def refused(path: Path, orientation: str | None = None) -> str:
     return text
 
 
-@pytest.mark.parametrize("change", [-1, 1])
-def test_raw_file_that_is_cut_or_too_long(tmp_path: Path, change: int) -> None:
-    path = write_metafile(tmp_path / "x.igs.mhd", some_pixels())
-    raw = tmp_path / "x.raw"
-    raw.write_bytes((raw.read_bytes() + b"\0")[: 210 + change])
-    assert f"x.raw has {210 + change} bytes of pixels; expected 210: 5 images of 7 x 6" in refused(
-        path
-    )
+def replaced(old: bytes, new: bytes):
+    return lambda path: path.write_bytes(path.read_bytes().replace(old, new))
 
 
-def test_raw_file_that_is_missing(tmp_path: Path) -> None:
-    path = write_metafile(tmp_path / "x.igs.mhd", some_pixels())
-    (tmp_path / "x.raw").unlink()
-    assert "no such file" in refused(path)
-
-
-def test_raw_file_outside_the_folder(tmp_path: Path) -> None:
-    path = write_metafile(tmp_path / "x.igs.mhd", some_pixels())
-    path.write_bytes(path.read_bytes().replace(b"= x.raw", b"= ../x.raw"))
-    assert "expected a relative path without '..'" in refused(path)
-
-
-def test_compressed_pixels_that_are_cut(tmp_path: Path) -> None:
-    path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), compressed=True)
-    path.write_bytes(path.read_bytes()[:-20])
-    assert "is cut" in refused(path)
-
-
-def test_compressed_pixels_that_are_damaged(tmp_path: Path) -> None:
-    path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), compressed=True)
+def damaged(path: Path) -> None:
     content = bytearray(path.read_bytes())
     begin = content.index(b"ElementDataFile = LOCAL\n") + 24
     content[begin + 2 :] = b"\xff" * len(content[begin + 2 :])
     path.write_bytes(content)
-    assert "cut or damaged at image 0" in refused(path)
 
 
-def test_images_of_which_the_header_declares_more(tmp_path: Path) -> None:
-    """As where images change their size: the pixels are not those of the declared size."""
-    header = {"DimSize": "7 6 50000"}
-    path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), compressed=True, header=header)
-    assert "cannot hold 50000 images of 7 x 6" in refused(path)
+@pytest.mark.parametrize(
+    ("name", "edit", "expected"),
+    [
+        ("x.raw", lambda path: path.write_bytes(path.read_bytes()[:-1]),
+         "x.raw has 209 bytes of pixels; expected 210: 5 images of 7 x 6"),
+        ("x.raw", lambda path: path.write_bytes(path.read_bytes() + b"\0"),
+         "x.raw has 211 bytes of pixels; expected 210: 5 images of 7 x 6"),
+        ("x.raw", Path.unlink, "no such file"),
+        ("x.igs.mhd", replaced(b"= x.raw", b"= ../x.raw"), "a relative path without '..'"),
+        ("x.igs.mhd", replaced(b"= x.raw", b"= x%04d.raw 1 5 1"),
+         "its images are in several files (x%04d.raw 1 5 1); expected one"),
+        ("x.igs.mha", lambda path: path.write_bytes(path.read_bytes()[:-20]), "is cut"),
+        ("x.igs.mha", damaged, "cut or damaged at image 0"),
+        # As where images change their size: the pixels are not those of the declared size.
+        ("x.igs.mha", replaced(b"DimSize = 7 6 5\n", b"DimSize = 7 6 50000\n"),
+         "cannot hold 50000 images of 7 x 6"),
+    ],
+)  # fmt: skip
+def test_pixels_that_are_cut_damaged_or_elsewhere(tmp_path, name, edit, expected):
+    compressed = name == "x.igs.mha"
+    path = tmp_path / (name if compressed else "x.igs.mhd")
+    write_metafile(path, some_pixels(), compressed=compressed)
+    edit(tmp_path / name)
+    assert expected in refused(path)
 
 
 @pytest.mark.parametrize(
@@ -83,9 +76,7 @@ def test_images_of_which_the_header_declares_more(tmp_path: Path) -> None:
         ({"CompressedData": "maybe"}, "compresseddata is 'maybe'; expected True or False"),
     ],
 )
-def test_header_of_images_that_are_not_read(
-    tmp_path: Path, header: dict[str, str], expected: str
-) -> None:
+def test_header_of_images_that_are_not_read(tmp_path, header, expected):
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), header=header)
     if expected:
         assert expected in refused(path)
@@ -94,20 +85,14 @@ def test_header_of_images_that_are_not_read(
             assert len(list(sequence)) == 5
 
 
-def test_images_in_several_files(tmp_path: Path) -> None:
-    path = write_metafile(tmp_path / "x.igs.mhd", some_pixels())
-    path.write_bytes(path.read_bytes().replace(b"= x.raw", b"= x%04d.raw 1 5 1"))
-    assert "its images are in several files (x%04d.raw 1 5 1); expected one" in refused(path)
-
-
-def test_orientation_that_is_missing_or_contradicts(tmp_path: Path) -> None:
+def test_orientation_that_is_missing_or_contradicts(tmp_path):
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), orientation=None)
     assert "lacks UltrasoundImageOrientation" in refused(path)
     path = write_metafile(tmp_path / "y.igs.mha", some_pixels(), orientation="UF")
     assert "is UF; expected no other (MF)" in refused(path, "MF")
 
 
-def test_two_transforms_that_contradict_give_no_place(tmp_path: Path) -> None:
+def test_two_transforms_that_contradict_give_no_place(tmp_path):
     known = frame_fields(5)
     fields = frame_fields(
         5,
@@ -119,14 +104,14 @@ def test_two_transforms_that_contradict_give_no_place(tmp_path: Path) -> None:
         },
     )
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), fields=fields)
-    calibration = ImageCalibration("probe", np.vstack([CALIBRATION, (0, 0, 0, 1)]))
+    calibration = ImageCalibration("probe", PROBE_FROM_IMAGE)
     with ImageSequence(path) as sequence:
         problems = [sequence.pose(n, calibration, "reference").problem for n in (1, 2)]
     assert problems == ["", "image 2: tracker -> probe is INVALID"]
 
 
-def test_calibration_is_read_from_a_configuration_and_from_transform_files(tmp_path: Path) -> None:
-    matrix = np.vstack([CALIBRATION, (0, 0, 0, 1)])
+def test_calibration_is_read_from_a_configuration_and_from_transform_files(tmp_path):
+    matrix = PROBE_FROM_IMAGE.copy()
     numbers = " ".join(map(str, matrix.ravel()))
     files = {
         "plus.xml": '<PlusConfiguration version="2.1"><CoordinateDefinitions><Transform '
@@ -152,8 +137,8 @@ def test_calibration_is_read_from_a_configuration_and_from_transform_files(tmp_p
         ((np.nan, 0, 0), "expected 16 finite numbers"),
     ],
 )
-def test_matrix_that_is_no_calibration(column: tuple[float, ...], expected: str) -> None:
-    matrix = np.vstack([CALIBRATION, (0, 0, 0, 1)])
+def test_matrix_that_is_no_calibration(column, expected):
+    matrix = PROBE_FROM_IMAGE.copy()
     matrix[:3, 0] = column
     matrix[:3, 1] = (0.08, 0.001, 0)
     with pytest.raises(InputError, match=expected):

@@ -1,6 +1,5 @@
 """Images of sequences as SimpleITK and pynrrd decode them, and their corners by plain matrices."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import nrrd
@@ -13,13 +12,14 @@ from app.case import ImageSequence, read_image_calibration
 from app.case.images.orientation import ORIENTATIONS
 from app.geometry import ImageCalibration, ImageStatus, image_corners
 from tests.case.images.sequences import (
-    CALIBRATION,
+    PROBE_FROM_IMAGE,
     frame_fields,
     some_pixels,
     write_metafile,
     write_nrrd,
 )
 
+PROBE = ImageCalibration("probe", PROBE_FROM_IMAGE)
 PLUS_CONFIG = "PlusDeviceSet_SpinePhantomFreehandReconstructionOnly.xml"
 
 
@@ -43,9 +43,7 @@ def assert_decoded(path: Path, expected: NDArray[np.generic]) -> None:
             np.testing.assert_array_equal(sequence.image(number).pixels, expected[number])
 
 
-def assert_corners(
-    path: Path, header: dict[str, str], matrix: NDArray[np.float64], calibration: ImageCalibration
-) -> None:
+def assert_corners(path, header, matrix, calibration):
     """Corners in ``reference`` against a product of the printed matrices, solved by NumPy."""
     with ImageSequence(path) as sequence:
         right, below = sequence.size[0] - 1, sequence.size[1] - 1
@@ -73,8 +71,8 @@ def assert_corners(
     ("kind", "channels"), [("uint8", 1), ("uint16", 1), ("int16", 1), ("uint8", 3)]
 )
 def test_metafile_has_the_pixels_that_simple_itk_decodes(
-    tmp_path: Path, ending: str, compressed: bool, big_endian: bool, kind: str, channels: int
-) -> None:
+    tmp_path, ending, compressed, big_endian, kind, channels
+):
     path = write_metafile(
         tmp_path / f"probe{ending}",
         some_pixels(kind=kind, channels=channels),
@@ -88,16 +86,14 @@ def test_metafile_has_the_pixels_that_simple_itk_decodes(
 
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize(("kind", "channels"), [("uint8", 1), ("int16", 1), ("uint8", 3)])
-def test_nrrd_has_the_pixels_that_pynrrd_decodes(
-    tmp_path: Path, compressed: bool, kind: str, channels: int
-) -> None:
+def test_nrrd_has_the_pixels_that_pynrrd_decodes(tmp_path, compressed, kind, channels):
     path = write_nrrd(
         tmp_path / "x.igs.nrrd", some_pixels(kind=kind, channels=channels), compressed=compressed
     )
     assert_decoded(path, nrrd.read(str(path), index_order="C")[0])
 
 
-def test_many_compressed_images_are_read_in_any_order(tmp_path: Path) -> None:
+def test_many_compressed_images_are_read_in_any_order(tmp_path):
     pixels = some_pixels(count=300, rows=40, columns=50)
     path = write_metafile(tmp_path / "x.igs.mha", pixels, compressed=True)
     order = np.random.default_rng(1).permutation(300)[:60]
@@ -107,8 +103,8 @@ def test_many_compressed_images_are_read_in_any_order(tmp_path: Path) -> None:
 
 
 def test_spine_phantom_has_the_pixels_and_corners_of_independent_programs(
-    real_recording: Callable[[str], Path], shared_data: Path
-) -> None:
+    real_recording, shared_data
+):
     path = real_recording("SpinePhantomFreehand")
     pixels, header = by_simple_itk(path)
     assert pixels.shape == (21, 616, 820)
@@ -119,36 +115,30 @@ def test_spine_phantom_has_the_pixels_and_corners_of_independent_programs(
     assert_corners(path, header, matrix, read_image_calibration(config, "probe"))
 
 
-def test_generated_sequence_has_the_pixels_and_corners_of_independent_programs(
-    tmp_path: Path,
-) -> None:
+def test_generated_sequence_has_the_pixels_and_corners_of_independent_programs(tmp_path):
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), compressed=True)
     pixels, header = by_simple_itk(path)
     assert_decoded(path, pixels)
-    matrix = np.vstack([CALIBRATION, (0, 0, 0, 1)])
-    assert_corners(path, header, matrix, ImageCalibration("probe", matrix))
+    assert_corners(path, header, PROBE_FROM_IMAGE, PROBE)
 
 
 @pytest.mark.parametrize(
     ("name", "shape", "kind"),
     [("NrrdSample", (256, 256), "int16"), ("ColorNrrdSample", (648, 1152, 3), "uint8")],
 )
-def test_samples_of_plus_have_the_pixels_that_pynrrd_decodes(
-    shared_data: Path, name: str, shape: tuple[int, ...], kind: str
-) -> None:
+def test_samples_of_plus_have_the_pixels_that_pynrrd_decodes(shared_data, name, shape, kind):
     path = shared_data / "plus" / f"{name}.igs.nrrd"
     expected = nrrd.read(str(path), index_order="C")[0]
     assert (expected.shape, expected.dtype.name) == (shape, kind)
     assert_decoded(path, expected[None])
     with ImageSequence(path) as sequence:
         assert sequence.image(0).stamp is None
-        calibration = ImageCalibration("probe", np.vstack([CALIBRATION, (0, 0, 0, 1)]))
-        pose = sequence.pose(0, calibration, "reference")
+        pose = sequence.pose(0, PROBE, "reference")
         assert (pose.matrix, pose.problem) == (None, "image 0 has no Timestamp")
 
 
 @pytest.mark.parametrize("letters", [*ORIENTATIONS, "MFA", "UFD"])
-def test_orientation_is_normalised_to_marked_and_far(tmp_path: Path, letters: str) -> None:
+def test_orientation_is_normalised_to_marked_and_far(tmp_path, letters):
     """Each pixel of a stored image holds its coordinate along the marked and the far direction."""
     columns, rows = 7, 6  # of the image in MF
     far, marked = np.mgrid[:rows, :columns].astype(np.uint8)
@@ -164,31 +154,29 @@ def test_orientation_is_normalised_to_marked_and_far(tmp_path: Path, letters: st
         np.testing.assert_array_equal(sequence.image(0).pixels, standard)
 
 
-def test_orientation_that_the_file_lacks_is_given(tmp_path: Path) -> None:
+def test_orientation_that_the_file_lacks_is_given(tmp_path):
     pixels = some_pixels(1)
     path = write_metafile(tmp_path / "x.igs.mha", pixels, orientation=None)
     with ImageSequence(path, "UF") as sequence:
         np.testing.assert_array_equal(sequence.image(0).pixels, pixels[0, :, ::-1])
 
 
-def test_invalid_image_has_no_pixels_and_no_place(tmp_path: Path) -> None:
+def test_invalid_image_has_no_pixels_and_no_place(tmp_path):
     fields = frame_fields(5, Seq_Frame0002_ImageStatus="INVALID")
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), fields=fields)
-    calibration = ImageCalibration("probe", np.vstack([CALIBRATION, (0, 0, 0, 1)]))
     with ImageSequence(path) as sequence:
         image = sequence.image(2)
         assert (image.status, image.pixels) == (ImageStatus.INVALID, None)
-        assert sequence.pose(2, calibration, "reference").problem == "image 2 has status INVALID"
+        assert sequence.pose(2, PROBE, "reference").problem == "image 2 has status INVALID"
         assert sequence.image(3).status is ImageStatus.OK
 
 
-def test_image_without_its_pose_has_no_place(tmp_path: Path) -> None:
+def test_image_without_its_pose_has_no_place(tmp_path):
     fields = frame_fields(5, Seq_Frame0001_ProbeToTrackerTransformStatus="OUT_OF_VIEW")
     del fields["Seq_Frame0003_ReferenceToTrackerTransform"]
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(), fields=fields)
-    calibration = ImageCalibration("probe", np.vstack([CALIBRATION, (0, 0, 0, 1)]))
     with ImageSequence(path) as sequence:
-        problems = [sequence.pose(n, calibration, "reference").problem for n in range(5)]
+        problems = [sequence.pose(n, PROBE, "reference").problem for n in range(5)]
     assert problems == [
         "",
         "image 1: tracker -> probe is OUT_OF_VIEW",
@@ -198,7 +186,7 @@ def test_image_without_its_pose_has_no_place(tmp_path: Path) -> None:
     ]
 
 
-def test_poses_without_images_are_counted(tmp_path: Path) -> None:
+def test_poses_without_images_are_counted(tmp_path):
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(3), fields=frame_fields(5))
     with ImageSequence(path) as sequence:
         assert (len(sequence), sequence.header.spare) == (3, 2)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.case.images.sequences import some_pixels, write_metafile
+from tests.case.images.sequences import some_pixels, with_probe, write_metafile
 from tests.cli.small_case import FRAMES, recording, write_small_case
 
 COLUMNS, ROWS = 40, 30
@@ -27,19 +27,7 @@ def write_ultrasound_case(folder: Path, **changes: Any) -> Path:
     write_small_case(folder, lambda manifest: manifest.update(images=images))
     numbers = np.vstack([PROBE_FROM_IMAGE, (0, 0, 0, 1)]).ravel()
     (folder / "image_to_probe.txt").write_text(" ".join(f"{value:g}" for value in numbers))
-    fields = {}
-    for line in recording().splitlines():
-        key, _, value = line.partition(" = ")
-        if key.startswith("Seq_"):
-            fields[key] = value
-    identity = " ".join(f"{value:g}" for value in np.eye(4).ravel())
-    for index in range(FRAMES):
-        frame = f"Seq_Frame{index:04}_"
-        fields[f"{frame}ProbeToTrackerTransform"] = identity
-        status = "OUT_OF_VIEW" if index == LOST else "OK"
-        fields[f"{frame}ProbeToTrackerTransformStatus"] = status
-        fields[f"{frame}ImageStatus"] = "INVALID" if index == INVALID else "OK"
-    ordered = dict(sorted(fields.items(), key=lambda item: item[0][:13]))
+    fields = with_probe(recording(), [np.eye(4)] * FRAMES, lost=LOST, invalid=INVALID)
     pixels = some_pixels(FRAMES, ROWS, COLUMNS)
-    write_metafile(folder / "tracking.igs.mha", pixels, compressed=True, fields=ordered)
+    write_metafile(folder / "tracking.igs.mha", pixels, compressed=True, fields=fields)
     return folder

@@ -11,6 +11,7 @@ from app.case.messages.image_message import IMAGE
 from app.case.messages.ros_messages import ros_types
 from app.geometry import InputError, Stamp
 from tests.case.images.sequences import some_pixels
+from tests.refusals import refused
 
 STAMP = (1_700_000_000, 123_456_789)
 
@@ -43,9 +44,7 @@ def encoded(content: Any, *, little_endian: bool = True) -> bytes:
     ("encoding", "kind", "channels"),
     [("mono8", "uint8", 1), ("mono16", "uint16", 1), ("rgb8", "uint8", 3)],
 )
-def test_image_of_rosbags_is_read(
-    encoding: str, kind: str, channels: int, little_endian: bool
-) -> None:
+def test_image_of_rosbags_is_read(encoding, kind, channels, little_endian):
     pixels = some_pixels(1, 5, 7, kind, channels)[0]
     data = encoded(message(pixels, encoding), little_endian=little_endian)
     found = read_image_message(data, 3)
@@ -54,7 +53,7 @@ def test_image_of_rosbags_is_read(
     np.testing.assert_array_equal(found.pixels, pixels)
 
 
-def test_big_endian_values_are_read() -> None:
+def test_big_endian_values_are_read():
     pixels = some_pixels(1, 4, 6, "uint16")[0]
     rows = pixels.astype(">u2").view(np.uint8)
     content = message(pixels, "mono16", is_bigendian=1, step=12, data=rows.ravel())
@@ -76,24 +75,20 @@ GREY = some_pixels(1, 5, 7)[0]
         ({"data": np.zeros(0, np.uint8)}, "0 bytes of pixels"),
     ],
 )
-def test_message_that_is_no_image_is_refused_by_one_line(
-    changes: dict[str, Any], expected: str
-) -> None:
+def test_message_that_is_no_image_is_refused_by_one_line(changes, expected):
     encoding = changes.pop("encoding", "mono8")
-    with pytest.raises(InputError) as caught:
+    with refused(text=expected):
         read_image_message(encoded(message(GREY, encoding, **changes)), 0)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
-def test_stamp_of_zero_is_refused() -> None:
+def test_stamp_of_zero_is_refused():
     data = bytearray(encoded(message(GREY, "mono8")))
     data[4:12] = struct.pack("<iI", 0, 0)
     with pytest.raises(InputError, match="stamp 0 s 0 ns; expected a time"):
         read_image_message(bytes(data), 0)
 
 
-def test_each_cut_of_a_message_is_refused() -> None:
+def test_each_cut_of_a_message_is_refused():
     data = encoded(message(GREY, "mono8"))
     for size in range(len(data)):
         with pytest.raises(InputError):

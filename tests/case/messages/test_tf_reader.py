@@ -1,12 +1,14 @@
-"""Compares the reader of tf messages, which caches layouts, with a parser without a cache."""
+"""The reader of tf messages and its cache of layouts, compared with a parser without a cache."""
 
 import struct
+import tracemalloc
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.case.messages.cdr_layout import Known, LayoutReader, Walk
 from app.case.messages.cdr_reader import tf_reader
 from app.case.messages.ros_messages import TF_MESSAGE, ros_types
 from tests.oracles.tf_cdr import TfFields, tf_fields
@@ -49,10 +51,10 @@ def read(reader: Any, data: bytes) -> list[TfFields]:
     return [TfFields(*values[:5]) for values in reader(data)]
 
 
-def test_messages_of_both_byte_orders_are_read_with_one_reader() -> None:
+def compare_messages(count: int) -> None:
     reader = tf_reader()
 
-    @settings(max_examples=200)
+    @settings(max_examples=count)
     @given(samples=st.lists(transforms, max_size=4), little_endian=st.booleans())
     def compare(samples: list[Any], little_endian: bool) -> None:
         data = cdr(samples, little_endian=little_endian)
@@ -61,28 +63,37 @@ def test_messages_of_both_byte_orders_are_read_with_one_reader() -> None:
     compare()
 
 
-@settings(max_examples=200)
-@given(
-    samples=st.lists(transforms, min_size=1, max_size=3),
-    noise=st.binary(min_size=1, max_size=4),
-    at=st.floats(0.0, 1.0),
-)
-def test_changed_bytes_are_read_as_by_the_oracle_or_refused(
-    samples: list[Any], noise: bytes, at: float
-) -> None:
-    data = bytearray(cdr(samples))
-    start = round(at * (len(data) - 1))
-    data[start : start + len(noise)] = noise[: len(data) - start]
-    reader = tf_reader()
-    for _ in ("before the layout is known", "after"):
-        try:
-            found = read(reader, bytes(data))
-        except ValueError:
-            with pytest.raises((ValueError, KeyError, struct.error)):
-                tf_fields(bytes(data))
-        else:
-            assert repr(found) == repr(tf_fields(bytes(data)))
-        assert read(reader, cdr(samples)) == tf_fields(cdr(samples))
+def compare_changed_messages(count):
+    @settings(max_examples=count)
+    @given(
+        samples=st.lists(transforms, min_size=1, max_size=3),
+        noise=st.binary(min_size=1, max_size=4),
+        at=st.floats(0.0, 1.0),
+    )
+    def compare(samples: list[Any], noise: bytes, at: float) -> None:
+        data = bytearray(cdr(samples))
+        start = round(at * (len(data) - 1))
+        data[start : start + len(noise)] = noise[: len(data) - start]
+        reader = tf_reader()
+        for _ in ("before the layout is known", "after"):
+            try:
+                found = read(reader, bytes(data))
+            except ValueError:
+                with pytest.raises((ValueError, KeyError, struct.error)):
+                    tf_fields(bytes(data))
+            else:
+                assert repr(found) == repr(tf_fields(bytes(data)))
+            assert read(reader, cdr(samples)) == tf_fields(cdr(samples))
+
+    compare()
+
+
+def test_messages_of_both_byte_orders_are_read_with_one_reader():
+    compare_messages(50)
+
+
+def test_changed_bytes_are_read_as_by_the_oracle_or_refused():
+    compare_changed_messages(50)
 
 
 GOOD = cdr([transform("world", "tool", 1, 2, (0.0,) * 6 + (1.0,))])
@@ -104,7 +115,7 @@ GOOD = cdr([transform("world", "tool", 1, 2, (0.0,) * 6 + (1.0,))])
         (GOOD.replace(b"world", b"wor\xffd"), "can't decode"),
     ],
 )
-def test_other_bytes_are_refused_with_the_reason(data: bytes, reason: str) -> None:
+def test_other_bytes_are_refused_with_the_reason(data, reason):
     reader = tf_reader()
     for _ in ("before the layout is known", "after"):
         with pytest.raises(ValueError, match=reason):
@@ -112,6 +123,59 @@ def test_other_bytes_are_refused_with_the_reason(data: bytes, reason: str) -> No
         assert len(reader(GOOD)) == 1
 
 
-def test_frame_names_are_kept_as_sent() -> None:
+def test_frame_names_are_kept_as_sent():
     data = cdr([transform("/world", "tool", 1, 2, (0.0,) * 6 + (1.0,))])
     assert [(values.target, values.source) for values in tf_reader()(data)] == [("/world", "tool")]
+
+
+HEAD = b"\0\1\0\0"
+
+
+def walk_named(walk: Walk) -> Known:
+    walk.numbers("I", 4)
+    name = walk.text()
+    return {walk.fixed(): name}
+
+
+def named(numbers: tuple[int, bytes], known: Known) -> tuple[str, int]:
+    number, stretch = numbers
+    return known[stretch], number
+
+
+def message(number: int, name: str) -> bytes:
+    text = name.encode() + b"\0"
+    return HEAD + struct.pack("<II", number, len(text)) + text
+
+
+def test_names_are_decoded_in_any_order_and_repeatedly():
+    read = LayoutReader(walk_named, named)
+    # Of one length, of others, with padding to the same length, and each more than once.
+    for number, name in enumerate(["arm", "leg", "arm", "needle", "", "leg", "arm"] * 2):
+        assert read(message(number, name)) == (name, number)
+    assert read(message(1, "ar") + b"\0") == ("ar", 1)
+    assert read(message(2, "arm")) == ("arm", 2)
+
+
+def test_invalid_bytes_give_none_and_leave_the_cache_unchanged():
+    read = LayoutReader(walk_named, named)
+    assert read(message(1, "arm")) == ("arm", 1)
+    assert read(message(1, "arm")[:-1] + b"m") is None  # no terminating zero
+    assert read(HEAD) is None
+    assert read(message(1, "arm") + bytes(4)) is None
+    assert read(message(3, "arm")) == ("arm", 3)
+
+
+def test_many_distinct_names_do_not_fill_the_memory():
+    read = LayoutReader(walk_named, named)
+    tracemalloc.start()
+    try:
+        for number in range(3000):
+            name = f"{number:05d}" + "x" * (4000 + number % 2)
+            assert read(message(number, name)) == (name, number)
+        for number in range(100):
+            name = "y" * (100_000 + number)
+            assert read(message(number, name)) == (name, number)
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert held < 12_000_000  # all of them would be 34 million bytes

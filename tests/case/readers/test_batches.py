@@ -15,22 +15,13 @@ from app.case import TrackingFrame, read_mcap
 from app.case.frames.samples import JointSample
 from app.case.messages.cdr_batch import joint_samples, tf_samples, tracked_samples
 from app.case.messages.decoder import message_decoder
-from app.case.messages.ros_messages import (
-    JOINT_STATE,
-    TF_MESSAGE,
-    TRACKED_TRANSFORM,
-    ros_types,
-)
+from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM, ros_types
 from app.case.readers.rosbag2 import frames as reader
 from app.geometry import InputError, Stamp, TrackedTransform, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 
 OFFSET_NS = 37_000_000
-TOPICS = {
-    TRACKED_TRANSFORM: "/tracked_transforms",
-    TF_MESSAGE: "/tf",
-    JOINT_STATE: "/joint_states",
-}
+TOPICS = {TRACKED_TRANSFORM: "/tracked_transforms", TF_MESSAGE: "/tf", JOINT_STATE: "/joint_states"}
 Message = tuple[str, bytes]
 """Type and CDR bytes."""
 
@@ -155,7 +146,7 @@ def one_by_one(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
         return outcome(path)
 
 
-def test_a_recording_is_read_as_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_is_read_as_one_by_one(tmp_path, monkeypatch):
     batched = []
     real = reader.MessageDecoder.batch
 
@@ -199,7 +190,7 @@ def as_frame(sample: Any) -> str:
     return shown(TrackingFrame(Stamp(0), poses))
 
 
-def test_each_sample_of_a_batch_is_that_of_its_message() -> None:
+def test_each_sample_of_a_batch_is_that_of_its_message():
     good = dict.fromkeys(DECODED, 0)
     for seed in range(40):
         messages = recorded_messages(Random(seed))
@@ -221,7 +212,7 @@ def test_each_sample_of_a_batch_is_that_of_its_message() -> None:
     assert min(good.values()) > 200
 
 
-def test_all_good_messages_of_a_known_layout_are_decoded_together() -> None:
+def test_all_good_messages_of_a_known_layout_are_decoded_together():
     transform = Transform("tracker", "needle", np.eye(3), np.array([1.0, 2.0, 3.0]))
     poses = [TrackedTransform.valid(transform, Stamp(n)) for n in range(20)]
     joints = [JointSample(("a", "b"), (0.1, 0.2), Stamp(n)) for n in range(20)]
@@ -240,9 +231,7 @@ def test_all_good_messages_of_a_known_layout_are_decoded_together() -> None:
         assert [each is None for each in changed] == [False] * 20 + [True]
 
 
-def test_a_topic_is_left_out_at_the_same_message(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_topic_is_left_out_at_the_same_message(tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "_MAX_UNREADABLE", 20)
     transform = Transform("tracker", "needle", np.eye(3), np.zeros(3))
     good = [

@@ -2,17 +2,16 @@
 
 import io
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import TrackingFrame, open_case, read_mrml
 from app.geometry import InputError, MarginGuardError
+from tests.refusals import refused
 
 NEEDLE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 0 0 0 1"
 CAUTERY = "1 0 0 100.125 0 1 0 0 0 0 1 7 0 0 0 1"
@@ -98,9 +97,7 @@ def statuses_by_frame(frames: list[TrackingFrame]) -> list[tuple[int, dict[tuple
 
 
 @pytest.mark.parametrize("write", [bundle, folder])
-def test_samples_of_one_time_are_one_frame(
-    tmp_path: Path, write: Callable[[Path, dict[str, Any]], Path]
-) -> None:
+def test_samples_of_one_time_are_one_frame(tmp_path, write):
     frames, notes = read(write(tmp_path / "x.mrb", FILES))
     needle, cautery = ("tracker", "needle"), ("tracker", "cautery")
     assert statuses_by_frame(frames) == [
@@ -133,7 +130,7 @@ def nested() -> dict[str, str | bytes]:
 
 
 @pytest.mark.parametrize("kind", [".seq.mrb", ".seq.mrml"])
-def test_sequence_in_a_nested_scene_is_read(tmp_path: Path, kind: str) -> None:
+def test_sequence_in_a_nested_scene_is_read(tmp_path, kind):
     files = nested()
     files["a/a.mrml"] = files["a/a.mrml"].replace(".seq.mrb", kind)
     frames, _ = read(bundle(tmp_path / "x.mrb", files))
@@ -144,7 +141,7 @@ def test_sequence_in_a_nested_scene_is_read(tmp_path: Path, kind: str) -> None:
     ]
 
 
-def test_sequence_names_without_frames_are_noted(tmp_path: Path) -> None:
+def test_sequence_names_without_frames_are_noted(tmp_path):
     other = sequence(9, "Movement", "Data/none.seq.mha")
     files = {**FILES, "a/a.mrml": SCENE.replace("</MRML>", f"{other}</MRML>")}
     frames, notes = read(bundle(tmp_path / "x.mrb", files))
@@ -205,15 +202,14 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_faulty_scenes_are_refused_in_one_line(tmp_path: Path, fault: str) -> None:
+def test_faulty_scenes_are_refused_in_one_line(tmp_path, fault):
     files, message = FAULTS[fault]
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message) as caught:
         read(bundle(tmp_path / "x.mrb", files))
-    assert "\n" not in str(caught.value)
     assert "x.mrb" in str(caught.value)
 
 
-def test_scene_cannot_name_a_file_outside_its_folder(tmp_path: Path) -> None:
+def test_scene_cannot_name_a_file_outside_its_folder(tmp_path):
     (tmp_path / "secret.seq.mha").write_text(header("NeedleToTracker", ("1", NEEDLE)))
     for name in ("../secret.seq.mha", str(tmp_path / "secret.seq.mha")):
         path = folder(tmp_path / "x", {"a/a.mrml": one(file=name)})
@@ -225,7 +221,7 @@ def test_scene_cannot_name_a_file_outside_its_folder(tmp_path: Path) -> None:
         read(path)
 
 
-def test_oversized_content_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oversized_content_is_not_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 10_000)
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_RATIO", 0)
     monkeypatch.setattr("app.case.readers.mrml.files._FREE_BYTES", 10_000)
@@ -245,11 +241,7 @@ def test_oversized_content_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("write", [bundle, folder])
-def test_size_limit_covers_sequences_that_share_a_file(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    write: Callable[[Path, dict[str, Any]], Path],
-) -> None:
+def test_size_limit_covers_sequences_that_share_a_file(tmp_path, monkeypatch, write):
     """Sequences are read side by side, so a small file could otherwise fill the memory."""
     names = ("Needle", "Cautery", "Probe", "Stylus")
     item = f'<LinearTransform id="t1" matrixTransformToParent="{NEEDLE}"></LinearTransform>'
@@ -267,9 +259,7 @@ def test_size_limit_covers_sequences_that_share_a_file(
         read(write(tmp_path / "y.mrb", files))
 
 
-def test_size_limit_covers_sequences_that_share_a_header(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_size_limit_covers_sequences_that_share_a_header(tmp_path, monkeypatch):
     nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(3)]
     held = header("NeedleToTracker", ("0.5", NEEDLE))
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": held}
@@ -279,7 +269,7 @@ def test_size_limit_covers_sequences_that_share_a_header(
         list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
 
 
-def test_changed_byte_after_the_header_is_detected(tmp_path: Path) -> None:
+def test_changed_byte_after_the_header_is_detected(tmp_path):
     text = header("NeedleToTracker", ("1", NEEDLE)).encode() + b"\n" + bytes(5_000_000)
     path = tmp_path / "x.mrb"
     with zipfile.ZipFile(path, "w") as file:  # stored, as MRML does it
@@ -292,7 +282,7 @@ def test_changed_byte_after_the_header_is_detected(tmp_path: Path) -> None:
         read(path)
 
 
-def test_members_that_zipfile_unpacks_without_a_limit_are_refused(tmp_path: Path) -> None:
+def test_members_that_zipfile_unpacks_without_a_limit_are_refused(tmp_path):
     with zipfile.ZipFile(tmp_path / "x.mrb", "w", zipfile.ZIP_LZMA) as file:
         file.writestr("a/a.mrml", one())
         file.writestr("a/Data/N.seq.mha", header("NeedleToTracker", ("1", NEEDLE)))
@@ -300,7 +290,7 @@ def test_members_that_zipfile_unpacks_without_a_limit_are_refused(tmp_path: Path
         read(tmp_path / "x.mrb")
 
 
-def test_bundle_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path: Path) -> None:
+def test_bundle_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path):
     held = header("NeedleToTracker", ("1", NEEDLE)).encode()
     files = {"a/a.mrml": one(), "a/Data/N.seq.mha": b"Comment = 1\n" * 3_000_000 + held}
     path = bundle(tmp_path / "x.mrb", files)
@@ -318,22 +308,20 @@ def test_bundle_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path: Path
     ],
     ids=["elements", "index", "attributes"],
 )
-def test_number_of_items_is_limited(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nodes: list[str], problem: str
-) -> None:
+def test_number_of_items_is_limited(tmp_path, monkeypatch, nodes, problem):
     monkeypatch.setattr("app.case.readers.mrml.document._MAX_ITEMS", 10)
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": header("NeedleToTracker", ("1", NEEDLE))}
     with pytest.raises(InputError, match=problem):
         read(bundle(tmp_path / "x.mrb", files))
 
 
-def test_number_of_sequences_is_limited(tmp_path: Path) -> None:
+def test_number_of_sequences_is_limited(tmp_path):
     nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(257)]
     with pytest.raises(InputError, match="has 257 sequences; expected 256 or fewer"):
         read(bundle(tmp_path / "x.mrb", {"a/a.mrml": scene(*nodes)}))
 
 
-def test_file_that_is_not_a_bundle_is_refused(tmp_path: Path) -> None:
+def test_file_that_is_not_a_bundle_is_refused(tmp_path):
     path = tmp_path / "x.mrb"
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read(path)
@@ -342,31 +330,34 @@ def test_file_that_is_not_a_bundle_is_refused(tmp_path: Path) -> None:
         read(path)
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(position=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
-def test_damaged_bundle_is_refused_or_read_identically(
-    tmp_path: Path, position: float, bits: int, cut: bool
-) -> None:
-    path = bundle(tmp_path / "x.mrb", FILES)
-    expected = statuses_by_frame(read(path)[0])
-    content = bytearray(path.read_bytes())
-    at = int(position * len(content))
-    if cut:
-        del content[at:]
-    else:
-        content[at] ^= bits
-    path.write_bytes(content)
-    try:
-        frames, _ = read(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-    else:
-        assert statuses_by_frame(frames) == expected
+def compare_damaged_bundles(path: Path, count: int) -> None:
+    expected = statuses_by_frame(read(bundle(path, FILES))[0])
+    whole = path.read_bytes()
+
+    @settings(max_examples=count)
+    @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255), st.booleans())
+    def compare(position: float, bits: int, cut: bool) -> None:
+        content, at = bytearray(whole), int(position * len(whole))
+        if cut:
+            del content[at:]
+        else:
+            content[at] ^= bits
+        path.write_bytes(content)
+        try:
+            frames, _ = read(path)
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:
+            assert statuses_by_frame(frames) == expected
+
+    compare()
 
 
-def test_case_with_a_bundle_as_recording_is_opened(
-    write_case: Callable[..., Path], manifest: dict[str, Any]
-) -> None:
+def test_damaged_bundle_is_refused_or_read_identically(tmp_path):
+    compare_damaged_bundles(tmp_path / "x.mrb", 80)
+
+
+def test_case_with_a_bundle_as_recording_is_opened(write_case, manifest):
     case_folder = write_case(manifest)
     bundle(case_folder / "x.mrb", FILES)
     manifest["recording"] = {"path": "x.mrb"}

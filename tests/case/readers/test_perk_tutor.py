@@ -28,24 +28,19 @@ def element(device: str, time_ns: int, matrix: np.ndarray) -> str:
 def recorded(tmp_path: Path) -> Path:
     """Two devices, one after the other as PerkTutor writes them, and a message."""
     rng = np.random.default_rng(2)
-    elements = [
-        element(
-            device,
-            20_000_000 * index + 5,
-            Transform.from_rotation_vector(
-                rng.normal(size=3), rng.normal(0.0, 80.0, 3), target="a", source="b"
-            ).matrix,
-        )
-        for device in ("NeedleToReference", "ProbeToReference")
-        for index in range(40)
-    ]
+    elements = []
+    for device in ("NeedleToReference", "ProbeToReference"):
+        for index in range(40):
+            turn, place = rng.normal(size=3), rng.normal(0.0, 80.0, 3)
+            pose = Transform.from_rotation_vector(turn, place, target="a", source="b")
+            elements.append(element(device, 20_000_000 * index + 5, pose.matrix))
     message = '<log TimeStampSec="0" TimeStampNSec="7" type="message" message="Insertion" />'
     path = tmp_path / "TransformBuffer.xml"
     path.write_text(log(*elements, message))
     return path
 
 
-def test_every_pose_equals_the_text(recorded: Path) -> None:
+def test_every_pose_equals_the_text(recorded):
     notes: list[str] = []
     frames = list(read_recording(recorded, notes.append))
     assert notes == ["1 messages of the log are not read"]
@@ -65,36 +60,33 @@ def test_every_pose_equals_the_text(recorded: Path) -> None:
         np.testing.assert_allclose(found[source, "reference", time], expected, atol=1e-5)
 
 
-def test_other_xml_is_not_a_recording(tmp_path: Path) -> None:
+def test_other_xml_is_not_a_recording(tmp_path):
     path = tmp_path / "PlusDeviceSet.xml"
     path.write_text("<PlusConfiguration/>")
     with pytest.raises(InputError, match="is not a recording; expected one of"):
         format_of(path)
 
 
+ONES = "1 " * 16
+
+
 @pytest.mark.parametrize(
-    ("element", "message"),
+    ("seconds", "nanoseconds", "numbers", "message"),
     [
-        ("", "holds no transform"),
-        (
-            '<log type="transform" DeviceName="AToB" TimeStampSec="1" TimeStampNSec="2" '
-            'transform="1 2"/>',
-            "element 2: transform has 2 numbers; expected 16",
-        ),
-        (
-            f'<log type="transform" DeviceName="AToB" TimeStampSec="x" TimeStampNSec="2" '
-            f'transform="{"1 " * 16}"/>',
-            "element 2: TimeStampSec is 'x'; expected an integer",
-        ),
-        (
-            f'<log type="transform" DeviceName="AToB" TimeStampSec="1" TimeStampNSec="-2" '
-            f'transform="{"1 " * 16}"/>',
-            "element 2: TimeStampNSec is '-2'; expected an integer",
-        ),
+        (None, None, None, "holds no transform"),
+        ("1", "2", "1 2", "element 2: transform has 2 numbers; expected 16"),
+        ("x", "2", ONES, "element 2: TimeStampSec is 'x'; expected an integer"),
+        ("1", "-2", ONES, "element 2: TimeStampNSec is '-2'; expected an integer"),
     ],
 )
-def test_malformed_log_is_refused_with_its_element(tmp_path: Path, element, message) -> None:
+def test_malformed_log_is_refused_with_its_element(
+    tmp_path, seconds, nanoseconds, numbers, message
+):
+    entry = (
+        f'<log type="transform" DeviceName="AToB" TimeStampSec="{seconds}" '
+        f'TimeStampNSec="{nanoseconds}" transform="{numbers}"/>'
+    )
     path = tmp_path / "t.xml"
-    path.write_text(log(element))
+    path.write_text(log(entry if numbers else ""))
     with pytest.raises(InputError, match=message):
         list(read_recording(path, print))

@@ -9,6 +9,7 @@ import pytest
 
 from app.case import open_case, read_recording, readers, recording_formats, recording_kinds
 from app.geometry import InputError
+from tests.case.conftest import add_robot
 
 Manifest = dict[str, Any]
 WriteCase = Callable[..., Path]
@@ -64,62 +65,48 @@ def write_csv_case(write_case: WriteCase, manifest: Manifest, text: str) -> Path
     return folder
 
 
-def test_formats_are_found_with_fallbacks_last() -> None:
+def test_formats_are_found_with_fallbacks_last():
     kinds = [each.kinds for each in recording_formats()]
     assert kinds == [IGSIO, (".mrb", ".mrml"), PERK_TUTOR, (".mcap", "a rosbag2 folder")]
     assert recording_kinds() == KINDS
 
 
-def test_each_module_among_the_readers_is_a_format() -> None:
+def test_each_module_among_the_readers_is_a_format():
     modules = {path.stem for path in Path(readers.__path__[0]).iterdir() if path.stem[0] != "_"}
     assert len(recording_formats()) == len(modules - {"registry", "recording_format"})
 
 
 @pytest.mark.usefixtures("csv_format")
-def test_new_format_is_one_file(manifest: Manifest, write_case: WriteCase) -> None:
-    case = open_case(write_csv_case(write_case, manifest, "1.5,1,2,3\n1.75,4,5,6\n"))
+def test_new_format_is_one_file_that_is_checked_when_the_case_is_opened(manifest, write_case):
+    folder = write_csv_case(write_case, manifest, "1.5,1,2,3\n1.75,4,5,6\n")
+    case = open_case(folder)
     first, *_, last = case.frames()
     assert (first.stamp.ns, last.stamp.ns) == (1_500_000_000, 1_750_000_000)
     np.testing.assert_array_equal(last.poses[0].transform.translation_mm, [4.0, 5.0, 6.0])
     assert case.notes() == ("read as CSV",)
     assert recording_kinds() == f".csv, {KINDS}"
-
-
-@pytest.mark.usefixtures("csv_format")
-def test_new_format_is_checked_when_the_case_is_opened(
-    manifest: Manifest, write_case: WriteCase
-) -> None:
-    folder = write_csv_case(write_case, manifest, "")
+    (folder / "poses.CSV").write_text("")
     with pytest.raises(InputError, match=r"poses\.CSV is empty; expected a line per pose"):
         open_case(folder)
 
 
 @pytest.mark.usefixtures("csv_format")
-def test_new_format_without_joints_cannot_serve_a_robot(
-    manifest: Manifest, write_case: WriteCase
-) -> None:
-    manifest["robot"] = {
-        "urdf": "arm/arm.urdf",
-        "base_frame": "base",
-        "tool_link": "stylus",
-        "joint_states": "/joint_states",
-    }
-    manifest["registration"] = {"method": "given", "matrix": np.eye(4).ravel().tolist()}
+def test_new_format_without_joints_cannot_serve_a_robot(manifest, write_case):
+    add_robot(manifest, "arm.urdf", joint_states="/joint_states")
     folder = write_csv_case(write_case, manifest, "1.5,1,2,3\n")
-    (folder / "arm").mkdir()
-    (folder / "arm" / "arm.urdf").write_text("<robot/>")
+    (folder / "arm.urdf").write_text("<robot/>")
     with pytest.raises(InputError, match=r"poses\.CSV cannot hold joints"):
         open_case(folder)
 
 
-def test_unknown_recording_is_refused_with_all_kinds(tmp_path: Path) -> None:
+def test_unknown_recording_is_refused_with_all_kinds(tmp_path):
     path = tmp_path / "poses.csv"
     path.write_text("1,2,3,4")
     with pytest.raises(InputError, match=r"poses\.csv is not a recording; expected one of \.igs"):
         read_recording(path, print)
 
 
-def test_help_texts_load_no_reader() -> None:
+def test_help_texts_load_no_reader():
     code = "import sys, app.case; app.case.recording_kinds(); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from app.case import read_recording
 from app.geometry import InputError
 
+pytestmark = pytest.mark.slow
+
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 COUNT = 12
 
@@ -73,16 +75,14 @@ def check(path: Path) -> None:
         np.testing.assert_allclose(pose.transform.matrix, expected(item), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["x.seq.mrb", "NeedleToReference-Sequence.mrb"])
-def test_bundle_of_one_sequence_is_a_recording(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(bundle("NeedleToReference"))
+@pytest.mark.parametrize(
+    ("name", "items"),
+    [("x.seq.mrb", "NeedleToReference"), ("NeedleToReference-Sequence.mrb", "Item")],
+    ids=["names of the items", "name of the file"],
+)
+def test_bundle_of_one_sequence_is_a_recording(tmp_path, name, items):
+    (tmp_path / name).write_bytes(bundle(items))
     check(tmp_path / name)
-
-
-def test_name_of_the_file_gives_the_frames_where_the_items_do_not(tmp_path: Path) -> None:
-    path = tmp_path / "NeedleToReference-Sequence.mrb"
-    path.write_bytes(bundle("Item"))
-    check(path)
 
 
 def outer_scene(*, with_class: bool) -> str:
@@ -96,25 +96,22 @@ def outer_scene(*, with_class: bool) -> str:
     )
 
 
-@pytest.mark.parametrize("with_class", [True, False])
-@pytest.mark.parametrize("index", [True, False])
-def test_scene_names_the_bundle_with_or_without_the_class_of_its_items(
-    tmp_path: Path, with_class: bool, index: bool
-) -> None:
+@pytest.mark.parametrize(("with_class", "index"), [(True, True), (False, False)])
+def test_scene_names_the_bundle_with_or_without_the_class_of_its_items(tmp_path, with_class, index):
     """Slicer 4.4 gives the class of the items by their IDs only, and embeds no index."""
     (tmp_path / "Needle.seq.mrb").write_bytes(bundle("NeedleToReference", index=index))
     (tmp_path / "s.mrml").write_text(outer_scene(with_class=with_class))
     check(tmp_path / "s.mrml")
 
 
-def test_scene_of_images_only_names_their_class(tmp_path: Path) -> None:
+def test_scene_of_images_only_names_their_class(tmp_path):
     text = outer_scene(with_class=False).replace("LinearTransformNode", "ScalarVolumeNode")
     (tmp_path / "s.mrml").write_text(text)
     with pytest.raises(InputError, match=r"no sequence of transforms .*, but of vtkMRMLScalarVol"):
         list(read_recording(tmp_path / "s.mrml", print))
 
 
-def test_damaged_item_is_named(tmp_path: Path) -> None:
+def test_damaged_item_is_named(tmp_path):
     path = tmp_path / "x.seq.mrb"
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as file:

@@ -9,6 +9,7 @@ from app.case.tumor.contour_surface import CLEARANCE_MM
 from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 from tests.oracles.winding_number import depths_mm
+from tests.refusals import refused
 
 BALL_MM3 = 4.0 / 3.0 * np.pi
 
@@ -18,16 +19,14 @@ def on_ellipsoid(count: int, axes: tuple[float, float, float], seed: int) -> Flo
     return directions / np.linalg.norm(directions, axis=1, keepdims=True) * axes
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(
     count=st.integers(4, 40),
     seed=st.integers(0, 10_000),
     axes=st.tuples(*[st.floats(3.0, 40.0)] * 3),
     scattered=st.booleans(),
 )
-def test_every_point_is_inside_a_sound_surface(
-    count: int, seed: int, axes: tuple[float, float, float], scattered: bool
-) -> None:
+def test_every_point_is_inside_a_sound_surface(count, seed, axes, scattered):
     random = np.random.default_rng(seed)
     points = random.normal(size=(count, 3)) * axes if scattered else on_ellipsoid(count, axes, seed)
     points = points + random.uniform(-300.0, 300.0, 3)
@@ -45,7 +44,7 @@ def test_every_point_is_inside_a_sound_surface(
     assert mesh.signed_volume_mm3 >= 0.999 * ConvexHull(points).volume
 
 
-def test_points_in_single_precision_stay_inside() -> None:
+def test_points_in_single_precision_stay_inside():
     points = np.add(on_ellipsoid(30, (15.0, 12.0, 10.0), 3), [400.0, -300.0, 500.0])
     mesh = surface_around(points, "tumor")
     written = SurfaceMesh("tumor", mesh.vertices_mm.astype(np.float32), mesh.faces)
@@ -54,13 +53,13 @@ def test_points_in_single_precision_stay_inside() -> None:
 
 
 @pytest.mark.parametrize("axes", [(10.0, 10.0, 10.0), (20.0, 8.0, 6.0)])
-def test_forty_points_recover_an_ellipsoid(axes: tuple[float, float, float]) -> None:
+def test_forty_points_recover_an_ellipsoid(axes):
     pytest.importorskip("vtk")
     from tests.oracles.lumpnav_tumor import lumpnav_volume_mm3
 
     true_mm3 = BALL_MM3 * float(np.prod(axes))
     ratios, lumpnav_ratios = [], []
-    for seed in range(5):
+    for seed in range(2):
         points = on_ellipsoid(40, axes, seed)
         mesh = surface_around(points, "tumor")
         ratios.append(mesh.signed_volume_mm3 / true_mm3)
@@ -71,7 +70,7 @@ def test_forty_points_recover_an_ellipsoid(axes: tuple[float, float, float]) -> 
     assert min(ratios) > max(lumpnav_ratios)
 
 
-def test_a_hollow_is_filled() -> None:
+def test_a_hollow_is_filled():
     points = on_ellipsoid(200, (10.0, 10.0, 10.0), 0)
     dented = points[points[:, 2] < 4.0]
     dented = np.vstack([dented, [[0.0, 0.0, -2.0]]])
@@ -79,7 +78,7 @@ def test_a_hollow_is_filled() -> None:
     assert depths_mm(mesh, np.array([[0.0, 0.0, 2.0]]))[0] > 1.0
 
 
-def test_the_same_points_elsewhere_give_the_same_shape() -> None:
+def test_the_same_points_elsewhere_give_the_same_shape():
     points = on_ellipsoid(25, (15.0, 9.0, 7.0), 1)
     twice = surface_around(np.vstack([points, points]), "tumor")
     shift = np.array([50.0, 0.0, -90.0])
@@ -106,7 +105,6 @@ GOOD = on_ellipsoid(12, (10.0, 9.0, 8.0), 0)
         (np.random.default_rng(0).normal(size=(2001, 3)), r"2001 contoured points"),
     ],
 )
-def test_invalid_points_are_refused(points: FloatArray, message: str) -> None:
-    with pytest.raises(MeshError, match=message) as caught:
+def test_invalid_points_are_refused(points, message):
+    with refused(message, MeshError):
         surface_around(points, "tumor")
-    assert "\n" not in str(caught.value)

@@ -1,7 +1,5 @@
 """Positions of voxels in segmentations that 3D Slicer writes and reads."""
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ slicer = pytest.importorskip("slicer")
 vtk = pytest.importorskip("vtk")
 vtk_to_numpy = pytest.importorskip("vtkmodules.util.numpy_support").vtk_to_numpy
 
-WriteNrrd = Callable[..., Path]
 Volume = NDArray[Any]
 
 SHAPE, SIDES = (40, 38, 24), np.array([0.8, 0.9, 1.6])
@@ -49,9 +46,7 @@ def ball(name: str) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize("names", [["Tumor"], ["Tumor", "Näher dran"]], ids=["shared", "layers"])
 @pytest.mark.parametrize("compressed", [True, False])
-def test_segmentation_of_slicer_is_read_at_its_position(
-    tmp_path: Path, names: list[str], compressed: bool
-) -> None:
+def test_segmentation_of_slicer_is_read_at_its_position(tmp_path, names, compressed):
     scene = slicer.vtkMRMLScene()
     node = scene.AddNewNodeByClass("vtkMRMLSegmentationNode")
     for name in names:
@@ -77,9 +72,7 @@ def test_segmentation_of_slicer_is_read_at_its_position(
         )
 
 
-def test_slicer_reads_the_files_of_these_tests_at_the_same_position(
-    write_nrrd: WriteNrrd, block: Volume
-) -> None:
+def test_slicer_reads_the_files_of_these_tests_at_the_same_position(write_nrrd, block):
     fields = segment_fields(0, "Tumor") | segment_fields(1, "Node", label=2)
     path = write_nrrd(block, name="labels.seg.nrrd", **fields)
     scene = slicer.vtkMRMLScene()

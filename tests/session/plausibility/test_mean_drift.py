@@ -8,6 +8,8 @@ import pytest
 from app.geometry import NS_PER_S, Stamp
 from app.session.plausibility.mean_drift import MEAN_S, START_NS, MeanDrift
 
+pytestmark = pytest.mark.slow
+
 LIMIT_MM = 2.5
 
 

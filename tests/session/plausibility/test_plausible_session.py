@@ -6,19 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.case import (
-    EnvelopeEntry,
-    MotionEntry,
-    PlausibilityEntry,
-    SphereEntry,
-    TrackingFrame,
-)
+from app.case import EnvelopeEntry, MotionEntry, PlausibilityEntry, SphereEntry, TrackingFrame
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, Transform
 from app.registration import DriftBound, given_registration
-from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
-from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample
 
 SENSORS = {
@@ -26,11 +18,6 @@ SENSORS = {
     "cautery": np.array([40.0, 0.0, 0.0]),
     "reference": np.array([0.0, 80.0, 0.0]),
 }
-
-
-@pytest.fixture(scope="module")
-def touch():
-    return load_robot(TOUCH_URDF)
 
 
 def make_setup(robot=None, **entry) -> SessionSetup:
@@ -78,6 +65,14 @@ class Tracker:
         return [session.step(self.frame()) for _ in range(count)]
 
 
+@pytest.fixture
+def running():
+    """A session, and its tracker, which has sent 150 frames."""
+    session, tracker = Session(make_setup()), Tracker()
+    tracker.run(session)
+    return session, tracker
+
+
 def faults(step) -> set[Reason]:
     waiting = {Reason.RECOVERING, Reason.STARTING}
     return {reason for reason in step.decision.reasons if reason.is_fault} - waiting
@@ -103,18 +98,16 @@ def test_jump_is_implausible_at_once_is_not_used_and_latches_the_hold():
     assert not session.step(tracker.frame()).decision.hold
 
 
-def test_turn_by_180_degrees_is_implausible():
-    session, tracker = Session(make_setup()), Tracker()
-    tracker.run(session)
+def test_turn_by_180_degrees_is_implausible(running):
+    session, tracker = running
     tracker.turn = (0.0, math.pi, 0.0)
     step = session.step(tracker.frame())
     assert faults(step) == {Reason.IMPLAUSIBLE}
     assert "tracker -> cautery turns by 1" in step.frames_problem
 
 
-def test_swapped_tool_and_tumour_are_both_implausible():
-    session, tracker = Session(make_setup()), Tracker()
-    tracker.run(session)
+def test_swapped_tool_and_tumour_are_both_implausible(running):
+    session, tracker = running
     tracker.renamed = {"needle": "cautery", "cautery": "needle"}
     step = session.step(tracker.frame())
     assert faults(step) == {Reason.IMPLAUSIBLE}
@@ -122,9 +115,8 @@ def test_swapped_tool_and_tumour_are_both_implausible():
     assert "tracker -> needle" in step.frames_problem
 
 
-def test_jump_of_a_sensor_that_is_not_used_is_no_fault():
-    session, tracker = Session(make_setup()), Tracker()
-    tracker.run(session)
+def test_jump_of_a_sensor_that_is_not_used_is_no_fault(running):
+    session, tracker = running
     tracker.shift = {"reference": np.array([0.0, 500.0, 0.0])}
     assert faults(session.step(tracker.frame())) == set()
 
@@ -142,9 +134,8 @@ def test_configured_limits_are_used_and_can_be_replaced():
     assert faults(usual.step(tracker.frame())) == set()
 
 
-def test_clock_that_jumps_back_is_no_implausible_pose():
-    session, tracker = Session(make_setup()), Tracker()
-    tracker.run(session)
+def test_clock_that_jumps_back_is_no_implausible_pose(running):
+    session, tracker = running
     tracker.at_ms, tracker.shift = 0.0, {"cautery": np.array([0.0, 300.0, 0.0])}
     assert faults(session.step(tracker.frame())) == {Reason.CLOCK_JUMPED_BACK}
     assert faults(tracker.run(session, 10)[-1]) == set()

@@ -18,6 +18,8 @@ from app.session.plausibility.sensor_motion import (
     SensorMotion,
 )
 
+pytestmark = pytest.mark.slow
+
 LIMITS = MotionLimits()
 RECORDINGS = (
     "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha",
