@@ -19,6 +19,7 @@ from app.runtime import (
 )
 from app.runtime.workflow.robot_samples import RobotSamples
 from app.session import Session, setup_from_case
+from tests.runtime.workflow.guided import Guided
 from tests.session_content import one_link_content
 
 FRAMES = 760
@@ -46,44 +47,29 @@ def steps(case, setup):
     return [session.step(frame) for frame in islice(case.frames(), FRAMES)]
 
 
-class Guided:
-    """A registration with its fits, and the session's use of one."""
+def with_registration(content, result):
+    return replace(content, robot=replace(content.robot, registration=result))
+
+
+class GuidedRobot(Guided):
+    """A registration with the steps of the case."""
 
     def __init__(self, content):
-        self.content = content
-        self.guide = RobotRegistration(content)
-        self.uses = True
+        super().__init__(RobotRegistration(content), content, fit_registration, with_registration)
 
-    @property
-    def seen(self):
-        return self.guide.status().revision
-
-    def record(self, steps):
-        self.guide.start(self.seen)
+    def begin(self, steps, *tool):
+        self.guide.start(self.seen, *tool)
         for step in steps:
             self.guide.observe(step)
-        self.guide.stop(self.seen)
-        return self.fit()
 
-    def fit(self):
-        while (task := self.guide.task()) is not None:
-            self.guide.use_fit(fit_registration(task))
-        return self.guide.status().fit
-
-    def use(self, result):
-        if self.uses:
-            robot = replace(self.content.robot, registration=result)
-            self.content = replace(self.content, robot=robot)
-        return self.uses
-
-    def accept(self):
-        self.guide.accept(self.seen, self.use)
-        self.guide.use_content(self.content)
+    def record(self, steps, *tool):
+        self.begin(steps, *tool)
+        return self.stop()
 
 
 @pytest.fixture
 def guided(content):
-    return Guided(content)
+    return GuidedRobot(content)
 
 
 def test_touched_points_register_as_the_command_does(guided, steps, setup):
@@ -100,8 +86,7 @@ def test_touched_points_register_as_the_command_does(guided, steps, setup):
     guided.accept()
     assert guided.content.registration is fit.result
     assert guided.guide.status().phase is Phase.IDLE
-    guided.guide.undo(guided.seen, guided.use)
-    guided.guide.use_content(guided.content)
+    guided.undo()
     assert guided.content.registration is before
     assert not guided.guide.can_undo
 
@@ -125,9 +110,7 @@ def test_removed_point_is_not_used_and_is_restored(guided, steps):
 
 def test_place_of_a_removed_point_may_be_touched_again(guided, steps):
     """The same samples, some later: as a second touch of each landmark."""
-    guided.guide.start(guided.seen)
-    for step in steps[:140]:
-        guided.guide.observe(step)
+    guided.begin(steps[:140])
     once = guided.fit()
     assert len(once.points) == 2
     task = guided.guide.task() or guided.guide._samples.task(
@@ -249,12 +232,9 @@ def test_landmarks_touched_with_the_stylus_give_the_residuals_of_the_cautery(
 ):
     by_cautery = guided.record(steps)
     stylus = Stylus("pointer").with_tip(STYLUS_TIP, 0.3)
-    other = Guided(replace(content, stylus=stylus))
-    other.guide.start(other.seen, TrackedTool.STYLUS)
-    for step in steps:
-        other.guide.observe(touched_by_stylus(step, content))
-    other.guide.stop(other.seen)
-    by_stylus = other.fit()
+    other = GuidedRobot(replace(content, stylus=stylus))
+    touched = (touched_by_stylus(step, content) for step in steps)
+    by_stylus = other.record(touched, TrackedTool.STYLUS)
     assert other.guide.status().tool is TrackedTool.STYLUS
     assert len(by_stylus.points) == len(by_cautery.points) == 8
     assert by_stylus.accepted
@@ -270,14 +250,14 @@ def test_a_stylus_without_a_tip_touches_nothing(content):
         (None, "stylus: the session has none; expected 'stylus' in live.yaml"),
         (Stylus("pointer"), "stylus: it is not calibrated; expected a pivot calibration before"),
     ):
-        guided = Guided(replace(content, stylus=stylus))
+        guided = GuidedRobot(replace(content, stylus=stylus))
         with pytest.raises(InputError, match=f"^{problem}$"):
             guided.guide.start(guided.seen, TrackedTool.STYLUS)
         assert guided.guide.status().phase is Phase.IDLE
 
 
 def test_advice_for_the_stylus_names_both_tips(content, steps):
-    guided = Guided(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
+    guided = GuidedRobot(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
     guided.guide.start(guided.seen, TrackedTool.STYLUS)
     guided.guide.observe(steps[40])
     assert "'pointer' is not connected" in guided.guide.status().problem
