@@ -1,17 +1,16 @@
 """Guided calibration and registration by touch in the panel, with the engine of the page."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-import slicer
 
+from app.case import open_case
 from app.geometry import InputError
 from app.runtime import CalibrationKind, TrackedTool
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
-from tests.slicer_module.marginguard_module import CASE, FOLDER, recorded_case, spin_until
-from tests.slicer_module.marginguard_module import application as application
-from tests.slicer_module.marginguard_module import desktop as desktop
-from tests.slicer_module.test_marginguard_panel import in_slicer
+from tests.slicer_module.marginguard_module import CASE, cut_case, node_of, spin_until
 from tests.viewer.calibrated_tool import (
     KNOWN_MM,
     SHAFT,
@@ -21,26 +20,13 @@ from tests.viewer.calibrated_tool import (
     write_session,
 )
 
-from MarginGuardLib.logic import PanelLogic  # isort: skip
-
 DWELLS = 8
 DWELLS_END_S = 19.0
 
 
 @pytest.fixture
-def panel_logic(application):
-    logic = PanelLogic(application.scene)
-    yield logic
-    logic.close()
-
-
-@pytest.fixture
-def replay(panel_logic, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-    panel_logic.load_case(CASE)
-    spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
-    panel_logic.set_rate(20.0)
-    return panel_logic
+def panel_logic(unconnected):
+    return unconnected
 
 
 def tip(panel_logic):
@@ -116,14 +102,20 @@ def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, t
     assert tip(panel_logic) is before
     assert "set_stylus_tip from the panel accepted: the first tip" in status.request
     assert "calibration" not in status.reasons
-    model = "StylusModel"
-    spin_until(panel_logic, lambda _: application.scene.GetFirstNodeByName(model) is not None)
+    spin_until(panel_logic, lambda _: node_of(application, "StylusModel") is not None)
     panel_logic.contour.add_tip(stylus)
     status = spin_until(panel_logic, lambda now: "1 point" in now.contour.text)
 
 
-def test_robot_is_registered_by_the_dwells_of_a_replay(replay):
-    panel_logic = replay
+def test_robot_is_registered_by_the_dwells_of_a_replay(
+    panel_logic, recorded, monkeypatch, tmp_path
+):
+    dwells = open_case(cut_case(tmp_path / "case", [(0.0, DWELLS_END_S + 0.2)]))
+    opened = replace(recorded, case=replace(recorded.case, case=dwells))
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
+    panel_logic.set_rate(20.0)
+    panel_logic.load_case(CASE)
+    spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
     before = panel_logic.session.commands().content.registration
     panel_logic.touch().start()
     panel_logic.play()
@@ -153,33 +145,20 @@ def test_robot_is_registered_by_the_dwells_of_a_replay(replay):
     assert panel_logic.session.commands().content.registration is before
 
 
-def test_commands_of_a_session_that_is_over_are_refused(replay):
-    calibration = replay.calibration()
+def test_commands_of_a_session_that_is_over_are_refused(replayed):
+    calibration = replayed.calibration()
     calibration.start(CalibrationKind.PIVOT)
     with pytest.raises(InputError, match="changed it meanwhile"):
         calibration.stop()  # nothing of the new recording was shown yet
-    spin_until(replay, lambda now: now.calibration.is_recording)
-    replay.end_session()
-    status = replay.spin()
+    spin_until(replayed, lambda now: now.calibration.is_recording)
+    replayed.end_session()
+    status = replayed.spin()
     assert not (status.calibration.can_start or status.touch.can_start)
     with pytest.raises(InputError, match="there is no session"):
-        replay.calibration()
+        replayed.calibration()
 
 
-@pytest.fixture
-def panel(desktop, application, monkeypatch):
-    from tests.slicer_module.slicer_double import panel_parent
-
-    in_slicer(monkeypatch, application)
-    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: True, raising=False)
-    widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
-    widget.setup()
-    widget._spinner.stop()  # the tests call spin
-    yield widget
-    widget.cleanup()
-
-
-def test_widgets_show_coverage_and_points(panel, monkeypatch):
+def test_widgets_show_coverage_and_points(panel):
     from app.runtime import Coverage
     from MarginGuardLib.guided import GuidedShown
 

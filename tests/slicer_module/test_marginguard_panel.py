@@ -3,7 +3,6 @@
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import slicer
@@ -12,16 +11,8 @@ from app.fixture import MarginState
 from app.runtime import CalibrationKind, TrackedTool
 from app.scene import Preset
 from tests.shipped_case import DEEP, middle_s
-from tests.slicer_module.marginguard_module import (
-    CASE,
-    FOLDER,
-    MAX_SPINS,
-    UI,
-    frame_times_s,
-    recorded_case,
-)
-from tests.slicer_module.marginguard_module import application as application
-from tests.slicer_module.marginguard_module import desktop as desktop
+from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, frame_times_s, in_slicer
+from tests.slicer_module.waiting import wait_until
 
 from MarginGuardLib.ultrasound import UltrasoundShown  # isort: skip
 
@@ -36,13 +27,18 @@ BUDDY = ("EditLabel", "BoxLabel", "SelectorLabel", "SliderLabel")
 
 
 class RecordedPart:
-    """TEST DOUBLE of a guided recording: records ``part.name`` of each command."""
-
-    def __init__(self, part, calls):
-        self._part = part
-        self._calls = calls
+    """TEST DOUBLE of a part of `PanelLogic`: records ``part.name`` of each command."""
 
     follows_tool = keeps_tumor = False
+
+    def __init__(self, part, calls):
+        self._part, self._calls = part, calls
+
+    def __call__(self, *arguments):
+        """The part is a command itself, or `PanelLogic` returns it."""
+        if self._part not in ("calibration", "touch"):
+            self._calls.append((self._part, *arguments))
+        return self
 
     def __getattr__(self, name):
         return lambda *arguments: self._calls.append((f"{self._part}.{name}", *arguments))
@@ -52,58 +48,15 @@ class CommandsDouble:
     """TEST DOUBLE of `PanelLogic` that records the commands."""
 
     def __init__(self, panel_logic):
-        self.panel_logic = panel_logic
-        self.calls = []
-        self.alarm = panel_logic.alarm
-
-    def calibration(self):
-        return RecordedPart("calibration", self.calls)
-
-    def touch(self):
-        return RecordedPart("touch", self.calls)
-
-    @property
-    def view(self):
-        return RecordedPart("view", self.calls)
-
-    @property
-    def contour(self):
-        return RecordedPart("contour", self.calls)
-
-    @property
-    def needle(self):
-        return RecordedPart("needle", self.calls)
-
-    @property
-    def ultrasound(self):
-        return RecordedPart("ultrasound", self.calls)
-
-    @property
-    def events(self):
-        return RecordedPart("events", self.calls)
-
-    def spin(self):
-        return self.panel_logic.spin()
-
-    def margins(self):
-        return self.panel_logic.margins()
+        self.panel_logic, self.calls = panel_logic, []
+        self.alarm, self.spin = panel_logic.alarm, panel_logic.spin
+        self.margins, self.close = panel_logic.margins, panel_logic.close
 
     def alarm_due(self):
         return False
 
-    def close(self):
-        self.panel_logic.close()
-
     def __getattr__(self, name):
-        return lambda *arguments: self.calls.append((name, *arguments))
-
-
-@pytest.fixture
-def errors(monkeypatch):
-    """Texts of the error windows."""
-    texts = []
-    monkeypatch.setattr(slicer.util, "errorDisplay", lambda text, **_: texts.append(text))
-    return texts
+        return RecordedPart(name, self.calls)
 
 
 @pytest.fixture(autouse=True)
@@ -117,25 +70,6 @@ def confirmed(monkeypatch):
         raising=False,
     )
     return questions
-
-
-def in_slicer(monkeypatch, application):
-    """Set ``slicer.mrmlScene``, and ``slicer.app`` to a TEST DOUBLE."""
-    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
-    app = SimpleNamespace(applicationLogic=lambda: application.logic)
-    monkeypatch.setattr(slicer, "app", app, raising=False)
-
-
-@pytest.fixture
-def panel(desktop, application, monkeypatch, errors):
-    from tests.slicer_module.slicer_double import panel_parent
-
-    in_slicer(monkeypatch, application)
-    widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
-    widget.setup()
-    widget._spinner.stop()  # the tests call spin
-    yield widget
-    widget.cleanup()
 
 
 @pytest.fixture
@@ -382,23 +316,18 @@ def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
 
 
-def test_replayed_case_is_shown(panel, desktop, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-
+def test_replayed_case_is_shown(panel, desktop, opens_at_once):
     def until(is_reached):
-        for _ in range(MAX_SPINS):
-            panel.logic.panel_logic.spin(0.02)
-            panel.spin()
-            if is_reached():
-                return
-        raise AssertionError(panel.ui.messageLabel.text())
+        wait_until(is_reached, panel.spin, panel.ui.messageLabel.text)
 
     ui = panel.ui
     ui.casePathLineEdit.setText(str(CASE))
     ui.loadButton.click()
     until(lambda: ui.playButton.isEnabled())
     assert ui.sessionLabel.text() == "simulated lumpectomy 1 (simulated): paused"
-    assert ui.seekSlider.property("maximum") == pytest.approx(frame_times_s()[-1], abs=0.01)
+    assert ui.seekSlider.property("maximum") == pytest.approx(
+        frame_times_s(opens_at_once)[-1], abs=0.01
+    )
     assert (ui.stopSpinBox.value(), ui.warnSpinBox.value()) == (1.0, 5.0)  # the case's
     moment_s = middle_s(DEEP)
     ui.seekSlider.setValue(moment_s)
@@ -487,9 +416,8 @@ def test_module_sets_title_help_and_acknowledgement(desktop):
     assert parent.acknowledgementText
 
 
-def test_module_test_for_slicer_passes_here(desktop, application, monkeypatch):
+def test_module_test_for_slicer_passes_here(desktop, application, opens_at_once, monkeypatch):
     in_slicer(monkeypatch, application)
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
     desktop.MarginGuardTest().runTest()
 
 

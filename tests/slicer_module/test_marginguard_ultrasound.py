@@ -24,36 +24,27 @@ from tests.case.images.ultrasound_case import (
 )
 from tests.cli.small_case import FRAMES
 from tests.ros_domain import domain_id as domain_id
-from tests.slicer_module.marginguard_module import MAX_SPINS, spin_until
-from tests.slicer_module.marginguard_module import application as application
-
-from MarginGuardLib.logic import PanelLogic  # isort: skip
+from tests.slicer_module.marginguard_module import node_of, spin_until, step
 
 SENDER = ("-m", "benchmarks.images.sender")
 FIRST = 2
 
 
 @pytest.fixture
-def panel_logic(application):
-    logic = PanelLogic(application.scene, application.logic)
-    yield logic
-    logic.close()
+def panel_logic(unconnected):
+    return unconnected
 
 
 def shown_image(logic, number):
-    """Show the moment of image ``number`` of the case; return the status."""
-    for _ in range(MAX_SPINS):
-        status = logic.spin(0.02)
-        if status.ultrasound.text == f"image {number}":
-            return status
-        if status.position_s is not None and not status.is_playing:
-            logic.step()
-    raise AssertionError(f"{status.ultrasound.text}; expected image {number} within the spins")
+    """Show the moment of image ``number`` of the case."""
+    spin_until(logic, lambda now: now.position_s is not None)
+    while logic.spin().ultrasound.text != f"image {number}":
+        step(logic)
 
 
 def corners(application):
     """Corner pixels (4, 3) in mm of the world, by the nodes alone."""
-    node = application.scene.GetFirstNodeByName(VOLUME_NAME)
+    node = node_of(application, VOLUME_NAME)
     columns, rows, _ = node.GetImageData().GetDimensions()
     ijk = vtkMatrix4x4()
     node.GetIJKToRASMatrix(ijk)
@@ -93,7 +84,7 @@ def test_image_of_a_replay_is_where_the_page_shows_it_with_its_pixels(
         root = world_matrix(scene.tree.node(scene.reference))
         expected = image_corners(root @ found.pose.matrix, COLUMNS, ROWS)
         np.testing.assert_allclose(corners(application), expected, rtol=0, atol=1e-6)
-        node = application.scene.GetFirstNodeByName(VOLUME_NAME)
+        node = node_of(application, VOLUME_NAME)
         assert node.GetClassName() == "vtkMRMLScalarVolumeNode"
         assert node.GetParentTransformNode().GetName() == TRANSFORM_NAME
         assert composite.GetBackgroundVolumeID() == node.GetID()
@@ -120,15 +111,15 @@ def test_image_that_is_not_current_has_no_pixels_in_the_scene(
 ):
     panel_logic.load_case(case_folder)
     shown_image(panel_logic, number - 1)
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is not None
+    assert node_of(application, VOLUME_NAME).GetImageData() is not None
     panel_logic.step()
     status = spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT"))
     assert problem in status.ultrasound.text
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is None
+    assert node_of(application, VOLUME_NAME).GetImageData() is None
     with pytest.raises(InputError, match="expected a current one"):
         panel_logic.ultrasound.freeze(True)
     shown_image(panel_logic, number + 1)
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is not None
+    assert node_of(application, VOLUME_NAME).GetImageData() is not None
 
 
 def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
@@ -139,18 +130,16 @@ def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
     before = corners(application)
     panel_logic.ultrasound.freeze(True)
     np.testing.assert_allclose(corners(application), before, rtol=0, atol=1e-6)
-    node = application.scene.GetFirstNodeByName(TRANSFORM_NAME)
+    node = node_of(application, TRANSFORM_NAME)
     frame = panel_logic.session.commands().content.frame_from_tumor.target
     assert node.GetParentTransformNode() is panel_logic.session.display.frame_node(frame)
-    position = panel_logic.spin().position_s
-    panel_logic.step()
-    status = spin_until(panel_logic, lambda now: now.position_s > position)
+    status = step(panel_logic)
     assert status.ultrasound.text == f"FROZEN: not current, image {FIRST}"
     panel_logic.ultrasound.freeze(False)
     assert panel_logic.spin().ultrasound.text == f"image {FIRST + 1}"
     panel_logic.end_session()
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME) is None
-    assert application.scene.GetFirstNodeByName(TRANSFORM_NAME) is None
+    assert node_of(application, VOLUME_NAME) is None
+    assert node_of(application, TRANSFORM_NAME) is None
 
 
 def test_slice_view_that_does_not_exist_is_refused(panel_logic):
@@ -181,4 +170,4 @@ def test_live_image_is_placed_by_the_chosen_depth_and_hidden_without_its_sender(
     np.testing.assert_allclose(sides[:2], (0.15 * width, 0.15 * height), rtol=0, atol=1e-6)
     sender.end(9)
     spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT IMAGE"))
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is None
+    assert node_of(application, VOLUME_NAME).GetImageData() is None

@@ -2,56 +2,30 @@
 
 import numpy as np
 import pytest
-from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.geometry import Transform
 from app.robot import robot_from_text
 from app.scene import SceneError
-from app.scene.nodes.convert import vtk_matrix, world_matrix, world_points
+from app.scene.nodes.convert import world_matrix, world_points
+from tests.slicer_module.ros2_values import URDF, shifted, x_mm
 
-URDF = """<robot name="arm">
-  <link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry>
-    <material name="blue"><color rgba="0.1 0.2 0.6 1"/></material></visual></link>
-  <link name="wrist"/>
-  <link name="tip"><visual><origin xyz="0 0 0.05"/><geometry><box size="0.02 0.02 0.1"/></geometry>
-    <material name="red"><color rgba="1 0 0 1"/></material></visual></link>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="wrist"/>
-    <origin xyz="0 0 0.1"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-  <joint name="end" type="fixed"><parent link="wrist"/><child link="tip"/>
-    <origin xyz="0.3 0 0"/></joint>
-</robot>"""
 WHERE = ("/robot_state_publisher", "robot_description")
-
-
-@pytest.fixture
-def describe(peer):
-    """Set the description; returns the function that sets another."""
-
-    def set_description(text):
-        assert peer("set_parameter", name="robot_description", value=text, of="robot")
-
-    set_description(URDF)
-    yield set_description
+POSES = [["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]]
+PLACED_MM = np.array([[390, -10, 200], [410, 10, 300]])
+"""Corners of the model of the tip at `POSES`."""
 
 
 @pytest.fixture
 def robots(logic):
-    logic.GetDefaultROS2Node()  # made on the first call; stays when a robot is removed
-    added = []
-
-    def add(name, *arguments):
-        added.append(name)
-        return logic.AddRobot(name, *arguments)
-
-    yield add
-    for name in added:
-        if logic.GetDefaultROS2Node().GetRobotNodeByName(name) is not None:
-            logic.RemoveRobot(name)
+    return logic.AddRobot
 
 
 def names(scene):
     return sorted(scene.GetNthNode(n).GetName() for n in range(scene.GetNumberOfNodes()))
+
+
+def corners(scene):
+    points = world_points(scene.GetFirstNodeByName("tip_model"))
+    return np.array([points.min(axis=0), points.max(axis=0)])
 
 
 def is_coloured(scene, model):
@@ -75,15 +49,14 @@ def test_robot_from_a_parameter_is_built_posed_and_coloured(
     assert not is_coloured(scene, "tip_model")
     assert scene.GetFirstNodeByName("tip_model").GetDisplayNode().GetColor() == (0.5, 0.5, 0.5)
     assert "missing" in robot.GetProblem()
-    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    peer("send_tf", edges=POSES)
     tip = node.GetTf2LookupNodeByParentChild("wrist", "tip")
     spin_until(lambda: tip.GetState() == "valid" and not robot.IsStale())
     assert robot.GetProblem() == ""
     assert tip.GetName() == "ros2:tf2lookup:wristTotip"
     assert tip.GetParentTransformNode().GetName() == "ros2:tf2lookup:baseTowrist"
     assert np.allclose(world_matrix(tip)[:3, 3], [400.0, 0.0, 200.0])
-    points = world_points(scene.GetFirstNodeByName("tip_model"))
-    assert np.allclose([points.min(axis=0), points.max(axis=0)], [[390, -10, 200], [410, 10, 300]])
+    assert np.allclose(corners(scene), PLACED_MM)
     assert is_coloured(scene, "tip_model")
     assert scene.GetFirstNodeByName("wrist_model") is None
     assert robot.GetNodeReference("model").GetName() == "base_model"
@@ -164,7 +137,6 @@ def test_lookup_of_the_user_remains_after_the_robot_is_removed(
     assert logic.RemoveRobot("robot1")
     assert node.GetTf2LookupNodeByParentChild("wrist", "tip") is mine
     assert mine.GetParentTransformNode() is None
-    assert node.RemoveAndDeleteTf2LookupNode("wrist", "tip")
 
 
 def test_static_lookup_of_the_user_keeps_the_pose_of_tf(logic, node, spin_until, describe, robots):
@@ -174,9 +146,7 @@ def test_static_lookup_of_the_user_keeps_the_pose_of_tf(logic, node, spin_until,
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
     assert mine.GetState() == "valid"
-    placed = vtkMatrix4x4()
-    mine.GetMatrixTransformToParent(placed)
-    assert placed.GetElement(0, 3) == 70.0
+    assert x_mm(mine) == 70.0
     assert logic.RemoveRobot("robot1")
     assert node.RemoveAndDeleteTf2LookupNode("wrist", "tip")
     node.buffer.clear()
@@ -191,7 +161,7 @@ def test_robot_with_a_removed_link_is_rebuilt(
     spin_until(robot.GetLinkNames)
     whole = [name.rstrip("0123456789") for name in names(scene)]  # display nodes are numbered
     scene.RemoveNode(scene.GetFirstNodeByName(removed))
-    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    peer("send_tf", edges=POSES)
     spin_until(lambda: not robot.IsStale())
     assert is_coloured(scene, "tip_model")
     assert [name.rstrip("0123456789") for name in names(scene)] == whole
@@ -199,10 +169,9 @@ def test_robot_with_a_removed_link_is_rebuilt(
     other = robots("robot2", *WHERE)
     spin_until(other.GetLinkNames)
     assert logic.RemoveRobot("robot1")
-    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    peer("send_tf", edges=POSES)
     spin_until(lambda: not other.IsStale())
-    points = world_points(scene.GetFirstNodeByName("tip_model"))
-    assert np.allclose([points.min(axis=0), points.max(axis=0)], [[390, -10, 200], [410, 10, 300]])
+    assert np.allclose(corners(scene), PLACED_MM)
     assert logic.RemoveRobot("robot2")
     assert names(scene) == before
 
@@ -213,29 +182,22 @@ def test_moved_links_are_restored_and_a_hardened_robot_is_rebuilt(
     scene = logic.scene
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
-    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    peer("send_tf", edges=POSES)
     spin_until(lambda: not robot.IsStale())
     aside = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "of_the_user")
-    aside.SetMatrixTransformToParent(vtk_matrix(Transform("a", "b", np.eye(3), [7.0, 0.0, 0.0])))
-
-    def bounds():
-        points = world_points(scene.GetFirstNodeByName("tip_model"))
-        return np.array([points.min(axis=0), points.max(axis=0)])
-
-    placed = np.array([[390, -10, 200], [410, 10, 300]])
+    aside.SetMatrixTransformToParent(shifted(7.0))
     for name in ("tip_model", "ros2:tf2lookup:wristTotip"):
         scene.GetFirstNodeByName(name).SetAndObserveTransformNodeID(aside.GetID())
         logic.Spin()
-        assert np.allclose(bounds(), placed)
+        assert np.allclose(corners(scene), PLACED_MM)
     scene.GetFirstNodeByName("tip_model").HardenTransform()
     logic.Spin()
-    assert np.allclose(bounds(), placed)
+    assert np.allclose(corners(scene), PLACED_MM)
     # The user may place the whole robot by the parent of its root.
     root = robot.GetNodeReference("lookup")
     root.SetAndObserveTransformNodeID(aside.GetID())
     logic.Spin()
-    assert np.allclose(bounds() - placed, [7, 0, 0])
-    scene.RemoveNode(aside)
+    assert np.allclose(corners(scene) - PLACED_MM, [7, 0, 0])
 
 
 def test_changed_description_rebuilds_the_robot(logic, spin_until, describe, robots):
@@ -277,7 +239,6 @@ def test_robot_without_description_reports_it(logic, node, robots):
     assert robot.IsStale()
     assert node.CreateAndAddRobotNode("robot2", "") is None
     assert node.CreateAndAddRobotNode("", "/x") is None
-    assert logic.RemoveRobot("robot1")
 
 
 def test_robot_removed_from_the_scene_removes_its_links(logic, node, spin_until, describe, robots):

@@ -1,23 +1,10 @@
 """tf broadcasters and lookups of the ROS2 module against an rclpy process."""
 
-import numpy as np
 import pytest
-import vtk
 from slicer import vtkMRMLTransformNode
 
 from app.geometry import MarginGuardError
-
-
-def shifted(x_mm):
-    made = vtk.vtkMatrix4x4()
-    made.SetElement(0, 3, x_mm)
-    return made
-
-
-def x_mm(node):
-    found = vtk.vtkMatrix4x4()
-    node.GetMatrixTransformToParent(found)
-    return found.GetElement(0, 3)
+from tests.slicer_module.ros2_values import shifted, x_mm
 
 
 class Events:
@@ -238,15 +225,12 @@ def test_tf_node_is_unique_per_edge_and_removable_by_frames_or_id(node, role):
 
 def test_removed_lookup_is_stale_and_keeps_its_pose(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("shed", "rake")
-    peer("send_tf", edges=[["shed", "rake", [0.0, 0.5, 0.0]]])
+    peer("send_tf", edges=[["shed", "rake", [0.5, 0.0, 0.0]]])
     spin_until(lambda: lookup.GetStampNanoseconds() is not None)
     node.RemoveAndDeleteTf2LookupNode("shed", "rake")
     assert lookup.IsStale()
     assert lookup.GetAgeSeconds() is None
-    found = vtk.vtkMatrix4x4()
-    lookup.GetMatrixTransformToParent(found)
-    assert np.isclose(found.GetElement(1, 3), 500.0)
+    assert x_mm(lookup) == pytest.approx(500.0)
     node.GetScene().AddNode(lookup)
     assert lookup.AddToROS2Node(node.GetID(), "shed", "spade")
     assert lookup.GetState() == "missing"  # no sample of that edge has been received
-    assert node.RemoveAndDeleteTf2LookupNode("shed", "spade")
