@@ -378,17 +378,17 @@ def test_margins_are_refused_at_once_while_a_tumour_is_prepared(world):
 
     def slow_prepare(content):
         entered.set()
-        assert leave.wait(30.0)
+        assert leave.wait(60.0)
         return prepare(content)
 
     world.outputs[0].prepare = slow_prepare
     change = threading.Thread(target=world.commands.set_tumor, args=(MOVED_TUMOR, LARGER))
     change.start()
-    assert entered.wait(30.0)
+    assert entered.wait(60.0)
     before = world.session.setup.margins
     with pytest.raises(InputError, match="another change is being prepared"):
         world.commands.set_margins(before.replaced(stop_mm=2.0, warn_mm=6.0))
     assert world.session.setup.margins == before
     leave.set()
-    change.join(30.0)
+    change.join(60.0)
     assert world.commands.content.tumor is LARGER

@@ -71,7 +71,7 @@ def test_robot_from_a_parameter_is_built_posed_and_coloured(
 
 
 class ListenerDouble:
-    """TEST DOUBLE: gives the description at once. A hundred over DDS take a minute."""
+    """TEST DOUBLE: gives the description at once. Twenty over DDS take ten seconds."""
 
     problem = ""
 
@@ -86,7 +86,7 @@ def test_robot_is_removed_without_leftovers_repeatedly(
     logic, node, peer, spin_until, describe, robots, monkeypatch
 ):
     before = names(logic.scene)
-    for number in range(100):
+    for number in range(20):
         if number == 3:
             monkeypatch.setattr("ROS2Lib.robot_sources.DescriptionListener", ListenerDouble)
         robot = robots("robot1", *WHERE)
