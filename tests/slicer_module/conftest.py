@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -262,10 +263,16 @@ def panel(
     desktop: ModuleType, application: Any, monkeypatch: pytest.MonkeyPatch, errors: list[str]
 ) -> Iterator[Any]:
     """The panel MarginGuard; the tests call its spin."""
+    with open_panel(desktop, application, monkeypatch) as widget:
+        yield widget
+
+
+@contextmanager
+def open_panel(desktop: ModuleType, application: Any, patch: pytest.MonkeyPatch) -> Iterator[Any]:
     from tests.slicer_module.marginguard_module import FOLDER, in_slicer
     from tests.slicer_module.slicer_double import panel_parent
 
-    in_slicer(monkeypatch, application)
+    in_slicer(patch, application)
     widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
     widget.setup()
     widget._spinner.stop()

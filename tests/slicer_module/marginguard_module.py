@@ -11,7 +11,7 @@ import pytest
 import slicer
 import yaml
 
-from app.case import open_case, write_recording
+from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_MS, NS_PER_S
 from tests.shipped_case import BRIEF, CLOCK_OFFSET_MS, DEEP, PLANNED_DROPOUTS, SHAFT
 from tests.shipped_case import SHIPPED_CASE as CASE
@@ -45,21 +45,28 @@ WINDOWS_S = [
 """Parts of the recorded case that the tests of the panel show."""
 
 
+def frames_in(windows_s: Sequence[tuple[float, float]]) -> tuple[TrackingFrame, ...]:
+    """Frames of the recorded case in ``windows_s``, each at its own time."""
+    frames = list(open_case(CASE).recorded_frames())
+    return tuple(
+        frame
+        for frame in frames
+        if any(
+            low <= (frame.stamp.ns - frames[0].stamp.ns) / NS_PER_S <= high
+            for low, high in windows_s
+        )
+    )
+
+
 def cut_case(folder: Path, windows_s: Sequence[tuple[float, float]]) -> Path:
-    """Write the recorded case with the frames of ``windows_s`` only, each at its own time."""
+    """Write the recorded case with the frames of ``windows_s`` only."""
     shutil.copytree(CASE, folder, ignore=shutil.ignore_patterns("*.mcap"))
     manifest = yaml.safe_load((CASE / "case.yaml").read_text())
     del manifest["recording"]["sha256"]
     (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
-    frames = list(open_case(CASE).recorded_frames())
-    seconds = [(frame.stamp.ns - frames[0].stamp.ns) / NS_PER_S for frame in frames]
     write_recording(
         folder / manifest["recording"]["path"],
-        [
-            frame
-            for frame, at_s in zip(frames, seconds, strict=True)
-            if any(low <= at_s <= high for low, high in windows_s)
-        ],
+        frames_in(windows_s),
         robot_to_tracker_offset_ns=round(CLOCK_OFFSET_MS * NS_PER_MS),
         joint_states_topic=manifest["robot"]["joint_states"],
     )

@@ -2,6 +2,8 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,8 +11,9 @@ import slicer
 
 from app.fixture import MarginState
 from app.runtime import CalibrationKind, TrackedTool
-from app.scene import Preset
+from app.scene import Preset, SceneApplication
 from tests.shipped_case import DEEP, middle_s
+from tests.slicer_module.conftest import open_panel
 from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, frame_times_s, in_slicer
 from tests.slicer_module.waiting import wait_until
 
@@ -72,21 +75,42 @@ def confirmed(monkeypatch):
     return questions
 
 
+def press(panel, name):
+    """Click the button and return the commands that it caused."""
+    button, calls = getattr(panel.ui, name), panel.logic.panel_logic.calls
+    button.setEnabled(True)
+    button.setChecked(False)
+    calls.clear()
+    button.click()
+    return list(calls)
+
+
+@contextmanager
+def recording_commands(panel):
+    """A `CommandsDouble` in place of the panel's logic."""
+    logic = panel.logic.panel_logic
+    panel.logic.panel_logic = CommandsDouble(logic)
+    yield panel
+    panel.logic.panel_logic = logic
+
+
+@pytest.fixture(scope="module")
+def one_panel(desktop):
+    """One panel for all buttons."""
+    application = SceneApplication(slicer.vtkMRMLScene())
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        open_panel(desktop, application, patch) as panel,
+        recording_commands(panel),
+    ):
+        yield panel
+
+
 @pytest.fixture
 def pressed(panel):
     """``pressed(name)`` clicks the button and returns the commands that it caused."""
-    commands = CommandsDouble(panel.logic.panel_logic)
-    panel.logic.panel_logic = commands
-
-    def press(name):
-        commands.calls.clear()
-        button = getattr(panel.ui, name)
-        button.setEnabled(True)
-        button.click()
-        return list(commands.calls)
-
-    yield press
-    panel.logic.panel_logic = commands.panel_logic
+    with recording_commands(panel):
+        yield partial(press, panel)
 
 
 EXPECTED_CALLS = {
@@ -149,16 +173,18 @@ def test_expected_calls_cover_every_button_of_ui():
 
 
 @pytest.mark.parametrize("name", BUTTONS)
-def test_button_calls_its_command(panel, pressed, name):
-    panel.ui.segmentLineEdit.setText("Tumor")
-    panel.ui.noteLineEdit.setText("a note")
-    panel.ui.stopSpinBox.setValue(1.5)
-    panel.ui.warnSpinBox.setValue(6.5)
+def test_button_calls_its_command(one_panel, errors, name):
+    ui = one_panel.ui
+    ui.segmentLineEdit.setText("Tumor")
+    ui.noteLineEdit.setText("a note")
+    ui.stopSpinBox.setValue(1.5)
+    ui.warnSpinBox.setValue(6.5)
     # Slicer's parameter node does not store paths that do not exist.
-    panel.ui.configPathLineEdit.setText("live.yaml")
-    panel.ui.registrationPathLineEdit.setText("some_case")
-    panel.ui.casePathLineEdit.setText("replayed")
-    assert pressed(name) == EXPECTED_CALLS[name]
+    ui.configPathLineEdit.setText("live.yaml")
+    ui.registrationPathLineEdit.setText("some_case")
+    ui.casePathLineEdit.setText("replayed")
+    assert press(one_panel, name) == EXPECTED_CALLS[name]
+    assert errors == []
 
 
 def test_chosen_tool_is_calibrated_and_touches_the_points(panel, pressed):
@@ -169,38 +195,28 @@ def test_chosen_tool_is_calibrated_and_touches_the_points(panel, pressed):
         assert call == (*EXPECTED_CALLS[button][0][:-1], TrackedTool.STYLUS)
 
 
-def test_recording_is_ended_after_a_question_only(panel, pressed, confirmed, monkeypatch):
-    assert pressed("stopRecordingButton") == [("stop_recording",)]
-    assert confirmed == ["End the recording of this session?"]
-    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
-    assert pressed("stopRecordingButton") == []
+HELD = "robot is held until an operator re-arms."
 
 
 @pytest.mark.parametrize(
     ("name", "question"),
     [
-        ("useCalibrationButton", "Use this calibration? After that of the cautery the"),
-        ("undoCalibrationButton", "Use the tip from before? After that of the cautery the"),
-        ("useTouchButton", "Use this registration of the robot? The"),
-        ("undoRegistrationButton", "Use the registration from before? The"),
+        ("stopRecordingButton", "End the recording of this session?"),
+        ("useCalibrationButton", f"Use this calibration? After that of the cautery the {HELD}"),
+        ("undoCalibrationButton", f"Use the tip from before? After that of the cautery the {HELD}"),
+        ("useTouchButton", f"Use this registration of the robot? The {HELD}"),
+        ("undoRegistrationButton", f"Use the registration from before? The {HELD}"),
+        ("deletePointsButton", "Delete all points of the contour?"),
+        ("useContourButton", f"Replace the tumour of this session by the contour? The {HELD}"),
     ],
 )
-def test_result_is_used_after_a_question_only(pressed, confirmed, monkeypatch, name, question):
-    assert pressed(name) == EXPECTED_CALLS[name]
-    assert confirmed == [f"{question} robot is held until an operator re-arms."]
+def test_button_calls_its_command_after_a_question_only(
+    one_panel, confirmed, monkeypatch, name, question
+):
+    assert press(one_panel, name) == EXPECTED_CALLS[name]
+    assert confirmed == [question]
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
-    assert pressed(name) == []
-
-
-def test_points_are_deleted_and_contour_is_used_after_a_question(pressed, confirmed, monkeypatch):
-    assert pressed("deletePointsButton") == [("contour.delete_all",)]
-    assert pressed("useContourButton") == [("contour.use",)]
-    assert [question.split("?")[0] for question in confirmed] == [
-        "Delete all points of the contour",
-        "Replace the tumour of this session by the contour",
-    ]
-    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
-    assert pressed("deletePointsButton") == pressed("useContourButton") == []
+    assert press(one_panel, name) == []
 
 
 def test_depth_is_chosen_among_the_listed_ones_after_a_question(

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.case import open_case
 from app.geometry import FrameError, InputError, TrackedTransform, TrackingStatus, Transform
 from app.runtime import (
     Phase,
     RobotRegistration,
     Stylus,
     TrackedTool,
-    content_of,
     fit_registration,
 )
 from app.runtime.workflow.robot_samples import RobotSamples
-from app.session import Session, setup_from_case
+from app.session import Session
 from tests.runtime.workflow.guided import Guided
 from tests.session_content import one_link_content
 
@@ -27,24 +25,14 @@ FRAMES = 760
 
 
 @pytest.fixture(scope="module")
-def case(project_root):
-    return open_case(project_root / "data" / "recorded_case")
+def content(recorded_case):
+    return recorded_case.content
 
 
 @pytest.fixture(scope="module")
-def setup(case):
-    return setup_from_case(case, tip_only=True)
-
-
-@pytest.fixture(scope="module")
-def content(case, setup):
-    return content_of(case, setup, tip_only=True)
-
-
-@pytest.fixture(scope="module")
-def steps(case, setup):
-    session = Session(setup)
-    return [session.step(frame) for frame in islice(case.frames(), FRAMES)]
+def steps(recorded_case):
+    session = Session(recorded_case.setup)
+    return [session.step(frame) for frame in islice(recorded_case.case.frames(), FRAMES)]
 
 
 def with_registration(content, result):
@@ -72,12 +60,12 @@ def guided(content):
     return GuidedRobot(content)
 
 
-def test_touched_points_register_as_the_command_does(guided, steps, setup):
+def test_touched_points_register_as_the_command_does(guided, steps, recorded_case):
     before = guided.content.registration
     fit = guided.record(steps)
     assert [each.problem for each in fit.points] == [""] * 8
     assert fit.accepted
-    known = setup.robot.registration  # by the intervals that the case names
+    known = recorded_case.setup.robot.registration  # by the intervals that the case names
     assert fit.result.transform.distance_mm_to(known.transform) < 0.2
     assert np.degrees(fit.result.transform.angle_to(known.transform)) < 0.1
     errors = [each.residual_mm for each in fit.points]
