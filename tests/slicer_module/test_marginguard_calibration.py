@@ -1,4 +1,4 @@
-"""Guided calibration of tool and stylus in the panel, in a live session with a moving tool."""
+"""Guided calibration of a stylus in the panel, in a live session with a moving tool."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,7 @@ from app.runtime import CalibrationKind, TrackedTool
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.marginguard_module import node_of, spin_until
-from tests.viewer.calibrated_tool import (
-    KNOWN_MM,
-    SHAFT,
-    STYLUS_TIP_MM,
-    TIP_MM,
-    move,
-    write_session,
-)
+from tests.viewer.calibrated_tool import STYLUS_TIP_MM, move, write_session
 
 pytestmark = pytest.mark.long
 
@@ -27,50 +20,6 @@ def panel_logic(unconnected):
 
 def tip(panel_logic):
     return panel_logic.session.commands().content.tool_from_tip
-
-
-def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, start, tmp_path, domain_id):
-    motion = tmp_path / "motion"
-    move(motion, "narrow")
-    panel_logic.connect(write_session(tmp_path / "session"))
-    spin_until(panel_logic, lambda now: now.calibration.can_start)
-    with pytest.raises(InputError, match="no robot"):
-        panel_logic.touch()
-    panel_logic.calibration().start(CalibrationKind.PIVOT)
-    tracker = start("-m", "tests.viewer.calibrated_tool", str(motion))
-    status = spin_until(panel_logic, lambda now: "Not yet: the poses of a" in now.calibration.text)
-    assert "tilt the tool slowly" in status.calibration.text
-    assert status.calibration.is_recording and not status.calibration.can_use
-    assert "a pivot of the cautery is being recorded" in status.workflow
-
-    move(motion, "pivot")
-    is_covered = lambda now: "8 of 8" in now.calibration.text and "Good" in now.calibration.text  # noqa: E731
-    status = spin_until(panel_logic, is_covered)
-    assert status.calibration.coverage.sectors == (True,) * 8
-    assert "mm RMS" in status.calibration.text
-    panel_logic.calibration().stop()
-    spin_until(panel_logic, lambda now: now.calibration.can_use)
-    np.testing.assert_allclose(tip(panel_logic).translation_mm, KNOWN_MM, atol=1e-9)
-    panel_logic.calibration().use()
-    status = spin_until(panel_logic, lambda now: now.calibration.can_undo)
-    assert status.calibration.text == ""
-    pivoted = tip(panel_logic)
-    assert np.linalg.norm(pivoted.translation_mm - TIP_MM) < 0.5
-    status = spin_until(panel_logic, lambda now: "hold: calibration of the tool" in now.reasons)
-    assert "set_tip from the panel accepted" in status.request
-
-    move(motion, "spin")
-    tracker.line(lambda line: line.strip() == "spin")
-    panel_logic.calibration().start(CalibrationKind.SPIN)
-    spin_until(panel_logic, is_covered)
-    panel_logic.calibration().stop()
-    spin_until(panel_logic, lambda now: now.calibration.can_use)
-    panel_logic.calibration().use()
-    spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0)
-    assert np.degrees(np.arccos(tip(panel_logic).rotation[:, 2] @ SHAFT)) < 0.5
-    spin_until(panel_logic, lambda now: now.calibration.can_undo)
-    panel_logic.calibration().undo()
-    spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) == 0.0)
 
 
 def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, tmp_path, domain_id):

@@ -10,6 +10,7 @@ from app.geometry import InputError, image_corners
 from app.runtime import prepare_case
 from app.scene.image_volume import TRANSFORM_NAME, VOLUME_NAME
 from app.scene.nodes.convert import world_matrix
+from app.session import BreachList
 from benchmarks.images.session import PROBE_FROM_IMAGE, write_session
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
@@ -24,7 +25,7 @@ from tests.case.images.ultrasound_case import (
 )
 from tests.cli.small_case import FRAMES
 from tests.ros_domain import domain_id as domain_id
-from tests.slicer_module.marginguard_module import node_of, spin_until, step
+from tests.slicer_module.marginguard_module import RecordedCase, node_of, spin_until, step
 
 SENDER = ("-m", "benchmarks.images.sender")
 FIRST = 2
@@ -62,20 +63,30 @@ def slice_view(application, name="Red"):
     return view, composite
 
 
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    return prepare_case(write_ultrasound_case(tmp_path_factory.mktemp("images") / "case"))
+
+
 @pytest.fixture
-def case_folder(tmp_path):
-    return write_ultrasound_case(tmp_path / "case")
+def case_folder(opened, monkeypatch):
+    """Folder of a case that the panel opens without a delay."""
+    monkeypatch.setattr(
+        "MarginGuardLib.logic.prepare_recorded",
+        lambda folder: RecordedCase(opened, BreachList(), open_case_images(opened.case)),
+    )
+    return opened.case.folder
 
 
 def test_image_of_a_replay_is_where_the_page_shows_it_with_its_pixels(
-    panel_logic, application, case_folder
+    panel_logic, application, opened
 ):
     view, composite = slice_view(application)
     slice_view(application, "Yellow")
-    panel_logic.load_case(case_folder)
+    panel_logic.load_case(opened.case.folder)
     spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("image"))
     panel_logic.ultrasound.follow(True)
-    images = open_case_images(prepare_case(case_folder).case)
+    images = open_case_images(opened.case)
     for number in (FIRST, FIRST + 2):
         shown_image(panel_logic, number)
         scene = panel_logic.session.display.scene

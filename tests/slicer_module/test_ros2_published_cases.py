@@ -159,20 +159,34 @@ def test_9_pose_array(round_trip):
 
 
 def test_12_publisher_and_subscriber_are_deleted_once(ros2_node, peer, logic):
-    topic = "test_string_xkcd"
-    ros2_node.CreateAndAddPublisherNode("vtkMRMLROS2PublisherStringNode", topic)
-    ros2_node.CreateAndAddSubscriberNode("vtkMRMLROS2SubscriberStringNode", topic)
-    peer("wait_until", call={"do": "endpoints", "topic": f"/{topic}"}, value=[1, 1])
-    for remove in (
-        ros2_node.RemoveAndDeletePublisherNode,
-        ros2_node.RemoveAndDeleteSubscriberNode,
+    topic, scene = "test_string_xkcd", logic.scene
+    call = {"do": "endpoints", "topic": f"/{topic}"}
+    before = scene.GetNumberOfNodes()
+    publisher = ros2_node.CreateAndAddPublisherNode("vtkMRMLROS2PublisherStringNode", topic)
+    subscriber = ros2_node.CreateAndAddSubscriberNode("vtkMRMLROS2SubscriberStringNode", topic)
+    peer("wait_until", call=call, value=[1, 1])
+    for made, get, remove in (
+        (
+            publisher,
+            ros2_node.GetPublisherNodeByTopic,
+            ros2_node.RemoveAndDeletePublisherNode,
+        ),
+        (
+            subscriber,
+            ros2_node.GetSubscriberNodeByTopic,
+            ros2_node.RemoveAndDeleteSubscriberNode,
+        ),
     ):
+        assert get(topic) is scene.GetFirstNodeByName(made.GetName()) is made
         results = []
         for name in (topic, topic, "random_name"):
             results.append(remove(name))
             logic.Spin()
         assert results == [True, False, False]
-    peer("wait_until", call={"do": "endpoints", "topic": f"/{topic}"}, value=[0, 0])
+        assert get(topic) is None
+        assert not made.IsAddedToROS2Node()
+    assert scene.GetNumberOfNodes() == before
+    peer("wait_until", call=call, value=[0, 0])
 
 
 def test_13_parameters_of_another_process(ros2_node, peer, turtlesim, spin_until):
