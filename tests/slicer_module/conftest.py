@@ -80,7 +80,10 @@ def peer(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 @pytest.fixture
 def domain(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> int:
-    """ROS domain of `peer`; set in the environment."""
+    """ROS domain of `peer`; set in the environment. No call of a client ends by a timeout."""
+    for name in ("service_client._TIMEOUT_S", "action_client._CANCEL_TIMEOUT_S"):
+        monkeypatch.setattr(f"ROS2Lib.{name}", DEADLINE_S)
+    monkeypatch.setattr("ROS2Lib.robot_moveit._TRANSPORT_S", DEADLINE_S)
     for name, value in environment_of(ros_domain).items():
         monkeypatch.setenv(name, value)
     return ros_domain
@@ -132,6 +135,7 @@ def logic(session_logic: Any, domain: int) -> Iterator[Any]:
     for each in nodes_of(scene):
         if each not in before and each.GetSingletonTag() is None and scene.IsNodePresent(each):
             scene.RemoveNode(each)
+    session_logic.GetDefaultROS2Node().buffer.clear()
 
 
 def nodes_of(scene: Any) -> list[Any]:
@@ -170,6 +174,16 @@ def describe(peer: Peer) -> Callable[[str], None]:
 def spin_until(logic: Any) -> Callable[[Callable[[], Any]], None]:
     """Spin until ``ready()``."""
     return lambda ready: wait_until(ready, logic.Spin)
+
+
+@pytest.fixture
+def send_tf_until(logic: Any, peer: Peer) -> Callable[[list[Any], Callable[[], Any]], None]:
+    """Let the peer send poses until ``ready()``: on a busy machine one can be stale at once."""
+
+    def send(edges: list[Any], ready: Callable[[], Any]) -> None:
+        wait_until(ready, lambda: (peer("send_tf", edges=edges), logic.Spin()))
+
+    return send
 
 
 @pytest.fixture

@@ -33,7 +33,8 @@ from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.action import LookupTransform
 from tf2_msgs.msg import TFMessage
 
-DEADLINE_S = 20.0
+DEADLINE_S = 100.0
+"""Ends a hang; less than that of a test, whose message would not name the call."""
 
 try:  # by its name: it is not declared, as a desktop ROS has it
     Spawn = import_module("turtlesim.srv").Spawn

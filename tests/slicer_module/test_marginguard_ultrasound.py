@@ -11,9 +11,6 @@ from app.runtime import prepare_case
 from app.scene.image_volume import TRANSFORM_NAME, VOLUME_NAME
 from app.scene.nodes.convert import world_matrix
 from app.session import BreachList
-from benchmarks.images.session import PROBE_FROM_IMAGE, write_session
-from tests.bridge.live.conftest import Start
-from tests.bridge.live.conftest import start as start
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import (
     COLUMNS,
@@ -24,10 +21,8 @@ from tests.case.images.ultrasound_case import (
     write_ultrasound_case,
 )
 from tests.cli.small_case import FRAMES
-from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.marginguard_module import RecordedCase, node_of, spin_until, step
 
-SENDER = ("-m", "benchmarks.images.sender")
 FIRST = 2
 
 
@@ -156,29 +151,3 @@ def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
 def test_slice_view_that_does_not_exist_is_refused(panel_logic):
     with pytest.raises(InputError, match="the scene has no slice view Red; expected one"):
         panel_logic.ultrasound.follow(True)
-
-
-def test_live_image_is_placed_by_the_chosen_depth_and_hidden_without_its_sender(
-    panel_logic, application, start: Start, tmp_path
-):
-    matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
-    calibrations = [
-        {"depth_mm": 40, "path": "image_to_probe.txt"},
-        {"depth_mm": 60, "matrix": matrix.ravel().tolist()},
-    ]
-    changes = {"calibrations": calibrations, "depth_mm": 40, "stale_after_ms": 2000}
-    panel_logic.connect(write_session(tmp_path / "session", **changes))
-    sender = start(*SENDER)
-    spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 40 mm"))
-    width, height = 639, 479
-    sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
-    np.testing.assert_allclose(sides[:2], (0.1 * width, 0.1 * height), rtol=0, atol=1e-6)
-    panel_logic.ultrasound.choose_depth(60.0)
-    status = spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 60 mm"))
-    assert status.request == "image_depth from the panel accepted: from 40 to 60 mm"
-    assert (status.ultrasound.depth_mm, status.ultrasound.can_choose) == (60.0, True)
-    sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
-    np.testing.assert_allclose(sides[:2], (0.15 * width, 0.15 * height), rtol=0, atol=1e-6)
-    sender.end(9)
-    spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT IMAGE"))
-    assert node_of(application, VOLUME_NAME).GetImageData() is None

@@ -6,7 +6,7 @@ import pytest
 from std_srvs.srv import SetBool
 
 from app.geometry import MarginGuardError
-from tests.slicer_module.waiting import wait_until
+from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
 LOOKUP = "tf2_msgs/action/LookupTransform"
 SET_BOOL = "std_srvs/srv/SetBool"
@@ -75,7 +75,7 @@ def test_pending_request_is_answered_when_the_service_is_removed(node):
     requesting.start()
     wait_until(lambda: server._pending is not None)
     assert node.RemoveAndDeleteServiceServerNode("/scene/ends")
-    requesting.join(10.0)
+    requesting.join(DEADLINE_S)
     assert errors == ["the service has ended"]
     assert node.CreateAndAddServiceServerNode("SetBool", "/x", None) is None
 

@@ -33,7 +33,7 @@ def is_coloured(scene, model):
 
 
 def test_robot_from_a_parameter_is_built_posed_and_coloured(
-    logic, node, peer, spin_until, describe, robots
+    logic, node, send_tf_until, spin_until, describe, robots
 ):
     scene = logic.scene
     robot = robots("robot1", *WHERE)
@@ -49,10 +49,8 @@ def test_robot_from_a_parameter_is_built_posed_and_coloured(
     assert not is_coloured(scene, "tip_model")
     assert scene.GetFirstNodeByName("tip_model").GetDisplayNode().GetColor() == (0.5, 0.5, 0.5)
     assert "missing" in robot.GetProblem()
-    peer("send_tf", edges=POSES)
     tip = node.GetTf2LookupNodeByParentChild("wrist", "tip")
-    spin_until(lambda: tip.GetState() == "valid" and not robot.IsStale())
-    assert robot.GetProblem() == ""
+    send_tf_until(POSES, lambda: not robot.IsStale() and robot.GetProblem() == "")
     assert tip.GetName() == "ros2:tf2lookup:wristTotip"
     assert tip.GetParentTransformNode().GetName() == "ros2:tf2lookup:baseTowrist"
     assert np.allclose(world_matrix(tip)[:3, 3], [400.0, 0.0, 200.0])
@@ -104,7 +102,7 @@ def test_robot_is_removed_without_leftovers_repeatedly(
 
 
 def test_two_robots_with_prefixes_and_a_fixed_frame(
-    logic, node, peer, spin_until, describe, robots
+    logic, node, send_tf_until, spin_until, describe, robots
 ):
     left = robots("left", *WHERE, "world", "left")
     right = robots("right", *WHERE, "world", "right/")
@@ -115,8 +113,7 @@ def test_two_robots_with_prefixes_and_a_fixed_frame(
     ]
     sent += [[f"{side}/base", f"{side}/wrist", [0.0, 0.0, 0.1]] for side in ("left", "right")]
     sent += [[f"{side}/wrist", f"{side}/tip", [0.0, 0.0, 0.1]] for side in ("left", "right")]
-    peer("send_tf", edges=sent)
-    spin_until(lambda: not left.IsStale() and not right.IsStale())
+    send_tf_until(sent, lambda: not left.IsStale() and not right.IsStale())
     centres = []
     for index in range(2):
         found = logic.scene.GetNodesByName("tip_model")
@@ -154,36 +151,33 @@ def test_static_lookup_of_the_user_keeps_the_pose_of_tf(logic, node, spin_until,
 
 @pytest.mark.parametrize("removed", ["tip_model", "ros2:tf2lookup:wristTotip"])
 def test_robot_with_a_removed_link_is_rebuilt(
-    logic, node, peer, spin_until, describe, robots, removed
+    logic, node, send_tf_until, spin_until, describe, robots, removed
 ):
     scene, before = logic.scene, names(logic.scene)
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
     whole = [name.rstrip("0123456789") for name in names(scene)]  # display nodes are numbered
     scene.RemoveNode(scene.GetFirstNodeByName(removed))
-    peer("send_tf", edges=POSES)
-    spin_until(lambda: not robot.IsStale())
+    send_tf_until(POSES, lambda: not robot.IsStale())
     assert is_coloured(scene, "tip_model")
     assert [name.rstrip("0123456789") for name in names(scene)] == whole
     # Another robot with the same frames shares the lookups of the first until that is removed.
     other = robots("robot2", *WHERE)
     spin_until(other.GetLinkNames)
     assert logic.RemoveRobot("robot1")
-    peer("send_tf", edges=POSES)
-    spin_until(lambda: not other.IsStale())
+    send_tf_until(POSES, lambda: not other.IsStale())
     assert np.allclose(corners(scene), PLACED_MM)
     assert logic.RemoveRobot("robot2")
     assert names(scene) == before
 
 
 def test_moved_links_are_restored_and_a_hardened_robot_is_rebuilt(
-    logic, node, peer, spin_until, describe, robots
+    logic, node, send_tf_until, spin_until, describe, robots
 ):
     scene = logic.scene
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
-    peer("send_tf", edges=POSES)
-    spin_until(lambda: not robot.IsStale())
+    send_tf_until(POSES, lambda: not robot.IsStale())
     aside = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "of_the_user")
     aside.SetMatrixTransformToParent(shifted(7.0))
     for name in ("tip_model", "ros2:tf2lookup:wristTotip"):

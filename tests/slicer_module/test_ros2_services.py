@@ -3,7 +3,7 @@
 import pytest
 
 from app.geometry import MarginGuardError
-from tests.slicer_module.waiting import DEADLINE_S
+from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
 
 def test_request_is_answered_with_one_event(node, peer, spin_until):
@@ -32,6 +32,7 @@ def test_request_to_a_silent_server_times_out_without_blocking_others(logic, nod
     silent = node.CreateAndAddServiceClientNode("Trigger", "/peer/no_reply")
     echo = node.CreateAndAddServiceClientNode("SetBoolString", "/peer/echo")
     silent.SetTimeoutSeconds(1.0)
+    wait_until(silent.PreRequestCheck)  # its server is known
     events = []
     silent.AddObserver("ModifiedEvent", lambda *_: events.append(silent.GetLastError()))
     silent.SendAsyncRequest(silent.CreateBlankRequest())

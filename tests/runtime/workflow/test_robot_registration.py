@@ -20,7 +20,7 @@ from app.session import Session
 from tests.runtime.workflow.guided import Guided
 from tests.session_content import one_link_content
 
-FRAMES = 760
+FRAMES = 380
 """Up to the end of the last of 8 dwells of the shipped case."""
 
 
@@ -98,7 +98,7 @@ def test_removed_point_is_not_used_and_is_restored(guided, steps):
 
 def test_place_of_a_removed_point_may_be_touched_again(guided, steps):
     """The same samples, some later: as a second touch of each landmark."""
-    guided.begin(steps[:140])
+    guided.begin(steps[:70])
     once = guided.fit()
     assert len(once.points) == 2
     task = guided.guide.task() or guided.guide._samples.task(
@@ -119,7 +119,7 @@ def test_place_of_a_removed_point_may_be_touched_again(guided, steps):
 
 
 def test_few_points_and_no_points_are_refused_with_the_reason(guided, steps):
-    fit = guided.record(steps[:60])
+    fit = guided.record(steps[:30])
     assert (len(fit.points), fit.result) == (1, None)
     assert fit.reason == "1 points; expected at least 4"
     with pytest.raises(InputError, match="registration: 1 points; expected at least 4"):
@@ -135,12 +135,12 @@ def test_few_points_and_no_points_are_refused_with_the_reason(guided, steps):
 
 def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
     guided.guide.start(guided.seen)
-    guided.guide.observe(replace(steps[0], edges=replace(steps[40].edges, links={})))
+    guided.guide.observe(replace(steps[0], edges=replace(steps[20].edges, links={})))
     status = guided.guide.status()
     assert status.samples == 0
     assert "is not known now" in status.problem
-    guided.guide.observe(steps[50])
-    guided.guide.observe(steps[40])
+    guided.guide.observe(steps[25])
+    guided.guide.observe(steps[20])
     assert "clock went back" in guided.guide.status().problem
     assert guided.guide.status().samples == 1
 
@@ -148,7 +148,7 @@ def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
 def test_recording_is_bounded(content, steps, monkeypatch):
     monkeypatch.setattr("app.runtime.workflow.robot_samples.MAX_SAMPLES", 5)
     samples = RobotSamples()
-    for step in steps[40:60]:
+    for step in steps[20:30]:
         samples.observe(step, content, content.robot)
     assert len(samples) == 5
     assert samples.problem == "5 samples are recorded, and no more are: stop"
@@ -189,10 +189,10 @@ def test_session_without_a_robot_has_none():
 
 def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):
     guided.guide.start(guided.seen)
-    guided.guide.observe(replace(steps[40], edges=replace(steps[40].edges, measured={})))
+    guided.guide.observe(replace(steps[20], edges=replace(steps[20].edges, measured={})))
     assert guided.guide.status().problem
     with pytest.raises(FrameError):
-        replace(steps[40].edges, measured={}).between("reference", "cautery")
+        replace(steps[20].edges, measured={}).between("reference", "cautery")
 
 
 STYLUS_TIP = Transform(
@@ -247,8 +247,8 @@ def test_a_stylus_without_a_tip_touches_nothing(content):
 def test_advice_for_the_stylus_names_both_tips(content, steps):
     guided = GuidedRobot(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
     guided.guide.start(guided.seen, TrackedTool.STYLUS)
-    guided.guide.observe(steps[40])
+    guided.guide.observe(steps[20])
     assert "'pointer' is not connected" in guided.guide.status().problem
-    for step in steps[40:60]:
+    for step in steps[20:30]:
         guided.guide.observe(touched_by_stylus(step, content))
     assert guided.fit().advice.startswith("hold robot and stylus, tip on tip, still for 1 s")
