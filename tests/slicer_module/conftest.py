@@ -84,6 +84,7 @@ def domain(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> int:
     for name in ("service_client._TIMEOUT_S", "action_client._CANCEL_TIMEOUT_S"):
         monkeypatch.setattr(f"ROS2Lib.{name}", DEADLINE_S)
     monkeypatch.setattr("ROS2Lib.robot_moveit._TRANSPORT_S", DEADLINE_S)
+    monkeypatch.setattr("app.bridge.node._JOIN_TIMEOUT_S", DEADLINE_S)
     for name, value in environment_of(ros_domain).items():
         monkeypatch.setenv(name, value)
     return ros_domain
