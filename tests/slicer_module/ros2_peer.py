@@ -346,7 +346,7 @@ ActionServer(
     ),
     callback_group=ReentrantCallbackGroup(),
 )
-executor = MultiThreadedExecutor(6)
+executor = MultiThreadedExecutor(32)  # each call of ~/no_reply keeps one for ever
 executor.add_node(node)
 executor.add_node(robot)
 threading.Thread(target=executor.spin, daemon=True).start()
