@@ -24,7 +24,7 @@ def publish(domain_id: int, content: SessionContent):
     with SessionPublisher(content, heartbeat_hz=None) as publisher:
 
         def send(step: StepResult) -> None:
-            assert publisher.ros.wait_for_subscribers(CONSTRAINT, 1, 30.0)
+            assert publisher.ros.wait_for_subscribers(CONSTRAINT, 1, 60.0)
             publisher.publish(step, StepTiming())
 
         yield send
@@ -32,7 +32,7 @@ def publish(domain_id: int, content: SessionContent):
 
 def test_constraint_arrives_in_millimetres(publish, make_step: MakeStep) -> None:
     step = make_step(3)
-    with mg.constraint_stream(timeout_s=30.0) as constraints:
+    with mg.constraint_stream(timeout_s=60.0) as constraints:
         publish(step)
         received = constraints.read()
     assert isinstance(received, mg.ReceivedConstraint)
@@ -52,7 +52,7 @@ def test_constraint_arrives_in_millimetres(publish, make_step: MakeStep) -> None
 
 
 def test_unknown_numbers_are_none_and_hold_is_kept(publish, make_step: MakeStep) -> None:
-    with mg.constraint_stream(timeout_s=30.0) as constraints:
+    with mg.constraint_stream(timeout_s=60.0) as constraints:
         publish(make_step(0, lost=True))
         received = next(iter(constraints))
     assert received.state is mg.MarginState.UNKNOWN
@@ -64,7 +64,7 @@ def test_unknown_numbers_are_none_and_hold_is_kept(publish, make_step: MakeStep)
 
 
 def test_each_constraint_is_read_once(publish, make_step: MakeStep) -> None:
-    with mg.constraint_stream(timeout_s=30.0) as constraints:
+    with mg.constraint_stream(timeout_s=60.0) as constraints:
         publish(make_step(0))
         assert constraints.read().seq == 0
         with pytest.raises(mg.MarginGuardError, match=r"no constraint in 0\.1 s; .* is silent"):
@@ -86,9 +86,9 @@ def test_invalid_message_is_an_error(domain_id: int, change, problem: str) -> No
     from app.bridge import RosNode
     from app.bridge.topics import CONSTRAINT
 
-    with RosNode("marginguard") as ros, mg.constraint_stream(timeout_s=30.0) as constraints:
+    with RosNode("marginguard") as ros, mg.constraint_stream(timeout_s=60.0) as constraints:
         publisher = ros.publisher(CONSTRAINT)
-        assert ros.wait_for_subscribers(CONSTRAINT, 1, 30.0)
+        assert ros.wait_for_subscribers(CONSTRAINT, 1, 60.0)
         publisher.publish(FixtureConstraint(**{"hold": True, "state": 3, **change}))
         with pytest.raises(mg.MarginGuardError, match=problem):
             constraints.read()

@@ -1,6 +1,8 @@
 """Every public name has a docstring with an example, and the examples hold."""
 
 import doctest
+from collections.abc import Iterator
+from functools import cache
 
 import pytest
 
@@ -17,6 +19,14 @@ EXAMPLES = {
         marginguard if name == "marginguard" else getattr(marginguard, name), name, module=False
     )
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cases_are_opened_once() -> Iterator[None]:
+    """The examples share each case that they open; it does not change."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(marginguard, "open_case", cache(marginguard.open_case))
+        yield
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -14,7 +14,8 @@ import trimesh
 
 import marginguard as mg
 from app.fixture.proximity.field_cache import cache_folder
-from app.report import ReplayLog, record_of, write_report
+from app.report import ReplayLog
+from app.report.margin_csv import margin_csv
 from app.runtime import ReplayRun, prepare_case
 
 FRAMES = 12
@@ -71,21 +72,19 @@ def steps(case: mg.PreparedCase) -> list[mg.StepResult]:
 
 
 @pytest.fixture(scope="module")
-def margin_csv(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """``margin.csv`` of a report of another replay."""
-    prepared, log = prepare_case(folder), ReplayLog()
-    run = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=[log])
+def expected_csv(folder: Path) -> str:
+    """The text that a report of another replay has in ``margin.csv``."""
+    log = ReplayLog()
+    run = ReplayRun(prepare_case(folder), clock_ns=time.monotonic_ns, outputs=[log])
     assert len(list(run.steps())) == FRAMES
-    report = tmp_path_factory.mktemp("report")
-    write_report(report, record_of(run, log), scene_png=lambda: None, version="0")
-    return (report / "margin.csv").read_text()
+    return margin_csv(log.rows)
 
 
 def test_table_has_the_columns_and_values_of_margin_csv(
-    steps: list[mg.StepResult], margin_csv: str
+    steps: list[mg.StepResult], expected_csv: str
 ) -> None:
     table = mg.margin_table(steps)
-    expected = list(csv.DictReader(io.StringIO(margin_csv)))
+    expected = list(csv.DictReader(io.StringIO(expected_csv)))
     assert list(table.columns) == list(expected[0])
     assert len(table) == len(expected) == FRAMES
     for (_, row), cells in zip(table.iterrows(), expected, strict=True):
@@ -100,8 +99,8 @@ def test_table_has_the_columns_and_values_of_margin_csv(
     assert table["stamp_ns"].dtype == np.int64
 
 
-def test_table_written_again_is_margin_csv(steps: list[mg.StepResult], margin_csv: str) -> None:
-    assert mg.margin_table(steps).to_csv(index=False, float_format="%.6f") == margin_csv
+def test_table_written_again_is_margin_csv(steps: list[mg.StepResult], expected_csv: str) -> None:
+    assert mg.margin_table(steps).to_csv(index=False, float_format="%.6f") == expected_csv
 
 
 def test_distances_are_those_of_two_balls(steps: list[mg.StepResult]) -> None:

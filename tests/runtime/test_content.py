@@ -8,7 +8,7 @@ import pytest
 
 from app.geometry import FrameError, SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import SessionContent, prepare_case
+from app.runtime import SessionContent
 from tests.session_content import one_link_content, registered
 
 
@@ -48,8 +48,8 @@ def test_base_and_root_link_with_two_names_are_joined_and_with_one_name_left_alo
     assert alone.tf_static_edges == alone.static_edges
 
 
-def test_content_of_the_recorded_case_survives_pickling(project_root):
-    content = prepare_case(project_root / "data" / "recorded_case").content
+def test_content_of_the_recorded_case_survives_pickling(recorded_case):
+    content = recorded_case.content
     again = pickle.loads(pickle.dumps(content))
     assert again.model_id == content.model_id
     assert again.registration_id == content.registration_id

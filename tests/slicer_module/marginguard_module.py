@@ -1,72 +1,124 @@
-"""Fixtures for Slicer's module MarginGuard: its folder on the path, doubles of desktop Slicer."""
+"""Slicer's module MarginGuard in tests: its folder on the path, a cut of the recorded case."""
 
-import functools
+import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import slicer
+import yaml
 
-from tests.slicer_module.desktop import desktop_slicer
+from app.case import TrackingFrame, open_case, write_recording
+from app.geometry import NS_PER_MS, NS_PER_S
+from tests.shipped_case import BRIEF, CLOCK_OFFSET_MS, DEEP, PLANNED_DROPOUTS, SHAFT
+from tests.shipped_case import SHIPPED_CASE as CASE
+from tests.slicer_module.waiting import TICK_S, wait_until
 
 FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "MarginGuard"
 UI = FOLDER / "Resources" / "UI" / "MarginGuard.ui"
-CASE = Path(__file__).resolve().parents[2] / "data" / "recorded_case"
 
 if str(FOLDER) not in sys.path:
     sys.path.insert(0, str(FOLDER))  # as Slicer does with --additional-module-paths
 
-from app.runtime import PreparedCase, prepare_case, recorded_breaches  # noqa: E402
+from app.runtime import prepare_case, recorded_breaches  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
+from MarginGuardLib.logic import PanelLogic as PanelLogic  # noqa: E402
 from MarginGuardLib.recorded import RecordedCase  # noqa: E402
 
-MAX_SPINS = 6000
-"""20 ms each: a first run compiles for a minute."""
+CLEAR_S = 8.0
+"""A moment with a known margin outside of the tumour."""
+DWELLS_END_S = 19.0
+INVALID, SILENT, *_, MISSING, _ = PLANNED_DROPOUTS
+WINDOWS_S = [
+    (0.0, 1.5),
+    *((start_s, start_s + 0.6) for start_s in (2.3, 9.2, 11.5, 13.8, 16.1)),  # dwells
+    (4.6, 6.5),
+    (6.9, CLEAR_S + 0.5),
+    (INVALID["start_s"] - 0.7, INVALID["end_s"] + 1.3),
+    *((each["start_s"] - 0.4, each["end_s"] + 0.4) for each in (SILENT, MISSING, BRIEF, SHAFT)),
+    (DEEP["start_s"] - 0.4, DEEP["end_s"] + 1.3),
+    (148.8, 150.0),
+]
+"""Parts of the recorded case that the tests of the panel show."""
 
 
-@pytest.fixture
-def application() -> SceneApplication:
-    """Scene with the part of Slicer's application that markups need."""
-    return SceneApplication(slicer.vtkMRMLScene())
+def frames_in(windows_s: Sequence[tuple[float, float]]) -> tuple[TrackingFrame, ...]:
+    """Frames of the recorded case in ``windows_s``, each at its own time."""
+    frames = list(open_case(CASE).recorded_frames())
+    return tuple(
+        frame
+        for frame in frames
+        if any(
+            low <= (frame.stamp.ns - frames[0].stamp.ns) / NS_PER_S <= high
+            for low, high in windows_s
+        )
+    )
 
 
-@functools.cache
-def opened_case() -> PreparedCase:
-    """The recorded case, opened once because it does not change."""
-    return prepare_case(CASE)
+def cut_case(folder: Path, windows_s: Sequence[tuple[float, float]]) -> Path:
+    """Write the recorded case with the frames of ``windows_s`` only."""
+    shutil.copytree(CASE, folder, ignore=shutil.ignore_patterns("*.mcap"))
+    manifest = yaml.safe_load((CASE / "case.yaml").read_text())
+    del manifest["recording"]["sha256"]
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
+    write_recording(
+        folder / manifest["recording"]["path"],
+        frames_in(windows_s),
+        robot_to_tracker_offset_ns=round(CLOCK_OFFSET_MS * NS_PER_MS),
+        joint_states_topic=manifest["robot"]["joint_states"],
+    )
+    return folder
 
 
-@functools.cache
-def recorded_case() -> RecordedCase:
-    """The recorded case as the panel opens it, stepped through once."""
-    return RecordedCase(opened_case(), recorded_breaches(opened_case()))
+def open_recorded(folder: Path) -> RecordedCase:
+    """The case as the panel opens it, stepped through once."""
+    opened = prepare_case(folder)
+    return RecordedCase(opened, recorded_breaches(opened))
 
 
-@functools.cache
-def frame_times_s() -> list[float]:
+def frame_times_s(recorded: RecordedCase) -> list[float]:
     """Times of the case's frames in s from the first one, those of silences included."""
-    opened = opened_case()
-    return [(frame.stamp.ns - opened.extent.first_ns) / 1e9 for frame in opened.case.frames()]
+    opened = recorded.case
+    return [(frame.stamp.ns - opened.extent.first_ns) / NS_PER_S for frame in opened.case.frames()]
 
 
-def spin_until(panel_logic: Any, is_expected: Callable[[Any], bool]) -> Any:
+def spin_until(panel_logic: Any, is_expected: Callable[[Any], Any]) -> Any:
     """Spin the logic until ``is_expected(status)`` is true; return that status."""
-    for _ in range(MAX_SPINS):
-        status = panel_logic.spin(0.02)
-        if is_expected(status):
-            return status
-    raise AssertionError(f"status {status}; expected another one within the spins")
+    statuses = [panel_logic.spin()]
+
+    def spin() -> None:
+        statuses[:] = [panel_logic.spin(TICK_S)]
+
+    wait_until(lambda: is_expected(statuses[0]), spin, lambda: f"status {statuses[0]}")
+    return statuses[0]
 
 
-@pytest.fixture(scope="module")
-def desktop() -> Iterator[ModuleType]:
-    """The module's file, loaded with TEST DOUBLES for what only desktop Slicer has."""
-    with desktop_slicer():
-        import MarginGuard
+def show(panel_logic: Any, seconds: float) -> Any:
+    """Seek to ``seconds`` and return the status that shows the first frame from there on."""
+    panel_logic.seek(seconds)
+    return spin_until(panel_logic, lambda now: seconds <= now.position_s < seconds + 0.06)
 
-        yield MarginGuard
-    for name in ("MarginGuard", "MarginGuardLib.settings"):
-        sys.modules.pop(name, None)
+
+def step(panel_logic: Any) -> Any:
+    """Show the next frame; return its status."""
+    before = panel_logic.spin().position_s
+    panel_logic.step()
+    return spin_until(panel_logic, lambda now: now.position_s > before)
+
+
+def node_of(application: SceneApplication, name: str) -> Any:
+    return application.scene.GetFirstNodeByName(name)
+
+
+def tumor_color(application: SceneApplication) -> tuple[float, float, float]:
+    return node_of(application, "Tumor").GetDisplayNode().GetColor()
+
+
+def in_slicer(monkeypatch: pytest.MonkeyPatch, application: SceneApplication) -> None:
+    """Set ``slicer.mrmlScene``, and ``slicer.app`` to a TEST DOUBLE."""
+    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
+    app = SimpleNamespace(applicationLogic=lambda: application.logic)
+    monkeypatch.setattr(slicer, "app", app, raising=False)

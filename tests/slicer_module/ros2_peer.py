@@ -33,7 +33,8 @@ from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.action import LookupTransform
 from tf2_msgs.msg import TFMessage
 
-DEADLINE_S = 20.0
+DEADLINE_S = 100.0
+"""Ends a hang; less than that of a test, whose message would not name the call."""
 
 try:  # by its name: it is not declared, as a desktop ROS has it
     Spawn = import_module("turtlesim.srv").Spawn
@@ -345,7 +346,7 @@ ActionServer(
     ),
     callback_group=ReentrantCallbackGroup(),
 )
-executor = MultiThreadedExecutor(6)
+executor = MultiThreadedExecutor(32)  # each call of ~/no_reply keeps one for ever
 executor.add_node(node)
 executor.add_node(robot)
 threading.Thread(target=executor.spin, daemon=True).start()

@@ -88,7 +88,7 @@ def test_slicer_is_started_with_the_modules_and_the_environment(install):
 def test_environment_suffices_for_another_python_to_import_ros_and_marginguard():
     """``-S`` ignores .pth files, as an embedded Python does."""
     environment = slicer_environment({})
-    code = "import rclpy, app.bridge.control, marginguard_msgs.msg; print(app.__file__)"
+    code = "import rclpy, numpy, app.bridge, marginguard_msgs.msg; print(app.__file__)"
     done = subprocess.run(
         [sys.base_prefix + f"/bin/python{OURS}", "-S", "-c", code],
         capture_output=True,

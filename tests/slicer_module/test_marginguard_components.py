@@ -154,17 +154,3 @@ def test_import_error_of_any_type_is_one_line(monkeypatch, name, error):
     problem = installation.missing_requirement()
     assert "cannot be loaded" in problem
     assert "\n" not in problem
-
-
-def test_logic_imports_nothing_that_desktop_slicer_lacks():
-    """The logic imports neither trame nor Qt; matplotlib stays unloaded."""
-    code = (
-        "import sys\n"
-        "sys.modules |= dict.fromkeys(('trame', 'trame_slicer', 'PySide6'))\n"
-        "import MarginGuardLib.logic\n"
-        "print('matplotlib' in sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=FOLDER, check=False
-    )
-    assert done.stdout == "False\n", done.stderr

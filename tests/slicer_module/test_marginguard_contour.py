@@ -8,31 +8,18 @@ import pytest
 from app.contour import MAX_POINTS, Contour, ContourPoint, contour_surface
 from app.geometry import InputError
 from tests.shipped_case import DEEP, middle_s
-from tests.slicer_module.marginguard_module import CASE, recorded_case, spin_until
-from tests.slicer_module.marginguard_module import application as application
+from tests.slicer_module.marginguard_module import CLEAR_S, node_of, show, spin_until
 
 from MarginGuardLib.contour_points import NAME  # isort: skip
-from MarginGuardLib.logic import PanelLogic  # isort: skip
 
-CLEAR_S = 8.0
 RADIUS_MM = 9.0
 ERROR_MM = 0.3
 
 
 @pytest.fixture
-def panel_logic(application, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-    logic = PanelLogic(application.scene, application.logic)
-    logic.load_case(CASE)
-    spin_until(logic, lambda now: now.position_s is not None)
-    show(logic, CLEAR_S)
-    yield logic
-    logic.close()
-
-
-def show(panel_logic, seconds):
-    panel_logic.seek(seconds)
-    return spin_until(panel_logic, lambda now: abs(now.position_s - seconds) < 0.05)
+def panel_logic(replayed):
+    show(replayed, CLEAR_S)
+    return replayed
 
 
 def edge(panel_logic):
@@ -56,7 +43,7 @@ def click(node, points_mm):
 
 def placed(panel_logic, application):
     panel_logic.contour.place()
-    node = application.scene.GetFirstNodeByName(NAME)
+    node = node_of(application, NAME)
     click(node, ball(panel_logic))
     return node
 
@@ -81,7 +68,7 @@ def test_clicks_of_slicer_become_the_surface_of_the_page(panel_logic, applicatio
     assert lines[0] == "40 points"
     assert lines[1].startswith(f"{expected.mesh.signed_volume_mm3 / 1000.0:.2f} cm")
     assert f"{expected.uncertainty.sigma_mm:.2f} mm: calibration 0.30" in lines[2]
-    surface = application.scene.GetFirstNodeByName("Contour").GetPolyData()
+    surface = node_of(application, "Contour").GetPolyData()
     assert surface.GetNumberOfPoints() == len(expected.mesh.vertices_mm)
 
 
@@ -159,12 +146,12 @@ def test_deleted_node_and_ended_session_leave_nothing(panel_logic, application):
     application.scene.RemoveNode(node)
     status = spin_until(panel_logic, lambda now: not now.contour.has_points)
     assert status.contour.text == ""
-    assert application.scene.GetFirstNodeByName("Contour") is None
+    assert node_of(application, "Contour") is None
     placed(panel_logic, application)
     spin_until(panel_logic, lambda now: "cm" in now.contour.text)
     panel_logic.end_session()
-    assert application.scene.GetFirstNodeByName(NAME) is None
-    assert application.scene.GetFirstNodeByName("Contour") is None
+    assert node_of(application, NAME) is None
+    assert node_of(application, "Contour") is None
     with pytest.raises(InputError, match="there is no session"):
         panel_logic.contour.place()
 

@@ -2,35 +2,22 @@
 
 import numpy as np
 import pytest
-import slicer
 
 from app.fixture import MarginState
 from app.geometry import InputError
 from app.runtime import stop_surface
 from app.session import AxisDistances
 from tests.shipped_case import DEEP, middle_s
-from tests.slicer_module.marginguard_module import CASE, FOLDER, recorded_case, spin_until
-from tests.slicer_module.marginguard_module import application as application
-from tests.slicer_module.marginguard_module import desktop as desktop
-from tests.slicer_module.test_marginguard_panel import in_slicer
-
-from MarginGuardLib.logic import PanelLogic  # isort: skip
-
-CLEAR_S = 8.0
+from tests.slicer_module.marginguard_module import CASE, CLEAR_S, node_of, show, spin_until
 
 
 @pytest.fixture
-def panel_logic(application, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-    logic = PanelLogic(application.scene)
-    logic.load_case(CASE)
-    spin_until(logic, lambda now: now.position_s is not None)
-    yield logic
-    logic.close()
+def panel_logic(replayed):
+    return replayed
 
 
-def test_all_breaches_of_a_recording_are_listed_and_shown(panel_logic):
-    expected = recorded_case().case.case.expected().breaches.intervals
+def test_all_breaches_of_a_recording_are_listed_and_shown(panel_logic, recorded):
+    expected = recorded.case.case.expected().breaches.intervals
     rows = panel_logic.events.breach_rows()
     assert len(rows) == len(expected) == panel_logic.events.breaches.count == 3
     begins_s = [float(row[0].split()[0]) for row in rows]
@@ -55,21 +42,19 @@ def test_all_breaches_of_a_recording_are_listed_and_shown(panel_logic):
 def test_notes_are_on_moments_and_in_a_table_of_the_scene(panel_logic, application):
     with pytest.raises(InputError, match="0 characters"):
         panel_logic.events.add_note("  ")
-    panel_logic.seek(CLEAR_S)
-    status = spin_until(panel_logic, lambda now: abs(now.position_s - CLEAR_S) < 0.05)
+    status = show(panel_logic, CLEAR_S)
     panel_logic.events.add_note("skin incision")
     ((time, text),) = panel_logic.events.note_rows()
     assert (time, text) == (f"{status.position_s:.1f} s", "skin incision")
 
-    panel_logic.seek(0.0)
-    spin_until(panel_logic, lambda now: now.position_s < 1.0)
+    show(panel_logic, 0.0)
     panel_logic.events.go_to_note(0)
     spin_until(panel_logic, lambda now: now.position_s == status.position_s)
     with pytest.raises(InputError, match="none is selected"):
         panel_logic.events.go_to_note(1)
 
     panel_logic.events.to_table()
-    table = application.scene.GetFirstNodeByName("Events")
+    table = node_of(application, "Events")
     assert table.GetNumberOfRows() == 4
     cells = [[table.GetCellText(row, column) for column in range(4)] for row in range(4)]
     assert cells[0] == [f"{status.position_s:.3f}", "note", "", "skin incision"]
@@ -87,8 +72,8 @@ def test_notes_are_on_moments_and_in_a_table_of_the_scene(panel_logic, applicati
 
 
 def test_directions_are_those_of_the_surface_at_the_stop_margin(panel_logic):
-    panel_logic.seek(CLEAR_S)
-    status = spin_until(panel_logic, lambda now: now.directions and now.position_s > 7.9)
+    show(panel_logic, CLEAR_S)
+    status = spin_until(panel_logic, lambda now: now.directions)
     content = panel_logic.session.commands().content
     tip_mm = panel_logic.session.shown_step.tumor_from_tip.translation_mm
     found = AxisDistances(stop_surface(content)).at(tip_mm)
@@ -110,21 +95,7 @@ def test_directions_are_those_of_the_surface_at_the_stop_margin(panel_logic):
     np.testing.assert_allclose(sorted(numbers), sorted(expected), atol=0.051)
 
 
-@pytest.fixture
-def panel(desktop, application, monkeypatch):
-    from tests.slicer_module.slicer_double import panel_parent
-
-    in_slicer(monkeypatch, application)
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-    monkeypatch.setattr(slicer.util, "errorDisplay", lambda text: pytest.fail(text))
-    widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
-    widget.setup()
-    widget._spinner.stop()  # the tests call spin
-    yield widget
-    widget.cleanup()
-
-
-def test_widgets_list_events_and_jump(panel):
+def test_widgets_list_events_and_jump(panel, opens_at_once, errors):
     ui, logic = panel.ui, panel.logic.panel_logic
     panel.spin()
     assert not (ui.addNoteButton.isEnabled() or ui.goToBreachButton.isEnabled())
@@ -152,3 +123,4 @@ def test_widgets_list_events_and_jump(panel):
     spin_until(logic, lambda now: now.directions)
     panel.spin()
     assert "A" in ui.directionsLabel.text()
+    assert errors == []

@@ -1,135 +1,143 @@
 """Guided calibration and registration by touch in the panel, with the engine of the page."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-import slicer
+import trimesh
+from scipy.spatial.transform import Rotation
 
+import marginguard as mg
+from app.case import open_case
 from app.geometry import InputError
-from app.runtime import CalibrationKind, TrackedTool
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
-from tests.slicer_module.marginguard_module import CASE, FOLDER, recorded_case, spin_until
-from tests.slicer_module.marginguard_module import application as application
-from tests.slicer_module.marginguard_module import desktop as desktop
-from tests.slicer_module.test_marginguard_panel import in_slicer
+from app.runtime import CalibrationKind
+from tests.slicer_module.marginguard_module import CASE, frame_times_s, frames_in, spin_until, step
 from tests.viewer.calibrated_tool import (
     KNOWN_MM,
+    NOISE_MM,
+    NOISE_RAD,
+    RATE_HZ,
     SHAFT,
-    STYLUS_TIP_MM,
     TIP_MM,
-    move,
-    write_session,
+    Tool,
 )
 
-from MarginGuardLib.logic import PanelLogic  # isort: skip
-
+MOTION_FRAMES = 250
 DWELLS = 8
 DWELLS_END_S = 19.0
 
 
 @pytest.fixture
-def panel_logic(application):
-    logic = PanelLogic(application.scene)
-    yield logic
-    logic.close()
+def panel_logic(unconnected):
+    return unconnected
+
+
+def ball(frame, radius_mm):
+    shape = trimesh.creation.icosphere(3, radius_mm)
+    return mg.SurfaceMesh(frame, shape.vertices, shape.faces)
+
+
+def identity(target, source):
+    return mg.Transform.identity(target, source)
+
+
+def noisy_poses():
+    """Frames of a tool that swings about its tip and then turns about its shaft."""
+    tool, rng = Tool(), np.random.default_rng(3)
+    for index in range(2 * MOTION_FRAMES):
+        rotation, place_mm = tool.move("pivot" if index < MOTION_FRAMES else "spin", 2.0 / RATE_HZ)
+        noisy = rotation * Rotation.from_rotvec(rng.normal(0.0, NOISE_RAD, 3))
+        place_mm = place_mm + rng.normal(0.0, NOISE_MM, 3)
+        yield (
+            index / RATE_HZ,
+            [
+                identity("tracker", "reference"),
+                mg.Transform("tracker", "needle", np.eye(3), [0.0, 0.001 * index, 20.0]),
+                mg.Transform("tracker", "cautery", noisy.as_matrix(), place_mm),
+            ],
+        )
 
 
 @pytest.fixture
-def replay(panel_logic, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-    panel_logic.load_case(CASE)
-    spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
-    panel_logic.set_rate(20.0)
-    return panel_logic
+def moving_tool(tmp_path):
+    """A case of `noisy_poses`; the tip in the case is 3.5 mm off."""
+    return mg.write_case(
+        tmp_path / "case",
+        noisy_poses(),
+        tool=ball("cautery_tip", 1.0),
+        tool_from_tip=mg.Transform("cautery", "cautery_tip", np.eye(3), KNOWN_MM),
+        tumor=ball("tumor", 8.0),
+        frame_from_tumor=identity("needle", "tumor"),
+        margins=mg.MarginParameters(1.0, 5.0, 2.0, 50.0, 200_000_000, 3, 0.5, 10**9),
+        name="moving tool",
+        provenance="simulated",
+        source="a test",
+    )
 
 
 def tip(panel_logic):
     return panel_logic.session.commands().content.tool_from_tip
 
 
-def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, start, tmp_path, domain_id):
-    motion = tmp_path / "motion"
-    move(motion, "narrow")
-    panel_logic.connect(write_session(tmp_path / "session"))
+def play_frames(panel_logic, count):
+    panel_logic.session.replay().player.step(count)
+
+
+def stop_and_use(panel_logic):
+    panel_logic.calibration().stop()
+    spin_until(panel_logic, lambda now: now.calibration.can_use)
+    panel_logic.calibration().use()
+
+
+def is_covered(status):
+    return "8 of 8" in status.calibration.text and "Good" in status.calibration.text
+
+
+def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_tool):
+    panel_logic.load_case(moving_tool)
     spin_until(panel_logic, lambda now: now.calibration.can_start)
     with pytest.raises(InputError, match="no robot"):
         panel_logic.touch()
     panel_logic.calibration().start(CalibrationKind.PIVOT)
-    tracker = start("-m", "tests.viewer.calibrated_tool", str(motion))
-    status = spin_until(panel_logic, lambda now: "Not yet: the poses of a" in now.calibration.text)
-    assert "tilt the tool slowly" in status.calibration.text
+    play_frames(panel_logic, 5)
+    status = spin_until(panel_logic, lambda now: "Not yet: " in now.calibration.text)
     assert status.calibration.is_recording and not status.calibration.can_use
     assert "a pivot of the cautery is being recorded" in status.workflow
 
-    move(motion, "pivot")
-    is_covered = lambda now: "8 of 8" in now.calibration.text and "Good" in now.calibration.text  # noqa: E731
+    play_frames(panel_logic, MOTION_FRAMES - 5)
     status = spin_until(panel_logic, is_covered)
     assert status.calibration.coverage.sectors == (True,) * 8
     assert "mm RMS" in status.calibration.text
-    panel_logic.calibration().stop()
-    spin_until(panel_logic, lambda now: now.calibration.can_use)
     np.testing.assert_allclose(tip(panel_logic).translation_mm, KNOWN_MM, atol=1e-9)
-    panel_logic.calibration().use()
+    stop_and_use(panel_logic)
     status = spin_until(panel_logic, lambda now: now.calibration.can_undo)
     assert status.calibration.text == ""
+    assert "set_tip from the panel accepted" in status.request
     pivoted = tip(panel_logic)
     assert np.linalg.norm(pivoted.translation_mm - TIP_MM) < 0.5
-    status = spin_until(panel_logic, lambda now: "hold: calibration of the tool" in now.reasons)
-    assert "set_tip from the panel accepted" in status.request
+    assert "hold: calibration of the tool" in step(panel_logic).reasons
 
-    move(motion, "spin")
-    tracker.line(lambda line: line.strip() == "spin")
     panel_logic.calibration().start(CalibrationKind.SPIN)
+    play_frames(panel_logic, MOTION_FRAMES - 5)
     spin_until(panel_logic, is_covered)
-    panel_logic.calibration().stop()
-    spin_until(panel_logic, lambda now: now.calibration.can_use)
-    panel_logic.calibration().use()
+    stop_and_use(panel_logic)
     spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0)
     assert np.degrees(np.arccos(tip(panel_logic).rotation[:, 2] @ SHAFT)) < 0.5
-    spin_until(panel_logic, lambda now: now.calibration.can_undo)
     panel_logic.calibration().undo()
     spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) == 0.0)
 
 
-def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, tmp_path, domain_id):
-    motion = tmp_path / "motion"
-    move(motion, "pivot")
-    panel_logic.connect(write_session(tmp_path / "session", stylus=True))
-    start("-m", "tests.viewer.calibrated_tool", str(motion))
-    status = spin_until(panel_logic, lambda now: now.calibration.can_start and now.contour.can_edit)
-    assert status.stylus == "not calibrated"
-    before = tip(panel_logic)
-    stylus = TrackedTool.STYLUS
-    with pytest.raises(InputError, match=r"^stylus: it is not calibrated; expected a pivot"):
-        panel_logic.contour.add_tip(stylus)
-    with pytest.raises(InputError, match=r"^spin: the tip of 'pointer' is at the sensor's origin"):
-        panel_logic.calibration().start(CalibrationKind.SPIN, stylus)
-    panel_logic.calibration().start(CalibrationKind.PIVOT, stylus)
-    status = spin_until(panel_logic, lambda now: "Good enough" in now.calibration.text)
-    assert status.calibration.text.startswith("pivot of the stylus: recording")
-    panel_logic.calibration().stop()
-    spin_until(panel_logic, lambda now: now.calibration.can_use)
-    panel_logic.calibration().use()
-    status = spin_until(panel_logic, lambda now: "mm from the sensor, sigma" in now.stylus)
-    found = panel_logic.session.commands().content.stylus.tip
-    assert np.linalg.norm(found.translation_mm - STYLUS_TIP_MM) < 0.5
-    assert tip(panel_logic) is before
-    assert "set_stylus_tip from the panel accepted: the first tip" in status.request
-    assert "calibration" not in status.reasons
-    model = "StylusModel"
-    spin_until(panel_logic, lambda _: application.scene.GetFirstNodeByName(model) is not None)
-    panel_logic.contour.add_tip(stylus)
-    status = spin_until(panel_logic, lambda now: "1 point" in now.contour.text)
-
-
-def test_robot_is_registered_by_the_dwells_of_a_replay(replay):
-    panel_logic = replay
+def test_robot_is_registered_by_the_dwells_of_a_replay(panel_logic, recorded, monkeypatch):
+    dwells = open_case(CASE, frames=frames_in([(0.0, DWELLS_END_S + 0.2)]))
+    opened = replace(recorded, case=replace(recorded.case, case=dwells))
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
+    panel_logic.load_case(CASE)
+    spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
     before = panel_logic.session.commands().content.registration
     panel_logic.touch().start()
-    panel_logic.play()
-    spin_until(panel_logic, lambda now: now.position_s > DWELLS_END_S)
+    play_frames(panel_logic, sum(each < DWELLS_END_S for each in frame_times_s(opened)))
+    spin_until(panel_logic, lambda now: now.position_s >= DWELLS_END_S)
     panel_logic.touch().stop()
-    panel_logic.pause()
     status = spin_until(panel_logic, lambda now: now.touch.can_use)
     assert [row[0] for row in status.touch.rows] == [str(n) for n in range(1, DWELLS + 1)]
     assert all(0.0 < float(residual) < 1.5 for _, residual, _ in status.touch.rows)
@@ -153,33 +161,20 @@ def test_robot_is_registered_by_the_dwells_of_a_replay(replay):
     assert panel_logic.session.commands().content.registration is before
 
 
-def test_commands_of_a_session_that_is_over_are_refused(replay):
-    calibration = replay.calibration()
+def test_commands_of_a_session_that_is_over_are_refused(replayed):
+    calibration = replayed.calibration()
     calibration.start(CalibrationKind.PIVOT)
     with pytest.raises(InputError, match="changed it meanwhile"):
         calibration.stop()  # nothing of the new recording was shown yet
-    spin_until(replay, lambda now: now.calibration.is_recording)
-    replay.end_session()
-    status = replay.spin()
+    spin_until(replayed, lambda now: now.calibration.is_recording)
+    replayed.end_session()
+    status = replayed.spin()
     assert not (status.calibration.can_start or status.touch.can_start)
     with pytest.raises(InputError, match="there is no session"):
-        replay.calibration()
+        replayed.calibration()
 
 
-@pytest.fixture
-def panel(desktop, application, monkeypatch):
-    from tests.slicer_module.slicer_double import panel_parent
-
-    in_slicer(monkeypatch, application)
-    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: True, raising=False)
-    widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
-    widget.setup()
-    widget._spinner.stop()  # the tests call spin
-    yield widget
-    widget.cleanup()
-
-
-def test_widgets_show_coverage_and_points(panel, monkeypatch):
+def test_widgets_show_coverage_and_points(panel):
     from app.runtime import Coverage
     from MarginGuardLib.guided import GuidedShown
 
@@ -205,7 +200,7 @@ def test_widgets_show_coverage_and_points(panel, monkeypatch):
     assert not ui.startPivotButton.isEnabled()
 
 
-def test_point_of_the_selected_row_is_removed(panel, application):
+def test_point_of_the_selected_row_is_removed(panel):
     from MarginGuardLib.guided import GuidedShown
     from tests.slicer_module.test_marginguard_panel import CommandsDouble
 

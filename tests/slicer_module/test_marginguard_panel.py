@@ -2,26 +2,20 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import slicer
 
 from app.fixture import MarginState
 from app.runtime import CalibrationKind, TrackedTool
-from app.scene import Preset
+from app.scene import Preset, SceneApplication
 from tests.shipped_case import DEEP, middle_s
-from tests.slicer_module.marginguard_module import (
-    CASE,
-    FOLDER,
-    MAX_SPINS,
-    UI,
-    frame_times_s,
-    recorded_case,
-)
-from tests.slicer_module.marginguard_module import application as application
-from tests.slicer_module.marginguard_module import desktop as desktop
+from tests.slicer_module.conftest import open_panel
+from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, frame_times_s, in_slicer
+from tests.slicer_module.waiting import wait_until
 
 from MarginGuardLib.ultrasound import UltrasoundShown  # isort: skip
 
@@ -36,13 +30,18 @@ BUDDY = ("EditLabel", "BoxLabel", "SelectorLabel", "SliderLabel")
 
 
 class RecordedPart:
-    """TEST DOUBLE of a guided recording: records ``part.name`` of each command."""
-
-    def __init__(self, part, calls):
-        self._part = part
-        self._calls = calls
+    """TEST DOUBLE of a part of `PanelLogic`: records ``part.name`` of each command."""
 
     follows_tool = keeps_tumor = False
+
+    def __init__(self, part, calls):
+        self._part, self._calls = part, calls
+
+    def __call__(self, *arguments):
+        """The part is a command itself, or `PanelLogic` returns it."""
+        if self._part not in ("calibration", "touch"):
+            self._calls.append((self._part, *arguments))
+        return self
 
     def __getattr__(self, name):
         return lambda *arguments: self._calls.append((f"{self._part}.{name}", *arguments))
@@ -52,58 +51,15 @@ class CommandsDouble:
     """TEST DOUBLE of `PanelLogic` that records the commands."""
 
     def __init__(self, panel_logic):
-        self.panel_logic = panel_logic
-        self.calls = []
-        self.alarm = panel_logic.alarm
-
-    def calibration(self):
-        return RecordedPart("calibration", self.calls)
-
-    def touch(self):
-        return RecordedPart("touch", self.calls)
-
-    @property
-    def view(self):
-        return RecordedPart("view", self.calls)
-
-    @property
-    def contour(self):
-        return RecordedPart("contour", self.calls)
-
-    @property
-    def needle(self):
-        return RecordedPart("needle", self.calls)
-
-    @property
-    def ultrasound(self):
-        return RecordedPart("ultrasound", self.calls)
-
-    @property
-    def events(self):
-        return RecordedPart("events", self.calls)
-
-    def spin(self):
-        return self.panel_logic.spin()
-
-    def margins(self):
-        return self.panel_logic.margins()
+        self.panel_logic, self.calls = panel_logic, []
+        self.alarm, self.spin = panel_logic.alarm, panel_logic.spin
+        self.margins, self.close = panel_logic.margins, panel_logic.close
 
     def alarm_due(self):
         return False
 
-    def close(self):
-        self.panel_logic.close()
-
     def __getattr__(self, name):
-        return lambda *arguments: self.calls.append((name, *arguments))
-
-
-@pytest.fixture
-def errors(monkeypatch):
-    """Texts of the error windows."""
-    texts = []
-    monkeypatch.setattr(slicer.util, "errorDisplay", lambda text, **_: texts.append(text))
-    return texts
+        return RecordedPart(name, self.calls)
 
 
 @pytest.fixture(autouse=True)
@@ -119,40 +75,42 @@ def confirmed(monkeypatch):
     return questions
 
 
-def in_slicer(monkeypatch, application):
-    """Set ``slicer.mrmlScene``, and ``slicer.app`` to a TEST DOUBLE."""
-    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
-    app = SimpleNamespace(applicationLogic=lambda: application.logic)
-    monkeypatch.setattr(slicer, "app", app, raising=False)
+def press(panel, name):
+    """Click the button and return the commands that it caused."""
+    button, calls = getattr(panel.ui, name), panel.logic.panel_logic.calls
+    button.setEnabled(True)
+    button.setChecked(False)
+    calls.clear()
+    button.click()
+    return list(calls)
 
 
-@pytest.fixture
-def panel(desktop, application, monkeypatch, errors):
-    from tests.slicer_module.slicer_double import panel_parent
+@contextmanager
+def recording_commands(panel):
+    """A `CommandsDouble` in place of the panel's logic."""
+    logic = panel.logic.panel_logic
+    panel.logic.panel_logic = CommandsDouble(logic)
+    yield panel
+    panel.logic.panel_logic = logic
 
-    in_slicer(monkeypatch, application)
-    widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
-    widget.setup()
-    widget._spinner.stop()  # the tests call spin
-    yield widget
-    widget.cleanup()
+
+@pytest.fixture(scope="module")
+def one_panel(desktop):
+    """One panel for all buttons."""
+    application = SceneApplication(slicer.vtkMRMLScene())
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        open_panel(desktop, application, patch) as panel,
+        recording_commands(panel),
+    ):
+        yield panel
 
 
 @pytest.fixture
 def pressed(panel):
     """``pressed(name)`` clicks the button and returns the commands that it caused."""
-    commands = CommandsDouble(panel.logic.panel_logic)
-    panel.logic.panel_logic = commands
-
-    def press(name):
-        commands.calls.clear()
-        button = getattr(panel.ui, name)
-        button.setEnabled(True)
-        button.click()
-        return list(commands.calls)
-
-    yield press
-    panel.logic.panel_logic = commands.panel_logic
+    with recording_commands(panel):
+        yield partial(press, panel)
 
 
 EXPECTED_CALLS = {
@@ -215,16 +173,18 @@ def test_expected_calls_cover_every_button_of_ui():
 
 
 @pytest.mark.parametrize("name", BUTTONS)
-def test_button_calls_its_command(panel, pressed, name):
-    panel.ui.segmentLineEdit.setText("Tumor")
-    panel.ui.noteLineEdit.setText("a note")
-    panel.ui.stopSpinBox.setValue(1.5)
-    panel.ui.warnSpinBox.setValue(6.5)
+def test_button_calls_its_command(one_panel, errors, name):
+    ui = one_panel.ui
+    ui.segmentLineEdit.setText("Tumor")
+    ui.noteLineEdit.setText("a note")
+    ui.stopSpinBox.setValue(1.5)
+    ui.warnSpinBox.setValue(6.5)
     # Slicer's parameter node does not store paths that do not exist.
-    panel.ui.configPathLineEdit.setText("live.yaml")
-    panel.ui.registrationPathLineEdit.setText("some_case")
-    panel.ui.casePathLineEdit.setText("replayed")
-    assert pressed(name) == EXPECTED_CALLS[name]
+    ui.configPathLineEdit.setText("live.yaml")
+    ui.registrationPathLineEdit.setText("some_case")
+    ui.casePathLineEdit.setText("replayed")
+    assert press(one_panel, name) == EXPECTED_CALLS[name]
+    assert errors == []
 
 
 def test_chosen_tool_is_calibrated_and_touches_the_points(panel, pressed):
@@ -235,38 +195,28 @@ def test_chosen_tool_is_calibrated_and_touches_the_points(panel, pressed):
         assert call == (*EXPECTED_CALLS[button][0][:-1], TrackedTool.STYLUS)
 
 
-def test_recording_is_ended_after_a_question_only(panel, pressed, confirmed, monkeypatch):
-    assert pressed("stopRecordingButton") == [("stop_recording",)]
-    assert confirmed == ["End the recording of this session?"]
-    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
-    assert pressed("stopRecordingButton") == []
+HELD = "robot is held until an operator re-arms."
 
 
 @pytest.mark.parametrize(
     ("name", "question"),
     [
-        ("useCalibrationButton", "Use this calibration? After that of the cautery the"),
-        ("undoCalibrationButton", "Use the tip from before? After that of the cautery the"),
-        ("useTouchButton", "Use this registration of the robot? The"),
-        ("undoRegistrationButton", "Use the registration from before? The"),
+        ("stopRecordingButton", "End the recording of this session?"),
+        ("useCalibrationButton", f"Use this calibration? After that of the cautery the {HELD}"),
+        ("undoCalibrationButton", f"Use the tip from before? After that of the cautery the {HELD}"),
+        ("useTouchButton", f"Use this registration of the robot? The {HELD}"),
+        ("undoRegistrationButton", f"Use the registration from before? The {HELD}"),
+        ("deletePointsButton", "Delete all points of the contour?"),
+        ("useContourButton", f"Replace the tumour of this session by the contour? The {HELD}"),
     ],
 )
-def test_result_is_used_after_a_question_only(pressed, confirmed, monkeypatch, name, question):
-    assert pressed(name) == EXPECTED_CALLS[name]
-    assert confirmed == [f"{question} robot is held until an operator re-arms."]
+def test_button_calls_its_command_after_a_question_only(
+    one_panel, confirmed, monkeypatch, name, question
+):
+    assert press(one_panel, name) == EXPECTED_CALLS[name]
+    assert confirmed == [question]
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
-    assert pressed(name) == []
-
-
-def test_points_are_deleted_and_contour_is_used_after_a_question(pressed, confirmed, monkeypatch):
-    assert pressed("deletePointsButton") == [("contour.delete_all",)]
-    assert pressed("useContourButton") == [("contour.use",)]
-    assert [question.split("?")[0] for question in confirmed] == [
-        "Delete all points of the contour",
-        "Replace the tumour of this session by the contour",
-    ]
-    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
-    assert pressed("deletePointsButton") == pressed("useContourButton") == []
+    assert press(one_panel, name) == []
 
 
 def test_depth_is_chosen_among_the_listed_ones_after_a_question(
@@ -382,23 +332,18 @@ def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
 
 
-def test_replayed_case_is_shown(panel, desktop, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-
+def test_replayed_case_is_shown(panel, desktop, opens_at_once):
     def until(is_reached):
-        for _ in range(MAX_SPINS):
-            panel.logic.panel_logic.spin(0.02)
-            panel.spin()
-            if is_reached():
-                return
-        raise AssertionError(panel.ui.messageLabel.text())
+        wait_until(is_reached, panel.spin, panel.ui.messageLabel.text)
 
     ui = panel.ui
     ui.casePathLineEdit.setText(str(CASE))
     ui.loadButton.click()
     until(lambda: ui.playButton.isEnabled())
     assert ui.sessionLabel.text() == "simulated lumpectomy 1 (simulated): paused"
-    assert ui.seekSlider.property("maximum") == pytest.approx(frame_times_s()[-1], abs=0.01)
+    assert ui.seekSlider.property("maximum") == pytest.approx(
+        frame_times_s(opens_at_once)[-1], abs=0.01
+    )
     assert (ui.stopSpinBox.value(), ui.warnSpinBox.value()) == (1.0, 5.0)  # the case's
     moment_s = middle_s(DEEP)
     ui.seekSlider.setValue(moment_s)
@@ -487,9 +432,8 @@ def test_module_sets_title_help_and_acknowledgement(desktop):
     assert parent.acknowledgementText
 
 
-def test_module_test_for_slicer_passes_here(desktop, application, monkeypatch):
+def test_module_test_for_slicer_passes_here(desktop, application, opens_at_once, monkeypatch):
     in_slicer(monkeypatch, application)
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
     desktop.MarginGuardTest().runTest()
 
 

@@ -1,7 +1,6 @@
 """The recorded case in the module's logic on the real MRML, compared with a replay."""
 
 import csv
-import threading
 from collections import Counter
 from contextlib import contextmanager
 
@@ -17,32 +16,28 @@ from app.runtime import OperatorCommands, StepThread, StepTiming
 from app.scene import Preset, load_scene, save_scene
 from app.scene.nodes.convert import world_points
 from app.session import Session
-from tests.shipped_case import (
-    BRIEF,
-    DEEP,
-    PLANNED_DROPOUTS,
-    SHAFT,
-    STALE_AFTER_S,
-    middle_s,
-)
+from tests.shipped_case import BRIEF, DEEP, SHAFT, STALE_AFTER_S, middle_s
 from tests.slicer_module.marginguard_module import (
     CASE,
-    MAX_SPINS,
+    CLEAR_S,
+    INVALID,
+    MISSING,
+    SILENT,
+    PanelLogic,
     frame_times_s,
-    recorded_case,
+    node_of,
+    show,
     spin_until,
+    step,
+    tumor_color,
 )
-from tests.slicer_module.marginguard_module import application as application
+from tests.slicer_module.waiting import wait_until
 
-from MarginGuardLib.logic import PanelLogic  # isort: skip
 from MarginGuardLib.jobs import one_line  # isort: skip
 
 GREY, RED = MarginState.UNKNOWN.color, MarginState.POSITIVE.color
-RUN_IN_S = 2.0
-BREACH_S = middle_s(DEEP)
-INVALID, SILENT, *_, MISSING, _ = PLANNED_DROPOUTS
-INVALID_S = middle_s(INVALID)
-CLEAR_S = 8.0
+BREACH_S, INVALID_S = middle_s(DEEP), middle_s(INVALID)
+NEAR_S = 5.0
 MOMENTS_S = {
     "clear": CLEAR_S,
     "invalid": INVALID_S,
@@ -54,115 +49,75 @@ MOMENTS_S = {
 }
 
 
-class ClockDouble:
-    """TEST DOUBLE of the host's clock: changes only when the test sets ``ns``."""
-
-    def __init__(self):
-        self.ns = 0
-
-    def __call__(self):
-        return self.ns
-
-
 @pytest.fixture(scope="module")
-def opened():
-    return recorded_case().case  # stepped through before the rows are computed
-
-
-@pytest.fixture(scope="module")
-def rows(opened):
-    """Rows of a replay's ``margin.csv`` around each of `MOMENTS_S`, by time in s.
-
-    One session steps from `RUN_IN_S` before each of them; a seek in the panel starts a new one.
-    """
-    session, log = Session(opened.setup), ReplayLog()
-    times_s = []
-    for frame in opened.case.frames():
-        seconds = (frame.stamp.ns - opened.extent.first_ns) / 1e9
-        if any(-RUN_IN_S < seconds - moment < RUN_IN_S for moment in MOMENTS_S.values()):
-            log.publish(session.step(frame), StepTiming())
-            times_s.append(round(seconds, 3))
+def rows(recorded):
+    """Rows of a replay's ``margin.csv`` by time in s; a seek in the panel starts a new session."""
+    session, log = Session(recorded.case.setup), ReplayLog()
+    for frame in recorded.case.case.frames():
+        log.publish(session.step(frame), StepTiming())
+    times_s = [round(seconds, 3) for seconds in frame_times_s(recorded)]
     rows = dict(zip(times_s, csv.DictReader(margin_csv(log.rows).splitlines()), strict=True))
     assert {row["state"] for row in rows.values()} == set(MarginState.__members__)
     return rows
 
 
 @pytest.fixture
-def clock():
-    return ClockDouble()
+def panel_logic(replayed):
+    return replayed
 
 
-@pytest.fixture
-def panel_logic(application, opened, clock, monkeypatch):
-    """The logic with the case loaded and paused at its first frame; its clock stands still."""
-    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: recorded_case())
-    logic = PanelLogic(application.scene, application.logic, clock)
-    logic.load_case(CASE)
-    spin_until(logic, at(0.0))
-    yield logic
-    logic.close()
+def world_matrix(node):
+    return slicer.util.arrayFromTransformMatrix(node, toWorld=True)
 
 
-def at(seconds):
-    """Predicate: a status shows the first frame from ``seconds`` on."""
-    frame_s = next(each for each in frame_times_s() if each >= seconds)
-    return lambda status: status.position_s is not None and abs(status.position_s - frame_s) < 1e-6
-
-
-def tumor_color(application):
-    return application.scene.GetFirstNodeByName("Tumor").GetDisplayNode().GetColor()
+def markups(application, points_mm):
+    node = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    for point in points_mm.tolist():
+        node.AddControlPoint(point)
+    return node
 
 
 def line(application):
-    return application.scene.GetFirstNodeByName("ClosestPoints").GetDisplayNode()
+    return node_of(application, "ClosestPoints").GetDisplayNode()
 
 
 @pytest.mark.parametrize("seconds", MOMENTS_S.values(), ids=MOMENTS_S)
 def test_nodes_agree_with_row_of_replay(panel_logic, application, rows, seconds):
-    panel_logic.seek(seconds)
-    status = spin_until(panel_logic, at(seconds))
+    status = show(panel_logic, seconds)
     row = rows[round(status.position_s, 3)]
     known = row["state"] != "UNKNOWN"
     state = MarginState[row["state"]]
     assert status.state is state
     assert tumor_color(application) == state.color
     assert line(application).GetVisibility() == known
-    assert status.banner == application.scene.GetFirstNodeByName("MarginStatus").GetText()
+    assert status.banner == node_of(application, "MarginStatus").GetText()
     if not known:
         return
     banner_mm = float(status.banner.split(", ")[1].removesuffix(" mm"))
     assert banner_mm == pytest.approx(float(row["signed_distance_mm"]), abs=0.06)
     # The tip in the tumour's coordinates, through the scene's own transforms.
-    tip, tumor = (
-        application.scene.GetFirstNodeByName(name)
-        for name in ("CauteryTipToCautery", "TumorToNeedle")
-    )
-    found = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)
-    between = np.linalg.inv(slicer.util.arrayFromTransformMatrix(tumor, toWorld=True)) @ found
+    tip, tumor = (node_of(application, name) for name in ("CauteryTipToCautery", "TumorToNeedle"))
+    between = np.linalg.inv(world_matrix(tumor)) @ world_matrix(tip)
     assert between[:3, 3] == pytest.approx(
         [float(row[f"tip_{axis}_mm"]) for axis in "xyz"], abs=1e-6
     )
 
 
 def test_states_of_single_steps_equal_those_of_replay(panel_logic, application, rows):
-    panel_logic.seek(DEEP["start_s"] - 0.2)
-    status = spin_until(panel_logic, at(DEEP["start_s"] - 0.2))
+    status = show(panel_logic, DEEP["start_s"] - 0.2)
     states = []
     for _ in range(80):  # into the first breach and out of it
-        before = status.position_s
-        panel_logic.step()
-        status = spin_until(panel_logic, lambda now, before=before: now.position_s > before)
+        status = step(panel_logic)
         states.append(status.state)
         assert status.state.name == rows[round(status.position_s, 3)]["state"], status
         assert tumor_color(application) == status.state.color
     assert {MarginState.WARNING, MarginState.POSITIVE} <= set(states)
-    markers = application.scene.GetFirstNodeByName("BreachMarkers")
+    markers = node_of(application, "BreachMarkers")
     assert markers.GetNumberOfControlPoints() > 0
 
 
 def test_step_pauses_rendering_once(panel_logic, application):
-    panel_logic.seek(BREACH_S)
-    status = spin_until(panel_logic, at(BREACH_S))
+    status = show(panel_logic, BREACH_S)
     events = []
     for event in ("PauseRenderEvent", "ResumeRenderEvent"):
         number = getattr(slicer.vtkMRMLApplicationLogic, event)
@@ -175,9 +130,8 @@ def test_step_pauses_rendering_once(panel_logic, application):
     assert events == ["PauseRenderEvent", "ResumeRenderEvent"]
 
 
-def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock):
-    panel_logic.seek(frame_times_s()[-5])
-    spin_until(panel_logic, at(frame_times_s()[-5]))
+def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock, recorded):
+    show(panel_logic, frame_times_s(recorded)[-5])
     assert tumor_color(application) != GREY
     panel_logic.play()
     status = spin_until(panel_logic, lambda now: not now.has_session)
@@ -193,8 +147,7 @@ def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock)
 
 
 def test_paused_replay_does_not_age_but_stalled_replay_does(panel_logic, application, clock):
-    panel_logic.seek(BREACH_S)
-    spin_until(panel_logic, at(BREACH_S))
+    show(panel_logic, BREACH_S)
     clock.ns += 10_000_000_000
     panel_logic.spin(0.0)
     assert tumor_color(application) == RED
@@ -212,16 +165,14 @@ def test_paused_replay_does_not_age_but_stalled_replay_does(panel_logic, applica
 
 
 def test_margins_change_together_and_survive_seek(panel_logic, application):
-    panel_logic.seek(5.0)
-    assert spin_until(panel_logic, at(5.0)).state is MarginState.NEGATIVE
+    assert show(panel_logic, NEAR_S).state is MarginState.NEGATIVE
     with pytest.raises(MarginGuardError, match="warn_mm is 5; expected more than stop_mm 9"):
         panel_logic.set_margins(9.0, 5.0)
     assert panel_logic.margins().stop_mm == 1.0
     panel_logic.set_margins(2.0, 150.0)
     panel_logic.step()
     spin_until(panel_logic, lambda now: now.state is MarginState.WARNING)
-    panel_logic.seek(6.0)
-    assert spin_until(panel_logic, at(6.0)).state is MarginState.WARNING
+    assert show(panel_logic, 6.0).state is MarginState.WARNING
     assert panel_logic.margins().warn_mm == 150.0
 
 
@@ -229,14 +180,13 @@ def test_model_replaces_tumour(panel_logic, application):
     """The tool is inside a sphere around its tip, and was clear of the tumour before."""
     from vtkmodules.vtkFiltersSources import vtkSphereSource
 
-    panel_logic.seek(5.0)
-    spin_until(panel_logic, at(5.0))
+    show(panel_logic, NEAR_S)
     ball = vtkSphereSource()
     ball.SetRadius(8.0)
     ball.SetThetaResolution(24)
     ball.SetPhiResolution(24)
-    tip = application.scene.GetFirstNodeByName("CauteryTipToCautery")
-    ball.SetCenter(slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3])
+    tip = node_of(application, "CauteryTipToCautery")
+    ball.SetCenter(world_matrix(tip)[:3, 3])
     ball.Update()
     model = application.scene.AddNewNodeByClass("vtkMRMLModelNode", "Ball")
     model.SetAndObservePolyData(ball.GetOutput())
@@ -252,42 +202,33 @@ def test_model_replaces_tumour(panel_logic, application):
     assert status.state is MarginState.POSITIVE
     assert "hold: tumour replaced: " in status.reasons
     assert "IT DOES NOT OVERLAP THE FORMER TUMOUR" in status.reasons
-    shown = application.scene.GetFirstNodeByName("Tumor")
+    shown = node_of(application, "Tumor")
     bounds = np.reshape(shown.GetPolyData().GetBounds(), (3, 2))
     assert bounds[:, 1] - bounds[:, 0] == pytest.approx(16.0, abs=0.3)
     # Only an operator ends the latched hold.
     assert "latched" in status.reasons
     panel_logic.rearm()
-    before = status.position_s
-    panel_logic.step()
-    status = spin_until(panel_logic, lambda now: now.position_s > before)
-    assert "latched" not in status.reasons
+    assert "latched" not in step(panel_logic).reasons
 
 
 def test_rearm_is_refused_while_displayed_margin_is_unknown(panel_logic):
-    panel_logic.seek(INVALID_S)
-    spin_until(panel_logic, at(INVALID_S))
+    show(panel_logic, INVALID_S)
     with pytest.raises(MarginGuardError, match="the displayed margin is UNKNOWN"):
         panel_logic.rearm()
 
 
-def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic):
+def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic, recorded):
     """The planned dropout of the tool begins and ends between two spins of the panel."""
     before_s, after_s = INVALID["start_s"] - 0.5, INVALID["end_s"] + 1.0
-    panel_logic.seek(before_s)
-    assert spin_until(panel_logic, at(before_s)).state is not MarginState.UNKNOWN
+    assert show(panel_logic, before_s).state is not MarginState.UNKNOWN
     player = panel_logic.session.replay().player
     begun_ns = player.time_ns
     # Through the dropout, without a spin.
-    player.step(sum(before_s < each < after_s for each in frame_times_s()))
-    pause = threading.Event()
-    for _ in range(MAX_SPINS):
-        if player.time_ns - begun_ns > 1e9 * (after_s - before_s - 0.1):
-            break
-        pause.wait(0.005)
+    player.step(sum(before_s < each < after_s for each in frame_times_s(recorded)))
+    wait_until(lambda: player.time_ns - begun_ns > 1e9 * (after_s - before_s - 0.1))
     with pytest.raises(MarginGuardError, match="nonce is 0: not that of the present hold"):
         panel_logic.rearm()
-    status = spin_until(panel_logic, at(after_s))
+    status = spin_until(panel_logic, lambda now: now.position_s >= after_s)
     assert status.state is not MarginState.UNKNOWN
     assert "latched" in status.reasons
     panel_logic.rearm()
@@ -296,8 +237,7 @@ def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic):
 
 
 def test_rearm_is_refused_after_margin_change_that_was_not_displayed(panel_logic):
-    panel_logic.seek(5.0)
-    spin_until(panel_logic, at(5.0))
+    show(panel_logic, NEAR_S)
     panel_logic.set_margins(0.5, 4.0)
     assert panel_logic.margins().stop_mm > 0.5  # looser margins wait for the re-arm
     with pytest.raises(MarginGuardError, match="nonce is 0: not that of the present hold"):
@@ -326,16 +266,15 @@ def first_display(node):
     ids=["tumour", "its display", "banner", "transform"],
 )
 def test_deleted_node_makes_panel_unknown_until_next_step(panel_logic, application, name, of):
-    panel_logic.seek(5.0)
-    assert spin_until(panel_logic, at(5.0)).state is MarginState.NEGATIVE
-    node = application.scene.GetFirstNodeByName(name)
+    assert show(panel_logic, NEAR_S).state is MarginState.NEGATIVE
+    node = node_of(application, name)
     application.scene.RemoveNode(node if of is None else of(node))
     status = panel_logic.spin(0.0)
     assert status.state is MarginState.UNKNOWN
     assert status.banner.startswith("UNKNOWN: nothing is shown, ")
     assert name in status.message
     for left in ("Tumor", "MarginStatus", "ClosestPoints"):
-        assert application.scene.GetFirstNodeByName(left) is None
+        assert node_of(application, left) is None
     with pytest.raises(MarginGuardError, match="UNKNOWN"):
         panel_logic.rearm()
     panel_logic.step()
@@ -344,45 +283,32 @@ def test_deleted_node_makes_panel_unknown_until_next_step(panel_logic, applicati
 
 
 def test_foreign_colour_is_read_as_unknown(panel_logic, application):
-    panel_logic.seek(5.0)
-    spin_until(panel_logic, at(5.0))
-    application.scene.GetFirstNodeByName("Tumor").GetDisplayNode().SetColor(0.2, 0.4, 0.9)
+    show(panel_logic, NEAR_S)
+    node_of(application, "Tumor").GetDisplayNode().SetColor(0.2, 0.4, 0.9)
     assert panel_logic.session.readout()[0] is MarginState.UNKNOWN
     assert panel_logic.spin(0.0).state is MarginState.NEGATIVE  # and is overwritten
 
 
 def test_tumour_for_ended_session_is_reported_as_not_set(panel_logic, application, monkeypatch):
     monkeypatch.setattr(OperatorCommands, "set_tumor", lambda *_: "model id")
-    points = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "Around")
-    for point in 10.0 * np.vstack([np.eye(3), -np.eye(3)]):
-        points.AddControlPoint(point.tolist())
-    panel_logic.set_tumor(points)
-    panel_logic.seek(5.0)
+    panel_logic.set_tumor(markups(application, 10.0 * np.vstack([np.eye(3), -np.eye(3)])))
+    panel_logic.seek(NEAR_S)
     status = spin_until(panel_logic, lambda now: now.message and "..." not in now.message)
     assert "another session has started; expected the same one: set it again" in status.message
 
 
-def test_registrations_from_case_and_from_landmarks_agree(panel_logic, application, opened):
-    panel_logic.register_case(CASE)
+def test_registrations_from_case_and_from_landmarks_agree(panel_logic, application, recorded):
+    panel_logic.register_case(recorded.case.case.folder)
     status = spin_until(panel_logic, lambda now: now.can_accept)
     assert status.registration.startswith("paired points, 8 points, FRE 0.")
-    known = opened.setup.robot.registration.transform
+    known = recorded.case.setup.robot.registration.transform
     assert panel_logic.candidate.transform.translation_mm == pytest.approx(known.translation_mm)
     panel_logic.accept_registration()
     with pytest.raises(MarginGuardError, match="no registration to accept"):
         panel_logic.accept_registration()
 
     base_mm = np.array([[0, 0, 0], [90, 0, 0], [0, 80, 0], [0, 0, 70], [60, 60, 10.0]])
-    lists = {
-        "in_reference": known.apply(base_mm),
-        "in_base": base_mm,
-    }
-    nodes = []
-    for name, points_mm in lists.items():
-        node = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", name)
-        for point in points_mm:
-            node.AddControlPoint(point.tolist())
-        nodes.append(node)
+    nodes = [markups(application, points_mm) for points_mm in (known.apply(base_mm), base_mm)]
     with pytest.raises(MarginGuardError, match="landmarks: a list is not chosen; expected two"):
         panel_logic.register_landmarks(nodes[0], None)
     panel_logic.register_landmarks(*nodes)
@@ -398,22 +324,20 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     towards = np.array(camera.GetPosition()) - np.array(camera.GetFocalPoint())
     assert towards / np.linalg.norm(towards) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
-    panel_logic.seek(5.0)
-    spin_until(panel_logic, at(5.0))
+    show(panel_logic, NEAR_S)
     panel_logic.view.follow_tool(True)
-    tip = application.scene.GetFirstNodeByName("CauteryTipToCautery")
-    here = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
+    tip = node_of(application, "CauteryTipToCautery")
+    here = world_matrix(tip)[:3, 3]
     assert camera.GetFocalPoint() == pytest.approx(here, abs=1e-6)
-    panel_logic.seek(BREACH_S)
-    spin_until(panel_logic, at(BREACH_S))
-    there = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
+    show(panel_logic, BREACH_S)
+    there = world_matrix(tip)[:3, 3]
     assert np.linalg.norm(there - here) > 10.0
     assert camera.GetFocalPoint() == pytest.approx(there, abs=1e-6)
     panel_logic.view.look_from(Preset.LEFT)
     assert not panel_logic.view.follows_tool
 
     panel_logic.view.keep_centred(True)
-    model = application.scene.GetFirstNodeByName("Tumor")
+    model = node_of(application, "Tumor")
     middle = world_points(model).mean(axis=0)
     assert camera.GetFocalPoint() == pytest.approx(middle, abs=1e-6)
     camera.SetFocalPoint(0.0, 0.0, 0.0)
@@ -423,30 +347,26 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     assert not panel_logic.view.keeps_tumor
     panel_logic.view.look_from(Preset.LEFT)
     panel_logic.view.set_opacity(0.9)
-    tumor = application.scene.GetFirstNodeByName("Tumor")
+    tumor = node_of(application, "Tumor")
     assert tumor.GetDisplayNode().GetOpacity() == 0.9
     patient = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
     slicer.util.updateTransformMatrixFromArray(
         patient, np.block([[np.eye(3), np.array([[100.0], [0], [0]])], [0, 0, 0, 1]])
     )
     panel_logic.view.set_patient_to_ras(patient)
-    moved = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
+    moved = world_matrix(tip)[:3, 3]
     assert moved - there == pytest.approx([100.0, 0.0, 0.0], abs=1e-9)
-    assert (
-        spin_until(panel_logic, at(BREACH_S)).state is MarginState.POSITIVE
-    )  # only the display has changed
+    assert panel_logic.spin().state is MarginState.POSITIVE  # only the display has changed
     with pytest.raises(
         MarginGuardError, match="CauteryToReference is below ReferenceToRas; expected"
     ):
-        panel_logic.view.set_patient_to_ras(
-            application.scene.GetFirstNodeByName("CauteryToReference")
-        )
+        panel_logic.view.set_patient_to_ras(node_of(application, "CauteryToReference"))
     panel_logic.view.set_patient_to_ras(None)
-    assert slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3] == pytest.approx(there)
+    assert world_matrix(tip)[:3, 3] == pytest.approx(there)
 
 
-def test_invalid_commands_raise_and_later_errors_are_one_line(panel_logic, application, tmp_path):
-    last_s = frame_times_s()[-1]
+def test_invalid_commands_raise_and_later_errors_are_one_line(panel_logic, recorded, tmp_path):
+    last_s = frame_times_s(recorded)[-1]
     for command, message in (
         (lambda: panel_logic.seek(last_s + 1.0), f"expected 0 to {last_s:.1f} s"),
         (lambda: panel_logic.set_rate(-1.0), r"rate of a replay is -1\.0; expected"),
@@ -467,8 +387,7 @@ def names_in(scene):
 
 
 def test_session_adopts_nodes_of_reloaded_scene(panel_logic, application, clock, tmp_path):
-    panel_logic.seek(1.0)
-    spin_until(panel_logic, at(1.0))
+    show(panel_logic, 1.0)
     scene = application.scene
     before = names_in(scene)
     save_scene(scene, tmp_path / "case.mrb")
@@ -477,7 +396,7 @@ def test_session_adopts_nodes_of_reloaded_scene(panel_logic, application, clock,
     tumor = scene.GetFirstNodeByName("Tumor")
     again = PanelLogic(scene, application.logic, clock)
     again.load_case(CASE)
-    spin_until(again, at(0.0))
+    spin_until(again, lambda now: now.position_s is not None)
     assert before["Tumor"] == before["CauteryToReference"] == 1
     assert names_in(scene) == before
     assert scene.GetFirstNodeByName("Tumor") is tumor
@@ -520,9 +439,8 @@ def test_failure_of_run_is_one_line(clock):
 
 
 def test_deleted_markers_leave_the_list_of_breaches(panel_logic, application):
-    panel_logic.seek(BREACH_S)
-    spin_until(panel_logic, at(BREACH_S))
-    markers = application.scene.GetFirstNodeByName("BreachMarkers")
+    show(panel_logic, BREACH_S)
+    markers = node_of(application, "BreachMarkers")
     assert markers.GetNumberOfControlPoints() == 1
     panel_logic.view.set_markers(2.0, 4.0)
     assert markers.GetDisplayNode().GetGlyphSize() == 4.0

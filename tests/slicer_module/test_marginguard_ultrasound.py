@@ -10,9 +10,7 @@ from app.geometry import InputError, image_corners
 from app.runtime import prepare_case
 from app.scene.image_volume import TRANSFORM_NAME, VOLUME_NAME
 from app.scene.nodes.convert import world_matrix
-from benchmarks.images.session import PROBE_FROM_IMAGE, write_session
-from tests.bridge.live.conftest import Start
-from tests.bridge.live.conftest import start as start
+from app.session import BreachList
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import (
     COLUMNS,
@@ -23,37 +21,26 @@ from tests.case.images.ultrasound_case import (
     write_ultrasound_case,
 )
 from tests.cli.small_case import FRAMES
-from tests.ros_domain import domain_id as domain_id
-from tests.slicer_module.marginguard_module import MAX_SPINS, spin_until
-from tests.slicer_module.marginguard_module import application as application
+from tests.slicer_module.marginguard_module import RecordedCase, node_of, spin_until, step
 
-from MarginGuardLib.logic import PanelLogic  # isort: skip
-
-SENDER = ("-m", "benchmarks.images.sender")
 FIRST = 2
 
 
 @pytest.fixture
-def panel_logic(application):
-    logic = PanelLogic(application.scene, application.logic)
-    yield logic
-    logic.close()
+def panel_logic(unconnected):
+    return unconnected
 
 
 def shown_image(logic, number):
-    """Show the moment of image ``number`` of the case; return the status."""
-    for _ in range(MAX_SPINS):
-        status = logic.spin(0.02)
-        if status.ultrasound.text == f"image {number}":
-            return status
-        if status.position_s is not None and not status.is_playing:
-            logic.step()
-    raise AssertionError(f"{status.ultrasound.text}; expected image {number} within the spins")
+    """Show the moment of image ``number`` of the case."""
+    spin_until(logic, lambda now: now.position_s is not None)
+    while logic.spin().ultrasound.text != f"image {number}":
+        step(logic)
 
 
 def corners(application):
     """Corner pixels (4, 3) in mm of the world, by the nodes alone."""
-    node = application.scene.GetFirstNodeByName(VOLUME_NAME)
+    node = node_of(application, VOLUME_NAME)
     columns, rows, _ = node.GetImageData().GetDimensions()
     ijk = vtkMatrix4x4()
     node.GetIJKToRASMatrix(ijk)
@@ -71,20 +58,30 @@ def slice_view(application, name="Red"):
     return view, composite
 
 
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    return prepare_case(write_ultrasound_case(tmp_path_factory.mktemp("images") / "case"))
+
+
 @pytest.fixture
-def case_folder(tmp_path):
-    return write_ultrasound_case(tmp_path / "case")
+def case_folder(opened, monkeypatch):
+    """Folder of a case that the panel opens without a delay."""
+    monkeypatch.setattr(
+        "MarginGuardLib.logic.prepare_recorded",
+        lambda folder: RecordedCase(opened, BreachList(), open_case_images(opened.case)),
+    )
+    return opened.case.folder
 
 
 def test_image_of_a_replay_is_where_the_page_shows_it_with_its_pixels(
-    panel_logic, application, case_folder
+    panel_logic, application, opened
 ):
     view, composite = slice_view(application)
     slice_view(application, "Yellow")
-    panel_logic.load_case(case_folder)
+    panel_logic.load_case(opened.case.folder)
     spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("image"))
     panel_logic.ultrasound.follow(True)
-    images = open_case_images(prepare_case(case_folder).case)
+    images = open_case_images(opened.case)
     for number in (FIRST, FIRST + 2):
         shown_image(panel_logic, number)
         scene = panel_logic.session.display.scene
@@ -93,7 +90,7 @@ def test_image_of_a_replay_is_where_the_page_shows_it_with_its_pixels(
         root = world_matrix(scene.tree.node(scene.reference))
         expected = image_corners(root @ found.pose.matrix, COLUMNS, ROWS)
         np.testing.assert_allclose(corners(application), expected, rtol=0, atol=1e-6)
-        node = application.scene.GetFirstNodeByName(VOLUME_NAME)
+        node = node_of(application, VOLUME_NAME)
         assert node.GetClassName() == "vtkMRMLScalarVolumeNode"
         assert node.GetParentTransformNode().GetName() == TRANSFORM_NAME
         assert composite.GetBackgroundVolumeID() == node.GetID()
@@ -120,15 +117,15 @@ def test_image_that_is_not_current_has_no_pixels_in_the_scene(
 ):
     panel_logic.load_case(case_folder)
     shown_image(panel_logic, number - 1)
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is not None
+    assert node_of(application, VOLUME_NAME).GetImageData() is not None
     panel_logic.step()
     status = spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT"))
     assert problem in status.ultrasound.text
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is None
+    assert node_of(application, VOLUME_NAME).GetImageData() is None
     with pytest.raises(InputError, match="expected a current one"):
         panel_logic.ultrasound.freeze(True)
     shown_image(panel_logic, number + 1)
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is not None
+    assert node_of(application, VOLUME_NAME).GetImageData() is not None
 
 
 def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
@@ -139,46 +136,18 @@ def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
     before = corners(application)
     panel_logic.ultrasound.freeze(True)
     np.testing.assert_allclose(corners(application), before, rtol=0, atol=1e-6)
-    node = application.scene.GetFirstNodeByName(TRANSFORM_NAME)
+    node = node_of(application, TRANSFORM_NAME)
     frame = panel_logic.session.commands().content.frame_from_tumor.target
     assert node.GetParentTransformNode() is panel_logic.session.display.frame_node(frame)
-    position = panel_logic.spin().position_s
-    panel_logic.step()
-    status = spin_until(panel_logic, lambda now: now.position_s > position)
+    status = step(panel_logic)
     assert status.ultrasound.text == f"FROZEN: not current, image {FIRST}"
     panel_logic.ultrasound.freeze(False)
     assert panel_logic.spin().ultrasound.text == f"image {FIRST + 1}"
     panel_logic.end_session()
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME) is None
-    assert application.scene.GetFirstNodeByName(TRANSFORM_NAME) is None
+    assert node_of(application, VOLUME_NAME) is None
+    assert node_of(application, TRANSFORM_NAME) is None
 
 
 def test_slice_view_that_does_not_exist_is_refused(panel_logic):
     with pytest.raises(InputError, match="the scene has no slice view Red; expected one"):
         panel_logic.ultrasound.follow(True)
-
-
-def test_live_image_is_placed_by_the_chosen_depth_and_hidden_without_its_sender(
-    panel_logic, application, start: Start, tmp_path
-):
-    matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
-    calibrations = [
-        {"depth_mm": 40, "path": "image_to_probe.txt"},
-        {"depth_mm": 60, "matrix": matrix.ravel().tolist()},
-    ]
-    changes = {"calibrations": calibrations, "depth_mm": 40, "stale_after_ms": 2000}
-    panel_logic.connect(write_session(tmp_path / "session", **changes))
-    sender = start(*SENDER)
-    spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 40 mm"))
-    width, height = 639, 479
-    sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
-    np.testing.assert_allclose(sides[:2], (0.1 * width, 0.1 * height), rtol=0, atol=1e-6)
-    panel_logic.ultrasound.choose_depth(60.0)
-    status = spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 60 mm"))
-    assert status.request == "image_depth from the panel accepted: from 40 to 60 mm"
-    assert (status.ultrasound.depth_mm, status.ultrasound.can_choose) == (60.0, True)
-    sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
-    np.testing.assert_allclose(sides[:2], (0.15 * width, 0.15 * height), rtol=0, atol=1e-6)
-    sender.end(9)
-    spin_until(panel_logic, lambda now: now.ultrasound.text.startswith("NO CURRENT IMAGE"))
-    assert application.scene.GetFirstNodeByName(VOLUME_NAME).GetImageData() is None

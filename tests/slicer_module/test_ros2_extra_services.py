@@ -2,6 +2,8 @@
 
 import pytest
 
+from tests.slicer_module.waiting import DEADLINE_S
+
 pytest.importorskip("rosbag2_interfaces", reason="pip install ./interfaces_extra")
 
 SERVED = {
@@ -27,7 +29,7 @@ def test_player_answers_every_service(logic, node, peer):
         client = node.CreateAndAddServiceClientNode(kind, name)
         assert client.GetROSType() == package
         assert client.SendAsyncRequest(request) == 1
-        assert logic.WaitForServiceResponse(client, 10.0), client.GetLastError()
+        assert logic.WaitForServiceResponse(client, DEADLINE_S), client.GetLastError()
         response = client.GetLastResponse()
         for field, value in reply.items():
             getter = "".join(part.capitalize() for part in field.split("_"))
@@ -43,7 +45,6 @@ def test_request_is_filled_in_by_its_accessors(logic, node, peer):
     assert request.GetClassName() == "vtkRosbag2InterfacesSeekRequest"
     request.GetTime().SetSec(12)
     client.SendAsyncRequest(request)
-    assert logic.WaitForServiceResponse(client, 10.0)
+    assert logic.WaitForServiceResponse(client, DEADLINE_S)
     assert client.GetLastResponse().GetSuccess() is True
     assert peer("requests", name="/seek") == [{"time": {"sec": 12, "nanosec": 0}}]
-    assert node.RemoveAndDeleteServiceClientNode("/seek")

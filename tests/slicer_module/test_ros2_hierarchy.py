@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import vtk
 
 from app.bridge import RosNode
 from app.bridge.tf import TfError, TransformBuffer
@@ -10,13 +9,7 @@ from app.bridge.tf.broadcaster import TfBroadcaster
 from app.bridge.tf.listener import TfListener
 from app.geometry import Stamp, Transform
 from app.scene.nodes.adopted_nodes import FRAME, mark
-
-
-def shifted(x_mm, scale=1.0):
-    made = vtk.vtkMatrix4x4()
-    made.SetElement(0, 3, x_mm)
-    made.SetElement(0, 0, scale)
-    return made
+from tests.slicer_module.ros2_values import matrix, shifted
 
 
 class Other:
@@ -44,51 +37,43 @@ def other(node, ros_domain):
 @pytest.fixture
 def make(logic):
     """``make(name, x_mm, parent)``: a linear transform node of the user."""
-    made = []
 
     def create(name, x_mm, parent=None):
         created = logic.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", name)
         created.SetMatrixTransformToParent(shifted(x_mm))
         if parent is not None:
             created.SetAndObserveTransformNodeID(parent.GetID())
-        made.append(created)
         return created
 
-    yield create
-    for each in made:
-        logic.scene.RemoveNode(each)
+    return create
 
 
 @pytest.fixture
 def member(node):
-    yield node.CreateAndAddTf2HierarchyNode("hospital")
-    node.RemoveAndDeleteTf2HierarchyNode("hospital")
+    return node.CreateAndAddTf2HierarchyNode("hospital")
 
 
-@pytest.fixture
-def until(logic, wait_until):
-    return lambda ready: wait_until(ready, logic.Spin)
-
-
-def test_all_transforms_below_the_top_are_broadcast_and_follow_an_edit(member, other, make, until):
+def test_all_transforms_below_the_top_are_broadcast_and_follow_an_edit(
+    member, other, make, spin_until
+):
     top = make("BedToHospital", 100.0)
     middle = make("MastToBed", 20.0, top)
     make("LampToMast", 3.0, middle)
     make("BesideToHospital", 1.0)
     member.ObserveTransformNode(top)
-    until(lambda: other.x_mm("hospital", "lamp") == pytest.approx(123.0, abs=1e-6))
+    spin_until(lambda: other.x_mm("hospital", "lamp") == pytest.approx(123.0, abs=1e-6))
     assert member.GetFrames() == ["bed", "lamp", "mast"]
     assert member.GetProblem() == ""
     middle.SetMatrixTransformToParent(shifted(-7.0))
-    until(lambda: other.x_mm("hospital", "lamp") == pytest.approx(96.0, abs=1e-6))
+    spin_until(lambda: other.x_mm("hospital", "lamp") == pytest.approx(96.0, abs=1e-6))
     assert other.x_mm("hospital", "beside") is None
     count = member.GetNumberOfBroadcasts()
-    until(lambda: member.GetNumberOfBroadcasts() > count)  # repeated without an edit
+    spin_until(lambda: member.GetNumberOfBroadcasts() > count)  # repeated without an edit
     member.ObserveTransformNode(None)
     assert member.GetFrames() == []
 
 
-def test_frame_of_another_node_is_not_broadcast(member, other, make, until):
+def test_frame_of_another_node_is_not_broadcast(member, other, make, spin_until):
     top = make("RackToHospital", 100.0)
     make("ShelfToRack", 5.0, top)
 
@@ -98,13 +83,13 @@ def test_frame_of_another_node_is_not_broadcast(member, other, make, until):
         return "frame 'shelf' is broadcast by another node" in member.GetProblem()
 
     member.ObserveTransformNode(top)
-    until(rival)
-    until(lambda: other.x_mm("hospital", "rack") == pytest.approx(100.0, abs=1e-6))
+    spin_until(rival)
+    spin_until(lambda: other.x_mm("hospital", "rack") == pytest.approx(100.0, abs=1e-6))
     assert member.GetFrames() == ["rack"]
     assert other.x_mm("hospital", "shelf") in (None, pytest.approx(150.0, abs=1e-6))
 
 
-def test_what_the_scene_does_not_own_is_left_out(node, member, other, make, until):
+def test_what_the_scene_does_not_own_is_left_out(node, member, other, make, spin_until):
     top = make("RoomToHospital", 100.0)
     ours = make("NeedleToRoom", 1.0, top)
     mark(ours, FRAME)  # as MarginGuard marks the transforms that it sets
@@ -112,24 +97,23 @@ def test_what_the_scene_does_not_own_is_left_out(node, member, other, make, unti
     lookup = node.CreateAndAddTf2LookupNode("Room", "Scope")
     lookup.SetAndObserveTransformNodeID(top.GetID())
     scaled = make("ScaledToRoom", 0.0, top)
-    scaled.SetMatrixTransformToParent(shifted(0.0, scale=2.0))
+    scaled.SetMatrixTransformToParent(matrix(np.diag([2.0, 1.0, 1.0])))
     make("BelowToScaled", 4.0, scaled)
     member.ObserveTransformNode(top)
-    until(lambda: other.x_mm("hospital", "room") == pytest.approx(100.0, abs=1e-6))
-    until(lambda: other.x_mm("needle", "note") == pytest.approx(2.0, abs=1e-6))
+    spin_until(lambda: other.x_mm("hospital", "room") == pytest.approx(100.0, abs=1e-6))
+    spin_until(lambda: other.x_mm("needle", "note") == pytest.approx(2.0, abs=1e-6))
     assert member.GetFrames() == ["note", "room"]
     problem = member.GetProblem()
     assert "NeedleToRoom is not set by the scene" in problem
     assert f"{lookup.GetName()} is not set by the scene" in problem
     assert "ScaledToRoom: " in problem
     assert "not sent" in member.status()
-    node.RemoveAndDeleteTf2LookupNode("Room", "Scope")
 
 
-def test_second_frame_of_one_name_is_refused(member, other, make, until):
+def test_second_frame_of_one_name_is_refused(member, other, make, spin_until):
     top = make("WardToHospital", 100.0)
     make("DeskToWard", 1.0, top)
     make("DeskToTable", 2.0, top)
     member.ObserveTransformNode(top)
-    until(lambda: "a second frame 'desk'; expected one" in member.GetProblem())
+    spin_until(lambda: "a second frame 'desk'; expected one" in member.GetProblem())
     assert member.GetFrames() == ["desk", "ward"]

@@ -7,7 +7,8 @@ import pytest
 import vtk
 
 from app.bridge.calls import waiting
-from tests.slicer_module.test_ros2_robots import URDF
+from tests.slicer_module.ros2_values import shifted, x_mm
+from tests.slicer_module.waiting import DEADLINE_S
 
 
 def test_parameters_of_every_type(logic, node, peer, spin_until):
@@ -31,10 +32,10 @@ def test_parameters_of_every_type(logic, node, peer, spin_until):
         assert get(name, output) is True
         assert output.get() == expected
         assert get("missing", output) is False
+        assert parameters.PrintParameter(name) == str(expected)
     kind = vtk.reference("")
     assert parameters.GetParameterType("gains", kind) is True
     assert kind.get() == parameters.GetParameterType("gains") == "double_array"
-    assert node.RemoveAndDeleteParameterNode("/peer")
 
 
 class RecordingEvent(threading.Event):
@@ -67,7 +68,7 @@ def test_new_client_pauses_only_until_its_server_is_known(logic, node, peer, mon
         monkeypatch.setattr(client._client._client, "call_async", call)
         RecordingEvent.records.clear()
         assert client.SendAsyncRequest({"data": value}) == 1
-        assert logic.WaitForServiceResponse(client, 60.0), client.GetLastError()
+        assert logic.WaitForServiceResponse(client, DEADLINE_S), client.GetLastError()
         assert client.GetLastResponse().GetSuccess() is value
         records = RecordingEvent.records
         assert records[-2:] == ["ready", "sent"]
@@ -80,24 +81,27 @@ def test_lookup_and_broadcaster_added_by_their_own_frames(logic, node, peer, spi
     lookup = logic.AddNewNodeByClass("vtkMRMLROS2Tf2LookupNode")
     for each, child in ((broadcaster, "sent"), (lookup, "seen")):
         assert each.IsParentAndChildSet() is False
+        assert each.AddToROS2Node(node.GetID()) is False
         assert (each.SetParentID("judged"), each.SetChildID(child)) == (True, True)
+        assert each.SetChildID("no frame") is False
         assert (each.GetParentID(), each.GetChildID()) == ("judged", child)
         assert each.IsParentAndChildSet() is True
         assert each.AddToROS2Node(node.GetID()) is True
         assert each.IsAddedToROS2Node() is True
+        assert each.SetParentID("wall") is False  # it is added
+    assert lookup.GetName() == "ros2:tf2lookup:judgedToseen"
+    assert node.GetTf2LookupNodeByParentChild("judged", "seen") is lookup
     assert node.GetTf2BroadcasterNodeByID(broadcaster.GetID()) is broadcaster
     assert node.GetTf2LookupNodeByID(lookup.GetID()) is lookup
     peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")
-    pose = vtk.vtkMatrix4x4()
-    pose.SetElement(0, 3, 66.0)
-    spin_until(lambda: broadcaster.Broadcast(pose) and peer("has_edge", child="sent", x=0.066))
+    sent = shifted(66.0)
+    spin_until(lambda: broadcaster.Broadcast(sent) and peer("has_edge", child="sent", x=0.066))
     different = []
     for x in (0.1, 0.2):
 
         def arrived(x=x):
             peer("send_tf", edges=[["judged", "seen", [x, 0.0, 0.0]]])
-            lookup.GetMatrixTransformToParent(pose)
-            return pose.GetElement(0, 3) == pytest.approx(1000 * x)
+            return x_mm(lookup) == pytest.approx(1000 * x)
 
         spin_until(arrived)
         stamp = divmod(lookup.GetStampNanoseconds(), 10**9)
@@ -108,13 +112,11 @@ def test_lookup_and_broadcaster_added_by_their_own_frames(logic, node, peer, spi
 
 
 @pytest.fixture
-def robot(node, peer, spin_until):
+def robot(node, describe, spin_until):
     """A robot whose description is a parameter of the peer."""
-    assert peer("set_parameter", name="robot_description", value=URDF, of="robot")
     made = node.CreateAndAddRobotNode("judged", "/robot_state_publisher", tfPrefix="left")
     spin_until(made.GetLinkNames)
-    yield made
-    assert node.RemoveAndDeleteRobotNode("judged")
+    return made
 
 
 def test_robot_described_by_the_peer(node, robot, spin_until):
@@ -130,15 +132,13 @@ def test_robot_described_by_the_peer(node, robot, spin_until):
     assert float(robot.FindKDLIK(pose, (0.0,))) == pytest.approx(0.5)
     pose.SetElement(2, 3, 900.0)
     assert robot.FindKDLIK(pose) == ""
-    assert node.RemoveAndDeleteParameterNode("/robot_state_publisher")
 
 
 def test_inverse_kinematics_of_moveit(robot, peer, caplog, monkeypatch):
     pytest.importorskip("moveit_msgs", reason="pip install ./interfaces_extra")
     name = "/judged/compute_ik"  # another test's server has the real name
     monkeypatch.setattr("ROS2Lib.robot_moveit.SERVICE", name)
-    pose = vtk.vtkMatrix4x4()
-    pose.SetElement(0, 3, 300.0)
+    pose = shifted(300.0)
     assert robot.ComputeMoveItIK(pose) == ()
     assert "call SetupIKMoveIt first" in caplog.text
     joints = {"name": ["other", "turn"], "position": [9.0, 0.25]}

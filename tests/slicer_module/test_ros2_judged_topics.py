@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import pytest
 import vtk
 
-POSE = "geometry_msgs/msg/PoseStamped"
+from app.geometry import MarginGuardError
+from tests.slicer_module.waiting import wait_until
 
 
 @pytest.fixture
@@ -57,20 +58,33 @@ def test_last_message_of_the_peer_in_every_form(node, peer, spin_until):
         "std_msgs/msg/Float64",
     )
     assert (subscriber.GetSlicerType(), subscriber.GetBlankMessage()) == ("float", 0.0)
+    number = vtk.reference(3.0)
+    assert (subscriber.GetLastMessage(number), number.get()) == (False, 3.0)
+    assert not subscriber.GetLastMessageVariant().IsValid()
     peer("publish", topic="/judged/depth", type="std_msgs/msg/Float64", messages=[{"data": 7.5}])
     spin_until(lambda: subscriber.GetNumberOfMessages() == 1)
-    number = vtk.reference(0.0)
     assert subscriber.GetLastMessage(number) is True
     assert number.get() == subscriber.GetLastMessage() == 7.5
     assert subscriber.GetLastMessageVariant().ToDouble() == 7.5
     assert subscriber.GetLastMessageYAML() == "data: 7.5\n"
-    assert node.RemoveAndDeleteSubscriberNode("/judged/depth")
+    with pytest.raises(MarginGuardError, match="output argument is list"):
+        subscriber.GetLastMessage([])
 
 
-def test_constructed_message_reaches_the_peer(namespace, node, peer):
+def test_matrix_is_copied_into_an_output_argument(node, peer, spin_until):
+    subscriber = node.CreateAndAddSubscriberNode("Pose", "/judged/tip")
+    pose = {"position": {"x": 0.012}, "orientation": {"w": 1.0}}
+    peer("publish", topic="/judged/tip", type="geometry_msgs/msg/Pose", messages=[pose])
+    spin_until(subscriber.GetNumberOfMessages)
+    found = vtk.vtkMatrix4x4()
+    assert subscriber.GetLastMessage(found) is True
+    variant = subscriber.GetLastMessageVariant().ToVTKObject()
+    assert variant.GetElement(0, 3) == found.GetElement(0, 3) == pytest.approx(12.0)
+
+
+def test_constructed_message_reaches_the_peer(namespace, node, peer, hear):
     publisher = node.CreateAndAddPublisherNode("PoseStamped", "/judged/pose")
-    peer("listen", topic="/judged/pose", type=POSE)
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 60.0)
+    hear(publisher)
     blank = publisher.GetBlankMessage()
     assert blank.GetClassName() == publisher.GetSlicerType() == "vtkGeometryMsgsPoseStamped"
     header = namespace.vtkStdMsgsHeader()
@@ -84,7 +98,6 @@ def test_constructed_message_reaches_the_peer(namespace, node, peer):
     assert first["pose"]["position"] == {"x": 0.0, "y": 0.0, "z": 0.0}
     assert second["header"]["frame_id"] == "needle"
     assert second["pose"]["position"]["x"] == pytest.approx(0.012)
-    assert node.RemoveAndDeletePublisherNode("/judged/pose")
 
 
 def test_constants_are_those_of_the_peers_message(namespace, node, peer, spin_until):
@@ -94,10 +107,9 @@ def test_constants_are_those_of_the_peers_message(namespace, node, peer, spin_un
     peer("publish", topic="/judged/field", type=kind, messages=[{"name": "x", "datatype": 7}])
     spin_until(subscriber.GetNumberOfMessages)
     assert subscriber.GetLastMessage().GetDatatype() == field.FLOAT32
-    assert node.RemoveAndDeleteSubscriberNode("/judged/field")
 
 
-def test_node_that_does_not_spin_receives_nothing(logic, peer, caplog, wait_until):
+def test_node_that_does_not_spin_receives_nothing(logic, node, peer, caplog):
     caplog.set_level(logging.WARNING)
     idle = logic.AddNewNodeByClass("vtkMRMLROS2NodeNode")
     idle.Create("idle")
@@ -106,7 +118,11 @@ def test_node_that_does_not_spin_receives_nothing(logic, peer, caplog, wait_unti
     peer("publish", topic="/judged/idle", type="std_msgs/msg/String", messages=[{"data": "x"}])
     assert (idle.GetSpinning(), subscriber.GetNumberOfMessages()) == (False, 0)
     idle.WarnIfNotSpinning("judged")
-    assert "judged: ros2:node:idle is not spinning" in caplog.text
+    node.Spin()
+    assert node.GetSpinning() is True
+    node.WarnIfNotSpinning("judged")
+    warned = [each.getMessage() for each in caplog.records if "spinning" in each.getMessage()]
+    assert warned == ["judged: ros2:node:idle is not spinning; call Spin"]
     wait_until(subscriber.GetNumberOfMessages, idle.Spin)
     assert idle.GetSpinning() is True
     assert idle.GetROS2NodeName() == "idle"
@@ -125,15 +141,19 @@ def test_references_follow_what_the_peer_sees(logic, node, peer):
         "lookup": node.CreateAndAddTf2LookupNode("judged", "ref"),
         "robot": node.CreateAndAddRobotNode("judged", "/robot_state_publisher"),
     }
+    second = node.CreateAndAddPublisherNode("String", "/judged/second")
     topic = {"do": "endpoints", "topic": "/judged/ref"}
     peer("wait_until", call=topic, value=[1, 1])
     assert "/peer/echo" in peer("clients_of", name="slicer")
+    assert node.GetNumberOfNodeReferences("publisher") == 2
     for role, member in made.items():
         assert node.GetNthNodeReference(role, 0) is member
         assert member.GetNodeReference("node") is node
         assert member.RemoveFromROS2Node(node.GetID()) is True
-        assert node.GetNumberOfNodeReferences(role) == 0
+        assert node.GetNthNodeReference(role, 0) is (second if role == "publisher" else None)
         assert member.GetNodeReference("node") is None
         logic.scene.RemoveNode(member)
     peer("wait_until", call=topic, value=[0, 0])
     peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
+    assert second.RemoveFromROS2Node(node.GetID(), "/judged/second")
+    assert all(node.GetNumberOfNodeReferences(role) == 0 for role in made)

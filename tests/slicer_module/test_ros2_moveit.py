@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import vtk
-from slicer import vtkMRMLScene
 
 from app.bridge.convert import ConversionError, message_type, to_plain
 from app.bridge.convert.collision_objects import collision_object, mesh_message
 from app.geometry import MarginGuardError, Transform
-from app.scene import SceneApplication
-from ROS2Lib.logic import Ros2Api
-from tests.ros_domain import environment_of
+from tests.slicer_module.ros2_values import matrix, shifted, translation
+from tests.slicer_module.waiting import DEADLINE_S
 
 moveit = pytest.importorskip("moveit_msgs", reason="pip install ./interfaces_extra")
 
@@ -37,34 +35,15 @@ IDENTITY = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 COLLISION = "moveit_msgs/msg/CollisionObject"
 
 
-def matrix(*rows):
-    made = vtk.vtkMatrix4x4()
-    made.DeepCopy(np.vstack([rows, [0.0, 0.0, 0.0, 1.0]]).ravel())
-    return made
-
-
-def at(x, y, z):
-    return matrix([1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z])
-
-
-def translation(value):
-    return [value.GetElement(row, 3) for row in range(3)]
-
-
 @pytest.fixture
 def client_of(node, peer):
     """``client_of(kind, name, reply)``: a client of a service that the peer serves."""
-    made = []
 
     def create(kind, name, reply):
         peer("serve", name=name, type=f"moveit_msgs/srv/{kind}", reply=reply)
-        client = node.CreateAndAddServiceClientNode(f"vtkMRMLROS2ServiceClient{kind}Node", name)
-        made.append(name)
-        return client
+        return node.CreateAndAddServiceClientNode(f"vtkMRMLROS2ServiceClient{kind}Node", name)
 
-    yield create
-    for name in made:
-        assert node.RemoveAndDeleteServiceClientNode(name)
+    return create
 
 
 @pytest.fixture
@@ -82,20 +61,16 @@ def model(logic):
     made.SetAndObservePolyData(surface)
     parent = logic.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
     made.SetAndObserveTransformNodeID(parent.GetID())
-    yield made
-    logic.scene.RemoveNode(made)
-    logic.scene.RemoveNode(parent)
+    return made
 
 
 @pytest.fixture
-def publisher(node, peer, request):
+def publisher(node, hear, request):
     topic = f"/{request.node.name}"  # the peer's subscription stays after the test
     made = node.CreateAndAddPublisherNode("CollisionObject", topic)
     made.SetFrameId("world")
-    peer("listen", topic=topic, type=COLLISION)
-    peer("wait_until", call={"do": "endpoints", "topic": topic}, value=[1, 1])
-    yield made
-    assert node.RemoveAndDeletePublisherNode(topic)
+    hear(made)
+    return made
 
 
 def test_definitions_have_the_hashes_of_moveit():
@@ -126,7 +101,7 @@ def test_forward_kinematics(logic, client_of, peer):
     request.GetRobotState().GetJointState().SetName(("shoulder", "elbow"))
     request.GetRobotState().GetJointState().SetPosition((0.5, -1.25))
     assert client.SendAsyncRequest(request) == 1
-    assert logic.WaitForServiceResponse(client, 10.0), client.GetLastError()
+    assert logic.WaitForServiceResponse(client, DEADLINE_S), client.GetLastError()
     (sent,) = peer("requests", name="/compute_fk")
     assert (sent["header"]["frame_id"], sent["fk_link_names"]) == ("base", ["tool0"])
     assert sent["robot_state"]["joint_state"]["position"] == [0.5, -1.25]
@@ -149,10 +124,10 @@ def test_inverse_kinematics(logic, client_of, peer):
     asked.SetGroupName("arm")
     asked.SetAvoidCollisions(True)
     asked.GetPoseStamped().GetHeader().SetFrameId("base")
-    asked.GetPoseStamped().SetPose(at(100.0, 0.0, -50.0))
+    asked.GetPoseStamped().SetPose(shifted(100.0, 0.0, -50.0))
     asked.GetTimeout().SetNanosec(50_000_000)
     client.SendAsyncRequest(request)
-    assert logic.WaitForServiceResponse(client, 10.0), client.GetLastError()
+    assert logic.WaitForServiceResponse(client, DEADLINE_S), client.GetLastError()
     sent = peer("requests", name="/compute_ik")[0]["ik_request"]
     assert (sent["group_name"], sent["avoid_collisions"]) == ("arm", True)
     assert sent["pose_stamped"]["pose"]["position"] == {"x": 0.1, "y": 0.0, "z": -0.05}
@@ -173,12 +148,12 @@ def test_cartesian_path_has_lengths_in_mm(logic, client_of, peer):
     )
     request = client.CreateBlankRequest()
     request.SetGroupName("arm")
-    request.SetWaypoints((at(0.0, 0.0, 100.0), at(0.0, 25.0, 100.0)))
+    request.SetWaypoints((shifted(0.0, 0.0, 100.0), shifted(0.0, 25.0, 100.0)))
     request.SetMaxStep(5.0)
     request.SetJumpThreshold(2.5)
     request.SetMaxCartesianSpeed(20.0)
     client.SendAsyncRequest(request)
-    assert logic.WaitForServiceResponse(client, 10.0), client.GetLastError()
+    assert logic.WaitForServiceResponse(client, DEADLINE_S), client.GetLastError()
     (sent,) = peer("requests", name="/compute_cartesian_path")
     assert [each["position"]["y"] for each in sent["waypoints"]] == [0.0, 0.025]
     assert (sent["max_step"], sent["max_cartesian_speed"]) == (0.005, 0.02)
@@ -192,7 +167,7 @@ def test_cartesian_path_has_lengths_in_mm(logic, client_of, peer):
 def test_model_is_published_in_metres_at_its_pose(publisher, peer, model):
     assert publisher.GetClassName() == "vtkMRMLROS2PublisherCollisionObjectNode"
     assert publisher.GetROSType() == COLLISION
-    turned = matrix([0.0, -1.0, 0.0, 100.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, -30.0])
+    turned = matrix([[0.0, -1.0, 0.0, 100.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, -30.0]])
     model.GetParentTransformNode().SetMatrixTransformToParent(turned)
     assert publisher.Publish(model) == 1
     (received,) = peer("take", topic=publisher.GetTopic())
@@ -222,7 +197,7 @@ def test_model_is_published_in_metres_at_its_pose(publisher, peer, model):
 
 
 def test_mirrored_model_stays_the_right_way_out(publisher, peer, model):
-    mirror = matrix([-2.0, 0.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 10.0])
+    mirror = matrix([[-2.0, 0.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 10.0]])
     model.GetParentTransformNode().SetMatrixTransformToParent(mirror)
     publisher.Publish(model)
     (received,) = peer("take", topic=publisher.GetTopic())
@@ -249,12 +224,9 @@ def test_source_node_is_published_and_removed(publisher, peer, model):
     assert publisher.GetSourceNode() is None
 
 
-def test_source_node_of_a_saved_scene_is_published_again(ros_domain, monkeypatch, tmp_path):
-    for name, value in environment_of(ros_domain).items():
-        monkeypatch.setenv(name, value)
+def test_source_node_of_a_saved_scene_is_published_again(make_api, tmp_path):
     path = tmp_path / "scene.mrml"
-    first, second = SceneApplication(vtkMRMLScene()), SceneApplication(vtkMRMLScene())
-    saved, again = Ros2Api(first.scene), Ros2Api(second.scene)
+    saved, again = make_api(), make_api()
     model = saved.scene.AddNewNodeByClass("vtkMRMLModelNode", "rib")
     publisher = saved.GetDefaultROS2Node().CreateAndAddPublisherNode("CollisionObject", "/saved")
     publisher.SetFrameId("world")
@@ -267,7 +239,6 @@ def test_source_node_of_a_saved_scene_is_published_again(ros_domain, monkeypatch
     found = again.GetDefaultROS2Node().GetPublisherNodeByTopic("/saved")
     assert found.GetClassName() == "vtkMRMLROS2PublisherCollisionObjectNode"
     assert (found.GetFrameId(), found.GetSourceNode().GetName()) == ("world", "rib")
-    again.Close()
 
 
 def test_message_is_filled_in_by_its_accessors(publisher, peer):
@@ -275,7 +246,7 @@ def test_message_is_filled_in_by_its_accessors(publisher, peer):
     assert message.GetClassName() == "vtkMoveitMsgsCollisionObject"
     message.SetId("table")
     message.SetOperation(message.MOVE[0])
-    message.SetPose(at(0.0, 0.0, -500.0))
+    message.SetPose(shifted(0.0, 0.0, -500.0))
     assert publisher.Publish(message) == 1
     (received,) = peer("take", topic=publisher.GetTopic())
     assert (received["id"], received["operation"]) == ("table", [3])
@@ -286,14 +257,12 @@ def test_models_without_a_surface_are_refused(logic, publisher, model):
     empty = logic.scene.AddNewNodeByClass("vtkMRMLModelNode", "empty")
     with pytest.raises(MarginGuardError, match="empty has no surface; expected"):
         publisher.Publish(empty)
-    logic.scene.RemoveNode(empty)
     with pytest.raises(MarginGuardError, match="expected a vtkMRMLModelNode"):
         publisher.PublishRemove("chest wall")
     bent = logic.scene.AddNewNodeByClass("vtkMRMLBSplineTransformNode", "bent")
     model.SetAndObserveTransformNodeID(bent.GetID())
     with pytest.raises(MarginGuardError, match="non-linear transform bent; expected linear"):
         publisher.Publish(model)
-    logic.scene.RemoveNode(bent)
     assert publisher.GetNumberOfMessagesSent() == 0
 
 
@@ -306,7 +275,6 @@ def test_subscriber_receives_collision_objects(node, peer, spin_until):
     message = subscriber.GetLastMessage()
     assert message.GetId() == "cup"
     assert message.GetMeshes()[0].GetVertices()[0].GetX() == pytest.approx(1.0)
-    assert node.RemoveAndDeleteSubscriberNode("/monitored")
 
 
 def test_invalid_meshes_are_refused():

@@ -7,23 +7,17 @@ import pytest
 from slicer import vtkMRMLScene
 
 from app.geometry import MarginGuardError
-from tests.ros_domain import environment_of
+from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
 
 @pytest.fixture
-def scene():
-    return vtkMRMLScene()
+def api(make_api):
+    return make_api()
 
 
 @pytest.fixture
-def api(scene, ros_domain, monkeypatch):
-    from ROS2Lib.logic import Ros2Api
-
-    for name, value in environment_of(ros_domain).items():
-        monkeypatch.setenv(name, value)
-    made = Ros2Api(scene)
-    yield made
-    made.Close()
+def scene(api):
+    return api.scene
 
 
 def test_default_node_is_unique_and_found_by_name(api, scene):
@@ -88,7 +82,8 @@ def members_of_every_kind(node):
 
 
 @pytest.mark.parametrize("how", ["Destroy", "RemoveNode", "Clear"])
-def test_destroy_removes_all_members_and_is_idempotent(api, scene, how, peer, wait_until):
+def test_destroy_removes_all_members_and_is_idempotent(api, scene, how, peer):
+    scene.Clear()
     before = scene.GetNumberOfNodes()
     threads = set(threading.enumerate())
     node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
@@ -119,11 +114,12 @@ def test_destroy_removes_all_members_and_is_idempotent(api, scene, how, peer, wa
 
 def test_member_removed_from_the_scene_leaves_the_graph(api, scene, peer):
     node = api.GetDefaultROS2Node()
+    before = scene.GetNumberOfNodes()
     for member in members_of_every_kind(node):
         scene.RemoveNode(member)
         assert not member.IsAddedToROS2Node()
     assert node.members == ()
-    assert scene.GetNumberOfNodes() == 1
+    assert scene.GetNumberOfNodes() == before
     peer("wait_until", call={"do": "endpoints", "topic": "/x"}, value=[0, 0])
     api.Spin()
 
@@ -139,15 +135,10 @@ def test_observer_may_destroy_everything_during_its_event(api):
         node.Destroy()
 
     subscribers[0].AddObserver("ModifiedEvent", end)
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, DEADLINE_S)
     publisher.Publish(1)
     publisher.Publish(2)
-    pause = threading.Event()
-    for _ in range(1000):
-        api.Spin()
-        if received:
-            break
-        pause.wait(0.005)
+    wait_until(lambda: received, api.Spin)
     assert received == [1]
     assert not node.IsCreated()
 
@@ -158,16 +149,13 @@ def subscriber_and_publish(api):
     node = api.GetDefaultROS2Node()
     publisher = node.CreateAndAddPublisherNode("Int", "/nested")
     subscriber = node.CreateAndAddSubscriberNode("Int", "/nested")
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, DEADLINE_S)
 
     def publish(*numbers):
         before = len(subscriber._queue._raws)
         for number in numbers:
             publisher.Publish(number)
-        for _ in range(3000):
-            if len(subscriber._queue._raws) == before + len(numbers):
-                break
-            threading.Event().wait(0.005)
+        wait_until(lambda: len(subscriber._queue._raws) == before + len(numbers))
 
     return subscriber, publish
 
@@ -199,11 +187,11 @@ def test_observer_may_wait_for_the_client_that_invoked_it(api, peer):
         results.append(caller.GetLastResponse().GetSuccess())
         if len(results) < 3:
             caller.SendAsyncRequest({"data": False})
-            assert api.WaitForServiceResponse(caller, 10.0)
+            assert api.WaitForServiceResponse(caller, DEADLINE_S)
 
     client.AddObserver("ModifiedEvent", call_again)
     client.SendAsyncRequest({"data": True})
-    assert api.WaitForServiceResponse(client, 10.0)
+    assert api.WaitForServiceResponse(client, DEADLINE_S)
     assert results == [True, False, False]
 
 
@@ -223,11 +211,12 @@ def test_failing_member_does_not_prevent_the_others_from_spinning(api, monkeypat
 
 
 def test_failed_creation_of_the_default_node_leaves_nothing(api, scene, monkeypatch):
+    before = scene.GetNumberOfNodes()
     monkeypatch.setattr("ROS2Lib.logic.DEFAULT_NODE", "two words")
     for _ in range(2):
         with pytest.raises(MarginGuardError, match="cannot be started"):
             api.GetDefaultROS2Node()
-    assert scene.GetNumberOfNodes() == 0
+    assert scene.GetNumberOfNodes() == before
 
 
 def test_member_belongs_to_one_node_only(api):

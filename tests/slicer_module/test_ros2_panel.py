@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 import slicer
 
-from app.scene import SceneApplication
-from tests.ros_domain import environment_of
 from tests.slicer_module.desktop import desktop_slicer
 
 FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "ROS2"
@@ -31,12 +29,9 @@ def module():
 
 
 @pytest.fixture
-def make_panel(module, ros_domain, monkeypatch):
+def make_panel(module, application, domain, monkeypatch):
     from tests.slicer_module.slicer_double import panel_parent
 
-    for name, value in environment_of(ros_domain).items():
-        monkeypatch.setenv(name, value)
-    application = SceneApplication(slicer.vtkMRMLScene())
     monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
     interval, before = sys.getswitchinterval(), set(dir(slicer))
     made = []

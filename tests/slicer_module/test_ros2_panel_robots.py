@@ -2,9 +2,10 @@
 
 import pytest
 
+from tests.slicer_module.ros2_values import URDF
 from tests.slicer_module.test_ros2_panel import make_panel as make_panel
 from tests.slicer_module.test_ros2_panel import module as module
-from tests.slicer_module.test_ros2_robots import URDF
+from tests.slicer_module.waiting import wait_until
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def test_fields_follow_the_source_of_the_description(panel):
     assert ui.jointStatesLineEdit.isEnabled()
 
 
-def test_several_robots_are_added_listed_and_removed(panel, peer, wait_until, tmp_path):
+def test_several_robots_are_added_listed_and_removed(panel, peer, tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(URDF)
     ui, table = panel.ui, panel.ui.robotsTableWidget
@@ -83,12 +84,11 @@ def test_topics_are_listed_with_types_and_counts(panel):
     assert len(cells(panel.ui.subscribersTableWidget)) == 1
 
 
-def test_tables_count_what_another_process_receives_and_sends(panel, peer, wait_until):
+def test_tables_count_what_another_process_receives_and_sends(panel, peer, hear):
     node = panel.logic.GetDefaultROS2Node()
     publisher = node.CreateAndAddPublisherNode("String", "/panel/text")
     subscriber = node.CreateAndAddSubscriberNode("Int", "/panel/number")
-    peer("listen", topic="/panel/text", type="std_msgs/msg/String")
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 60.0)
+    hear(publisher)
     publisher.Publish("x")
     assert peer("take", topic="/panel/text") == [{"data": "x"}]
     messages = [{"data": 1}, {"data": 2}]

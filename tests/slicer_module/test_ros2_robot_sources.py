@@ -4,25 +4,24 @@ import numpy as np
 import pytest
 
 from app.scene.nodes.convert import world_matrix, world_points
-from tests.slicer_module.test_ros2_robots import URDF
+from tests.slicer_module.ros2_values import URDF
 
 JOINTS = {"topic": "/arm/joint_states", "type": "sensor_msgs/msg/JointState"}
 
 
 @pytest.fixture
 def add(node):
-    """Adds a robot to the default node; removes it after the test."""
-    names = []
+    """``add(name, ...)``: a robot of the default node."""
+    return lambda name, **arguments: node.CreateAndAddRobotNode(
+        **{"parameterNodeName": "", "robotName": name, **arguments}
+    )
 
-    def add_robot(name, **arguments):
-        names.append(name)
-        given = {"parameterNodeName": "", "robotName": name, **arguments}
-        return node.CreateAndAddRobotNode(**given)
 
-    yield add_robot
-    for name in names:
-        if node.GetRobotNodeByName(name) is not None:
-            assert node.RemoveAndDeleteRobotNode(name)
+@pytest.fixture
+def path(tmp_path):
+    """A file with `URDF`."""
+    (tmp_path / "arm.urdf").write_text(URDF)
+    return str(tmp_path / "arm.urdf")
 
 
 def publish_joints(node, peer, position):
@@ -31,11 +30,9 @@ def publish_joints(node, peer, position):
     peer("publish", **JOINTS, messages=[message])
 
 
-def test_robot_of_a_file_follows_joint_states(logic, node, peer, spin_until, add, tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(URDF)
+def test_robot_of_a_file_follows_joint_states(logic, node, peer, spin_until, add, path):
     before = logic.scene.GetNumberOfNodes()
-    robot = add("arm", parameterName=str(path), source="file", jointStates="/arm/joint_states")
+    robot = add("arm", parameterName=path, source="file", jointStates="/arm/joint_states")
     spin_until(robot.GetLinkNames)
     assert robot.GetLinkNames() == ("base", "wrist", "tip")
     assert robot.IsStale()
@@ -60,12 +57,10 @@ def test_robot_of_a_file_follows_joint_states(logic, node, peer, spin_until, add
     peer("wait_until", call={"do": "endpoints", "topic": "/arm/joint_states"}, value=[1, 0])
 
 
-def test_joint_robot_stands_in_a_fixed_frame_of_tf(node, peer, spin_until, add, tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(URDF)
+def test_joint_robot_stands_in_a_fixed_frame_of_tf(node, peer, spin_until, add, path):
     robot = add(
         "arm",
-        parameterName=str(path),
+        parameterName=path,
         source="file",
         jointStates="/arm/joint_states",
         fixedFrame="world",
@@ -81,10 +76,8 @@ def test_joint_robot_stands_in_a_fixed_frame_of_tf(node, peer, spin_until, add, 
     assert np.allclose(world_matrix(robot.link_nodes()["tip"])[:3, 3], [1300.0, 0.0, 100.0])
 
 
-def test_robot_of_a_topic_and_of_a_file_beside_each_other(node, peer, spin_until, add, tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(URDF)
-    add("left", parameterName=str(path), source="file", tfPrefix="left")
+def test_robot_of_a_topic_and_of_a_file_beside_each_other(node, peer, spin_until, add, path):
+    add("left", parameterName=path, source="file", tfPrefix="left")
     robot = add("right", parameterName="/right/description", source="topic", tfPrefix="right")
     assert robot.GetProblem() == "no description yet"
     peer("publish_latched", topic="/right/description", type="std_msgs/msg/String", data=URDF)
@@ -94,9 +87,9 @@ def test_robot_of_a_topic_and_of_a_file_beside_each_other(node, peer, spin_until
     assert node.GetTf2LookupNodeByParentChild("right/wrist", "right/tip") is not None
 
 
-def test_mesh_map_of_ambf_makes_a_body_per_mesh(node, peer, spin_until, add, tmp_path):
+def test_mesh_map_of_ambf_makes_a_body_per_mesh(describe, spin_until, add):
     # A parameter of the peer process; AMBF itself cannot be installed here.
-    assert peer("set_parameter", name="robot_description", value="body:no_mesh.stl;", of="robot")
+    describe("body:no_mesh.stl;")
     robot = add(
         "bodies",
         parameterNodeName="/robot_state_publisher",

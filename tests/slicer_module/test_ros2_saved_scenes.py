@@ -4,10 +4,9 @@ import logging
 
 import pytest
 from slicer import vtkMRMLScene
-from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from tests.ros_domain import environment_of
-from tests.slicer_module.test_ros2_robots import URDF
+from tests.slicer_module.ros2_values import shifted, x_mm
+from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
 OF_SLICER_ROS2 = """<?xml version="1.0" encoding="UTF-8"?>
 <MRML version="Slicer4.4.0" userTags="">
@@ -48,24 +47,15 @@ vtkMRMLROS2Tf2LookupNode2;model:vtkMRMLModelNode1;parameter:vtkMRMLROS2Parameter
 
 
 @pytest.fixture
-def make_api(ros_domain, monkeypatch):
-    """Logic of the module for a new scene with its default node; closed after the test."""
-    from app.scene import SceneApplication
-    from ROS2Lib.logic import Ros2Api
+def make(make_api):
+    """``make()``: logic of the module for a new scene with its default node."""
 
-    for name, value in environment_of(ros_domain).items():
-        monkeypatch.setenv(name, value)
-    made = []
+    def with_node():
+        api = make_api()
+        api.GetDefaultROS2Node()
+        return api
 
-    def make():
-        application = SceneApplication(vtkMRMLScene())
-        made.append((application, Ros2Api(application.scene)))
-        made[-1][1].GetDefaultROS2Node()
-        return made[-1][1]
-
-    yield make
-    for _, api in made:
-        api.Close()
+    return with_node
 
 
 def load(api, path):
@@ -85,19 +75,8 @@ def save(api, path):
     api.Destroy()
 
 
-def spin_until(api, ready, wait_until):
-    wait_until(ready, api.Spin)
-
-
-def x_mm(node):
-    pose = vtkMatrix4x4()
-    node.GetMatrixTransformToParent(pose)
-    return pose.GetElement(0, 3)
-
-
-def test_saved_scene_joins_the_graph_again(make_api, peer, wait_until, tmp_path):
-    assert peer("set_parameter", name="robot_description", value=URDF, of="robot")
-    api = make_api()
+def test_saved_scene_joins_the_graph_again(make, peer, tmp_path):
+    api = make()
     node = api.GetDefaultROS2Node()
     other = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
     other.Create("helper", "station")
@@ -111,21 +90,20 @@ def test_saved_scene_joins_the_graph_again(make_api, peer, wait_until, tmp_path)
     parameters.AddParameter("count")
     lookup = node.CreateAndAddTf2LookupNode("wall", "lamp")
     lookup.SetModifiedOnLookup(False)
-    pose = vtkMatrix4x4()
-    pose.SetElement(0, 3, 12.0)
+    pose = shifted(12.0)
     lookup.SetMatrixTransformToParent(pose)
     below = api.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "below")
     below.SetAndObserveTransformNodeID(lookup.GetID())
     broadcaster = node.CreateAndAddTf2BroadcasterNode("wall", "copy")
     broadcaster.ObserveTransformNode(below)
     robot = node.CreateAndAddRobotNode("arm", "/robot_state_publisher", "robot_description")
-    spin_until(api, robot.GetLinkNames, wait_until)
+    wait_until(robot.GetLinkNames, api.Spin)
     removed = node.CreateAndAddPublisherNode("String", "/removed")
     assert removed.RemoveFromROS2Node(node.GetID(), "/removed")
     path = tmp_path / "scene.mrml"
     save(api, path)
 
-    again = make_api()
+    again = make()
     assert load(again, path)
     node = again.GetDefaultROS2Node()
     assert again.scene.GetNumberOfNodesByClass("vtkMRMLROS2NodeNode") == 2
@@ -139,12 +117,12 @@ def test_saved_scene_joins_the_graph_again(make_api, peer, wait_until, tmp_path)
     subscriber = node.GetSubscriberNodeByTopic("/twist")
     assert subscriber.GetROSType() == "geometry_msgs/msg/Twist"
     peer("publish", topic="/twist", type="geometry_msgs/msg/Twist", messages=[{}])
-    spin_until(again, subscriber.GetNumberOfMessages, wait_until)
+    wait_until(subscriber.GetNumberOfMessages, again.Spin)
     client = node.GetServiceClientNodeByService("/peer/echo")
     client.SendAsyncRequest({"data": True})
-    assert again.WaitForServiceResponse(client, 10.0)
+    assert again.WaitForServiceResponse(client, DEADLINE_S)
     parameters = node.GetParameterNodeByNode("/peer")
-    spin_until(again, lambda: parameters.ParameterSet("count"), wait_until)
+    wait_until(lambda: parameters.ParameterSet("count"), again.Spin)
     lookup = node.GetTf2LookupNodeByParentChild("wall", "lamp")
     assert (lookup.GetState(), x_mm(lookup)) == ("missing", 12.0)  # the last pose, not a valid one
     assert lookup.GetModifiedOnLookup() is False
@@ -153,7 +131,7 @@ def test_saved_scene_joins_the_graph_again(make_api, peer, wait_until, tmp_path)
     again.scene.GetFirstNodeByName("below").SetMatrixTransformToParent(pose)
     assert broadcaster.GetNumberOfBroadcasts() == 0
     robot = node.GetRobotNodeByName("arm")
-    spin_until(again, robot.GetLinkNames, wait_until)
+    wait_until(robot.GetLinkNames, again.Spin)
     assert robot.GetLinkNames() == ("base", "wrist", "tip")
     for name in ("ros2:tf2lookup:wristTotip", "tip_model"):
         assert again.scene.GetNodesByName(name).GetNumberOfItems() == 1
@@ -162,11 +140,10 @@ def test_saved_scene_joins_the_graph_again(make_api, peer, wait_until, tmp_path)
     assert node.GetPublisherNodeByTopic("/removed") is None
 
 
-def test_scene_of_slicer_ros2_joins_the_graph(make_api, peer, wait_until, tmp_path):
-    assert peer("set_parameter", name="robot_description", value=URDF, of="robot")
+def test_scene_of_slicer_ros2_joins_the_graph(make, peer, tmp_path):
     path = tmp_path / "theirs.mrml"
     path.write_text(OF_SLICER_ROS2)
-    api = make_api()
+    api = make()
     assert load(api, path)
     node = api.GetDefaultROS2Node()
     (helper,) = [each for each in api.nodes() if each is not node]
@@ -177,18 +154,18 @@ def test_scene_of_slicer_ros2_joins_the_graph(make_api, peer, wait_until, tmp_pa
     assert helper.GetNodeReference("publisher") is publisher
     subscriber = node.GetSubscriberNodeByTopic("/news")
     peer("publish", topic="/news", type="std_msgs/msg/String", messages=[{"data": "x"}])
-    spin_until(api, subscriber.GetNumberOfMessages, wait_until)
+    wait_until(subscriber.GetNumberOfMessages, api.Spin)
     client = node.GetServiceClientNodeByService("/peer/echo")
     client.SendAsyncRequest({"data": True})
-    assert api.WaitForServiceResponse(client, 10.0)
+    assert api.WaitForServiceResponse(client, DEADLINE_S)
     assert node.GetTf2BroadcasterNodeByParentChild("a", "b") is not None
     parameters = node.GetParameterNodeByNode("/robot_state_publisher")
-    spin_until(api, lambda: parameters.ParameterSet("robot_description"), wait_until)
+    wait_until(lambda: parameters.ParameterSet("robot_description"), api.Spin)
     base = node.GetTf2LookupNodeByParentChild("world", "left/base")
     assert (base.GetState(), x_mm(base)) == ("missing", 7.0)
     assert api.scene.GetFirstNodeByName("mounted").GetParentTransformNode() is base
     robot = node.GetRobotNodeByName("left")
-    spin_until(api, robot.GetLinkNames, wait_until)
+    wait_until(robot.GetLinkNames, api.Spin)
     assert robot.GetNumberOfNodeReferences("lookup") == 3
     assert robot.GetNodeReference("lookup") is base
     assert node.GetTf2LookupNodeByParentChild("left/wrist", "left/tip") is not None
@@ -196,10 +173,10 @@ def test_scene_of_slicer_ros2_joins_the_graph(make_api, peer, wait_until, tmp_pa
     assert api.scene.GetFirstNodeByName("base_model").GetParentTransformNode() is base
 
 
-def test_scene_added_to_a_scene_keeps_the_present_nodes(make_api, peer, tmp_path):
+def test_scene_added_to_a_scene_keeps_the_present_nodes(make, peer, tmp_path):
     path = tmp_path / "theirs.mrml"
     path.write_text(OF_SLICER_ROS2)
-    api = make_api()
+    api = make()
     node = api.GetDefaultROS2Node()
     present = node.CreateAndAddSubscriberNode("String", "/present")
     broadcaster = node.CreateAndAddTf2BroadcasterNode("a", "b")
@@ -210,8 +187,8 @@ def test_scene_added_to_a_scene_keeps_the_present_nodes(make_api, peer, tmp_path
     assert node.GetSubscriberNodeByTopic("/news") is not None
 
 
-def test_saved_values_of_another_form_are_reported(make_api, tmp_path, caplog):
-    api = make_api()
+def test_saved_values_of_another_form_are_reported(make, tmp_path, caplog):
+    api = make()
     node = api.GetDefaultROS2Node()
     for topic in ("/names", "/settings", "/kind", "/count"):
         node.CreateAndAddSubscriberNode("String", topic)
@@ -222,7 +199,7 @@ def test_saved_values_of_another_form_are_reported(make_api, tmp_path, caplog):
     names["/count"].SetAttribute("ros2.names", '["/count", "too many"]')
     path = tmp_path / "scene.mrml"
     save(api, path)
-    again = make_api()
+    again = make()
     caplog.set_level(logging.ERROR)
     assert load(again, path)
     node = again.GetDefaultROS2Node()
@@ -231,11 +208,11 @@ def test_saved_values_of_another_form_are_reported(make_api, tmp_path, caplog):
         assert text in caplog.text
 
 
-def test_too_many_ros_nodes_are_not_created(make_api, tmp_path, caplog, monkeypatch):
+def test_too_many_ros_nodes_are_not_created(make, tmp_path, caplog, monkeypatch):
     monkeypatch.setattr("ROS2Lib.scene_loader.MAX_NODES", 3)
     path = tmp_path / "theirs.mrml"
     path.write_text(OF_SLICER_ROS2)
-    api = make_api()
+    api = make()
     assert load(api, path)
     assert api.GetDefaultROS2Node().members == ()
     assert "the loaded scene has 9 ROS 2 nodes; expected at most 3" in caplog.text

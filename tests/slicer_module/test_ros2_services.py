@@ -3,6 +3,7 @@
 import pytest
 
 from app.geometry import MarginGuardError
+from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
 
 def test_request_is_answered_with_one_event(node, peer, spin_until):
@@ -25,20 +26,20 @@ def test_request_is_answered_with_one_event(node, peer, spin_until):
         assert client.GetLastError() == ""
     assert len(events) == 2
     assert (client.GetNumberOfCalls(), client.GetNumberOfRequestsSent()) == (2, 2)
-    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
 def test_request_to_a_silent_server_times_out_without_blocking_others(logic, node, peer):
     silent = node.CreateAndAddServiceClientNode("Trigger", "/peer/no_reply")
     echo = node.CreateAndAddServiceClientNode("SetBoolString", "/peer/echo")
     silent.SetTimeoutSeconds(1.0)
+    wait_until(silent.PreRequestCheck)  # its server is known
     events = []
     silent.AddObserver("ModifiedEvent", lambda *_: events.append(silent.GetLastError()))
     silent.SendAsyncRequest(silent.CreateBlankRequest())
     echo.SendAsyncRequest({"data": True})
-    assert logic.WaitForServiceResponse(echo, 10.0) is True
+    assert logic.WaitForServiceResponse(echo, DEADLINE_S) is True
     assert echo.GetLastResponse().GetSuccess() is True
-    assert logic.WaitForServiceResponse(silent, 10.0) is False
+    assert logic.WaitForServiceResponse(silent, DEADLINE_S) is False
     assert events == ["service /peer/no_reply: no reply within 1 s"]
     assert silent.GetLastResponse() is None
     assert not silent.IsRequestInProgress()
@@ -55,10 +56,9 @@ def test_reply_that_cannot_be_converted_is_reported(logic, node, peer):
     events = []
     client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastError()))
     client.SendAsyncRequest({})
-    assert logic.WaitForServiceResponse(client, 10.0) is False
+    assert logic.WaitForServiceResponse(client, DEADLINE_S) is False
     assert len(events) == 1
     assert "norm 0" in client.GetLastError()
-    assert node.RemoveAndDeleteServiceClientNode("/peer/not_rigid")
 
 
 def test_missing_server_is_reported(logic, node):
@@ -67,20 +67,18 @@ def test_missing_server_is_reported(logic, node):
     responses = []
     client.AddObserver(client.ResponseReceivedEvent, lambda *_: responses.append(1))
     client.SendAsyncRequest({})
-    assert logic.WaitForServiceResponse(client, 5.0) is False
+    assert logic.WaitForServiceResponse(client, DEADLINE_S) is False
     assert responses == []
     assert client.GetLastError() == "service /missing: no server found within 0.1 s"
-    assert node.RemoveAndDeleteServiceClientNode("/missing")
 
 
 def test_second_request_while_one_is_under_way_is_not_sent(logic, node, peer):
     client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
     assert [client.SendAsyncRequest({"data": value}) for value in (True, False)] == [1, 0]
-    assert logic.WaitForServiceResponse(client, 10.0)
+    assert logic.WaitForServiceResponse(client, DEADLINE_S)
     assert client.GetLastResponse().GetSuccess() is True
     assert (client.GetNumberOfCalls(), client.GetNumberOfRequestsSent()) == (2, 1)
     assert client.SendAsyncRequest({"data": False}) == 1
-    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
 def test_invalid_request_is_not_sent(node):
@@ -110,13 +108,12 @@ def test_messages_of_set_bool_string_have_its_accessors(logic, node, peer):
     assert (request.GetResult(), request.GetData()) == (True, True)
     assert request.GetMessage() == "kept in the scene"
     assert client.SendAsyncRequest(request) == 1
-    assert logic.WaitForServiceResponse(client, 10.0)
+    assert logic.WaitForServiceResponse(client, DEADLINE_S)
     response = client.GetLastResponse()
     assert (response.GetResult(), response.GetSuccess()) == (True, True)
     assert (response.GetMessage(), response.GetClassName()) == ("echoed", "vtkBoolString")
     assert events == ["echoed"]
     assert client.ServiceModifiedEvent == client.ResponseReceivedEvent == 1054
-    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
 def test_service_client_is_unique_per_service_and_removable(node, caplog):

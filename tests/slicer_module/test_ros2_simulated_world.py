@@ -4,7 +4,6 @@ import time
 
 import numpy as np
 import pytest
-import vtk
 from slicer import vtkMRMLModelNode
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
@@ -14,6 +13,8 @@ from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.geometry import MarginGuardError, SurfaceMesh, Transform
 from app.scene.nodes.convert import poly_data, world_matrix, world_points
 from app.simulation import BodyEntry, World, WorldDescription
+from tests.slicer_module.ros2_values import shifted
+from tests.slicer_module.waiting import wait_until
 
 CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
 FACES = np.array(
@@ -57,12 +58,6 @@ def at(name, x):
     return Transform("world", name, np.eye(3), np.array([x, 0.0, 0.0]))
 
 
-def shifted(x_mm):
-    made = vtk.vtkMatrix4x4()
-    made.SetElement(0, 3, x_mm)
-    return made
-
-
 @pytest.fixture
 def physics(node, ros_domain):
     with RosNode(NODE_NAME, domain_id=ros_domain) as ros:
@@ -70,7 +65,7 @@ def physics(node, ros_domain):
 
 
 @pytest.fixture
-def shown(node, physics, wait_until, logic):
+def shown(node, physics, logic):
     member = node.CreateAndAddSimulatedWorldNode()
 
     def until(ready):
@@ -85,8 +80,7 @@ def shown(node, physics, wait_until, logic):
     for body in ("ball", "wall"):
         until(lambda body=body: x_of(member, body) == pytest.approx(physics.x(body), abs=1e-3))
     until(lambda: member._editor.is_connected() and physics.refusals_are_received())
-    yield member, until
-    node.RemoveAndDeleteSimulatedWorldNode()
+    return member, until
 
 
 def x_of(member, body):
@@ -145,7 +139,6 @@ def test_model_becomes_a_body_and_is_removed(shown, physics, logic):
     member.RemoveBody("clip")
     until(lambda: "clip" not in physics.world.state().bodies)
     until(lambda: member.GetBodies() == ["ball", "wall"])
-    logic.scene.RemoveNode(model)
 
 
 def test_model_without_a_surface_is_refused(shown, logic):
@@ -153,7 +146,6 @@ def test_model_without_a_surface_is_refused(shown, logic):
     model = logic.scene.AddNode(vtkMRMLModelNode())
     with pytest.raises(MarginGuardError, match="has no surface"):
         member.AddBody("clip", model)
-    logic.scene.RemoveNode(model)
 
 
 def test_removed_member_takes_its_transforms_along(node, shown, logic):

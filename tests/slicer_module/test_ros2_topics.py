@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import vtk
 import yaml
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import numpy_to_vtk
 
-from app.bridge.convert import UnknownTypeError
 from app.geometry import MarginGuardError
+from tests.slicer_module.ros2_values import columns, doubles, flat, ints, matrix, rows, table
+from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
 HALF = np.sqrt(0.5)
 POSE = {
@@ -19,39 +20,6 @@ POSE = {
 POSE_MATRIX = np.array(
     [[0.0, -1.0, 0.0, 12.5], [1.0, 0.0, 0.0, -1000.0], [0.0, 0.0, 1.0, 2000.0], [0, 0, 0, 1.0]]
 )
-HEADER = {"stamp": {"sec": 123, "nanosec": 456}, "frame_id": "test_frame"}
-
-
-def matrix(rows):
-    made = vtk.vtkMatrix4x4()
-    made.DeepCopy(np.asarray(rows, dtype=float).ravel())
-    return made
-
-
-def rows(value):
-    return np.array([[value.GetElement(r, c) for c in range(4)] for r in range(4)])
-
-
-def ints(*values):
-    made = vtk.vtkIntArray()
-    for value in values:
-        made.InsertNextValue(value)
-    return made
-
-
-def doubles(*values):
-    made = vtk.vtkDoubleArray()
-    for value in values:
-        made.InsertNextValue(value)
-    return made
-
-
-def table(*columns):
-    made = vtk.vtkTable()
-    for name, column in zip("ab", columns, strict=True):
-        column.SetName(name)
-        made.AddColumn(column)
-    return made
 
 
 def bytes_of(array):
@@ -80,14 +48,6 @@ def image(array):
     flat = array.reshape(array.shape[0] * array.shape[1], -1)
     made.GetPointData().SetScalars(numpy_to_vtk(flat, deep=True))
     return made
-
-
-def flat(value):
-    return vtk_to_numpy(value).ravel().tolist()
-
-
-def columns(value):
-    return [flat(value.GetColumn(n)) for n in range(value.GetNumberOfColumns())]
 
 
 GREY = np.array([[1, 2, 3], [4, 5, 6]], dtype=np.uint8)
@@ -225,17 +185,14 @@ def contains(message, expected):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_kind_is_published_and_received(node, peer, spin_until, kind):
+def test_each_kind_is_published_and_received(node, peer, hear, spin_until, kind):
     ros_type, value, expected, is_right = KINDS[kind]
     publisher = node.CreateAndAddPublisherNode(kind, f"/out_{kind}")
     assert publisher.GetROSType() == ros_type
     assert publisher.GetName() == f"ros2:pub:/out_{kind}"
-    peer("listen", topic=f"/out_{kind}", type=ros_type)
-    ros_topic = f"/out_{kind}"
-    peer("wait_until", call={"do": "endpoints", "topic": ros_topic}, value=[1, 1])
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    hear(publisher)
     assert publisher.Publish(value) == 1
-    (message,) = peer("take", topic=ros_topic)
+    (message,) = peer("take", topic=f"/out_{kind}")
     assert contains(message, expected)
 
     received = []
@@ -249,8 +206,6 @@ def test_each_kind_is_published_and_received(node, peer, spin_until, kind):
     assert is_right(received[0])
     assert subscriber.GetNumberOfMessages() == len(received) == 1
     assert contains(yaml.safe_load(subscriber.GetLastMessageYAML()), expected)
-    assert node.RemoveAndDeletePublisherNode(f"/out_{kind}")
-    assert node.RemoveAndDeleteSubscriberNode(f"/in_{kind}")
 
 
 def test_every_message_is_one_event_as_the_last_message(node, peer, spin_until):
@@ -270,7 +225,7 @@ def test_every_message_is_one_event_as_the_last_message(node, peer, spin_until):
     assert subscriber.GetLastMessageYAML() == "data: 7\n"
 
 
-def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer, wait_until):
+def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer):
     subscriber = logic.AddNewNodeByClass("vtkMRMLROS2SubscriberIntNode")
     subscriber.SetQoSHistoryDepth(3)
     assert subscriber.AddToROS2Node(node.GetID(), "/flood")
@@ -291,7 +246,7 @@ def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer, wait_
         subscriber.SetQoSHistoryDepth(5)
 
 
-def test_messages_that_are_too_long_are_counted_as_lost(node, peer, wait_until, monkeypatch):
+def test_messages_that_are_too_long_are_counted_as_lost(node, peer, monkeypatch):
     subscriber = node.CreateAndAddSubscriberNode("String", "/long")
     monkeypatch.setattr("app.bridge.convert.queue.MAX_BYTES", 50)
     messages = [{"data": "x" * 100}, {"data": "short"}]
@@ -337,29 +292,10 @@ def test_blank_messages_have_the_kind_and_can_be_published(node):
         assert node.RemoveAndDeletePublisherNode("/blank")
 
 
-def test_pose_array_keeps_its_stamp(node, peer, spin_until):
+def test_collection_of_transforms_is_a_pose_array(node, peer, hear):
     publisher = node.CreateAndAddPublisherNode("PoseArray", "/poses")
-    subscriber = node.CreateAndAddSubscriberNode("PoseArray", "/poses")
-    peer("listen", topic="/poses", type="geometry_msgs/msg/PoseArray")
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 2, 15.0)
-    message = publisher.GetBlankMessage()
-    message.GetHeader().SetFrameId("test_frame")
-    message.GetHeader().GetStamp().SetSec(123)
-    message.GetHeader().GetStamp().SetNanosec(456)
-    sent = (matrix(np.eye(4)), matrix(POSE_MATRIX))
-    message.SetPoses(sent)
-    assert publisher.Publish(message) == 2
-    (message,) = peer("take", topic="/poses")
-    assert message["header"] == HEADER
-    spin_until(lambda: subscriber.GetNumberOfMessages() == 1)
-    header = subscriber.GetLastMessage().GetHeader()
-    assert (header.GetStamp().GetSec(), header.GetStamp().GetNanosec()) == (123, 456)
-    assert header.GetFrameId() == "test_frame"
-    for one, other in zip(sent, subscriber.GetLastMessage().GetPoses(), strict=True):
-        assert np.allclose(rows(one), rows(other), atol=1e-9)
-
-    collection = vtk.vtkTransformCollection()
-    turn = vtk.vtkTransform()
+    hear(publisher)
+    collection, turn = vtk.vtkTransformCollection(), vtk.vtkTransform()
     turn.SetMatrix(matrix(POSE_MATRIX))
     collection.AddItem(turn)
     publisher.Publish(collection)
@@ -367,29 +303,25 @@ def test_pose_array_keeps_its_stamp(node, peer, spin_until):
     assert contains(message["poses"], [POSE])
 
 
-def test_empty_stamp_is_filled_with_the_sending_time(node, peer):
+def test_empty_stamp_is_filled_with_the_sending_time(node, peer, hear):
     publisher = node.CreateAndAddPublisherNode("PoseStamped", "/stamped")
-    peer("listen", topic="/stamped", type="geometry_msgs/msg/PoseStamped")
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    hear(publisher)
     before_ns = node.now_ns()
     publisher.Publish(publisher.GetBlankMessage())
     stamp = peer("take", topic="/stamped")[0]["header"]["stamp"]
     assert before_ns <= stamp["sec"] * 10**9 + stamp["nanosec"] <= node.now_ns()
 
 
-def test_empty_frame_is_filled_with_the_publishers_frame(node, peer):
+def test_empty_frame_is_filled_with_the_publishers_frame(node, peer, hear):
     publisher = node.CreateAndAddPublisherNode("PolyData", "/framed")
     publisher.SetFrameId("world")
     assert publisher.GetFrameId() == "world"
-    peer("listen", topic="/framed", type="sensor_msgs/msg/PointCloud2")
-    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    hear(publisher)
     publisher.Publish(poly_data((1.0, 2.0, 3.0)))
     assert peer("take", topic="/framed")[0]["header"]["frame_id"] == "world"
-    assert node.RemoveAndDeletePublisherNode("/framed")
     poses = node.CreateAndAddPublisherNode("PoseStamped", "/framed_pose")
     poses.SetFrameId("world")
-    peer("listen", topic="/framed_pose", type="geometry_msgs/msg/PoseStamped")
-    assert node.ros.wait_for_subscribers(poses._publisher.topic, 1, 15.0)
+    hear(poses)
     poses.Publish({"header": {"frame_id": "needle"}})
     assert peer("take", topic="/framed_pose")[0]["header"]["frame_id"] == "needle"
 
@@ -423,7 +355,6 @@ def test_best_effort_is_received_by_best_effort_only(logic, node, peer, spin_unt
     spin_until(arrived)
     assert reliable.GetNumberOfMessages() == 0
     assert node.ros.incompatible["/lossy"] == "RELIABILITY"
-    other.Destroy()
 
 
 def test_second_publisher_on_a_resolved_topic_is_rejected(node, caplog):
@@ -445,32 +376,6 @@ def test_invalid_kinds_and_names_are_rejected_and_leave_nothing(node, caplog):
     assert node.GetScene().GetNumberOfNodes() == before
     assert [record.levelno for record in caplog.records] == [logging.ERROR] * 3
     assert node.GetPublisherNodeByTopic("two words") is None
-
-
-def test_removing_returns_whether_the_member_existed(node, peer):
-    for create, get, remove in (
-        (
-            node.CreateAndAddPublisherNode,
-            node.GetPublisherNodeByTopic,
-            node.RemoveAndDeletePublisherNode,
-        ),
-        (
-            node.CreateAndAddSubscriberNode,
-            node.GetSubscriberNodeByTopic,
-            node.RemoveAndDeleteSubscriberNode,
-        ),
-    ):
-        before = node.GetScene().GetNumberOfNodes()
-        made = create("String", "/existing")
-        assert get("/existing") is made
-        assert made.GetScene().GetFirstNodeByName(made.GetName()) is made
-        assert remove("/existing") is True
-        assert remove("/existing") is False
-        assert remove("/never") is False
-        assert get("/existing") is None
-        assert node.GetScene().GetNumberOfNodes() == before
-        assert not made.IsAddedToROS2Node()
-    peer("wait_until", call={"do": "endpoints", "topic": "/existing"}, value=[0, 0])
 
 
 def test_values_of_another_kind_are_not_sent(node):
@@ -522,7 +427,6 @@ def test_messages_that_cannot_be_converted_raise_on_access(
     with pytest.raises(MarginGuardError, match=text):
         subscriber.GetLastMessage()
     assert subscriber.GetLastMessageYAML()
-    assert node.RemoveAndDeleteSubscriberNode(f"/bad_{kind}")
 
 
 def test_image_and_cloud_are_shown_by_their_targets(logic, node, peer, spin_until):
@@ -536,7 +440,7 @@ def test_image_and_cloud_are_shown_by_their_targets(logic, node, peer, spin_unti
     with pytest.raises(MarginGuardError, match="is no vtkMRMLVolumeNode"):
         images.SetTargetNodeID(model.GetID())
     out = node.CreateAndAddPublisherNode("PolyData", "/lidar")
-    assert node.ros.wait_for_subscribers(out._publisher.topic, 1, 15.0)
+    assert node.ros.wait_for_subscribers(out._publisher.topic, 1, DEADLINE_S)
     out.Publish(poly_data((1.0, 2.0, 3.0), (float("nan"), 0.0, 0.0)))
     picture = {"encoding": "bgr8", "width": 1, "height": 1, "step": 3, "data": [1, 2, 3]}
     peer("publish", topic="/camera", type="sensor_msgs/msg/Image", messages=[picture])
@@ -551,19 +455,3 @@ def test_image_and_cloud_are_shown_by_their_targets(logic, node, peer, spin_unti
     peer("publish", topic="/camera", type="sensor_msgs/msg/Image", messages=[picture])
     spin_until(lambda: images.GetNumberOfMessages() == 2)
     assert images.GetTargetNodeID() == ""
-
-
-def test_lists_of_kinds_name_creatable_classes(logic, node):
-    for role, registered in (
-        ("Publisher", node.RegisteredROS2PublisherNodes()),
-        ("Subscriber", node.RegisteredROS2SubscriberNodes()),
-    ):
-        of_moveit = f"vtkMRMLROS2{role}CollisionObjectNode"  # its package may be missing
-        names = set(registered.split("\n"))
-        assert {*(f"vtkMRMLROS2{role}{kind}Node" for kind in KINDS), of_moveit} == names
-        for name in names - {of_moveit}:
-            made = logic.AddNewNodeByClass(name)
-            assert made.GetClassName() == name
-            logic.scene.RemoveNode(made)
-    with pytest.raises(UnknownTypeError):
-        logic.AddNewNodeByClass("vtkMRMLROS2PublisherNothingNode")

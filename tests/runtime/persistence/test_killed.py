@@ -11,8 +11,9 @@ from app.runtime.persistence.instance_key import InstanceKey
 from app.runtime.persistence.live_state import live_state
 
 KEY = InstanceKey("host", 7, "/", "touch /joint_states")
-KILLS = 60
-MAX_LIFE_S = 0.05
+KILLS = 30
+MAX_LIFE_S = 0.02
+"""About two runs of a guard, each of up to 20 changes."""
 
 
 def run(folder, report):

@@ -5,7 +5,7 @@ import resource
 import signal
 import subprocess
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
@@ -23,7 +23,7 @@ OTHER_NAMESPACE = InstanceKey("host", 7, "/watch", "touch /joint_states")
 OTHER_BOTH = InstanceKey("host", 7, "/watch", "other /joint_states")
 HAND_HELD = InstanceKey("host", 7, "/hand", "")
 NOW_NS = 1_700_000_000_000_000_000
-DEADLINE_S = 30.0
+DEADLINE_S = 60.0
 
 
 @pytest.fixture
@@ -301,38 +301,50 @@ def test_writer_gives_up_on_a_disk_that_does_not_answer(monkeypatch):
 
 @pytest.fixture(params=["small file system", "limited file size"])
 def full_disk(request, tmp_path):
-    """``full_disk()`` fills the disk of the folder that it yields; nothing can be written then."""
+    """A folder, and ``full()``: a context in which nothing can be written to its disk."""
     if request.param == "limited file size":
-        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        yield tmp_path / "state", lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        signal.signal(signal.SIGXFSZ, before)
+        yield tmp_path / "state", no_file_may_grow
         return
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(tmp_path)]
     if os.geteuid() != 0 or subprocess.run(mount, check=False).returncode:
         pytest.skip("this user cannot mount a file system")
 
-    def fill():
+    @contextmanager
+    def full():
         with suppress(OSError), (tmp_path / "filler").open("wb", buffering=0) as file:
             while True:
                 file.write(b"\0" * 4096)
+        yield
 
-    yield tmp_path / "state", fill
+    yield tmp_path / "state", full
     subprocess.run(["umount", str(tmp_path)], check=True)
 
 
+@contextmanager
+def no_file_may_grow():
+    """Not longer than necessary: the output of the tests may be a file, too."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+
+
 def test_full_disk_refuses_a_start_and_keeps_the_hold_of_a_session_that_runs(full_disk):
-    folder, fill = full_disk
+    folder, full = full_disk
     lines = []
-    with opened(folder, log=lines.append) as state:
-        state.resume()
-        wait_for_writer(state)  # a record that it replaces later would leave room on the disk
-        fill()
-        state.update(True, ("stale",))
-        state.end(False)
+    with ExitStack() as later:
+        with opened(folder, log=lines.append) as state:
+            state.resume()
+            wait_for_writer(state)  # a record that it replaces later would leave room on the disk
+            later.enter_context(full())
+            state.update(True, ("stale",))
+            state.end(False)
+        with pytest.raises(StateFileError, match=r"cannot be (written|locked)"):
+            run(folder)
     assert len(lines) == 1
     assert "cannot be written" in lines[0]
-    with pytest.raises(StateFileError, match=r"cannot be (written|locked)"):
-        run(folder)
     assert not record_of(folder).allows_start

@@ -7,91 +7,65 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.case import open_case
 from app.geometry import FrameError, InputError, TrackedTransform, TrackingStatus, Transform
 from app.runtime import (
     Phase,
     RobotRegistration,
     Stylus,
     TrackedTool,
-    content_of,
     fit_registration,
 )
 from app.runtime.workflow.robot_samples import RobotSamples
-from app.session import Session, setup_from_case
+from app.session import Session
+from tests.runtime.workflow.guided import Guided
 from tests.session_content import one_link_content
 
-FRAMES = 760
+FRAMES = 380
 """Up to the end of the last of 8 dwells of the shipped case."""
 
 
 @pytest.fixture(scope="module")
-def case(project_root):
-    return open_case(project_root / "data" / "recorded_case")
+def content(recorded_case):
+    return recorded_case.content
 
 
 @pytest.fixture(scope="module")
-def setup(case):
-    return setup_from_case(case, tip_only=True)
+def steps(recorded_case):
+    session = Session(recorded_case.setup)
+    return [session.step(frame) for frame in islice(recorded_case.case.frames(), FRAMES)]
 
 
-@pytest.fixture(scope="module")
-def content(case, setup):
-    return content_of(case, setup, tip_only=True)
+def with_registration(content, result):
+    return replace(content, robot=replace(content.robot, registration=result))
 
 
-@pytest.fixture(scope="module")
-def steps(case, setup):
-    session = Session(setup)
-    return [session.step(frame) for frame in islice(case.frames(), FRAMES)]
-
-
-class Guided:
-    """A registration with its fits, and the session's use of one."""
+class GuidedRobot(Guided):
+    """A registration with the steps of the case."""
 
     def __init__(self, content):
-        self.content = content
-        self.guide = RobotRegistration(content)
-        self.uses = True
+        super().__init__(RobotRegistration(content), content, fit_registration, with_registration)
 
-    @property
-    def seen(self):
-        return self.guide.status().revision
-
-    def record(self, steps):
-        self.guide.start(self.seen)
+    def begin(self, steps, *tool):
+        self.guide.start(self.seen, *tool)
         for step in steps:
             self.guide.observe(step)
-        self.guide.stop(self.seen)
-        return self.fit()
 
-    def fit(self):
-        while (task := self.guide.task()) is not None:
-            self.guide.use_fit(fit_registration(task))
-        return self.guide.status().fit
-
-    def use(self, result):
-        if self.uses:
-            robot = replace(self.content.robot, registration=result)
-            self.content = replace(self.content, robot=robot)
-        return self.uses
-
-    def accept(self):
-        self.guide.accept(self.seen, self.use)
-        self.guide.use_content(self.content)
+    def record(self, steps, *tool):
+        self.begin(steps, *tool)
+        return self.stop()
 
 
 @pytest.fixture
 def guided(content):
-    return Guided(content)
+    return GuidedRobot(content)
 
 
-def test_touched_points_register_as_the_command_does(guided, steps, setup):
+def test_touched_points_register_as_the_command_does(guided, steps, recorded_case):
     before = guided.content.registration
     fit = guided.record(steps)
     assert [each.problem for each in fit.points] == [""] * 8
     assert fit.accepted
-    known = setup.robot.registration  # by the intervals that the case names
+    known = recorded_case.setup.robot.registration  # by the intervals that the case names
     assert fit.result.transform.distance_mm_to(known.transform) < 0.2
     assert np.degrees(fit.result.transform.angle_to(known.transform)) < 0.1
     errors = [each.residual_mm for each in fit.points]
@@ -100,8 +74,7 @@ def test_touched_points_register_as_the_command_does(guided, steps, setup):
     guided.accept()
     assert guided.content.registration is fit.result
     assert guided.guide.status().phase is Phase.IDLE
-    guided.guide.undo(guided.seen, guided.use)
-    guided.guide.use_content(guided.content)
+    guided.undo()
     assert guided.content.registration is before
     assert not guided.guide.can_undo
 
@@ -125,9 +98,7 @@ def test_removed_point_is_not_used_and_is_restored(guided, steps):
 
 def test_place_of_a_removed_point_may_be_touched_again(guided, steps):
     """The same samples, some later: as a second touch of each landmark."""
-    guided.guide.start(guided.seen)
-    for step in steps[:140]:
-        guided.guide.observe(step)
+    guided.begin(steps[:70])
     once = guided.fit()
     assert len(once.points) == 2
     task = guided.guide.task() or guided.guide._samples.task(
@@ -148,7 +119,7 @@ def test_place_of_a_removed_point_may_be_touched_again(guided, steps):
 
 
 def test_few_points_and_no_points_are_refused_with_the_reason(guided, steps):
-    fit = guided.record(steps[:60])
+    fit = guided.record(steps[:30])
     assert (len(fit.points), fit.result) == (1, None)
     assert fit.reason == "1 points; expected at least 4"
     with pytest.raises(InputError, match="registration: 1 points; expected at least 4"):
@@ -164,12 +135,12 @@ def test_few_points_and_no_points_are_refused_with_the_reason(guided, steps):
 
 def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
     guided.guide.start(guided.seen)
-    guided.guide.observe(replace(steps[0], edges=replace(steps[40].edges, links={})))
+    guided.guide.observe(replace(steps[0], edges=replace(steps[20].edges, links={})))
     status = guided.guide.status()
     assert status.samples == 0
     assert "is not known now" in status.problem
-    guided.guide.observe(steps[50])
-    guided.guide.observe(steps[40])
+    guided.guide.observe(steps[25])
+    guided.guide.observe(steps[20])
     assert "clock went back" in guided.guide.status().problem
     assert guided.guide.status().samples == 1
 
@@ -177,7 +148,7 @@ def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
 def test_recording_is_bounded(content, steps, monkeypatch):
     monkeypatch.setattr("app.runtime.workflow.robot_samples.MAX_SAMPLES", 5)
     samples = RobotSamples()
-    for step in steps[40:60]:
+    for step in steps[20:30]:
         samples.observe(step, content, content.robot)
     assert len(samples) == 5
     assert samples.problem == "5 samples are recorded, and no more are: stop"
@@ -218,10 +189,10 @@ def test_session_without_a_robot_has_none():
 
 def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):
     guided.guide.start(guided.seen)
-    guided.guide.observe(replace(steps[40], edges=replace(steps[40].edges, measured={})))
+    guided.guide.observe(replace(steps[20], edges=replace(steps[20].edges, measured={})))
     assert guided.guide.status().problem
     with pytest.raises(FrameError):
-        replace(steps[40].edges, measured={}).between("reference", "cautery")
+        replace(steps[20].edges, measured={}).between("reference", "cautery")
 
 
 STYLUS_TIP = Transform(
@@ -249,12 +220,9 @@ def test_landmarks_touched_with_the_stylus_give_the_residuals_of_the_cautery(
 ):
     by_cautery = guided.record(steps)
     stylus = Stylus("pointer").with_tip(STYLUS_TIP, 0.3)
-    other = Guided(replace(content, stylus=stylus))
-    other.guide.start(other.seen, TrackedTool.STYLUS)
-    for step in steps:
-        other.guide.observe(touched_by_stylus(step, content))
-    other.guide.stop(other.seen)
-    by_stylus = other.fit()
+    other = GuidedRobot(replace(content, stylus=stylus))
+    touched = (touched_by_stylus(step, content) for step in steps)
+    by_stylus = other.record(touched, TrackedTool.STYLUS)
     assert other.guide.status().tool is TrackedTool.STYLUS
     assert len(by_stylus.points) == len(by_cautery.points) == 8
     assert by_stylus.accepted
@@ -270,17 +238,17 @@ def test_a_stylus_without_a_tip_touches_nothing(content):
         (None, "stylus: the session has none; expected 'stylus' in live.yaml"),
         (Stylus("pointer"), "stylus: it is not calibrated; expected a pivot calibration before"),
     ):
-        guided = Guided(replace(content, stylus=stylus))
+        guided = GuidedRobot(replace(content, stylus=stylus))
         with pytest.raises(InputError, match=f"^{problem}$"):
             guided.guide.start(guided.seen, TrackedTool.STYLUS)
         assert guided.guide.status().phase is Phase.IDLE
 
 
 def test_advice_for_the_stylus_names_both_tips(content, steps):
-    guided = Guided(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
+    guided = GuidedRobot(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
     guided.guide.start(guided.seen, TrackedTool.STYLUS)
-    guided.guide.observe(steps[40])
+    guided.guide.observe(steps[20])
     assert "'pointer' is not connected" in guided.guide.status().problem
-    for step in steps[40:60]:
+    for step in steps[20:30]:
         guided.guide.observe(touched_by_stylus(step, content))
     assert guided.fit().advice.startswith("hold robot and stylus, tip on tip, still for 1 s")

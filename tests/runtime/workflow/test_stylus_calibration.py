@@ -1,21 +1,11 @@
 """Guided pivot and spin of a stylus: the tip of a simulated motion, and that of the tool stays."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from app.geometry import (
-    NS_PER_MS,
-    FrameError,
-    InputError,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import FrameError, InputError, Transform
 from app.runtime import (
     CalibrationKind,
     Phase,
@@ -25,84 +15,73 @@ from app.runtime import (
     fit_calibration,
     tip_mm,
 )
-from app.session import KnownEdges
+from tests.runtime.workflow.guided import (
+    PERIOD_MS,
+    Guided,
+    edges_of,
+    pivot_rotation,
+    spin_rotation,
+    step_with,
+)
 from tests.session_content import one_link_content
 
 CONTENT = replace(one_link_content(), stylus=Stylus("stylus"))
 TIP_MM, DIVOT_MM = np.array([-4.0, 9.0, 152.0]), np.array([30.0, -20.0, 15.0])
 SHAFT = TIP_MM / np.linalg.norm(TIP_MM)
 PIVOT, SPIN = CalibrationKind.PIVOT, CalibrationKind.SPIN
-CAUTERY, STYLUS = TrackedTool.CAUTERY, TrackedTool.STYLUS
+STYLUS = TrackedTool.STYLUS
+EDGE = ("reference", "stylus")
 NOISE_MM = 0.1
 
 
-def pivot(number):
-    tilt = 0.6 * (0.6 + 0.4 * np.sin(number / 23.0))
-    return Rotation.from_rotvec(tilt * np.array([np.cos(number / 20), np.sin(number / 20), 0.0]))
+def with_tip(content, change):
+    """``content`` with the tip of ``change``, which is the stylus' one."""
+    assert change.tool is STYLUS
+    stylus = content.known_stylus.with_tip(change.tool_from_tip, change.sigma_mm)
+    return replace(content, stylus=stylus)
 
 
-def spin(number):
-    return Rotation.from_rotvec([0.3, 0.2, 0.0]) * Rotation.from_rotvec(number / 40.0 * SHAFT)
+def stylus_pose(rotation, noise_mm=0.0):
+    """Pose of the stylus' sensor with its tip in the divot."""
+    return Transform(*EDGE, rotation.as_matrix(), DIVOT_MM - rotation.apply(TIP_MM) + noise_mm)
 
 
-class Guided:
-    """A calibration, the steps of a session with both tools, and its use of a tip."""
+class GuidedStylus(Guided):
+    """A calibration with the steps of a session with both tools; the cautery swings elsewhere."""
 
     def __init__(self, content=CONTENT):
-        self.content = content
-        self.guide = ToolCalibration(content)
+        super().__init__(ToolCalibration(content), content, fit_calibration, with_tip)
         self.rng = np.random.default_rng(7)
         self.at_ms = 0
 
-    @property
-    def seen(self):
-        return self.guide.status().revision
-
     def observe(self, rotation, *, is_stale=False, without=False):
-        """A step with the stylus' tip in the divot; the cautery swings about another point."""
-        self.at_ms += 20
-        stamp = Stamp(self.at_ms * NS_PER_MS)
-        place = DIVOT_MM - rotation.apply(TIP_MM) + self.rng.normal(0.0, NOISE_MM, 3)
-        stylus = Transform("reference", "stylus", rotation.as_matrix(), place)
+        self.at_ms += PERIOD_MS
+        stylus = stylus_pose(rotation, self.rng.normal(0.0, NOISE_MM, 3))
         cautery = Transform("reference", "cautery", rotation.as_matrix(), [200.0, 0.0, self.at_ms])
-        measured = {
-            (each.target, each.source): TrackedTransform(each, stamp, TrackingStatus.OK)
-            for each in (stylus, cautery)
-        }
+        edges = edges_of(stylus, cautery, at_ms=self.at_ms)
         if is_stale:
-            measured["reference", "stylus"] = None
+            edges.measured[EDGE] = None
         if without:
-            del measured["reference", "stylus"]
-        edges = KnownEdges(measured=measured)
-        self.guide.observe(SimpleNamespace(edges=edges, decision=SimpleNamespace(reasons=())))
+            del edges.measured[EDGE]
+        self.guide.observe(step_with(edges))
 
-    def record(self, kind, rotation_of):
+    def begin(self, kind=PIVOT, rotation_of=pivot_rotation):
         self.guide.start(self.seen, kind, STYLUS)
         for number in range(300):
             self.observe(rotation_of(number))
-        self.guide.stop(self.seen)
-        while (task := self.guide.task()) is not None:
-            self.guide.use_fit(fit_calibration(task))
-        return self.guide.status().fit
 
-    def use(self, change):
-        assert change.tool is STYLUS
-        stylus = self.content.known_stylus.with_tip(change.tool_from_tip, change.sigma_mm)
-        self.content = replace(self.content, stylus=stylus)
-        return True
-
-    def accept(self):
-        self.guide.accept(self.seen, self.use)
-        self.guide.use_content(self.content)
+    def record(self, *motion):
+        self.begin(*motion)
+        return self.stop()
 
 
 @pytest.fixture
 def guided():
-    return Guided()
+    return GuidedStylus()
 
 
 def test_pivot_finds_the_tip_of_the_motion_for_the_stylus_alone(guided):
-    fit = guided.record(PIVOT, pivot)
+    fit = guided.record()
     assert fit.accepted
     guided.accept()
     tip = guided.content.stylus.frame_from_tip
@@ -118,23 +97,20 @@ def test_pivot_finds_the_tip_of_the_motion_for_the_stylus_alone(guided):
 def test_spin_follows_a_pivot_and_is_undone(guided):
     with pytest.raises(InputError, match=r"^spin: the tip of 'stylus' is at the sensor's origin"):
         guided.guide.start(guided.seen, SPIN, STYLUS)
-    guided.record(PIVOT, pivot)
+    guided.record()
     guided.accept()
     pivoted = guided.content.stylus
-    guided.record(SPIN, spin)
+    guided.record(SPIN, lambda number: spin_rotation(number, SHAFT))
     guided.accept()
     assert guided.content.stylus.frame_from_tip is not pivoted.frame_from_tip
     assert guided.content.stylus.sigma_mm == pivoted.sigma_mm
-    guided.guide.undo(guided.seen, guided.use)
-    guided.guide.use_content(guided.content)
+    guided.undo()
     assert guided.content.stylus.frame_from_tip is pivoted.frame_from_tip
     assert not guided.guide.can_undo
 
 
 def test_the_same_motion_gives_both_tools_the_same_tip(guided):
-    guided.guide.start(guided.seen, PIVOT, STYLUS)
-    for number in range(300):
-        guided.observe(pivot(number))
+    guided.begin()
     task = guided.guide.task()
     tip = CONTENT.tool_from_tip
     known = Transform.identity(tip.target, tip.source)
@@ -147,12 +123,12 @@ def test_the_same_motion_gives_both_tools_the_same_tip(guided):
 @pytest.mark.parametrize("gap", [{"is_stale": True}, {"without": True}])
 def test_a_stylus_that_is_stale_or_never_came_records_nothing_and_says_so(guided, gap):
     guided.guide.start(guided.seen, PIVOT, STYLUS)
-    guided.observe(pivot(0), **gap)
+    guided.observe(pivot_rotation(0), **gap)
     status = guided.guide.status()
     assert status.samples == 0
     assert "'stylus'" in status.problem
-    guided.observe(pivot(1))
-    guided.observe(pivot(2), **gap)
+    guided.observe(pivot_rotation(1))
+    guided.observe(pivot_rotation(2), **gap)
     status = guided.guide.status()
     assert (status.samples, "'stylus'" in status.problem) == (1, True)
     guided.guide.stop(guided.seen)
@@ -161,32 +137,23 @@ def test_a_stylus_that_is_stale_or_never_came_records_nothing_and_says_so(guided
 
 
 def test_a_session_without_a_stylus_says_so_in_one_line():
-    guided = Guided(one_link_content())
+    guided = GuidedStylus(one_link_content())
     with pytest.raises(InputError, match=r"^stylus: the session has none; expected 'stylus' in"):
         guided.guide.start(guided.seen, PIVOT, STYLUS)
     assert guided.guide.status().phase is Phase.IDLE
 
 
 def test_place_of_the_tip_is_that_of_the_motion(guided):
-    guided.record(PIVOT, pivot)
+    guided.record()
     guided.accept()
-    rotation = pivot(12)
-    pose = Transform("reference", "stylus", rotation.as_matrix(), DIVOT_MM - rotation.apply(TIP_MM))
     needle = Transform("reference", "needle", np.eye(3), [1.0, 2.0, 3.0])
-    edges = KnownEdges(
-        measured={
-            (each.target, each.source): TrackedTransform(each, Stamp(1), TrackingStatus.OK)
-            for each in (pose, needle)
-        }
-    )
-    step = SimpleNamespace(edges=edges, decision=SimpleNamespace(reasons=()))
+    edges = edges_of(stylus_pose(pivot_rotation(12)), needle, at_ms=1)
+    step = step_with(edges)
     found = tip_mm(step, guided.content, STYLUS, "needle")
     np.testing.assert_allclose(found, DIVOT_MM - [1.0, 2.0, 3.0], atol=0.3)
-    stale = replace(edges, measured={**edges.measured, ("reference", "stylus"): None})
+    stale = step_with(replace(edges, measured={**edges.measured, EDGE: None}))
     with pytest.raises(InputError, match=r"^stylus: 'stylus' in 'reference' is not known now;"):
-        tip_mm(
-            SimpleNamespace(edges=stale, decision=step.decision), guided.content, STYLUS, "needle"
-        )
+        tip_mm(stale, guided.content, STYLUS, "needle")
     with pytest.raises(InputError, match=r"^stylus: it is not calibrated; expected a pivot"):
         tip_mm(step, CONTENT, STYLUS, "needle")
     with pytest.raises(FrameError):

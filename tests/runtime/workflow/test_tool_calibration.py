@@ -1,104 +1,78 @@
 """Guided calibration of the session's tool: poses of steps, the fit, acceptance and undo."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from app.fixture import Reason
-from app.geometry import (
-    NS_PER_MS,
-    InputError,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import InputError, Transform
 from app.registration import calibrate_pivot, select_pivot_poses
 from app.runtime import CalibrationKind, Phase, ToolCalibration, fit_calibration
 from app.runtime.workflow.tool_samples import MAX_POSES
-from app.session import KnownEdges
+from tests.runtime.workflow.guided import (
+    PERIOD_MS,
+    Guided,
+    edges_of,
+    pivot_rotation,
+    spin_rotation,
+    step_with,
+)
 from tests.session_content import one_link_content
 
 CONTENT = one_link_content()
 TIP_MM, DIVOT_MM = np.array([6.0, -3.0, 118.0]), np.array([50.0, 40.0, 30.0])
 SHAFT = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
+EAST = np.array([1.0, 0.0, 0.0])
 PIVOT, SPIN = CalibrationKind.PIVOT, CalibrationKind.SPIN
-PERIOD_MS = 20
 
 
-def pivot_rotation(number, cone_rad=0.6):
-    tilt = cone_rad * (0.6 + 0.4 * np.sin(number / 23.0))
-    return Rotation.from_rotvec(tilt * np.array([np.cos(number / 20), np.sin(number / 20), 0.0]))
+def with_tip(content, change):
+    """``content`` with the tip of ``change``."""
+    others = [e for e in content.static_edges if e.source != "cautery_tip"]
+    edges = (*others, change.tool_from_tip)
+    return replace(content, static_edges=edges, tip_sigma_mm=change.sigma_mm)
 
 
-def spin_rotation(number):
-    return Rotation.from_rotvec([0.3, 0.2, 0.0]) * Rotation.from_rotvec(number / 40.0 * SHAFT)
-
-
-class Guided:
-    """A calibration with the steps, the fits and the session's use of a tip."""
+class GuidedTool(Guided):
+    """A calibration with the steps of a session whose tip is in the divot."""
 
     def __init__(self, content=CONTENT):
-        self.content = content
-        self.guide = ToolCalibration(content)
+        super().__init__(ToolCalibration(content), content, fit_calibration, with_tip)
         self.rng = np.random.default_rng(5)
         self.at_ms = 0
-        self.uses = True
 
-    @property
-    def seen(self):
-        return self.guide.status().revision
-
-    def observe(self, rotation, *, reasons=(), target="reference", lost=False):
-        """A step of the session with the tip in the divot."""
+    def observe(self, rotation, *, reasons=(), target="reference", lost=False, slid_mm=0.0):
         self.at_ms += PERIOD_MS
         noisy = rotation * Rotation.from_rotvec(self.rng.normal(0.0, 0.001, 3))
         place = DIVOT_MM - rotation.apply(TIP_MM) + self.rng.normal(0.0, 0.1, 3)
-        pose = Transform(target, "cautery", noisy.as_matrix(), place)
-        tracked = TrackedTransform(pose, Stamp(self.at_ms * NS_PER_MS), TrackingStatus.OK)
-        edges = KnownEdges(measured={(target, "cautery"): None if lost else tracked})
-        self.guide.observe(SimpleNamespace(edges=edges, decision=SimpleNamespace(reasons=reasons)))
+        pose = Transform(target, "cautery", noisy.as_matrix(), place + slid_mm * EAST)
+        edges = edges_of(pose, at_ms=self.at_ms)
+        if lost:
+            edges.measured[target, "cautery"] = None
+        self.guide.observe(step_with(edges, reasons))
         return pose
 
-    def fit(self):
-        while (task := self.guide.task()) is not None:
-            self.guide.use_fit(fit_calibration(task))
-        return self.guide.status().fit
-
-    def record(self, kind, rotation_of, count=300):
+    def begin(self, count, kind=PIVOT, rotation_of=pivot_rotation):
+        """Start a recording with ``count`` poses; return them."""
         self.guide.start(self.seen, kind)
-        poses = [self.observe(rotation_of(number)) for number in range(count)]
-        self.guide.stop(self.seen)
-        self.fit()
+        return [self.observe(rotation_of(number)) for number in range(count)]
+
+    def record(self, kind=PIVOT, rotation_of=pivot_rotation, count=300):
+        poses = self.begin(count, kind, rotation_of)
+        self.stop()
         return poses
-
-    def use(self, change):
-        """Use ``change`` as the session does: its content has the tip from then on."""
-        if self.uses:
-            others = [e for e in self.content.static_edges if e.source != "cautery_tip"]
-            self.content = replace(
-                self.content,
-                static_edges=(*others, change.tool_from_tip),
-                tip_sigma_mm=change.sigma_mm,
-            )
-        return self.uses
-
-    def accept(self):
-        self.guide.accept(self.seen, self.use)
-        self.guide.use_content(self.content)
 
 
 @pytest.fixture
 def guided():
-    return Guided()
+    return GuidedTool()
 
 
 def test_accepted_pivot_is_the_tip_of_the_session_with_its_uncertainty_and_undone(guided):
     before = guided.content
-    poses = guided.record(PIVOT, pivot_rotation)
+    poses = guided.record()
     status = guided.guide.status()
     assert (status.samples, status.can_accept, status.problem) == (300, True, "")
     # The checks of the command, by the same functions.
@@ -112,18 +86,17 @@ def test_accepted_pivot_is_the_tip_of_the_session_with_its_uncertainty_and_undon
     assert 0.0 < guided.content.tip_sigma_mm <= expected.tip_sigma_mm
     assert guided.guide.status().phase is Phase.IDLE
     assert guided.guide.can_undo
-    guided.guide.undo(guided.seen, guided.use)
-    guided.guide.use_content(guided.content)
+    guided.undo()
     assert guided.content.tool_from_tip is before.tool_from_tip
     assert guided.content.tip_sigma_mm == before.tip_sigma_mm
     assert not guided.guide.can_undo
 
 
 def test_spin_turns_the_axis_and_leaves_tip_and_uncertainty(guided):
-    guided.record(PIVOT, pivot_rotation)
+    guided.record()
     guided.accept()
     pivoted = guided.content
-    guided.record(SPIN, spin_rotation)
+    guided.record(SPIN, lambda number: spin_rotation(number, SHAFT))
     fit = guided.guide.status().fit
     assert fit.coverage.sectors == (True,) * 8
     guided.accept()
@@ -134,8 +107,7 @@ def test_spin_turns_the_axis_and_leaves_tip_and_uncertainty(guided):
     # The smallest rotation: no rotation about the axis is added.
     assert fit.turn_rad == pytest.approx(np.arccos(SHAFT[2]), abs=0.01)
     for _ in range(2):
-        guided.guide.undo(guided.seen, guided.use)
-        guided.guide.use_content(guided.content)
+        guided.undo()
     assert guided.content.tool_from_tip is CONTENT.tool_from_tip
 
 
@@ -162,11 +134,8 @@ def test_reason_why_a_pivot_is_not_good_enough(guided, count, cone_rad, reason, 
 def test_tip_that_slides_is_refused(guided):
     guided.guide.start(guided.seen, PIVOT)
     for number in range(300):
-        DIVOT_MM[0] += 0.3
-        guided.observe(pivot_rotation(number))
-    DIVOT_MM[0] -= 90.0
-    guided.guide.stop(guided.seen)
-    assert not guided.fit().accepted
+        guided.observe(pivot_rotation(number), slid_mm=0.3 * (number + 1))
+    assert not guided.stop().accepted
 
 
 def test_coverage_grows_with_the_poses(guided):
@@ -183,10 +152,10 @@ def test_coverage_grows_with_the_poses(guided):
 def test_tool_without_a_tip_gets_the_line_to_it_as_axis_and_no_spin_before():
     edges = [e for e in CONTENT.static_edges if e.source != "cautery_tip"]
     unknown = Transform.identity("cautery", "cautery_tip")
-    guided = Guided(replace(CONTENT, static_edges=(*edges, unknown)))
+    guided = GuidedTool(replace(CONTENT, static_edges=(*edges, unknown)))
     with pytest.raises(InputError, match="expected a pivot calibration before"):
         guided.guide.start(guided.seen, SPIN)
-    guided.record(PIVOT, pivot_rotation)
+    guided.record()
     guided.accept()
     axis = guided.content.tool_from_tip.rotation[:, 2]
     assert np.degrees(np.arccos(axis @ TIP_MM / np.linalg.norm(TIP_MM))) < 0.5
@@ -218,16 +187,14 @@ def test_reference_is_the_trackers_frame_where_none_is_tracked(guided):
 def test_recording_is_bounded(guided, monkeypatch):
     monkeypatch.setattr("app.runtime.workflow.tool_samples.MAX_POSES", 20)
     assert MAX_POSES == 6000
-    guided.guide.start(guided.seen, PIVOT)
-    for number in range(25):
-        guided.observe(pivot_rotation(number))
+    guided.begin(25)
     status = guided.guide.status()
     assert status.samples == 20
     assert "20 poses are recorded" in status.problem
 
 
 def test_change_of_another_page_is_refused_and_loses_nothing(guided):
-    guided.record(PIVOT, pivot_rotation)
+    guided.record()
     old = guided.seen - 1
     for change in (
         lambda: guided.guide.start(old, PIVOT),
@@ -253,16 +220,14 @@ def test_requests_in_a_wrong_phase_are_refused_in_one_line(guided):
     with pytest.raises(InputError, match="no pose was recorded"):
         guided.accept()
     guided.guide.discard(guided.seen)
-    guided.guide.start(guided.seen, PIVOT)
-    for number in range(9):
-        guided.observe(pivot_rotation(number))
+    guided.begin(9)
     guided.guide.stop(guided.seen)
     with pytest.raises(InputError, match="it is being computed"):
         guided.accept()
 
 
 def test_tip_that_the_session_refuses_stays_to_be_accepted_again(guided):
-    guided.record(PIVOT, pivot_rotation)
+    guided.record()
     guided.uses = False
     with pytest.raises(InputError, match="the session is not ready"):
         guided.accept()
@@ -276,9 +241,7 @@ def test_tip_that_the_session_refuses_stays_to_be_accepted_again(guided):
 
 
 def test_fit_of_an_earlier_recording_is_dropped(guided):
-    guided.guide.start(guided.seen, PIVOT)
-    for number in range(40):
-        guided.observe(pivot_rotation(number))
+    guided.begin(40)
     task = guided.guide.task()
     guided.guide.start(guided.seen, PIVOT)
     guided.guide.use_fit(fit_calibration(task))
@@ -286,7 +249,7 @@ def test_fit_of_an_earlier_recording_is_dropped(guided):
 
 
 def test_undo_is_offered_only_for_the_tip_in_use(guided):
-    guided.record(PIVOT, pivot_rotation)
+    guided.record()
     guided.accept()
     guided.guide.use_content(CONTENT)  # another program has replaced it
     assert not guided.guide.can_undo

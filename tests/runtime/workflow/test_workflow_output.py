@@ -1,17 +1,16 @@
 """Breaches and guided recordings are fed with every step of a run."""
 
-from app.runtime import CalibrationKind, ReplayRun, WorkflowOutput, prepare_case
+from app.runtime import CalibrationKind, ReplayRun, WorkflowOutput
 from tests.shipped_case import DEEP
 
 
-def test_every_step_of_a_replay_reaches_recordings_and_breaches(project_root):
-    prepared = prepare_case(project_root / "data" / "recorded_case")
-    workflow = WorkflowOutput(prepared.content)
+def test_every_step_of_a_replay_reaches_recordings_and_breaches(recorded_case):
+    workflow = WorkflowOutput(recorded_case.content)
     workflow.calibration.start(0, CalibrationKind.PIVOT)
     workflow.registration.start(0)
     begin_s, end_s = DEEP["start_s"] - 1.0, DEEP["end_s"] + 1.0
-    run = ReplayRun(prepared, clock_ns=lambda: 0, start_s=begin_s, end_s=end_s, outputs=(workflow,))
-    steps = list(run.steps())
+    part = {"start_s": begin_s, "end_s": end_s, "outputs": (workflow,)}
+    steps = list(ReplayRun(recorded_case, clock_ns=lambda: 0, **part).steps())
     distances_mm = [
         float(step.decision.proximity.signed_distance_mm)
         for step in steps
