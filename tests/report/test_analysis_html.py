@@ -22,7 +22,7 @@ _SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def page(analysed) -> str:
+def page(analysed):
     return analysis_page(analysed, analysed.figures())
 
 

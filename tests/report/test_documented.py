@@ -1,17 +1,12 @@
 """``docs/report.md`` names all files, columns, keys and reasons of a report."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 from app.fixture import Reason
-from app.report import ReplayRecord, summarise
+from app.report import summarise
 from app.report.margin_csv import COLUMNS
 from app.report.write import ANALYSIS_FILES, REPORT_FILES
 
 
-def test_every_file_column_key_and_reason_is_explained(
-    project_root: Path, record_of: Callable[..., ReplayRecord]
-) -> None:
+def test_every_file_column_key_and_reason_is_explained(project_root, record_of):
     page = (project_root / "docs/report.md").read_text(encoding="utf-8")
     names = {
         *REPORT_FILES,

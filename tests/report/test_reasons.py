@@ -1,12 +1,9 @@
-from collections.abc import Callable
-
 import pytest
 
-from app.report import ReportRow
 from app.report.reasons import ReasonCount, count_reasons
 
 
-def test_most_frequent_first(rows_of: Callable[..., tuple[ReportRow, ...]]) -> None:
+def test_most_frequent_first(rows_of):
     assert count_reasons(rows_of([6.0, None, None, None, 3.0, 6.0])) == (
         ReasonCount("invalid", 3, pytest.approx(0.02)),
         ReasonCount("stale", 3, pytest.approx(0.02)),
@@ -15,5 +12,5 @@ def test_most_frequent_first(rows_of: Callable[..., tuple[ReportRow, ...]]) -> N
     )
 
 
-def test_no_rows_no_reasons() -> None:
+def test_no_rows_no_reasons():
     assert count_reasons([]) == ()

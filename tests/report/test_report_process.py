@@ -2,17 +2,14 @@
 
 import os
 import signal
-from collections.abc import Callable
 
 import pytest
 
 from app.geometry import InputError
-from app.report import ReplayRecord, ReportError, ReportProcess, draw_margin_plot
-
-Record = Callable[..., ReplayRecord]
+from app.report import ReportError, ReportProcess, draw_margin_plot
 
 
-def test_plot_of_the_process_has_the_same_bytes(record_of: Record) -> None:
+def test_plot_of_the_process_has_the_same_bytes(record_of):
     record = record_of([6.0, 3.0, -1.0])
     with ReportProcess(()) as process:
         plot = process.begin_margin_plot(record)
@@ -22,14 +19,14 @@ def test_plot_of_the_process_has_the_same_bytes(record_of: Record) -> None:
     assert plot.processor_s > 0.0
 
 
-def end_in_another_process(here: int) -> str:
+def end_in_another_process(here):
     """Kill the process, unless it is ``here``."""
     if os.getpid() != here:
         os.kill(os.getpid(), signal.SIGKILL)
     return "made here"
 
 
-def test_part_is_made_here_after_the_process_was_killed() -> None:
+def test_part_is_made_here_after_the_process_was_killed():
     with ReportProcess(()) as process:
         part = process.begin(end_in_another_process, lambda: (os.getpid(),))
         with pytest.raises(InputError, match="ended with status -9"):
@@ -39,6 +36,6 @@ def test_part_is_made_here_after_the_process_was_killed() -> None:
         assert following.wait() == 16
 
 
-def test_replay_without_frames_raises(record_of: Record) -> None:
+def test_replay_without_frames_raises(record_of):
     with ReportProcess(()) as process, pytest.raises(ReportError, match="0 frames"):
         process.begin_margin_plot(record_of([]))

@@ -1,22 +1,20 @@
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from app.report import REPORT_FILES, ReplayRecord, ReportError, check_writable, write_report
+from app.report import REPORT_FILES, ReportError, check_writable, write_report
 from app.report import write as write_module
 
-Record = Callable[..., ReplayRecord]
 SCENE = b"\x89PNG scene"
 
 
-def names(folder: Path) -> set[str]:
+def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-def test_writes_every_file(tmp_path: Path, record_of: Record) -> None:
+def test_writes_every_file(tmp_path, record_of):
     folder = tmp_path / "new" / "report"
     summary = write_report(folder, record_of([6.0, -1.0]), scene_png=lambda: SCENE, version="1")
     assert names(folder) == set(REPORT_FILES)
@@ -26,7 +24,7 @@ def test_writes_every_file(tmp_path: Path, record_of: Record) -> None:
     assert len((folder / "margin.csv").read_text().splitlines()) == 3
 
 
-def test_timing_changes_only_the_summary_and_the_page(tmp_path: Path, record_of: Record) -> None:
+def test_timing_changes_only_the_summary_and_the_page(tmp_path, record_of):
     for name, durations in (("slow", (9000, 9000)), ("fast", (1, 2))):
         record = record_of([6.0, -1.0], durations_ns=durations)
         write_report(tmp_path / name, record, scene_png=lambda: None, version="1")
@@ -39,7 +37,7 @@ def test_timing_changes_only_the_summary_and_the_page(tmp_path: Path, record_of:
     assert slow == fast
 
 
-def test_replaces_its_own_files_and_leaves_others(tmp_path: Path, record_of: Record) -> None:
+def test_replaces_its_own_files_and_leaves_others(tmp_path, record_of):
     (tmp_path / "notes.txt").write_text("mine")
     write_report(tmp_path, record_of([6.0]), scene_png=lambda: SCENE, version="1")
     write_report(tmp_path, record_of([6.0, 7.0]), scene_png=lambda: None, version="1")
@@ -49,13 +47,11 @@ def test_replaces_its_own_files_and_leaves_others(tmp_path: Path, record_of: Rec
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_failure_leaves_the_earlier_report(
-    tmp_path: Path, record_of: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failure_leaves_the_earlier_report(tmp_path, record_of, monkeypatch):
     write_report(tmp_path, record_of([6.0]), scene_png=lambda: SCENE, version="1")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
-    def disk_full(self: Path, data: bytes) -> int:
+    def disk_full(self, data):
         if self.name == "report.html":
             raise OSError(28, "No space left on device")
         return original(self, data)
@@ -67,25 +63,25 @@ def test_failure_leaves_the_earlier_report(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_replay_without_frames_is_refused(tmp_path: Path, record_of: Record) -> None:
+def test_replay_without_frames_is_refused(tmp_path, record_of):
     with pytest.raises(ReportError, match="'three frames': 0 frames; expected at least 1"):
         write_report(tmp_path / "report", record_of([]), scene_png=lambda: None, version="1")
     assert names(tmp_path) == set()
 
 
-def test_check_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_check_leaves_nothing_behind(tmp_path):
     check_writable(tmp_path / "a" / "b")
     check_writable(tmp_path)
     assert names(tmp_path) == set()
 
 
-def test_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     check_writable(Path("report"))
     assert names(tmp_path) == set()
 
 
-def test_file_with_the_name_of_the_folder_is_refused(tmp_path: Path) -> None:
+def test_file_with_the_name_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "report"):
         with pytest.raises(ReportError, match="file is a file; expected a folder") as caught:
@@ -93,19 +89,19 @@ def test_file_with_the_name_of_the_folder_is_refused(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_broken_link_is_refused(tmp_path: Path) -> None:
+def test_broken_link_is_refused(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "gone")
     with pytest.raises(ReportError, match="broken link; expected a folder"):
         check_writable(tmp_path / "link")
 
 
-def test_folder_with_the_name_of_a_report_file_is_refused(tmp_path: Path) -> None:
+def test_folder_with_the_name_of_a_report_file_is_refused(tmp_path):
     (tmp_path / "summary.json").mkdir()
     with pytest.raises(ReportError, match=r"summary\.json in it is a folder"):
         check_writable(tmp_path)
 
 
-def test_unwritable_folder_is_one_line() -> None:
+def test_unwritable_folder_is_one_line():
     # A system folder that not even root can write to.
     folder = Path("/proc/report")
     if not folder.parent.is_dir() or os.name != "posix":

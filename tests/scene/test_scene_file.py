@@ -3,7 +3,6 @@ import stat
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,7 @@ from slicer import vtkMRMLScene
 from trame_slicer.core import SlicerApp
 
 from app.fixture import MarginState
-from app.geometry import Transform
-from app.robot import Robot
 from app.scene import MarginGuardScene, SceneApplication, SceneError, load_scene, save_scene
-from tests.scene.conftest import Decide, Fill
 from tests.scene.scene_content import content
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,14 +24,12 @@ DIGITS = 1e-12
 
 
 @pytest.fixture
-def application() -> SceneApplication:
+def application():
     return SceneApplication(vtkMRMLScene())
 
 
 @pytest.fixture
-def shown(
-    application: SceneApplication, fill: Fill, arm: Robot, decision: Decide
-) -> MarginGuardScene:
+def shown(application, fill, arm, decision):
     scene = fill(MarginGuardScene(application.scene))
     links = arm.forward_kinematics({"shoulder": 0.7, "elbow": -0.4})
     scene.show(decision(MarginState.POSITIVE, -3.25), {"arm": links})
@@ -43,13 +37,13 @@ def shown(
 
 
 @pytest.fixture
-def saved(shown: MarginGuardScene, tmp_path: Path) -> Path:
+def saved(shown, tmp_path):
     path = tmp_path / "scene.mrb"
     save_scene(shown.scene, path)
     return path
 
 
-def in_a_fresh_process(path: Path) -> dict[str, Any]:
+def in_a_fresh_process(path):
     done = subprocess.run(
         [sys.executable, "-m", "tests.scene.scene_content", str(path)],
         capture_output=True,
@@ -62,7 +56,7 @@ def in_a_fresh_process(path: Path) -> dict[str, Any]:
     return found
 
 
-def assert_same(found: Any, expected: Any, place: str = "") -> None:
+def assert_same(found, expected, place=""):
     """Equal names, texts and structure; numbers to the last digits of a double."""
     if isinstance(expected, dict):
         assert found.keys() == expected.keys(), place
@@ -81,9 +75,7 @@ def assert_same(found: Any, expected: Any, place: str = "") -> None:
         assert found == expected, place
 
 
-def test_scene_is_saved_in_the_current_folder(
-    shown: MarginGuardScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scene_is_saved_in_the_current_folder(shown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_scene(shown.scene, Path("scene.mrb"))
     assert [path.name for path in tmp_path.iterdir()] == ["scene.mrb"]
@@ -92,9 +84,7 @@ def test_scene_is_saved_in_the_current_folder(
     assert_same(content(loaded), content(shown.scene))
 
 
-def test_another_process_loads_the_same_scene(
-    shown: MarginGuardScene, saved: Path, edges: tuple[Transform, ...], arm: Robot
-) -> None:
+def test_another_process_loads_the_same_scene(shown, saved, edges, arm):
     found = in_a_fresh_process(saved)
     assert_same(found, content(shown.scene))
     # And against the input, independent of MRML.
@@ -113,7 +103,7 @@ def test_another_process_loads_the_same_scene(
     assert {f"{link.name}_model" for link in arm.links} <= found.keys()
 
 
-def test_loaded_scene_can_be_saved_again(saved: Path, shown: MarginGuardScene) -> None:
+def test_loaded_scene_can_be_saved_again(saved, shown):
     again = saved.with_name("again.mrb")
     loaded = SceneApplication(vtkMRMLScene())
     load_scene(loaded.scene, saved)
@@ -123,9 +113,7 @@ def test_loaded_scene_can_be_saved_again(saved: Path, shown: MarginGuardScene) -
     assert_same(content(third.scene), content(shown.scene))
 
 
-def test_functions_of_slicer_find_the_nodes(
-    saved: Path, shown: MarginGuardScene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_functions_of_slicer_find_the_nodes(saved, shown, monkeypatch):
     theirs = SlicerApp()
     assert theirs.io_manager.load_scene(saved)
     assert_same(content(theirs.scene), content(shown.scene))
@@ -142,33 +130,26 @@ def test_functions_of_slicer_find_the_nodes(
 class ApplicationDouble:
     """A test double of desktop Slicer's ``slicer.app``, which the wheel lacks: one file reader."""
 
-    def __init__(self, scene: vtkMRMLScene) -> None:
+    def __init__(self, scene):
         self._scene = scene
 
-    def coreIOManager(self) -> "ApplicationDouble":  # noqa: N802
+    def coreIOManager(self):  # noqa: N802
         return self
 
-    def loadNodes(self, kind: str, properties: dict[str, Any], *_: object) -> bool:  # noqa: N802
+    def loadNodes(self, kind, properties, *_):  # noqa: N802
         assert kind == "SceneFile"
         load_scene(self._scene, Path(properties["fileName"]))
         return True
 
 
-def test_slicer_util_load_scene(
-    saved: Path,
-    application: SceneApplication,
-    shown: MarginGuardScene,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_slicer_util_load_scene(saved, application, shown, monkeypatch):
     loaded = SceneApplication(vtkMRMLScene())
     monkeypatch.setattr(slicer, "app", ApplicationDouble(loaded.scene), raising=False)
     slicer.util.loadScene(str(saved))
     assert_same(content(loaded.scene), content(shown.scene))
 
 
-def test_saving_replaces_a_file_and_leaves_no_other(
-    application: SceneApplication, saved: Path
-) -> None:
+def test_saving_replaces_a_file_and_leaves_no_other(application, saved):
     before = saved.read_bytes()
     application.scene.AddNewNodeByClass("vtkMRMLTextNode", "Further")
     save_scene(application.scene, saved)
@@ -184,15 +165,13 @@ def test_saving_replaces_a_file_and_leaves_no_other(
         ("folder.mrb", "is a directory"),
     ],
 )
-def test_paths_that_cannot_be_written_are_refused(
-    application: SceneApplication, tmp_path: Path, name: str, message: str
-) -> None:
+def test_paths_that_cannot_be_written_are_refused(application, tmp_path, name, message):
     (tmp_path / "folder.mrb").mkdir()
     with pytest.raises(SceneError, match=message):
         save_scene(application.scene, tmp_path / name)
 
 
-def bundle(path: Path, **members: str) -> Path:
+def bundle(path, **members):
     with zipfile.ZipFile(path, "w") as file:
         for name, text in members.items():
             file.writestr(f"a/{name}.mrml" if name == "scene" else name, text)
@@ -217,13 +196,7 @@ MODEL = (
     ],
     ids=["missing", "no zip", "no scene", "cut", "empty", "no data"],
 )
-def test_foreign_files_are_refused_in_one_line(
-    application: SceneApplication,
-    tmp_path: Path,
-    write: Callable[[Path], object],
-    message: str,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_foreign_files_are_refused_in_one_line(application, tmp_path, write, message, capfd):
     write(tmp_path / "foreign.mrb")
     with pytest.raises(SceneError, match=message) as caught:
         load_scene(application.scene, tmp_path / "foreign.mrb")
@@ -233,9 +206,7 @@ def test_foreign_files_are_refused_in_one_line(
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255))
-def test_damaged_byte_is_detected_or_changes_nothing(
-    saved: Path, shown: MarginGuardScene, place: float, bits: int
-) -> None:
+def test_damaged_byte_is_detected_or_changes_nothing(saved, shown, place, bits):
     damaged = bytearray(saved.read_bytes())
     damaged[int(place * len(damaged))] ^= bits
     path = saved.with_name("damaged.mrb")
@@ -249,9 +220,7 @@ def test_damaged_byte_is_detected_or_changes_nothing(
         assert_same(content(loaded.scene), content(shown.scene))
 
 
-def test_bundle_that_unpacks_too_large_is_refused(
-    application: SceneApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bundle_that_unpacks_too_large_is_refused(application, tmp_path, monkeypatch):
     monkeypatch.setattr("app.scene.scene_file._MAX_BYTES", 10_000)
     path = tmp_path / "bomb.mrb"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -261,7 +230,7 @@ def test_bundle_that_unpacks_too_large_is_refused(
         load_scene(application.scene, path)
 
 
-def link_to(target: Path) -> dict[zipfile.ZipInfo | str, str]:
+def link_to(target):
     link = zipfile.ZipInfo("a/link")
     link.create_system, link.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
     return {link: str(target), "a/link/astray.txt": "x"}
@@ -277,12 +246,7 @@ def link_to(target: Path) -> dict[zipfile.ZipInfo | str, str]:
     ],
     ids=["absolute", "upwards", "backslash", "through a link"],
 )
-def test_bundle_that_unpacks_outside_its_folder_is_refused(
-    application: SceneApplication,
-    tmp_path: Path,
-    files: Callable[[Path], dict[zipfile.ZipInfo | str, str]],
-    name: str,
-) -> None:
+def test_bundle_that_unpacks_outside_its_folder_is_refused(application, tmp_path, files, name):
     outside = tmp_path / "outside"
     outside.mkdir()
     path = tmp_path / "astray.mrb"

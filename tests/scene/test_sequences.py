@@ -1,15 +1,12 @@
 """Sequences: written and replayed by MRML, read by the reader of cases."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
 
 from app.case import read_mrml
 from app.fixture import MarginState, Reason
-from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
-from app.robot import Robot
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.scene import (
     MarginGuardScene,
     SceneApplication,
@@ -19,7 +16,6 @@ from app.scene import (
     save_scene,
 )
 from app.scene.nodes.convert import vtk_matrix, world_matrix
-from tests.scene.conftest import Decide
 
 COUNT = 40
 NOW = 25
@@ -28,12 +24,12 @@ START_NS = 1_700_000_000_123_456_789
 Frames = list[tuple[TrackedTransform, ...]]
 
 
-def stamp(index: int) -> Stamp:
+def stamp(index):
     return Stamp(START_NS + index * 20_000_001)
 
 
 @pytest.fixture
-def frames(edges: tuple[Transform, ...]) -> Frames:
+def frames(edges):
     """The cautery rotates and moves; the needle is lost twice, with different statuses."""
     reference, needle, cautery = edges
     found: Frames = []
@@ -54,26 +50,20 @@ def frames(edges: tuple[Transform, ...]) -> Frames:
 
 
 @pytest.fixture
-def states() -> list[tuple[int, MarginState, tuple[Reason, ...]]]:
-    def state(index: int) -> MarginState:
+def states():
+    def state(index):
         if index in (10, 11):
             return MarginState.UNKNOWN
         return MarginState.POSITIVE if 20 <= index < 30 else MarginState.NEGATIVE
 
-    def reasons(index: int) -> tuple[Reason, ...]:
+    def reasons(index):
         return {10: (Reason.INVALID,), 11: (Reason.STALE,)}.get(index, ())
 
     return [(stamp(index).ns, state(index), reasons(index)) for index in range(COUNT)]
 
 
 @pytest.fixture
-def recorded_scene(
-    frames: Frames,
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    decision: Decide,
-) -> MarginGuardScene:
+def recorded_scene(frames, fixed, tumor, tool, decision):
     scene = MarginGuardScene(SceneApplication(vtkMRMLScene()).scene)
     scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform], fixed)
     scene.add_tumor(tumor)
@@ -83,19 +73,14 @@ def recorded_scene(
 
 
 @pytest.fixture
-def saved(
-    recorded_scene: MarginGuardScene,
-    frames: Frames,
-    states: list[tuple[int, MarginState, tuple[Reason, ...]]],
-    tmp_path: Path,
-) -> Path:
+def saved(recorded_scene, frames, states, tmp_path):
     add_sequences(recorded_scene, frames, states, stamp(NOW).ns)
     path = tmp_path / "recording.mrb"
     save_scene(recorded_scene.scene, path)
     return path
 
 
-def assert_read(path: Path, expected: Frames) -> None:
+def assert_read(path, expected):
     notes: list[str] = []
     found = list(read_mrml(path, notes.append))
     assert notes == []
@@ -120,20 +105,16 @@ def assert_read(path: Path, expected: Frames) -> None:
             )
 
 
-def test_case_reads_measured_sequences_and_ignores_derived_ones(
-    saved: Path, frames: Frames
-) -> None:
+def test_case_reads_measured_sequences_and_ignores_derived_ones(saved, frames):
     assert_read(saved, frames)
 
 
-def test_loaded_scene_shows_the_saved_step_and_can_be_played(
-    saved: Path, recorded_scene: MarginGuardScene, frames: Frames
-) -> None:
+def test_loaded_scene_shows_the_saved_step_and_can_be_played(saved, recorded_scene, frames):
     application = SceneApplication(vtkMRMLScene())
     loaded = application.scene
     load_scene(loaded, saved)
 
-    def node(name: str) -> object:
+    def node(name):
         return loaded.GetFirstNodeByName(name)
 
     cautery = node("CauteryToReference")
@@ -166,9 +147,7 @@ def test_loaded_scene_shows_the_saved_step_and_can_be_played(
         np.testing.assert_allclose(world_matrix(cautery), expected, atol=2 * SIX_DIGITS_MM)
 
 
-def test_sequence_names_are_those_of_slicer_igt(
-    saved: Path, recorded_scene: MarginGuardScene
-) -> None:
+def test_sequence_names_are_those_of_slicer_igt(saved, recorded_scene):
     names = {
         f"MarginGuard-{edge}-Seq"
         for edge in (
@@ -191,8 +170,8 @@ def test_sequence_names_are_those_of_slicer_igt(
 
 
 def test_edge_that_is_measured_late_is_not_marked_as_derived(
-    recorded_scene: MarginGuardScene, frames: Frames, edges: tuple[Transform, ...], tmp_path: Path
-) -> None:
+    recorded_scene, frames, edges, tmp_path
+):
     """The edge is computed in frame 0, measured in frame 1 and lost in frame 2."""
     direct = edges[0].inverse() @ edges[1]
     late = [
@@ -209,12 +188,8 @@ def test_edge_that_is_measured_late_is_not_marked_as_derived(
 
 
 def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
-    recorded_scene: MarginGuardScene,
-    frames: Frames,
-    states: list[tuple[int, MarginState, tuple[Reason, ...]]],
-    arm: Robot,
-    tmp_path: Path,
-) -> None:
+    recorded_scene, frames, states, arm, tmp_path
+):
     recorded_scene.add_robot("arm", arm, "robot_base")
     add_sequences(recorded_scene, frames, states[5:], stamp(NOW).ns)
     save_scene(recorded_scene.scene, tmp_path / "late.mrb")
@@ -235,9 +210,7 @@ def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
 
 @pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])
 @pytest.mark.parametrize("named", [True, False])
-def test_recordings_of_slicer_are_read(
-    frames: Frames, tmp_path: Path, storage: str | None, named: bool
-) -> None:
+def test_recordings_of_slicer_are_read(frames, tmp_path, storage, named):
     """The recording is made by MRML alone, like Slicer's sequence browser, in both storages."""
     scene = SceneApplication(vtkMRMLScene()).scene
     for column, (source, target) in enumerate(
@@ -266,9 +239,7 @@ def test_recordings_of_slicer_are_read(
     assert_read(path, [tuple(s for s in samples if s.transform) for samples in frames])
 
 
-def test_refused_recording_adds_nothing(
-    recorded_scene: MarginGuardScene, frames: Frames, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_refused_recording_adds_nothing(recorded_scene, frames, monkeypatch):
     before = recorded_scene.scene.GetNumberOfNodes()
     with pytest.raises(SceneError, match=r"a frame at 1700000000\.\d+ s comes after one at .* s"):
         add_sequences(recorded_scene, [frames[1], frames[0]], [], stamp(0).ns)

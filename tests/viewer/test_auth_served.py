@@ -6,7 +6,7 @@ import itertools
 import aiohttp
 import pytest
 
-from tests.viewer.conftest import TOKEN, Server
+from tests.viewer.conftest import TOKEN
 
 PATHS = [
     "/",
@@ -25,10 +25,8 @@ ADDRESSES = (f"127.0.1.{number}" for number in itertools.count(1))
 """Addresses of this machine, one for each wrong token: their number is limited for an address."""
 
 
-def response_of(
-    server: Server, path: str, source: str = "127.0.0.1", **given: object
-) -> tuple[int, bytes, dict[str, str]]:
-    async def get() -> tuple[int, bytes, dict[str, str]]:
+def response_of(server, path, source="127.0.0.1", **given):
+    async def get():
         connector = aiohttp.TCPConnector(local_addr=(source, 0))
         async with aiohttp.ClientSession(connector=connector) as session:
             url = f"http://{server.host}{path}"
@@ -38,7 +36,7 @@ def response_of(
     return asyncio.run(get())
 
 
-def entry(server: Server) -> dict[str, str]:
+def entry(server):
     """The cookie that a request with the right token gets; it is not the token."""
     status, _, headers = response_of(server, f"/?token={TOKEN}")
     assert status == 303
@@ -100,7 +98,7 @@ def test_socket_opens_for_the_page_only(server, cookie, origin, expected):
     if origin is not None:
         headers["Origin"] = f"http://{server.host}" if origin == "own" else origin
 
-    async def connect() -> int:
+    async def connect():
         async with aiohttp.ClientSession(cookies=cookies) as session:
             try:
                 async with session.ws_connect(f"ws://{server.host}/ws", headers=headers):

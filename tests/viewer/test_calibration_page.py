@@ -1,17 +1,12 @@
 """Guided calibration on the live page: a simulated tool is pivoted and spun in Chromium."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
 from app.files import read_transform
-from app.geometry import Transform
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.page_rules import violations
 from tests.ros_domain import domain_id as domain_id
@@ -25,14 +20,14 @@ SIZES = {"wide": (1280, 720), "phone": (390, 844)}
 
 
 @pytest.fixture
-def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+def live_server(can_draw, domain_id, tmp_path):
     config = write_session(tmp_path / "session")
     server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
     yield server
     server.close()
 
 
-def look(page: Page, name: str, part: str = "#calibration") -> None:
+def look(page, name, part="#calibration"):
     """No violation at either size."""
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
@@ -41,7 +36,7 @@ def look(page: Page, name: str, part: str = "#calibration") -> None:
     page.set_viewport_size({"width": 1280, "height": 720})
 
 
-def saved_tip(page: Page, folder: Path) -> Transform:
+def saved_tip(page, folder):
     """The tip that the session uses, from the page's file."""
     path = folder / "tip.yaml"
     with page.expect_download() as download:
@@ -50,7 +45,7 @@ def saved_tip(page: Page, folder: Path) -> Transform:
     return read_transform(path, target="cautery", source="cautery_tip")
 
 
-def use(page: Page) -> None:
+def use(page):
     """Stop, use the result, and wait until the session uses it."""
     page.click("#calibration-stop")
     page.locator("#calibration-use summary").click(timeout=WAIT_MS)
@@ -58,9 +53,7 @@ def use(page: Page) -> None:
     expect(page.locator("#calibration-title")).to_have_text("", timeout=WAIT_MS)
 
 
-def test_tool_is_calibrated_by_pivot_and_spin_and_undone(
-    browser: Browser, live_server: Server, start: Start, tmp_path: Path
-) -> None:
+def test_tool_is_calibrated_by_pivot_and_spin_and_undone(browser, live_server, start, tmp_path):
     motion = tmp_path / "motion"
     move(motion, "narrow")
     with watching(browser, live_server) as watched:

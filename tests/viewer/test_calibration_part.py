@@ -24,7 +24,7 @@ from tests.runtime.workflow.test_tool_calibration import TIP_MM, Guided, pivot_r
 class Calibrating:
     """A calibration part with its commands, and the waiting for its fits."""
 
-    def __init__(self, use, guided=None) -> None:
+    def __init__(self, use, guided=None):
         self.computed = threading.Semaphore(0)
         self.guided = guided or Guided(CONTENT)
         self.part = CalibrationPart(self.guided.guide, compute_here, self.computed.release, use)

@@ -1,21 +1,20 @@
 """Contouring on the page: clicks on phantom images become a tumour; two pages at the same time."""
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 from app.case import open_case
 from app.files.meshes import load_mesh
 from app.fixture.surfaces.bvh import indexed_bvh
 from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
-from app.geometry import SurfaceMesh, weld_vertices
+from app.geometry import weld_vertices
 from tests.contour.phantom import clicks_on, dice, is_inside, slice_of, tumor_from_image, tumour
 from tests.contour.phantom_case import CLICKED, offset_mm, write_phantom_case
 from tests.page_rules import violations
-from tests.viewer.conftest import Serve, Server, Watched, wait_until_uncovered, watching
+from tests.viewer.conftest import wait_until_uncovered, watching
 
 TO_SCREEN = """([column, row]) => {
   const svg = document.querySelector("#us-image");
@@ -39,18 +38,18 @@ VIEW_REFUSED = {
 
 
 @pytest.fixture(scope="module")
-def server(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Server:
+def server(serve, tmp_path_factory):
     return serve(str(write_phantom_case(tmp_path_factory.mktemp("phantom") / "case")))
 
 
 @pytest.fixture(scope="module")
-def watched(browser: Browser, server: Server) -> Iterator[Watched]:
+def watched(browser, server):
     with watching(browser, server) as found:
         yield found
 
 
 @pytest.fixture(autouse=True)
-def no_points(watched: Watched) -> Iterator[None]:
+def no_points(watched):
     yield
     page = watched.page
     if page.evaluate("trame.state.get('contour').count") != "no points":
@@ -62,38 +61,38 @@ def no_points(watched: Watched) -> Iterator[None]:
             page.click(button)
 
 
-def go_to(page: Page, frame: int) -> None:
+def go_to(page, frame):
     page.evaluate("frame => trame.trigger('frame', [frame])", frame)
     expect(page.locator("#ultrasound > div")).to_have_attribute("data-image", str(frame))
 
 
-def place(page: Page, column: float, row: float) -> tuple[float, float]:
+def place(page, column, row):
     x, y = page.evaluate(TO_SCREEN, [column, row])
     return x, y
 
 
-def click(page: Page, column: float, row: float) -> None:
+def click(page, column, row):
     wait_until_uncovered(page)
     page.mouse.click(*place(page, column, row))
 
 
-def points(page: Page) -> list[dict[str, float]]:
+def points(page):
     found: list[dict[str, float]] = page.evaluate("trame.state.get('contour').points")
     return found
 
 
-def has_points(page: Page, count: int) -> None:
+def has_points(page, count):
     page.wait_for_function("n => trame.state.get('contour').points.length === n", arg=count)
 
 
-def contains(mesh: SurfaceMesh, places: np.ndarray) -> np.ndarray:
+def contains(mesh, places):
     vertices, faces, _ = weld_vertices(mesh.vertices_mm, mesh.faces)
     return winding_numbers(dipoles_of(indexed_bvh(vertices, faces)), places) > 0
 
 
 def test_clicks_on_the_images_become_a_surface_file_of_the_true_tumour(
-    watched: Watched, server: Server, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+    watched, server, tmp_path_factory
+):
     page, random, count = watched.page, np.random.default_rng(3), 0
     images = [slice_of(tumour(), tumor_from_image(offset_mm(n)), random) for n in range(40)]
     page.click("#contour-add")
@@ -136,7 +135,7 @@ def test_clicks_on_the_images_become_a_surface_file_of_the_true_tumour(
     watched.errors.clear()
 
 
-def test_drag_erase_undo_and_the_tip(watched: Watched) -> None:
+def test_drag_erase_undo_and_the_tip(watched):
     page = watched.page
     go_to(page, 20)
     page.click("#contour-add")
@@ -166,7 +165,7 @@ def test_drag_erase_undo_and_the_tip(watched: Watched) -> None:
     )
 
 
-def test_keys_move_a_cross_and_add_a_point(watched: Watched) -> None:
+def test_keys_move_a_cross_and_add_a_point(watched):
     page = watched.page
     go_to(page, 20)
     page.click("#contour-add")
@@ -179,7 +178,7 @@ def test_keys_move_a_cross_and_add_a_point(watched: Watched) -> None:
     assert page.evaluate("trame.state.get('now').frame") == 20
 
 
-def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(watched: Watched) -> None:
+def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(watched):
     page = watched.page
     go_to(page, 20)
     page.click("#contour-add")
@@ -200,9 +199,7 @@ def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(watched: Watched)
     )
 
 
-def test_second_page_that_edits_at_the_same_time_loses_nothing(
-    browser: Browser, server: Server, watched: Watched
-) -> None:
+def test_second_page_that_edits_at_the_same_time_loses_nothing(browser, server, watched):
     page = watched.page
     go_to(page, 20)
     page.click("#contour-add")
@@ -229,7 +226,7 @@ def test_second_page_that_edits_at_the_same_time_loses_nothing(
         expect(second.locator("#contour-note")).to_have_text("")
 
 
-def test_contouring_has_no_violations(watched: Watched) -> None:
+def test_contouring_has_no_violations(watched):
     page = watched.page
     go_to(page, 20)
     page.click("#contour-add")
@@ -243,9 +240,7 @@ def test_contouring_has_no_violations(watched: Watched) -> None:
     page.click("#contour-clear summary")
 
 
-def test_viewer_sees_the_contour_and_has_no_tools(
-    browser: Browser, server: Server, watched: Watched
-) -> None:
+def test_viewer_sees_the_contour_and_has_no_tools(browser, server, watched):
     page = watched.page
     go_to(page, 20)
     page.click("#contour-add")

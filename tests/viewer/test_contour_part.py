@@ -29,7 +29,7 @@ CORNERS = np.array([[12, 0, 0], [-12, 0, 0], [0, 12, 0], [0, -12, 0], [0, 0, 12]
 class Contouring:
     """A contour part with its commands, and the waiting for its surface."""
 
-    def __init__(self, use=None) -> None:
+    def __init__(self, use=None):
         self.computed = threading.Semaphore(0)
         self.part = ContourPart(CONTENT, compute_here, self.computed.release, use)
         self.commands = Commands()

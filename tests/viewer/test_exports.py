@@ -2,37 +2,36 @@
 
 import io
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 from app.cli.main import main
 from tests.page_rules import violations
-from tests.viewer.conftest import Serve, Watched, watching
+from tests.viewer.conftest import Watched, watching
 
 WAIT_MS = 120_000
 NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif", "movie.mp4"]
 
 
 @pytest.fixture(scope="module")
-def page(browser: Browser, serve: Serve, viewed_case: Path) -> Iterator[Page]:
+def page(browser, serve, viewed_case):
     with watching(browser, serve(str(viewed_case))) as watched:
         yield watched.page
         assert watched.errors == []
 
 
-def downloaded(page: Page, name: str) -> bytes:
+def downloaded(page, name):
     with page.expect_download(timeout=WAIT_MS) as waiting:
         page.click(f"#export-{name.replace('.', '-')}")
     assert waiting.value.suggested_filename == name
     return Path(waiting.value.path()).read_bytes()
 
 
-def test_files_are_those_of_a_replay(page: Page, viewed_case: Path, tmp_path: Path) -> None:
+def test_files_are_those_of_a_replay(page, viewed_case, tmp_path):
     assert main(["replay", str(viewed_case), "--no-ros", "--report", str(tmp_path)]) == 0
     page.click("#export summary")
     assert page.locator("#export a").all_inner_texts() == NAMES
@@ -55,7 +54,7 @@ def test_files_are_those_of_a_replay(page: Page, viewed_case: Path, tmp_path: Pa
     video.release()
 
 
-def test_viewer_may_export(browser: Browser, serve: Serve, viewed_case: Path) -> None:
+def test_viewer_may_export(browser, serve, viewed_case):
     server = serve(str(viewed_case))
     context = browser.new_context(accept_downloads=True)
     page = Watched(context.new_page(), server.host).open(server.view_url)

@@ -1,19 +1,16 @@
 """Images of a live session on the page: their pixels, and why none is shown without a sender."""
 
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
 from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_session
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, watching
@@ -24,7 +21,7 @@ SENDER = ("-m", "benchmarks.images.sender")
 
 
 @pytest.fixture
-def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+def live_server(can_draw, domain_id, tmp_path):
     config = write_session(tmp_path / "session", stale_after_ms=2000)
     server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
     yield server
@@ -35,7 +32,7 @@ WIDTH_OF_TUMOR = "() => document.querySelector('path.us-tumor').getBBox().width"
 
 
 @pytest.fixture
-def two_depths(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+def two_depths(can_draw, domain_id, tmp_path):
     """Pixels of 0.1 mm, and at the other depth of 0.15 mm."""
     matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
     calibrations = [
@@ -54,9 +51,7 @@ def two_depths(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Serve
     server.close()
 
 
-def test_operator_chooses_another_depth_after_a_question(
-    browser: Browser, two_depths: Server, start: Start
-) -> None:
+def test_operator_chooses_another_depth_after_a_question(browser, two_depths, start):
     with watching(browser, two_depths) as watched:
         page = watched.page
         start(*SENDER)
@@ -82,9 +77,7 @@ def test_operator_chooses_another_depth_after_a_question(
         assert not watched.errors
 
 
-def test_live_image_is_shown_and_covered_without_its_sender(
-    browser: Browser, live_server: Server, start: Start
-) -> None:
+def test_live_image_is_shown_and_covered_without_its_sender(browser, live_server, start):
     with watching(browser, live_server) as watched:
         page, problem = watched.page, watched.page.locator("#us-problem")
         part = page.locator("#ultrasound > div")

@@ -4,13 +4,12 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from playwright.sync_api import Browser, Locator, Page, TimeoutError, expect
+from playwright.sync_api import TimeoutError, expect
 from skimage.filters import gaussian
 from skimage.measure import find_contours
 
@@ -19,7 +18,6 @@ pytest.importorskip("rclpy")
 from app.case import open_case
 from app.files.meshes import load_mesh
 from app.synthetic.operation import PLANES
-from tests.bridge.live.conftest import Child, Start
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, wait_until_uncovered, watching
@@ -42,7 +40,7 @@ CLICKS = 10
 
 
 @pytest.fixture
-def operation(start: Start, tmp_path: Path) -> Child:
+def operation(start, tmp_path):
     """The simulated operation, with its folder written."""
     child = start("-m", "app.cli", "operation", str(tmp_path / "operation"))
     child.line(lambda line: line.startswith("simulated operation"))
@@ -50,7 +48,7 @@ def operation(start: Start, tmp_path: Path) -> Child:
 
 
 @pytest.fixture
-def live_server(can_draw: None, operation: Child, tmp_path: Path) -> Iterator[Server]:
+def live_server(can_draw, operation, tmp_path):
     config = tmp_path / "operation" / "live.yaml"
     arguments = ["--live", "--config", str(config), "--cases", str(tmp_path / "cases")]
     server = Server(arguments, tmp_path / "view.txt")
@@ -58,7 +56,7 @@ def live_server(can_draw: None, operation: Child, tmp_path: Path) -> Iterator[Se
     server.close()
 
 
-def picture(page: Page, name: str, part: str) -> None:
+def picture(page, name, part):
     """Keep a picture of the page at each size, with ``part`` in view, if a folder is given."""
     if not PICTURES:
         return
@@ -71,29 +69,29 @@ def picture(page: Page, name: str, part: str) -> None:
     page.set_viewport_size({"width": 1280, "height": 720})
 
 
-def reach(operation: Child, phase: str) -> None:
+def reach(operation, phase):
     """Request a phase, and wait until its motion has come to its end."""
     operation.send(phase)
     operation.line(lambda line: line.strip() == phase)
 
 
-def confirm(page: Page, part: str) -> None:
+def confirm(page, part):
     """Open the question of ``part`` and confirm it."""
     page.locator(f"#{part} summary").click(timeout=WAIT_MS)
     page.click(f"#{part}-confirm")
 
 
-def state_of(page: Page, step: str) -> Locator:
+def state_of(page, step):
     """The row of a step of the workflow."""
     return page.locator("#workflow li", has_text=step)
 
 
-def rearm(page: Page) -> None:
+def rearm(page):
     confirm(page, "rearm")
     expect(page.locator(".hold")).to_have_count(0, timeout=WAIT_MS)
 
 
-def calibrate(page: Page, operation: Child, kind: str) -> None:
+def calibrate(page, operation, kind):
     page.click(f"#calibration-{kind}")
     operation.send(kind)
     operation.extend_deadline()
@@ -107,7 +105,7 @@ def calibrate(page: Page, operation: Child, kind: str) -> None:
     expect(page.locator("#calibration-title")).to_have_text("", timeout=WAIT_MS)
 
 
-def clicks_on(page: Page) -> list[tuple[float, float]]:
+def clicks_on(page):
     """Columns and rows on the lesion's outline, of the pixels that the page shows alone."""
     rows, columns = page.evaluate(
         "() => { const box = document.querySelector('#us-image image');"
@@ -123,7 +121,7 @@ def clicks_on(page: Page) -> list[tuple[float, float]]:
     return [(float(column), float(row)) for row, column in chosen]
 
 
-def click_until_added(page: Page, column: float, row: float, count: int) -> int:
+def click_until_added(page, column, row, count):
     """Click again, as a person would, while no point appears; return how often."""
     for again in range(3):
         click(page, column, row)
@@ -139,7 +137,7 @@ def click_until_added(page: Page, column: float, row: float, count: int) -> int:
     return 3
 
 
-def contour(page: Page, operation: Child) -> int:
+def contour(page, operation):
     """Click on the outline in the images of all planes; return the number of points."""
     page.click("#contour-add")
     part, count, repeated = page.locator("#ultrasound > div"), 0, 0
@@ -165,7 +163,7 @@ def contour(page: Page, operation: Child) -> int:
     return count
 
 
-def compared(found: trimesh.Trimesh, true: trimesh.Trimesh) -> tuple[float, float]:
+def compared(found, true):
     """Dice coefficient and ratio of the volumes, of voxels of 0.5 mm inside each by trimesh."""
     low = np.minimum(found.bounds[0], true.bounds[0]) - 1.0
     high = np.maximum(found.bounds[1], true.bounds[1]) + 1.0
@@ -176,9 +174,7 @@ def compared(found: trimesh.Trimesh, true: trimesh.Trimesh) -> tuple[float, floa
     return float(dice), float(inside.sum() / truly.sum())
 
 
-def test_workflow_from_ultrasound_to_the_report(
-    browser: Browser, live_server: Server, operation: Child, tmp_path: Path
-) -> None:
+def test_workflow_from_ultrasound_to_the_report(browser, live_server, operation, tmp_path):
     with watching(browser, live_server) as watched:
         page = watched.page
         page.click("#workflow summary")

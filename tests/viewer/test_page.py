@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, Position, expect
+from playwright.sync_api import Position, expect
 
 from app.cli.main import main
 from app.fixture import MarginState
@@ -18,7 +18,7 @@ MINUS = "\N{MINUS SIGN}"
 
 
 @pytest.fixture
-def page(watched: Watched) -> Page:
+def page(watched):
     """The page reset: paused at the first frame, with the first camera."""
     page = watched.page
     reset(page)
@@ -29,14 +29,14 @@ def page(watched: Watched) -> Page:
 
 
 @pytest.fixture(scope="module")
-def rows(viewed_case: Path, tmp_path_factory) -> list[dict[str, str]]:
+def rows(viewed_case, tmp_path_factory):
     """The rows of ``margin.csv`` of a replay of the case."""
     report = tmp_path_factory.mktemp("report")
     assert main(["replay", str(viewed_case), "--no-ros", "--report", str(report)]) == 0
     return list(csv.DictReader((report / "margin.csv").open()))
 
 
-def go_to(page: Page, frame: int, frames: int = 40) -> None:
+def go_to(page, frame, frames=40):
     """Click on the timeline at ``frame``; frames are 50 ms apart."""
     if frame == frames - 1:
         page.keyboard.press("End")
@@ -48,13 +48,13 @@ def go_to(page: Page, frame: int, frames: int = 40) -> None:
     expect(page.locator("#frame")).to_have_text(str(frame))
 
 
-def select_camera(page: Page, key: str, name: str) -> None:
+def select_camera(page, key, name):
     """Select a camera and wait until it is in use."""
     page.keyboard.press(key)
     expect(page.get_by_role("button", name=name)).to_have_attribute("aria-pressed", "true")
 
 
-def picture(page: Page) -> np.ndarray:
+def picture(page):
     """The pixels of the newest picture on the page."""
     number = page.evaluate("trame.state.get('now').number")
     page.wait_for_function("number => Number(document.body.dataset.picture) >= number", arg=number)
@@ -62,7 +62,7 @@ def picture(page: Page) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def share_of(pixels: np.ndarray, colour: str) -> float:
+def share_of(pixels, colour):
     """The fraction of pixels that are red, green, or grey and brighter than the background."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
     is_colour = {
@@ -248,7 +248,7 @@ def test_camera_is_selected_by_key_and_button_and_released_by_the_mouse(page):
     page.keyboard.press("1")
 
 
-def saved_picture(page: Page) -> tuple[Image.Image, Image.Image]:
+def saved_picture(page):
     """Banner and picture of a screenshot."""
     with page.expect_download() as waiting:
         page.locator("#screenshot").click()
@@ -389,7 +389,7 @@ def test_many_reasons_move_the_distance_down(page):
 
 
 def test_long_case_name_keeps_the_height_of_the_bar(page):
-    def bar() -> float:
+    def bar():
         return page.locator(".bar").bounding_box()["height"]
 
     usual = bar()

@@ -1,17 +1,17 @@
 """What helps to navigate, in a browser: breaches that stay visible and can be visited."""
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from app.session import STOP
-from tests.viewer.conftest import Watched, reset
+from tests.viewer.conftest import reset
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 HISTORY = "1 breach so far, deepest 3.0 mm"
 
 
 @pytest.fixture
-def page(watched: Watched) -> Page:
+def page(watched):
     """The page reset: paused at the first frame."""
     page = watched.page
     reset(page)
@@ -19,7 +19,7 @@ def page(watched: Watched) -> Page:
     return page
 
 
-def test_breaches_stay_visible_after_the_tool_has_left(page: Page) -> None:
+def test_breaches_stay_visible_after_the_tool_has_left(page):
     expect(page.locator("#history")).to_have_count(0)
     expect(page.locator("#breach-count")).to_have_text("1 in the recording")
     page.keyboard.press("End")
@@ -27,7 +27,7 @@ def test_breaches_stay_visible_after_the_tool_has_left(page: Page) -> None:
     expect(page.locator("#history")).to_contain_text(f"clear now, {HISTORY}")
 
 
-def test_list_of_breaches_leads_to_the_deepest_frame(page: Page) -> None:
+def test_list_of_breaches_leads_to_the_deepest_frame(page):
     row = page.locator("#breaches li")
     expect(row).to_have_count(1)
     expect(row).to_contain_text("3.0 mm")
@@ -39,7 +39,7 @@ def test_list_of_breaches_leads_to_the_deepest_frame(page: Page) -> None:
     expect(row).to_have_attribute("aria-current", "true")
 
 
-def test_keys_go_to_the_next_and_the_previous_breach(page: Page) -> None:
+def test_keys_go_to_the_next_and_the_previous_breach(page):
     page.keyboard.press("n")
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))
     page.keyboard.press("End")
@@ -47,7 +47,7 @@ def test_keys_go_to_the_next_and_the_previous_breach(page: Page) -> None:
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))
 
 
-def test_unknown_says_what_to_do_in_words(page: Page) -> None:
+def test_unknown_says_what_to_do_in_words(page):
     for _ in range(LOST[0]):
         page.keyboard.press("ArrowRight")
     expect(page.locator("#state-label")).to_have_text("UNKNOWN")
@@ -56,15 +56,13 @@ def test_unknown_says_what_to_do_in_words(page: Page) -> None:
     expect(page.locator("#todo")).to_have_count(0)
 
 
-def test_set_up_that_cannot_be_right_is_said_from_the_first_frame(page: Page) -> None:
+def test_set_up_that_cannot_be_right_is_said_from_the_first_frame(page):
     doubt = page.locator("#doubts li")
     expect(doubt).to_have_count(1)
     expect(doubt).to_contain_text("tool.tip_from: the tip is at the origin of the sensor 'rod'")
 
 
-def test_tool_in_the_stop_margin_looks_different_from_one_at_the_warning_distance(
-    page: Page,
-) -> None:
+def test_tool_in_the_stop_margin_looks_different_from_one_at_the_warning_distance(page):
     looks = {}
     for frame in range(BREACH_FRAME + 1):
         expect(page.locator("#frame")).to_have_text(str(frame))
@@ -81,7 +79,7 @@ def test_tool_in_the_stop_margin_looks_different_from_one_at_the_warning_distanc
         assert len(set(column)) == len(looks)
 
 
-def test_directions_letters_and_scale_are_shown_with_the_picture(page: Page) -> None:
+def test_directions_letters_and_scale_are_shown_with_the_picture(page):
     directions = page.locator("#directions li")
     expect(directions).to_have_count(6)
     texts = [text.split() for text in directions.all_inner_texts()]
@@ -100,7 +98,7 @@ def test_directions_letters_and_scale_are_shown_with_the_picture(page: Page) -> 
     expect(directions).to_have_count(0)
 
 
-def test_distance_tone_is_off_at_first_and_a_muted_one_is_shown(page: Page) -> None:
+def test_distance_tone_is_off_at_first_and_a_muted_one_is_shown(page):
     tone, body = page.locator("#distance-tone"), page.locator("body")
     expect(tone).to_have_attribute("aria-pressed", "false")
     go_to_state(page, "WARNING")
@@ -124,7 +122,7 @@ def test_distance_tone_is_off_at_first_and_a_muted_one_is_shown(page: Page) -> N
 COUNTERS = ("data-tones", "data-distance-rung")
 
 
-def go_to_state(page: Page, state: str) -> None:
+def go_to_state(page, state):
     """Step forward to the first frame with this look."""
     for _ in range(BREACH_FRAME):
         if page.evaluate("trame.state.get('now').shown") == state:
@@ -145,14 +143,14 @@ def go_to_state(page: Page, state: str) -> None:
         ({"state": "UNKNOWN", "stop": "", "warn": "", "distance": "\N{EN DASH}"}, None),
     ],
 )
-def test_distance_tone_repeats_faster_near_the_stop_margin(page: Page, now, period) -> None:
+def test_distance_tone_repeats_faster_near_the_stop_margin(page, now, period):
     found = page.evaluate(
         "async (now) => (await import('/marginguard/alarm.js')).distancePeriod(now)", now
     )
     assert found == period
 
 
-def test_help_lists_the_keys_and_keeps_them_from_the_replay(page: Page) -> None:
+def test_help_lists_the_keys_and_keeps_them_from_the_replay(page):
     page.keyboard.press("?")
     dialog = page.locator("#help")
     expect(dialog).to_be_visible()
@@ -168,7 +166,7 @@ def test_help_lists_the_keys_and_keeps_them_from_the_replay(page: Page) -> None:
     expect(dialog).to_be_hidden()
 
 
-def test_tab_reaches_every_control(page: Page) -> None:
+def test_tab_reaches_every_control(page):
     page.evaluate("document.activeElement.blur()")
     reached = set()
     controls = page.evaluate(
@@ -190,7 +188,7 @@ PIXEL_MM = 24 * 25.4 / (1920**2 + 1080**2) ** 0.5
 
 
 @pytest.mark.parametrize(("selector", "height_mm"), [("#state-label", 12.0), ("#why", 6.0)])
-def test_capitals_can_be_read_from_afar(page: Page, selector: str, height_mm: float) -> None:
+def test_capitals_can_be_read_from_afar(page, selector, height_mm):
     page.set_viewport_size({"width": 1920, "height": 1080})
     pixels = page.locator(selector).evaluate(
         """(each) => {

@@ -1,16 +1,11 @@
 """A live session is recorded from the page: a button with a question, its status, its case."""
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
 from app.case import open_case
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
@@ -24,14 +19,12 @@ WAIT_MS = 90_000
 
 
 @pytest.fixture
-def cases(tmp_path: Path) -> Path:
+def cases(tmp_path):
     return tmp_path / "cases"
 
 
 @pytest.fixture
-def live_server(
-    can_draw: None, domain_id: int, live_yaml: Any, cases: Path, tmp_path: Path
-) -> Iterator[Server]:
+def live_server(can_draw, domain_id, live_yaml, cases, tmp_path):
     config = live_yaml(TRACKED)
     with config.open("a") as file:
         file.write("needle: {frame: needle, length_mm: 60}\n")
@@ -41,9 +34,7 @@ def live_server(
     server.close()
 
 
-def test_session_is_recorded_from_the_page(
-    browser: Browser, live_server: Server, cases: Path, start: Start, frames_file: Path
-) -> None:
+def test_session_is_recorded_from_the_page(browser, live_server, cases, start, frames_file):
     with watching(browser, live_server) as watched:
         page, count = watched.page, watched.page.locator("#recording .count")
         start(str(SENDER), str(frames_file), "tracked", "again")

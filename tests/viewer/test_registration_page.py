@@ -1,15 +1,11 @@
 """Guided registration on the live page: the dwells of the shipped case, played to a session."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 import yaml
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.page_rules import violations
 from tests.ros_domain import domain_id as domain_id
@@ -22,9 +18,7 @@ SHIFT_MM = 3.0
 
 
 @pytest.fixture
-def live_server(
-    can_draw: None, domain_id: int, tmp_path: Path, project_root: Path
-) -> Iterator[Server]:
+def live_server(can_draw, domain_id, tmp_path, project_root):
     """A session whose given registration is 3 mm off."""
     values = yaml.safe_load((project_root / "data" / "live_example" / "live.yaml").read_text())
     values["registration"]["matrix"][3] += SHIFT_MM
@@ -36,9 +30,7 @@ def live_server(
     server.close()
 
 
-def test_robot_is_registered_by_touch_and_the_registration_undone(
-    browser: Browser, live_server: Server, start: Start
-) -> None:
+def test_robot_is_registered_by_touch_and_the_registration_undone(browser, live_server, start):
     with watching(browser, live_server) as watched:
         page = watched.page
         numbers, verdict = page.locator("#fre"), page.locator("#registration-verdict")

@@ -29,7 +29,7 @@ def case(project_root):
 class Registering:
     """A registration part with its commands, and the waiting for its fits."""
 
-    def __init__(self, case, use) -> None:
+    def __init__(self, case, use):
         self.computed = threading.Semaphore(0)
         self.case = case
         self.setup = setup_from_case(case, tip_only=True)

@@ -1,23 +1,21 @@
 """Cuts of a volume on the page: their pixels, the choice of the plane, and who may choose."""
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import nibabel
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 from app.viewer.steps.reslice import SIDE
 from tests.case.images.ultrasound_case import write_ultrasound_case
-from tests.viewer.conftest import Serve, Watched, watching
+from tests.viewer.conftest import watching
 from tests.viewer.test_ultrasound_page import PIXELS_OF, go_to
 
 KINDS = ["Ultrasound", "Axial", "Sagittal", "Coronal", "Along the tool"]
 
 
-def write_scan(path: Path) -> Path:
+def write_scan(path):
     """A NIfTI file with the value 2 r + 3 a + 5 s at each place, in 240 mm around the origin."""
     r, a, s = np.meshgrid(*[np.arange(61) * 4.0 - 120.0] * 3, indexing="ij")
     matrix = np.diag([4.0, 4.0, 4.0, 1.0])
@@ -27,9 +25,7 @@ def write_scan(path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def watched(
-    browser: Browser, serve: Serve, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Watched]:
+def watched(browser, serve, tmp_path_factory):
     folder = tmp_path_factory.mktemp("reslice")
     case = write_ultrasound_case(folder / "case")
     served = serve(str(case), "--volume", str(write_scan(folder / "scan.nii.gz")))
@@ -37,7 +33,7 @@ def watched(
         yield found
 
 
-def test_chosen_plane_shows_the_volume_at_the_tip_with_the_outlines(watched: Watched) -> None:
+def test_chosen_plane_shows_the_volume_at_the_tip_with_the_outlines(watched):
     page, part = watched.page, watched.page.locator("#ultrasound > div")
     go_to(page, 5)
     choice = page.locator("#us-kinds select")

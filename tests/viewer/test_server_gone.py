@@ -3,7 +3,7 @@
 import re
 import signal
 
-from playwright.sync_api import Page, WebSocketRoute, expect
+from playwright.sync_api import expect
 
 from app.fixture import MarginState
 from tests.viewer.conftest import SIZE, watching
@@ -11,7 +11,7 @@ from tests.viewer.conftest import SIZE, watching
 GREY = f"rgb({', '.join(str(round(255 * part)) for part in MarginState.UNKNOWN.color)})"
 
 
-def check_lost(page: Page) -> None:
+def check_lost(page):
     """Check that the grey cover lies over picture, banner and distance, with its message."""
     expect(page.locator("#lost")).to_be_visible()
     expect(page.locator("#lost strong")).to_have_text("CONNECTION LOST")
@@ -69,7 +69,7 @@ def test_page_whose_requests_are_lost_is_covered_despite_heartbeats(browser, ser
     """The server sends no picture before the last one is acknowledged: an old one would stay."""
     forwards = True
 
-    def connect(socket: WebSocketRoute) -> None:
+    def connect(socket):
         above = socket.connect_to_server()
         socket.on_message(lambda message: above.send(message) if forwards else None)
 

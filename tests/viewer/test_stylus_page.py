@@ -1,17 +1,15 @@
 """A stylus on the live page: calibrated by a pivot and used for a point, in Chromium."""
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
 from app.files import read_transform
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.calibrated_tool import KNOWN_MM, STYLUS, STYLUS_TIP_MM, move, write_session
@@ -20,14 +18,14 @@ from tests.viewer.test_calibration_page import WAIT_MS, look, saved_tip
 
 
 @pytest.fixture
-def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+def live_server(can_draw, domain_id, tmp_path):
     config = write_session(tmp_path / "session", stylus=True)
     server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
     yield server
     server.close()
 
 
-def picture(page: Page, name: str) -> None:
+def picture(page, name):
     """Save a picture of the page where ``MARGINGUARD_PICTURES`` names a folder."""
     folder = os.environ.get("MARGINGUARD_PICTURES")
     if folder:
@@ -35,8 +33,8 @@ def picture(page: Page, name: str) -> None:
 
 
 def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
-    browser: Browser, live_server: Server, start: Start, tmp_path: Path
-) -> None:
+    browser, live_server, start, tmp_path
+):
     motion = tmp_path / "motion"
     move(motion, "pivot")
     with watching(browser, live_server) as watched:

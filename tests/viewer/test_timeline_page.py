@@ -3,14 +3,14 @@
 import re
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
-from tests.viewer.conftest import Watched, reset, wait_until_uncovered
+from tests.viewer.conftest import reset, wait_until_uncovered
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 
 @pytest.fixture
-def page(watched: Watched) -> Page:
+def page(watched):
     """The page reset: paused at the first frame."""
     page = watched.page
     reset(page)
@@ -18,14 +18,13 @@ def page(watched: Watched) -> Page:
     return page
 
 
-def hover(page: Page, frame: float) -> None:
+def hover(page, frame):
     box = page.locator(".track").bounding_box()
-    assert box is not None
     wait_until_uncovered(page)
     page.mouse.move(box["x"] + box["width"] * frame / 39.0, box["y"] + box["height"] / 2.0)
 
 
-def test_pointer_shows_time_distance_and_state(page: Page) -> None:
+def test_pointer_shows_time_distance_and_state(page):
     label = page.locator("#hover")
     hover(page, BREACH_FRAME)
     expect(label).to_have_text(re.compile(r"^1\.00 s: -[23]\.\d mm, in tumour$"))
@@ -35,13 +34,13 @@ def test_pointer_shows_time_distance_and_state(page: Page) -> None:
     expect(label).to_be_hidden()
 
 
-def test_stop_and_warning_lines_are_named(page: Page) -> None:
+def test_stop_and_warning_lines_are_named(page):
     labels = page.locator(".limit-label")
     expect(labels).to_have_text(["stop 1 mm", "warning 5 mm"])
     expect(page.locator("line.limit")).to_have_count(2)
 
 
-def test_zoom_shows_the_present_larger_and_a_click_still_seeks(page: Page) -> None:
+def test_zoom_shows_the_present_larger_and_a_click_still_seeks(page):
     page.click("#breach-next")
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))
     for _ in range(2):
@@ -49,7 +48,6 @@ def test_zoom_shows_the_present_larger_and_a_click_still_seeks(page: Page) -> No
     timeline = page.locator("#timeline")
     expect(timeline).to_have_attribute("data-zoom", "4")
     plot, track = timeline.bounding_box(), page.locator(".track").bounding_box()
-    assert plot is not None and track is not None
     assert track["width"] == pytest.approx(4.0 * plot["width"], rel=0.01)
     cursor = track["x"] + track["width"] * BREACH_FRAME / 39.0
     assert cursor == pytest.approx(plot["x"] + plot["width"] / 2.0, abs=2.0)
@@ -62,7 +60,7 @@ def test_zoom_shows_the_present_larger_and_a_click_still_seeks(page: Page) -> No
     expect(timeline).to_have_attribute("data-zoom", "1")
 
 
-def test_buttons_go_to_breaches_and_are_disabled_beyond_the_last(page: Page) -> None:
+def test_buttons_go_to_breaches_and_are_disabled_beyond_the_last(page):
     expect(page.locator("#breach-previous")).to_be_disabled()
     page.click("#breach-next")
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))
@@ -72,7 +70,7 @@ def test_buttons_go_to_breaches_and_are_disabled_beyond_the_last(page: Page) -> 
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))
 
 
-def test_note_is_listed_marked_visited_and_in_the_report(page: Page) -> None:
+def test_note_is_listed_marked_visited_and_in_the_report(page):
     events = page.locator(".event").count()  # other tests of this page have left notes
     page.keyboard.press("n")
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))

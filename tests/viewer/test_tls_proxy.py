@@ -5,9 +5,7 @@ import shutil
 import ssl
 import subprocess
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
@@ -16,7 +14,7 @@ from tests.viewer.conftest import SIZE
 
 
 @pytest.fixture(scope="module")
-def certificate(tmp_path_factory) -> Path:
+def certificate(tmp_path_factory):
     """A self-signed certificate with its key, in one file."""
     openssl = shutil.which("openssl")
     if openssl is None:
@@ -33,7 +31,7 @@ def certificate(tmp_path_factory) -> Path:
 class TlsProxyDouble:
     """A test double: a TLS proxy that forwards all bytes."""
 
-    def __init__(self, host: str, certificate: Path) -> None:
+    def __init__(self, host, certificate):
         self._behind = host.split(":")
         self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         self._context.load_cert_chain(certificate)
@@ -43,7 +41,7 @@ class TlsProxyDouble:
         self._thread = threading.Thread(target=self._loop.run_until_complete, args=[self._serve()])
 
     @contextmanager
-    def open(self) -> Iterator[int]:
+    def open(self):
         """Listen; yield the port."""
         self._thread.start()
         self._listening.wait()
@@ -54,7 +52,7 @@ class TlsProxyDouble:
             self._thread.join()
             self._loop.close()
 
-    async def _serve(self) -> None:
+    async def _serve(self):
         self._closing = asyncio.Event()
         server = await asyncio.start_server(self._carry, "127.0.0.1", 0, ssl=self._context)
         self.port = server.sockets[0].getsockname()[1]
@@ -66,7 +64,7 @@ class TlsProxyDouble:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
 
-    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _carry(self, reader, writer):
         behind_reader, behind_writer = await asyncio.open_connection(*self._behind)
         directions = ((reader, behind_writer), (behind_reader, writer))
         try:
@@ -76,7 +74,7 @@ class TlsProxyDouble:
             writer.close()
 
 
-async def _forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _forward(reader, writer):
     with suppress(ConnectionError, asyncio.CancelledError):
         while part := await reader.read(65_536):
             writer.write(part)

@@ -1,16 +1,15 @@
 """The ultrasound image on the page: its pixels, when it is covered, freeze and brightness."""
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import COLUMNS, LOST, ROWS, write_ultrasound_case
 from tests.cli.small_case import FRAMES
-from tests.viewer.conftest import Serve, Watched, watching
+from tests.viewer.conftest import watching
 
 PIXELS_OF = """async () => {
   const image = document.querySelector("#us-image image");
@@ -26,15 +25,13 @@ PIXELS_OF = """async () => {
 
 
 @pytest.fixture(scope="module")
-def watched(
-    browser: Browser, serve: Serve, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Watched]:
+def watched(browser, serve, tmp_path_factory):
     case = write_ultrasound_case(tmp_path_factory.mktemp("ultrasound") / "case")
     with watching(browser, serve(str(case))) as found:
         yield found
 
 
-def go_to(page: Page, frame: int) -> None:
+def go_to(page, frame):
     """Step to ``frame`` from the first one."""
     page.keyboard.press("Home")
     page.wait_for_function("trame.state.get('now').frame === 0")
@@ -43,9 +40,7 @@ def go_to(page: Page, frame: int) -> None:
     page.wait_for_function("frame => trame.state.get('now').frame === frame", arg=frame)
 
 
-def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(
-    watched: Watched,
-) -> None:
+def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(watched):
     page, part = watched.page, watched.page.locator("#ultrasound > div")
     go_to(page, 5)
     expect(part).to_have_attribute("data-image", "5")
@@ -66,7 +61,7 @@ def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(
     assert not watched.errors
 
 
-def test_frozen_image_says_so_and_follows_again(watched: Watched) -> None:
+def test_frozen_image_says_so_and_follows_again(watched):
     page, part = watched.page, watched.page.locator("#ultrasound > div")
     go_to(page, 3)
     expect(part).to_have_attribute("data-image", "3")

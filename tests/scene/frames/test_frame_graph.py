@@ -9,9 +9,7 @@ FRAMES = [f"frame_{number}" for number in range(8)]
 
 
 @given(st.lists(st.integers(0, 6), min_size=7, max_size=7), st.integers(0, 2**16), st.data())
-def test_poses_of_a_tree_equal_the_products_of_its_edges(
-    parents: list[int], seed: int, data: st.DataObject
-) -> None:
+def test_poses_of_a_tree_equal_the_products_of_its_edges(parents, seed, data):
     rng = np.random.default_rng(seed)
     world = [
         Transform.from_rotation_vector(
@@ -33,7 +31,7 @@ def test_poses_of_a_tree_equal_the_products_of_its_edges(
         assert np.allclose(pose.matrix, expected.matrix, atol=1e-9)
 
 
-def test_unconnected_frame_has_no_pose() -> None:
+def test_unconnected_frame_has_no_pose():
     edges = [Transform.identity("a", "b"), Transform.identity("c", "d")]
     assert set(poses_in("a", edges)) == {"a", "b"}
     assert set(poses_in("nowhere", edges)) == {"nowhere"}

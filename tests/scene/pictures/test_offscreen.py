@@ -7,7 +7,7 @@ import pytest
 from app.scene import OffscreenError, use_offscreen_rendering
 
 
-def test_missing_library_is_one_line_that_names_what_to_install() -> None:
+def test_missing_library_is_one_line_that_names_what_to_install():
     with pytest.raises(
         OffscreenError, match=r"libnone\.so\.9: not found: install libegl1"
     ) as error:
@@ -15,7 +15,7 @@ def test_missing_library_is_one_line_that_names_what_to_install() -> None:
     assert "\n" not in str(error.value)
 
 
-def test_missing_driver_is_detected_before_vtk_is_used(can_draw: None) -> None:
+def test_missing_driver_is_detected_before_vtk_is_used(can_draw):
     # Without a vendor library EGL is there and has no device: VTK would end the process.
     code = (
         "from app.scene import OffscreenError, use_offscreen_rendering\n"
@@ -30,6 +30,6 @@ def test_missing_driver_is_detected_before_vtk_is_used(can_draw: None) -> None:
     assert "install libegl1 and libgl1-mesa-dri" in notified.stdout
 
 
-def test_egl_rendering_works_on_this_machine(can_draw: None) -> None:
+def test_egl_rendering_works_on_this_machine(can_draw):
     use_offscreen_rendering()
     assert os.environ["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkEGLRenderWindow"

@@ -17,7 +17,7 @@ print("vtk" in sys.modules, "aiohttp" in sys.modules)
 """
 
 
-def drawn(alone: bool) -> tuple[str, str]:
+def drawn(alone):
     command = [sys.executable, "-c", DRAW.format(alone=alone)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     digest, loaded = done.stdout.splitlines()

@@ -1,7 +1,6 @@
 """The check of tokens in this process: random tokens, and what a wrong one costs."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import aiohttp
 import pytest
@@ -15,25 +14,23 @@ from app.viewer.access.guesses import GUESSES
 from app.viewer.access.hosts import AllowedHosts
 from app.viewer.access.role import Role
 
-Status = Callable[[str], Awaitable[int]]
 
-
-def run(tokens: dict[Role, str], scenario: Callable[[Status], Awaitable[None]]) -> None:
+def run(tokens, scenario):
     """Run ``scenario`` with a function that sends requests to a gate with ``tokens``."""
 
-    async def answer(request: web.Request) -> web.Response:
+    async def answer(request):
         if request.path == "/fail":
             raise ValueError("secret detail")
         return web.Response(text=request[ROLE].value)
 
-    async def served() -> None:
+    async def served():
         gate = Gate(tokens, AllowedHosts(), ConnectionLimits())
         app = web.Application(middlewares=[gate.middleware()])
         app.router.add_get("/{path:.*}", answer)
         jar = aiohttp.CookieJar(unsafe=True)  # cookies of an address in digits
         async with TestServer(app) as server, aiohttp.ClientSession(cookie_jar=jar) as session:
 
-            async def status(path: str) -> tuple[int, str]:
+            async def status(path):
                 async with session.get(server.make_url(path), allow_redirects=False) as response:
                     return response.status, await response.text()
 

@@ -1,7 +1,6 @@
 """Limits on connections, with real sockets."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import pytest
 
@@ -15,7 +14,7 @@ class Sender(asyncio.Protocol):
 
     made: list["Sender"]
 
-    def __init__(self, amount: int) -> None:
+    def __init__(self, amount):
         self.amount = amount
         self.lost = asyncio.Event()
         type(self).made.append(self)
@@ -28,8 +27,8 @@ class Sender(asyncio.Protocol):
         self.lost.set()
 
 
-def run(scenario: Callable[[ConnectionLimits, int], Awaitable[None]], amount: int = 0) -> None:
-    async def served() -> None:
+def run(scenario, amount=0):
+    async def served():
         Sender.made = []
         limits = ConnectionLimits()
         loop = asyncio.get_running_loop()
@@ -45,7 +44,7 @@ def run(scenario: Callable[[ConnectionLimits, int], Awaitable[None]], amount: in
     asyncio.run(served())
 
 
-async def opened(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+async def opened(port):
     before = len(Sender.made)
     link = await asyncio.open_connection("127.0.0.1", port)
     while len(Sender.made) == before:

@@ -70,7 +70,7 @@ def test_half_open_connections_take_no_place_from_a_page(target):
             link.close()
 
 
-def _is_closed(link: socket.socket) -> bool:
+def _is_closed(link):
     try:
         return link.recv(1) == b""
     except ConnectionResetError:

@@ -6,7 +6,7 @@ import zlib
 import msgpack
 import pytest
 
-from tests.viewer.attacks.raw_page import AREA, BINARY, PING, TEXT, RawPage, message, raw_page
+from tests.viewer.attacks.raw_page import AREA, BINARY, PING, TEXT, message, raw_page
 
 POLICY, TOO_BIG, PROTOCOL_ERROR = 1008, 1009, 1002
 NO_FIN, COMPRESSED = 0x00, 0xC0
@@ -183,7 +183,7 @@ def test_error_of_a_browser_is_logged_in_one_line_of_ascii(target, operator):
     assert "error in the browser: 'a\\r\\nCRITICAL forged\\x1b[2J\\u2603'" in line
 
 
-def test_picture_comes_with_its_values_and_the_next_after_the_acknowledgement(operator: RawPage):
+def test_picture_comes_with_its_values_and_the_next_after_the_acknowledgement(operator):
     operator.call("marginguard.seen", 0)
     values = operator.published("trame.state.topic")
     number = operator.published("trame.rca.topic.stream")["meta"]["number"]
@@ -197,7 +197,7 @@ def test_picture_comes_with_its_values_and_the_next_after_the_acknowledgement(op
     operator.call("trame.trigger", "seek", [0.0], {})
 
 
-def _until_picture(page: RawPage):
+def _until_picture(page):
     for each in page.messages():
         yield each
         if each["id"].startswith("publish:trame.rca.topic.stream"):

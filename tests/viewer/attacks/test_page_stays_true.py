@@ -1,9 +1,7 @@
 """A page in a browser while another client attacks: it stays live, and shows the truth."""
 
-from collections.abc import Iterator
-
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 from app.fixture import MarginState
 from tests.viewer.attacks.raw_page import RawPage, message, raw_page
@@ -19,13 +17,13 @@ TEMPLATE = {
 
 
 @pytest.fixture(scope="module")
-def opened(browser: Browser, target) -> Iterator[Page]:
+def opened(browser, target):
     with watching(browser, target.server) as watched:
         yield watched.page
 
 
 @pytest.fixture
-def page(opened: Page) -> Page:
+def page(opened):
     """The page at a frame inside the tumour."""
     for key in ("ArrowLeft", "Home"):  # the first one pauses
         opened.keyboard.press(key)
@@ -35,7 +33,7 @@ def page(opened: Page) -> Page:
     return opened
 
 
-def check_true(page: Page) -> None:
+def check_true(page):
     expect(page.locator("body:not([data-lost]) #state-label")).to_have_text("IN TUMOUR")
     assert page.locator("#distance").inner_text().startswith("\N{MINUS SIGN}")
     banner = page.get_by_role("status").evaluate("e => getComputedStyle(e).backgroundColor")
@@ -44,7 +42,7 @@ def check_true(page: Page) -> None:
     assert page.evaluate("window.attacked") is None
 
 
-def pictures_continue(page: Page) -> None:
+def pictures_continue(page):
     """Check that the page still gets new pictures."""
     before = page.evaluate("document.body.dataset.picture")
     page.keyboard.press("2")

@@ -41,7 +41,7 @@ UNDONE = [
 ]
 
 
-def state_of(page: RawPage) -> dict:
+def state_of(page):
     state = page.call("trame.state.get")["result"]["state"]
     shown = {name: state["now"][name] for name in ("frame", "playing", "rate", "state")}
     return {"parts": state["parts"], "look": state["look"], "role": state["role"], **shown}

@@ -1,7 +1,6 @@
 """Time limits of a page's socket, with a real websocket in this process."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import aiohttp
 import pytest
@@ -22,16 +21,16 @@ POLICY = 1008
 HELLO = message("wslink.hello", {}, id="system:c0:0")
 
 
-def run(scenario: Callable[[aiohttp.ClientWebSocketResponse], Awaitable[None]]) -> None:
+def run(scenario):
     """Run ``scenario`` with a page's socket; the page has a command that fails."""
 
-    async def served() -> None:
+    async def served():
         commands = Commands()
         commands.add("fail", lambda: 1 / 0)
         methods = Methods(ServerDouble(), commands, "scene", None, lambda page, number: None)
         sockets = PageSocket(OpenPages(), methods)
 
-        async def handle(request: web.Request) -> web.StreamResponse:
+        async def handle(request):
             request[ROLE] = Role.OPERATE
             return await sockets.handle(request)
 
@@ -45,7 +44,7 @@ def run(scenario: Callable[[aiohttp.ClientWebSocketResponse], Awaitable[None]]) 
     asyncio.run(served())
 
 
-async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+async def closed(socket):
     while (await socket.receive()).type is WSMsgType.BINARY:
         pass
     return socket.close_code

@@ -19,15 +19,15 @@ from tests.doubles import PARAMETERS
 class SessionCommands:
     """Test double of a session's commands: a re-arm waits for ``ready``."""
 
-    def __init__(self, error: Exception | None = None) -> None:
+    def __init__(self, error=None):
         self.ready = threading.Event()
         self.rearmed: list[tuple[SeenHold, str]] = []
         self._error = error
 
-    def seen(self) -> SeenHold:
+    def seen(self):
         return SeenHold(1, 2)
 
-    def rearm(self, seen: SeenHold, *, origin: str) -> None:
+    def rearm(self, seen, *, origin):
         assert self.ready.wait(60.0)
         self.rearmed.append((seen, origin))
         if self._error is not None:
@@ -111,7 +111,7 @@ def test_page_without_controls_may_not_rearm(workers):
 class MarginCommands(SessionCommands):
     """Test double of a session's commands with margins and a list of requests."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.requests = RequestLog(lambda: 0, lambda: 0)
         self.content = SimpleNamespace(margins=PARAMETERS)
@@ -140,7 +140,7 @@ def test_margins_of_the_page_reach_the_session_with_their_origin(workers):
 class NeedleCommands(MarginCommands):
     """Test double of a session's commands with a needle."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.lengthened = []
 
@@ -184,15 +184,15 @@ def test_recording_of_the_page_reaches_the_session_one_request_at_a_time(workers
     class RecordingCommands(SessionCommands):
         recording = None
 
-        def __init__(self) -> None:
+        def __init__(self):
             super().__init__()
             self.called: list[tuple[str, ...]] = []
 
-        def start_recording(self, name: str, *, origin: str) -> None:
+        def start_recording(self, name, *, origin):
             assert self.ready.wait(60.0)
             self.called.append((name, origin))
 
-        def stop_recording(self, *, origin: str) -> None:
+        def stop_recording(self, *, origin):
             self.called.append((origin,))
             raise InputError("none is running")  # listed by the session
 

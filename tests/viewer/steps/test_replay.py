@@ -15,7 +15,7 @@ STAMPS = [0, 20 * MS, 40 * MS, 100 * MS, 120 * MS]
 
 
 @pytest.fixture
-def clock() -> ManualClock:
+def clock():
     return ManualClock()
 
 
@@ -116,14 +116,14 @@ def test_stamp_that_jumps_back_counts_as_no_time(clock):
 class SlowPlayer:
     """A test double: advances recorded time in steps of one nanosecond."""
 
-    def __init__(self, stamps: list[int]) -> None:
+    def __init__(self, stamps):
         self.due = [0]
         for before, after in pairwise(stamps):
             self.due.append(self.due[-1] + max(after - before, 0))
         self.media, self.rate, self.playing = 0.0, 1.0, False
         self.frame = 0
 
-    def wait(self, ns: int) -> None:
+    def wait(self, ns):
         if self.playing:
             self.media += ns * self.rate
             self.frame = max(n for n, at in enumerate(self.due) if at <= round(self.media))
