@@ -7,6 +7,7 @@ import pytest
 from hypothesis import settings
 
 from tests.browser import browser as browser
+from tests.browser import chromium as chromium
 from tests.opened_documents import (
     opened_documents_agree_with_their_schema as opened_documents_agree_with_their_schema,
 )

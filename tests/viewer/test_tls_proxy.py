@@ -11,6 +11,8 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.viewer.conftest import SIZE
+from tests.viewer.page_actions import show_frame, wait_until_uncovered
+from tests.viewer.test_server_gone import check_lost
 
 
 @pytest.fixture(scope="module")
@@ -82,16 +84,17 @@ async def _forward(reader, writer):
         writer.close()
 
 
-def test_page_loaded_by_https_uses_an_encrypted_socket(browser, server, certificate):
+def test_page_loaded_by_https_uses_an_encrypted_socket_and_is_covered_without_it(
+    browser, server, certificate
+):
+    context = browser.new_context(viewport=SIZE, ignore_https_errors=True)
+    page, sockets = context.new_page(), []
+    page.on("websocket", lambda socket: sockets.append(socket.url))
     with TlsProxyDouble(server.host, certificate).open() as port:
-        context = browser.new_context(viewport=SIZE, ignore_https_errors=True)
-        page = context.new_page()
-        sockets: list[str] = []
-        page.on("websocket", lambda socket: sockets.append(socket.url))
         page.goto(server.url.replace(f"http://{server.host}", f"https://127.0.0.1:{port}"))
-        label = page.locator("body:not([data-lost]) #state-label")
-        expect(label).not_to_be_empty()
-        page.keyboard.press("Home")  # the server is shared: another test has left it at a frame
-        expect(label).to_have_text("CLEAR")
+        wait_until_uncovered(page)
+        show_frame(page, 0)
+        expect(page.locator("#state-label")).to_have_text("CLEAR")
         assert sockets == [f"wss://127.0.0.1:{port}/ws"]
-        context.close()
+    check_lost(page)
+    context.close()

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.cli.replay_page import replay_parts
-from app.cli.signals import SignalState
 from app.files.volume_file import Volume
 from app.geometry import Transform
 from app.viewer.steps.reslice import PIXEL_MM, SIDE, Reslice, ReslicePlane, edges, plane_matrix
-from tests.cli.small_case import write_small_case
 
 BREACH = 20
 AXIS = np.array([0.0, 0.0, -1.0])
@@ -65,13 +62,6 @@ def test_plane_along_the_tool_contains_its_axis(turn):
     np.testing.assert_allclose(gram, PIXEL_MM**2 * np.eye(2), atol=1e-12)
     middle = matrix @ [(SIDE - 1) / 2, (SIDE - 1) / 2, 0, 1]
     np.testing.assert_allclose(middle[:3], tip.translation_mm, atol=1e-12)
-
-
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory):
-    folder = write_small_case(tmp_path_factory.mktemp("reslice") / "case")
-    found = replay_parts(folder, (), SignalState(), tip_only=False)
-    yield found
 
 
 def test_cut_of_a_step_has_its_outlines_and_the_tip_in_the_middle(parts):

@@ -31,8 +31,7 @@ BREACH = 20
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     folder = write_ultrasound_case(tmp_path_factory.mktemp("ultrasound") / "case")
-    found = replay_parts(folder, (), SignalState(), tip_only=False)
-    return found
+    return replay_parts(folder, (), SignalState(), tip_only=False)
 
 
 @pytest.fixture
