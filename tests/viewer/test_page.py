@@ -241,10 +241,7 @@ def saved_picture(page):
     shot = Image.open(download(page, "#screenshot"))
     assert shot.format == "PNG"
     height = shot.height - round(page.locator("main.view").bounding_box()["height"])
-    return (
-        shot.crop((0, 0, shot.width, height)),
-        shot.crop((0, height, shot.width, shot.height)),
-    )
+    return (shot.crop((0, 0, shot.width, height)), shot.crop((0, height, shot.width, shot.height)))
 
 
 def test_stopped_session_has_a_grey_plot_and_a_label(page):

@@ -8,11 +8,7 @@ import pytest
 from app.case import CauteryState
 from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
-from app.registration import (
-    DriftBound,
-    given_registration,
-    register_points,
-)
+from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
 from app.session import RobotSetup
 from app.synthetic.touch_arm import TOUCH_URDF
