@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slicer import vtkMRMLScene
 
 from app.case import TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
@@ -13,7 +14,7 @@ from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, T
 from app.registration import DriftBound, given_registration
 from app.robot import Joint, JointType, Link, Robot, Shape
 from app.runtime import SessionContent
-from app.scene import OffscreenError, use_offscreen_rendering
+from app.scene import OffscreenError, SceneApplication, load_scene, use_offscreen_rendering
 from app.session import RobotSetup, StepResult
 from tests.doubles import PARAMETERS
 
@@ -27,16 +28,8 @@ BOX_FACES = np.array(
 
 def box(frame, low, high):
     (a, b, c), (d, e, f) = low, high
-    vertices = [
-        [a, b, c],
-        [d, b, c],
-        [d, e, c],
-        [a, e, c],
-        [a, b, f],
-        [d, b, f],
-        [d, e, f],
-        [a, e, f],
-    ]
+    around = [(a, b), (d, b), (d, e), (a, e)]
+    vertices = [(x, y, z) for z in (c, f) for x, y in around]
     return SurfaceMesh(frame, np.array(vertices, dtype=float), BOX_FACES).require_closed(frame)
 
 
@@ -127,13 +120,14 @@ def fixed():
 
 @pytest.fixture
 def fill(edges, fixed, tumor, tool, arm):
-    """Puts the whole case into a scene, and returns it."""
+    """Puts the whole case, or all but the robot, into a scene, and returns it."""
 
-    def put(scene):
+    def put(scene, has_robot=True):
         scene.set_poses(edges, fixed)
         scene.add_tumor(tumor)
         scene.add_tool(tool)
-        scene.add_robot("arm", arm, "robot_base")
+        if has_robot:
+            scene.add_robot("arm", arm, "robot_base")
         return scene
 
     return put
@@ -201,6 +195,18 @@ def build_decision(state, distance_mm):
 def decision():
     """A decision whose closest points lie on the tumour's +z axis."""
     return build_decision
+
+
+@pytest.fixture
+def application():
+    return SceneApplication(vtkMRMLScene())
+
+
+def loaded(path):
+    """An application with the scene of a file."""
+    application = SceneApplication(vtkMRMLScene())
+    load_scene(application.scene, path)
+    return application
 
 
 @pytest.fixture(scope="session")

@@ -21,20 +21,9 @@ def shown(fill):
 
 
 def test_node_names_are_those_of_slicer_igt(shown):
-    for name in (
-        "ReferenceToRas",
-        "NeedleToReference",
-        "CauteryToReference",
-        "CauteryTipToCautery",
-        "TumorToNeedle",
-        "RobotBaseToReference",
-        "Tumor",
-        "Tool",
-        "ClosestPoints",
-        "MarginStatus",
-        "FixturePlane",
-        "BreachMarkers",
-    ):
+    transforms = "ReferenceToRas NeedleToReference CauteryToReference CauteryTipToCautery"
+    others = "TumorToNeedle RobotBaseToReference Tumor Tool ClosestPoints MarginStatus"
+    for name in f"{transforms} {others} FixturePlane BreachMarkers".split():
         assert shown.scene.GetFirstNodeByName(name) is not None, name
 
 
@@ -119,12 +108,46 @@ def test_closed_scene_is_reported_and_can_be_cleared(shown, decision, edges, tum
     assert shown.scene.GetNumberOfNodes() == 0
 
 
+PARTS = ["Tumor", "Tool", "upper_model", "ClosestPoints"]
+
+
+def remove(node):
+    node.GetScene().RemoveNode(node)
+
+
+def remove_display(node):
+    remove(node.GetDisplayNode())
+
+
 @pytest.mark.parametrize(
-    "name", ["Tumor", "Tool", "upper_model", "ForeArmToBase", "MarginStatus", "ClosestPoints"]
+    ("name", "damage", "problem"),
+    [
+        *(
+            (name, remove, "node '{}' was removed from the scene")
+            for name in (*PARTS, "ForeArmToBase", "MarginStatus")
+        ),
+        *(
+            (
+                name,
+                lambda node: remove(node.GetDisplayNode()),
+                "the display of node '{}' was removed",
+            )
+            for name in (*PARTS, "FixturePlane")
+        ),
+        # A hardened surface would not move; an empty one would not be seen.
+        *(
+            (name, replace_surface, "the surface of node '{}' was replaced outside")
+            for name in PARTS[:3]
+            for replace_surface in (
+                lambda node: node.HardenTransform(),
+                lambda node: node.SetAndObservePolyData(None),
+            )
+        ),
+    ],
 )
-def test_deleted_node_is_named_and_the_rest_can_be_cleared(shown, decision, name):
-    shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name))
-    with pytest.raises(SceneError, match=f"node '{name}' was removed from the scene"):
+def test_damaged_node_is_named_and_the_rest_can_be_cleared(shown, decision, name, damage, problem):
+    damage(shown.scene.GetFirstNodeByName(name))
+    with pytest.raises(SceneError, match=problem.format(name)):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
@@ -150,27 +173,8 @@ def test_clear_keeps_a_display_that_another_node_shares(shown):
     assert theirs.GetDisplayNode() is not None
 
 
-@pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model", "ClosestPoints", "FixturePlane"])
-def test_deleted_display_is_named(shown, decision, name):
-    shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name).GetDisplayNode())
-    with pytest.raises(SceneError, match=f"the display of node '{name}' was removed"):
-        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
-    shown.clear()
-    assert shown.scene.GetNumberOfNodes() == 0
-
-
 @pytest.mark.parametrize(
-    "name",
-    [
-        "Tumor",
-        "Tool",
-        "MarginSurface",
-        "upper_model",
-        "ForeArmToBase",
-        "ClosestPoints",
-        "FixturePlane",
-        "BreachMarkers",
-    ],
+    "name", [*PARTS, "MarginSurface", "ForeArmToBase", "FixturePlane", "BreachMarkers"]
 )
 def test_node_moved_under_another_parent_is_put_back(shown, decision, tumor, name):
     """Otherwise the tool would be drawn at a wrong place."""
@@ -223,18 +227,6 @@ def test_check_leaves_the_root_and_watched_frames_where_a_user_moved_them(fill):
     assert len(edits) == 1
 
 
-@pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model"])
-def test_replaced_surface_is_named(shown, decision, name):
-    """A hardened surface would not move; an empty one would not be seen."""
-    model = shown.scene.GetFirstNodeByName(name)
-    for change in (model.HardenTransform, lambda: model.SetAndObservePolyData(None)):
-        change()
-        with pytest.raises(SceneError, match=f"the surface of node '{name}' was replaced outside"):
-            shown.show(decision(MarginState.NEGATIVE, 9.0), {})
-    shown.clear()
-    assert shown.scene.GetNumberOfNodes() == 0
-
-
 def test_line_and_plane_hidden_by_a_user_stay_hidden_until_they_become_known_again(shown, decision):
     known = constrained(decision(MarginState.NEGATIVE, 9.0))
     unknown = decision(MarginState.UNKNOWN, None)
@@ -261,7 +253,6 @@ def test_point_colours_set_by_a_user_do_not_hide_the_state(shown, decision):
 
 def constrained(decision, *, current=True, stamp_ns=None, frame="tumor"):
     """``decision`` with planes 1 mm outside of the tumour, and the stamp of its data."""
-    assert decision.proximity is not None
     return replace(
         decision,
         constraint=constrain(decision.proximity, 1.0, frame=frame),
@@ -407,19 +398,26 @@ def test_before_the_first_decision_everything_is_grey(live):
     assert_shown_stale(live, "no data yet")
 
 
-def test_decision_without_a_stamp_is_not_green(live, decision):
-    live.show(replace(decision(MarginState.NEGATIVE, 9.0), stamp=None), {}, 10**12)
-    assert_shown_stale(live, "no data yet")
+LOST = (Reason.MISSING, Reason.FROZEN, Reason.LATCHED)
 
 
-def test_unknown_banner_has_the_reasons(live, decision):
-    lost = replace(
-        decision(MarginState.UNKNOWN, None),
-        reasons=(Reason.MISSING, Reason.FROZEN, Reason.LATCHED),
-        stamp=None,
-    )
-    live.show(lost, {}, 10**12)
-    assert_shown_stale(live, "missing, frozen")
+@pytest.mark.parametrize(
+    ("state", "distance_mm", "changes", "why"),
+    [
+        (MarginState.NEGATIVE, 9.0, {"stamp": None}, "no data yet"),
+        (MarginState.UNKNOWN, None, {"stamp": None, "reasons": LOST}, "missing, frozen"),
+        *(
+            (state, distance_mm, {"stamp": Stamp(10**12)}, "no distance")
+            for state in (MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE)
+            for distance_mm in (None, math.nan)
+        ),
+    ],
+)
+def test_decision_that_cannot_be_trusted_is_grey_and_says_why(
+    live, decision, state, distance_mm, changes, why
+):
+    live.show(replace(decision(state, distance_mm), **changes), {}, 10**12)
+    assert_shown_stale(live, why)
 
 
 def test_plane_of_an_unknown_margin_is_hidden_when_its_data_are_old(live, decision):
@@ -437,31 +435,18 @@ def test_tool_is_grey_while_the_margin_is_unknown(shown, decision):
         assert (shown.tool.GetDisplayNode().GetColor() == GREY) == (state is MarginState.UNKNOWN)
 
 
-def test_robot_is_grey_until_its_links_are_known(live, decision, arm):
-    link = live.robots["arm"].models["upper"].GetDisplayNode()
-    fresh = replace(decision(MarginState.NEGATIVE, 9.0), stamp=Stamp(0))
-    for links, known in ((arm.forward_kinematics({}), True), ({}, False)):
-        live.show(fresh, {"arm": links}, 0)
-        live.check(1)
-        assert link.GetScalarVisibility() == known
-
-
-def test_robot_without_further_links_is_grey(live, decision, arm):
+def test_robot_is_grey_while_its_links_are_not_known(live, decision, arm):
     """Decisions continue without joints."""
-    link = live.robots["arm"].models["upper"].GetDisplayNode()
-    live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=0),
-              {"arm": arm.forward_kinematics({})}, 0)  # fmt: skip
-    assert link.GetScalarVisibility()
-    live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=1), {}, 1)
-    assert not link.GetScalarVisibility() and link.GetColor() == GREY
-    assert_shown_green(live)
-
-
-@pytest.mark.parametrize("distance_mm", [None, math.nan])
-@pytest.mark.parametrize("state", [MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE])
-def test_no_state_is_shown_without_a_distance(live, decision, state, distance_mm):
-    live.show(replace(decision(state, distance_mm), stamp=Stamp(0)), {}, 0)
-    assert_shown_stale(live, "no distance")
+    link, known = live.robots["arm"].models["upper"].GetDisplayNode(), arm.forward_kinematics({})
+    for stamp_ns, links in enumerate(({"arm": known}, {"arm": {}}, {"arm": known}, {})):
+        clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=stamp_ns)
+        live.show(clear, links, stamp_ns)
+        is_known = links == {"arm": known}
+        assert link.GetScalarVisibility() == is_known
+        assert (link.GetColor() == GREY) != is_known
+        assert_shown_green(live)
+        live.check(stamp_ns)
+        assert link.GetScalarVisibility() == is_known
 
 
 def test_plane_of_a_decision_without_a_stamp_is_hidden(live, decision):

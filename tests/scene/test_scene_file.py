@@ -4,7 +4,6 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,15 +16,11 @@ from trame_slicer.core import SlicerApp
 
 from app.fixture import MarginState
 from app.scene import MarginGuardScene, SceneApplication, SceneError, load_scene, save_scene
+from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
 ROOT = Path(__file__).resolve().parents[2]
 DIGITS = 1e-12
-
-
-@pytest.fixture
-def application():
-    return SceneApplication(vtkMRMLScene())
 
 
 @pytest.fixture
@@ -52,8 +47,7 @@ def in_a_fresh_process(path):
         cwd=ROOT,
     )
     assert done.stderr == ""
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    return json.loads(done.stdout)
 
 
 def assert_same(found, expected, place=""):
@@ -79,9 +73,7 @@ def test_scene_is_saved_in_the_current_folder(shown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_scene(shown.scene, Path("scene.mrb"))
     assert [path.name for path in tmp_path.iterdir()] == ["scene.mrb"]
-    loaded = SceneApplication(vtkMRMLScene()).scene
-    load_scene(loaded, Path("scene.mrb"))
-    assert_same(content(loaded), content(shown.scene))
+    assert_same(content(loaded(Path("scene.mrb")).scene), content(shown.scene))
 
 
 def test_another_process_loads_the_same_scene(shown, saved, edges, arm):
@@ -105,12 +97,8 @@ def test_another_process_loads_the_same_scene(shown, saved, edges, arm):
 
 def test_loaded_scene_can_be_saved_again(saved, shown):
     again = saved.with_name("again.mrb")
-    loaded = SceneApplication(vtkMRMLScene())
-    load_scene(loaded.scene, saved)
-    save_scene(loaded.scene, again)
-    third = SceneApplication(vtkMRMLScene())
-    load_scene(third.scene, again)
-    assert_same(content(third.scene), content(shown.scene))
+    save_scene(loaded(saved).scene, again)
+    assert_same(content(loaded(again).scene), content(shown.scene))
 
 
 def test_functions_of_slicer_find_the_nodes(saved, shown, monkeypatch):
@@ -118,13 +106,12 @@ def test_functions_of_slicer_find_the_nodes(saved, shown, monkeypatch):
     assert theirs.io_manager.load_scene(saved)
     assert_same(content(theirs.scene), content(shown.scene))
     monkeypatch.setattr(slicer, "mrmlScene", theirs.scene, raising=False)
-    matrix = slicer.util.arrayFromTransformMatrix(
-        slicer.util.getNode("ForeArmToBase"), toWorld=True
-    )
-    expected = content(shown.scene)["ForeArmToBase"]["to_world"]
-    np.testing.assert_allclose(matrix.ravel(), expected, atol=1e-9)
-    points = slicer.util.arrayFromModelPoints(slicer.util.getNode("Tumor"))
-    np.testing.assert_array_equal(points, content(shown.scene)["Tumor"]["points"])
+    fore_arm, tumor = map(slicer.util.getNode, ("ForeArmToBase", "Tumor"))
+    matrix = slicer.util.arrayFromTransformMatrix(fore_arm, toWorld=True)
+    expected = content(shown.scene)
+    np.testing.assert_allclose(matrix.ravel(), expected["ForeArmToBase"]["to_world"], atol=1e-9)
+    points = slicer.util.arrayFromModelPoints(tumor)
+    np.testing.assert_array_equal(points, expected["Tumor"]["points"])
 
 
 class ApplicationDouble:
@@ -143,10 +130,10 @@ class ApplicationDouble:
 
 
 def test_slicer_util_load_scene(saved, application, shown, monkeypatch):
-    loaded = SceneApplication(vtkMRMLScene())
-    monkeypatch.setattr(slicer, "app", ApplicationDouble(loaded.scene), raising=False)
+    other = SceneApplication(vtkMRMLScene())
+    monkeypatch.setattr(slicer, "app", ApplicationDouble(other.scene), raising=False)
     slicer.util.loadScene(str(saved))
-    assert_same(content(loaded.scene), content(shown.scene))
+    assert_same(content(other.scene), content(shown.scene))
 
 
 def test_saving_replaces_a_file_and_leaves_no_other(application, saved):
@@ -171,13 +158,15 @@ def test_paths_that_cannot_be_written_are_refused(application, tmp_path, name, m
         save_scene(application.scene, tmp_path / name)
 
 
-def bundle(path, **members):
-    with zipfile.ZipFile(path, "w") as file:
-        for name, text in members.items():
-            file.writestr(f"a/{name}.mrml" if name == "scene" else name, text)
+def bundle(path, files):
+    """Write a bundle of files with these names and texts."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, text in files.items():
+            file.writestr(name, text)
     return path
 
 
+MRML, EMPTY = "a/a.mrml", "<MRML></MRML>"
 MODEL = (
     "<MRML><Model id='vtkMRMLModelNode1' name='x' references='storage:vtkMRMLModelStorageNode1;'/>"
     "<ModelStorage id='vtkMRMLModelStorageNode1' fileName='Data/none.vtk'/></MRML>"
@@ -189,10 +178,10 @@ MODEL = (
     [
         (lambda path: path, "cannot be read: No such file"),
         (lambda path: path.write_text("hello"), "damaged: .*not a zip"),
-        (lambda path: bundle(path, other="x"), "no .mrml file in it; expected a scene bundle"),
-        (lambda path: bundle(path, scene="<MRML>"), "cannot be read as a scene: Syntax error"),
-        (lambda path: bundle(path, scene="<MRML></MRML>"), "0 nodes; expected 1 or more"),
-        (lambda path: bundle(path, scene=MODEL), "Failed to read node x"),
+        (lambda path: bundle(path, {"other": "x"}), "no .mrml file in it; expected a scene bundle"),
+        (lambda path: bundle(path, {MRML: "<MRML>"}), "cannot be read as a scene: Syntax error"),
+        (lambda path: bundle(path, {MRML: EMPTY}), "0 nodes; expected 1 or more"),
+        (lambda path: bundle(path, {MRML: MODEL}), "Failed to read node x"),
     ],
     ids=["missing", "no zip", "no scene", "cut", "empty", "no data"],
 )
@@ -211,21 +200,17 @@ def test_damaged_byte_is_detected_or_changes_nothing(saved, shown, place, bits):
     damaged[int(place * len(damaged))] ^= bits
     path = saved.with_name("damaged.mrb")
     path.write_bytes(damaged)
-    loaded = SceneApplication(vtkMRMLScene())
     try:
-        load_scene(loaded.scene, path)
+        found = loaded(path)
     except SceneError as error:
         assert "\n" not in str(error)
     else:
-        assert_same(content(loaded.scene), content(shown.scene))
+        assert_same(content(found.scene), content(shown.scene))
 
 
 def test_bundle_that_unpacks_too_large_is_refused(application, tmp_path, monkeypatch):
     monkeypatch.setattr("app.scene.scene_file._MAX_BYTES", 10_000)
-    path = tmp_path / "bomb.mrb"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("a/a.mrml", "<MRML></MRML>")
-        file.writestr("a/Data/much", bytes(20_000))
+    path = bundle(tmp_path / "bomb.mrb", {MRML: EMPTY, "a/Data/much": bytes(20_000)})
     with pytest.raises(SceneError, match=r"2 files of 20013 bytes; expected .* 10000 bytes"):
         load_scene(application.scene, path)
 
@@ -249,11 +234,7 @@ def link_to(target):
 def test_bundle_that_unpacks_outside_its_folder_is_refused(application, tmp_path, files, name):
     outside = tmp_path / "outside"
     outside.mkdir()
-    path = tmp_path / "astray.mrb"
-    with zipfile.ZipFile(path, "w") as file:
-        file.writestr("a/a.mrml", "<MRML></MRML>")
-        for entry, text in files(outside).items():
-            file.writestr(entry, text)
+    path = bundle(tmp_path / "astray.mrb", {MRML: EMPTY, **files(outside)})
     with pytest.raises(SceneError, match=f"unpacks to '{name}'; expected"):
         load_scene(application.scene, path)
     assert list(outside.iterdir()) == []

@@ -2,26 +2,19 @@
 
 import numpy as np
 import pytest
-from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
+from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 
 from app.case import read_mrml
 from app.fixture import MarginState, Reason
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
-from app.scene import (
-    MarginGuardScene,
-    SceneApplication,
-    SceneError,
-    add_sequences,
-    load_scene,
-    save_scene,
-)
+from app.scene import MarginGuardScene, SceneApplication, SceneError, add_sequences, save_scene
 from app.scene.nodes.convert import vtk_matrix, world_matrix
+from tests.scene.conftest import loaded
 
 COUNT = 40
 NOW = 25
 SIX_DIGITS_MM = 0.0005  # half a unit of the sixth digit, below 1000 mm
 START_NS = 1_700_000_000_123_456_789
-Frames = list[tuple[TrackedTransform, ...]]
 
 
 def stamp(index):
@@ -32,7 +25,7 @@ def stamp(index):
 def frames(edges):
     """The cautery rotates and moves; the needle is lost twice, with different statuses."""
     reference, needle, cautery = edges
-    found: Frames = []
+    found = []
     for index in range(COUNT):
         motion = Transform.from_rotation_vector(
             [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0],
@@ -51,23 +44,16 @@ def frames(edges):
 
 @pytest.fixture
 def states():
-    def state(index):
-        if index in (10, 11):
-            return MarginState.UNKNOWN
-        return MarginState.POSITIVE if 20 <= index < 30 else MarginState.NEGATIVE
-
-    def reasons(index):
-        return {10: (Reason.INVALID,), 11: (Reason.STALE,)}.get(index, ())
-
-    return [(stamp(index).ns, state(index), reasons(index)) for index in range(COUNT)]
+    found = [(MarginState.NEGATIVE, ())] * COUNT
+    found[20:30] = [(MarginState.POSITIVE, ())] * 10
+    found[10:12] = [(MarginState.UNKNOWN, (why,)) for why in (Reason.INVALID, Reason.STALE)]
+    return [(stamp(index).ns, *state) for index, state in enumerate(found)]
 
 
 @pytest.fixture
-def recorded_scene(frames, fixed, tumor, tool, decision):
-    scene = MarginGuardScene(SceneApplication(vtkMRMLScene()).scene)
-    scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform], fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
+def recorded_scene(frames, fill, decision):
+    scene = fill(MarginGuardScene(SceneApplication(vtkMRMLScene()).scene), has_robot=False)
+    scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform])
     scene.show(decision(MarginState.POSITIVE, -3.25), {})
     return scene
 
@@ -81,9 +67,7 @@ def saved(recorded_scene, frames, states, tmp_path):
 
 
 def assert_read(path, expected):
-    notes: list[str] = []
-    found = list(read_mrml(path, notes.append))
-    assert notes == []
+    found = list(read_mrml(path, pytest.fail))
     assert [frame.stamp for frame in found] == [samples[0].stamp for samples in expected]
     for frame, samples in zip(found, expected, strict=True):
         by_edge = {(pose.target, pose.source): pose for pose in frame.poses}
@@ -94,15 +78,10 @@ def assert_read(path, expected):
             if sample.transform is None or read.transform is None:
                 assert read.transform is sample.transform
                 continue
-            np.testing.assert_allclose(
-                read.transform.translation_mm,
-                sample.transform.translation_mm,
-                rtol=0,
-                atol=SIX_DIGITS_MM,
-            )
-            np.testing.assert_allclose(
-                read.transform.rotation, sample.transform.rotation, rtol=0, atol=2e-6
-            )
+            moved = read.transform.translation_mm - sample.transform.translation_mm
+            turned = read.transform.rotation - sample.transform.rotation
+            assert np.abs(moved).max() <= SIX_DIGITS_MM
+            assert np.abs(turned).max() <= 2e-6
 
 
 def test_case_reads_measured_sequences_and_ignores_derived_ones(saved, frames):
@@ -110,13 +89,8 @@ def test_case_reads_measured_sequences_and_ignores_derived_ones(saved, frames):
 
 
 def test_loaded_scene_shows_the_saved_step_and_can_be_played(saved, recorded_scene, frames):
-    application = SceneApplication(vtkMRMLScene())
-    loaded = application.scene
-    load_scene(loaded, saved)
-
-    def node(name):
-        return loaded.GetFirstNodeByName(name)
-
+    application = loaded(saved)
+    node = application.scene.GetFirstNodeByName
     cautery = node("CauteryToReference")
     np.testing.assert_allclose(
         world_matrix(cautery), world_matrix(recorded_scene.tree.node("cautery")), atol=1e-9
@@ -148,16 +122,10 @@ def test_loaded_scene_shows_the_saved_step_and_can_be_played(saved, recorded_sce
 
 
 def test_sequence_names_are_those_of_slicer_igt(saved, recorded_scene):
-    names = {
-        f"MarginGuard-{edge}-Seq"
-        for edge in (
-            "ReferenceToTracker", "NeedleToTracker", "CauteryToTracker",
-            "TrackerToReference", "NeedleToReference", "CauteryToReference",
-        )
-    }  # fmt: skip
-    loaded = SceneApplication(vtkMRMLScene())
-    load_scene(loaded.scene, saved)
-    for scene in (recorded_scene.scene, loaded.scene):
+    measured = ["ReferenceToTracker", "NeedleToTracker", "CauteryToTracker"]
+    derived = ["TrackerToReference", "NeedleToReference", "CauteryToReference"]
+    names = {f"MarginGuard-{edge}-Seq" for edge in (*measured, *derived)}
+    for scene in (recorded_scene.scene, loaded(saved).scene):
         found = {
             scene.GetNthNodeByClass(n, "vtkMRMLSequenceNode").GetName()
             for n in range(scene.GetNumberOfNodesByClass("vtkMRMLSequenceNode"))
@@ -174,14 +142,9 @@ def test_edge_that_is_measured_late_is_not_marked_as_derived(
 ):
     """The edge is computed in frame 0, measured in frame 1 and lost in frame 2."""
     direct = edges[0].inverse() @ edges[1]
-    late = [
-        (*frames[0],),
-        (*frames[1], TrackedTransform(direct, stamp(1), TrackingStatus.OK)),
-        (
-            *frames[2],
-            TrackedTransform.lost("reference", "needle", stamp(2), TrackingStatus.MISSING),
-        ),
-    ]
+    measured = TrackedTransform(direct, stamp(1), TrackingStatus.OK)
+    lost = TrackedTransform.lost("reference", "needle", stamp(2), TrackingStatus.MISSING)
+    late = [frames[0], (*frames[1], measured), (*frames[2], lost)]
     add_sequences(recorded_scene, late, [], stamp(0).ns)
     save_scene(recorded_scene.scene, tmp_path / "late.mrb")
     assert_read(tmp_path / "late.mrb", late)
@@ -193,19 +156,17 @@ def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
     recorded_scene.add_robot("arm", arm, "robot_base")
     add_sequences(recorded_scene, frames, states[5:], stamp(NOW).ns)
     save_scene(recorded_scene.scene, tmp_path / "late.mrb")
-    loaded = SceneApplication(vtkMRMLScene())
-    load_scene(loaded.scene, tmp_path / "late.mrb")
-    found = {name: loaded.scene.GetFirstNodeByName(name) for name in ("Tumor", "upper_model")}
-    status = loaded.scene.GetFirstNodeByName("MarginStatus")
+    application = loaded(tmp_path / "late.mrb")
+    node = application.scene.GetFirstNodeByName
     for index, state in (
         (NOW, MarginState.POSITIVE),
         (0, MarginState.UNKNOWN),
         (5, MarginState.NEGATIVE),
     ):
-        loaded.scene.GetFirstNodeByName("MarginGuard").SetSelectedItemNumber(index)
-        assert found["Tumor"].GetDisplayNode().GetColor() == state.color
-        assert status.GetText().startswith("UNKNOWN") == (index == 0)
-        assert found["upper_model"].GetDisplayNode().GetVisibility() == (index == NOW)
+        node("MarginGuard").SetSelectedItemNumber(index)
+        assert node("Tumor").GetDisplayNode().GetColor() == state.color
+        assert node("MarginStatus").GetText().startswith("UNKNOWN") == (index == 0)
+        assert node("upper_model").GetDisplayNode().GetVisibility() == (index == NOW)
 
 
 @pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])
@@ -213,23 +174,19 @@ def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
 def test_recordings_of_slicer_are_read(frames, tmp_path, storage, named):
     """The recording is made by MRML alone, like Slicer's sequence browser, in both storages."""
     scene = SceneApplication(vtkMRMLScene()).scene
-    for column, (source, target) in enumerate(
-        (("Reference", "Tracker"), ("Needle", "Tracker"), ("Cautery", "Tracker"))
-    ):
-        sequence: vtkMRMLSequenceNode = scene.AddNewNodeByClass(
-            "vtkMRMLSequenceNode", f"{source}To{target}-Sequence"
-        )
+    for column, edge in enumerate(("ReferenceToTracker", "NeedleToTracker", "CauteryToTracker")):
+        sequence = scene.AddNewNodeByClass("vtkMRMLSequenceNode", f"{edge}-Sequence")
         sequence.SetIndexName("time")
         sequence.SetIndexUnit("s")
         if named:
-            sequence.SetAttribute("Sequences.Source", f"{source}To{target}")
+            sequence.SetAttribute("Sequences.Source", edge)
         if storage is not None:
             node = scene.AddNewNodeByClass(storage)
             sequence.SetAndObserveStorageNodeID(node.GetID())
         for samples in frames:
             if samples[column].transform is not None:
                 item = vtkMRMLLinearTransformNode()
-                item.SetName(f"{source}To{target}")
+                item.SetName(edge)
                 item.SetMatrixTransformToParent(vtk_matrix(samples[column].transform))
                 ns = samples[column].stamp.ns
                 sequence.SetDataNodeAtValue(item, f"{ns // 10**9}.{ns % 10**9:09d}")

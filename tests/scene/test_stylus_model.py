@@ -11,7 +11,6 @@ from app.runtime import Stylus
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.stylus_model import COLOR
 from app.session.known_edges import KnownEdges
-from tests.scene.test_presenter import application as application
 from tests.scene.test_presenter import names
 from tests.scene.test_presenter import present as present
 

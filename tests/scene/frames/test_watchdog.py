@@ -5,12 +5,7 @@ from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
 from app.geometry import Freshness, Stamp, TrackedTransform, TrackingStatus, Transform
-from app.scene import (
-    MarginGuardScene,
-    SceneError,
-    TransformHealth,
-    TransformWatchdog,
-)
+from app.scene import MarginGuardScene, SceneError, TransformHealth, TransformWatchdog
 from app.scene.nodes.convert import world_matrix
 
 MS = 1_000_000

@@ -8,15 +8,10 @@ from slicer import vtkMRMLScene
 
 from app.fixture import MarginState
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
-from app.scene import (
-    MarginGuardScene,
-    SceneApplication,
-    add_sequences,
-    load_scene,
-    save_scene,
-)
+from app.scene import MarginGuardScene, SceneApplication, add_sequences, save_scene
 from app.scene.nodes.convert import world_matrix
 from app.scene.sequences import BROWSER_NAME
+from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
 STALE_NS = 200_000_000
@@ -32,9 +27,7 @@ def opened(fill, arm, decision, tmp_path):
     users = first.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "UsersPoints")
     users.SetAndObserveTransformNodeID(scene.tree.node("cautery_tip").GetID())
     save_scene(first.scene, tmp_path / "scene.mrb")
-    second = SceneApplication(vtkMRMLScene())
-    load_scene(second.scene, tmp_path / "scene.mrb")
-    return second
+    return loaded(tmp_path / "scene.mrb")
 
 
 def named(scene, name):
@@ -115,8 +108,7 @@ def test_saved_recording_does_not_change_adopted_nodes(fill, edges, decision, tm
     saved.show(decision(MarginState.NEGATIVE, 7.0), {})
     add_sequences(saved, frames, states, 20_000_000)
     save_scene(first.scene, tmp_path / "scene.mrb")
-    second = SceneApplication(vtkMRMLScene())
-    load_scene(second.scene, tmp_path / "scene.mrb")
+    second = loaded(tmp_path / "scene.mrb")
     browser = second.scene.GetFirstNodeByName(BROWSER_NAME)
     users = second.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", "Users")
     scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, adopt_nodes=True))

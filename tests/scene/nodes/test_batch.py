@@ -12,13 +12,7 @@ from vtkmodules.vtkCommonCore import vtkCommand
 
 from app.fixture import MarginState, constrain
 from app.geometry import Transform
-from app.scene import (
-    Batch,
-    MarginGuardScene,
-    SceneApplication,
-    draw_once_per_update,
-    use_offscreen_rendering,
-)
+from app.scene import Batch, MarginGuardScene, draw_once_per_update, use_offscreen_rendering
 
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
 
@@ -50,11 +44,6 @@ class Counts:
 
 
 @pytest.fixture
-def application():
-    return SceneApplication(vtkMRMLScene())
-
-
-@pytest.fixture
 def scene(application, fill):
     return fill(MarginGuardScene(application.scene, logic=application.logic))
 
@@ -72,16 +61,9 @@ def test_each_moved_transform_notifies_once(scene, edges, fixed, decision, arm):
             scene.set_poses((edges[0], needle, cautery), (fixed[0], moved(fixed[1], step), base))
             scene.show(decision(MarginState.WARNING, step), {"arm": links})
         assert not counts.transform and not counts.modified
-    transforms = {
-        "NeedleToReference",
-        "TumorToNeedle",
-        "CauteryToReference",
-        "CauteryTipToCautery",
-        "RobotBaseToReference",
-        "BaseToRobotBase",
-        "UpperToBase",
-        "ForeArmToBase",
-    }
+    transforms = {"NeedleToReference", "TumorToNeedle", "CauteryToReference"}
+    transforms |= {"CauteryTipToCautery", "RobotBaseToReference", "BaseToRobotBase"}
+    transforms |= {"UpperToBase", "ForeArmToBase"}
     models = {"Tumor", "Tool", "base_model", "upper_model", "fore_arm_model"}
     markups = {"ClosestPoints", "FixturePlane", "BreachMarkers"}
     assert dict(counts.transform) == dict.fromkeys(transforms | models | markups, 1)

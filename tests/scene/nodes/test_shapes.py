@@ -1,22 +1,12 @@
 import numpy as np
 import pytest
 import trimesh
-from slicer import (
-    vtkMRMLMarkupsFiducialNode,
-    vtkMRMLScene,
-    vtkOrientedImageData,
-)
+from slicer import vtkMRMLMarkupsFiducialNode, vtkOrientedImageData
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import SurfaceMesh, Transform
-from app.scene import (
-    SceneApplication,
-    SceneError,
-    mesh_of_model,
-    mesh_of_segment,
-    points_of_markups,
-)
+from app.scene import SceneError, mesh_of_model, mesh_of_segment, points_of_markups
 from app.scene.nodes.convert import poly_data, vtk_array, vtk_matrix
 
 RAS_FROM_OUTER = Transform.from_rotation_vector(
@@ -28,11 +18,6 @@ OUTER_FROM_INNER = Transform.from_rotation_vector(
 RAS_FROM_NEEDLE = Transform.from_rotation_vector(
     [2.0, 0.4, 0.4], [1.0, 2.0, -50.0], target="ras", source="needle"
 )
-
-
-@pytest.fixture
-def application():
-    return SceneApplication(vtkMRMLScene())
 
 
 def hang(application, *poses):
@@ -112,9 +97,7 @@ def test_model_saved_in_lps_has_its_pose(application, tumor, tmp_path):
     mesh = mesh_of_model(again, "ras", None)
     assert np.allclose(as_set(mesh.vertices_mm), as_set(in_file * [-1.0, -1.0, 1.0]), atol=1e-3)
     assert np.allclose(
-        as_set(mesh.vertices_mm),
-        as_set(OUTER_FROM_INNER.apply(tumor.vertices_mm)),
-        atol=1e-3,
+        as_set(mesh.vertices_mm), as_set(OUTER_FROM_INNER.apply(tumor.vertices_mm)), atol=1e-3
     )
 
 

@@ -22,15 +22,10 @@ def ratio(pixels, of):
     return int((10 * pixels[..., of].astype(int) > 13 * others).sum())
 
 
-def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(
-    tumor, tool, edges, fixed, decision
-):
+def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(tumor, fill, decision):
     application = SceneApplication(vtkMRMLScene())
     scene = MarginGuardScene(application.scene, logic=application.logic, stale_after_ns=STALE_NS)
-    scene.set_poses(edges, fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
-    scene.add_margin_surface(margin_surface(tumor, 3.0, spacing_mm=1.0))
+    fill(scene, has_robot=False).add_margin_surface(margin_surface(tumor, 3.0, spacing_mm=1.0))
     points = world_points(scene.margin_surface)
 
     def clear(now_ns):
