@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 
 from app.fixture import MarginState
-from app.report import ReplayRecord, ReportRow
+from app.report import ReplayRecord, ReportRow, write_report
 from tests.doubles import PARAMETERS
 
 PERIOD_NS = 20_000_000
 FIRST_NS = 1_000_000_000_000
+PLOT = b"\x89PNG plot"
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def margins():
     return PARAMETERS
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def rows_of():
     """Rows 20 ms apart with these distances; None is a frame that could not be evaluated."""
 
@@ -28,10 +29,10 @@ def rows_of():
     return build
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def record_of(rows_of, margins):
     def build(distances, **changes):
-        values: dict[str, object] = {
+        values = {
             "case": "three frames",
             "provenance": {"kind": "simulated", "source": "a test", "licence": "Apache-2.0"},
             "rows": rows_of(distances),
@@ -40,6 +41,12 @@ def record_of(rows_of, margins):
         return ReplayRecord(**{**values, **changes})
 
     return build
+
+
+def write(folder, record, scene=None, **others):
+    """Write a report with a plot that is not drawn, as only its bytes are embedded."""
+    others.setdefault("margin_plot", lambda: PLOT)
+    return write_report(folder, record, scene_png=lambda: scene, version="1", **others)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,5 @@
 import json
+import statistics
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from app.fixture import MarginState
 from app.geometry import Transform
 from app.registration import given_registration, register_points
 from app.report import ReportRow, all_passed, summarise
+from app.report.reasons import ReasonCount, count_reasons
 from app.report.summary import duration_ns, state_durations_ns
+from app.report.timing import StepTiming
 
 
 def test_summary_of_hand_computed_rows(record_of):
@@ -97,3 +100,32 @@ def test_clock_that_jumps_back_adds_no_time():
     rows = [ReportRow(ns, MarginState.UNKNOWN) for ns in (0, 100, 40, 70)]
     assert duration_ns(rows) == 130
     assert sum(state_durations_ns(rows).values()) == 130
+
+
+def test_reasons_are_counted_most_frequent_first(rows_of):
+    assert count_reasons(rows_of([6.0, None, None, None, 3.0, 6.0])) == (
+        ReasonCount("invalid", 3, pytest.approx(0.02)),
+        ReasonCount("stale", 3, pytest.approx(0.02)),
+        ReasonCount("clear", 2, 0.0),
+        ReasonCount("warning_distance", 1, pytest.approx(0.08)),
+    )
+
+
+def test_no_rows_no_reasons():
+    assert count_reasons([]) == ()
+
+
+def test_durations_become_microseconds():
+    timing = StepTiming.from_durations([1_000, 2_000, 3_000])
+    assert timing == StepTiming(2.0, pytest.approx(2.98), 3.0)
+
+
+def test_no_steps_have_no_timing():
+    assert StepTiming.from_durations([]) is None
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1))
+def test_percentiles_are_ordered_and_p50_is_the_median(durations):
+    timing = StepTiming.from_durations(durations)
+    assert timing.p50_us == pytest.approx(statistics.median(durations) / 1e3)
+    assert timing.p50_us <= timing.p99_us <= timing.max_us == max(durations) / 1e3

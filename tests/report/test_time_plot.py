@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from app.analysis.breaches import find_breaches
-from app.report import write_report
 from app.report.bundle import csp_source, figure_scripts
 from app.report.case_plots import distance_plot
 from app.report.page import document
 from app.report.time_plot import MAX_POINTS, Line, Series, TimePlot, extremes
 from app.report.time_svg import _ticks, time_svg
+from tests.report.conftest import write
 
 DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]
 
@@ -108,7 +108,7 @@ def test_static_picture_has_each_run_of_known_values(plot):
 
 
 def test_report_shows_the_plot_and_no_external_resource(tmp_path, record_of):
-    write_report(tmp_path, record_of(DISTANCES), scene_png=lambda: None, version="1")
+    write(tmp_path, record_of(DISTANCES))
     page = without_scripts((tmp_path / "report.html").read_text())
     assert page.count('<figure class="plot"') == 1
     assert '<div class="static"><img' in page
