@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from app.report import REPORT_FILES, ReportError, check_writable
+from app.fixture import Reason
+from app.report import REPORT_FILES, ReportError, check_writable, summarise
 from app.report import write as write_module
+from app.report.margin_csv import COLUMNS
 from app.report.write import ANALYSIS_FILES
 from tests.report.conftest import write
 
@@ -104,3 +106,15 @@ def test_unwritable_folder_is_one_line():
     with pytest.raises(ReportError, match="report folder /proc/report cannot be written") as caught:
         check_writable(folder)
     assert "\n" not in str(caught.value)
+
+
+def test_every_file_column_key_and_reason_is_explained(project_root, record_of):
+    page = (project_root / "docs/report.md").read_text(encoding="utf-8")
+    names = {
+        *REPORT_FILES,
+        *ANALYSIS_FILES,
+        *COLUMNS,
+        *map(str, Reason),
+        *summarise(record_of([8.0, -1.0])),
+    }
+    assert {name for name in names if f"`{name}`" not in page} == set()

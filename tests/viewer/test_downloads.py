@@ -37,7 +37,7 @@ def test_report_is_computed_once_also_when_it_is_requested_at_once():
 
     def report():
         computed.append(1)
-        assert may_end.wait(30.0)
+        assert may_end.wait(120.0)
         return b"<p>report</p>"
 
     async def ask():

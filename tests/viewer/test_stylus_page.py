@@ -1,8 +1,5 @@
 """A stylus on the live page: calibrated by a pivot and used for a point, in Chromium."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from playwright.sync_api import expect
@@ -14,13 +11,7 @@ from tests.viewer.calibrated_tool import KNOWN_MM, STYLUS, STYLUS_TIP_MM, move, 
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import confirm
 from tests.viewer.test_calibration_page import look, saved_tip
-
-
-def picture(page, name):
-    """Save a picture of the page where ``MARGINGUARD_PICTURES`` names a folder."""
-    folder = os.environ.get("MARGINGUARD_PICTURES")
-    if folder:
-        page.screenshot(path=Path(folder) / f"{name}.png")
+from tests.viewer.test_operation_page import picture
 
 
 def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
@@ -54,7 +45,7 @@ def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
         verdict = page.locator("#calibration-verdict")
         expect(verdict).to_have_attribute("data-ok", "true")
         look(page, "stylus")
-        picture(page, "stylus_pivot")
+        picture(page, "stylus_pivot", "#calibration")
         page.click("#calibration-stop")
         confirm(page, "calibration-use")
         expect(tip).to_contain_text("mm from the sensor, sigma")
@@ -68,8 +59,7 @@ def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
 
         page.click("#contour-tip")
         expect(page.locator("#contour-count")).to_have_text("1 point, 1 at the tip")
-        page.locator("#stylus").scroll_into_view_if_needed()
-        picture(page, "stylus_used")
+        picture(page, "stylus_used", "#stylus")
         assert not watched.external_requests()
         # Of the tip that was not there.
         assert all("409 (Conflict)" in each for each in watched.errors)

@@ -35,7 +35,7 @@ def run(scenario, amount=0):
         factory = limits.limited(lambda: Sender(amount))
         server = await loop.create_server(factory, "127.0.0.1", 0)
         try:
-            await asyncio.wait_for(scenario(limits, server.sockets[0].getsockname()[1]), 30.0)
+            await asyncio.wait_for(scenario(limits, server.sockets[0].getsockname()[1]), 120.0)
         finally:
             server.close()
             for each in Sender.made:

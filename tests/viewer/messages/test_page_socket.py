@@ -39,7 +39,7 @@ def run(scenario):
         async with TestServer(app) as server, aiohttp.ClientSession() as session:
             origin = f"http://{server.host}:{server.port}"
             async with session.ws_connect(server.make_url("/ws"), origin=origin) as socket:
-                await asyncio.wait_for(scenario(socket), 30.0)
+                await asyncio.wait_for(scenario(socket), 120.0)
 
     asyncio.run(served())
 
@@ -50,17 +50,8 @@ async def closed(socket):
     return socket.close_code
 
 
-def test_page_that_does_not_greet_is_disconnected_in_time(monkeypatch):
-    monkeypatch.setattr(page_socket, "HELLO_S", 0.05)
-
-    async def scenario(socket):
-        assert await closed(socket) == POLICY
-
-    run(scenario)
-
-
 @pytest.mark.parametrize("ping", [False, True])
-def test_page_that_sends_only_pings_or_nothing_is_disconnected_in_time(monkeypatch, ping):
+def test_page_that_does_not_greet_is_disconnected_in_time_in_spite_of_pings(monkeypatch, ping):
     """Time for the greeting does not begin anew with each message."""
     monkeypatch.setattr(page_socket, "HELLO_S", 0.3)
 
