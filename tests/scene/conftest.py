@@ -26,6 +26,11 @@ BOX_FACES = np.array(
 )  # fmt: skip
 
 
+def posed(target, source, turn, place_mm):
+    """A pose by its rotation vector in rad and its translation."""
+    return Transform.from_rotation_vector(turn, place_mm, target=target, source=source)
+
+
 def box(frame, low, high):
     (a, b, c), (d, e, f) = low, high
     around = [(a, b), (d, b), (d, e), (a, e)]
@@ -87,15 +92,9 @@ def revolute(name, parent, child, at_mm, axis):
 @pytest.fixture
 def edges():
     """Edges as a tracker measures them: each sensor, the reference included, in its own frame."""
-    tracker_from_reference = Transform.from_rotation_vector(
-        [0.2, 0.5, 1.0], [300.0, 20.0, 10.0], target="tracker", source="reference"
-    )
-    reference_from_needle = Transform.from_rotation_vector(
-        [0.1, 0.0, 0.3], [40.0, 10.0, 60.0], target="reference", source="needle"
-    )
-    reference_from_cautery = Transform.from_rotation_vector(
-        [2.2, 0.3, 0.0], [42.0, 12.0, 65.0], target="reference", source="cautery"
-    )
+    tracker_from_reference = posed("tracker", "reference", [0.2, 0.5, 1.0], [300.0, 20.0, 10.0])
+    reference_from_needle = posed("reference", "needle", [0.1, 0.0, 0.3], [40.0, 10.0, 60.0])
+    reference_from_cautery = posed("reference", "cautery", [2.2, 0.3, 0.0], [42.0, 12.0, 65.0])
     return (
         tracker_from_reference,
         tracker_from_reference @ reference_from_needle,
@@ -106,15 +105,9 @@ def edges():
 @pytest.fixture
 def fixed():
     return (
-        Transform.from_rotation_vector(
-            [0.0, 0.4, 0.0], [0.0, 5.0, 1.0], target="cautery", source="cautery_tip"
-        ),
-        Transform.from_rotation_vector(
-            [0.0, 0.0, 0.2], [1.0, -2.0, 3.0], target="needle", source="tumor"
-        ),
-        Transform.from_rotation_vector(
-            [0.0, 0.0, 0.4], [-90.0, 30.0, -20.0], target="reference", source="robot_base"
-        ),
+        posed("cautery", "cautery_tip", [0.0, 0.4, 0.0], [0.0, 5.0, 1.0]),
+        posed("needle", "tumor", [0.0, 0.0, 0.2], [1.0, -2.0, 3.0]),
+        posed("reference", "robot_base", [0.0, 0.0, 0.4], [-90.0, 30.0, -20.0]),
     )
 
 

@@ -16,6 +16,7 @@ from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.scene.scene import NEEDLE_COLOR
 from app.session.known_edges import KnownEdges
+from tests.scene.conftest import posed
 
 
 @pytest.fixture
@@ -93,9 +94,7 @@ def test_tool_is_placed_relative_to_the_tumour_as_the_step_judged_it(
 ):
     presenter = present()
     presenter.show(make_step())
-    earlier = Transform.from_rotation_vector(
-        [0.0, 0.1, 0.0], [1.0, 2.0, 3.0], target="cautery", source="cautery"
-    )
+    earlier = posed("cautery", "cautery", [0.0, 0.1, 0.0], [1.0, 2.0, 3.0])
     judged = tumor_from_tip((edges[0], edges[1], edges[2] @ earlier), fixed)
     presenter.show(make_step(measured=edges[:2], tumor_from_tip=judged))
     found = np.linalg.inv(world(presenter, "tumor")) @ world(presenter, "cautery_tip")

@@ -9,26 +9,20 @@ import pytest
 import trimesh
 from slicer import vtkMRMLScene
 
-from app.geometry import Transform
 from app.robot import load_robot
 from app.scene import MarginGuardScene
 from app.scene.nodes.convert import world_matrix, world_points
+from tests.scene.conftest import posed
 
 pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
 
-CONFIGURATIONS = 50
+CONFIGURATIONS = 20
 WORLD_MM = 1e-6
 BASES = {
-    "left": Transform.from_rotation_vector(
-        [0.3, -0.2, 0.9], [-400.0, 30.0, -20.0], target="reference", source="left_base"
-    ),
-    "right": Transform.from_rotation_vector(
-        [0.0, 0.1, 2.4], [500.0, -80.0, 15.0], target="reference", source="right_base"
-    ),
+    "left": posed("reference", "left_base", [0.3, -0.2, 0.9], [-400.0, 30.0, -20.0]),
+    "right": posed("reference", "right_base", [0.0, 0.1, 2.4], [500.0, -80.0, 15.0]),
 }
-RAS_FROM_REFERENCE = Transform.from_rotation_vector(
-    [0.5, 1.0, -0.3], [17.0, 28.0, -39.0], target="ras", source="reference"
-)
+RAS_FROM_REFERENCE = posed("ras", "reference", [0.5, 1.0, -0.3], [17.0, 28.0, -39.0])
 
 
 class PinocchioRobot:

@@ -13,13 +13,10 @@ from app.robot import Robot, load_robot
 from app.scene import MarginGuardScene, SceneError
 from app.scene.nodes.convert import numpy_array, world_points
 from app.scene.robot_model import STALE_COLOR
+from tests.scene.conftest import posed
 
-RAS_FROM_REFERENCE = Transform.from_rotation_vector(
-    [0.3, 0.2, 0.1], [7.0, 8.0, 9.0], target="ras", source="reference"
-)
-REFERENCE_FROM_BASE = Transform.from_rotation_vector(
-    [0.0, 0.1, 0.4], [-90.0, 30.0, -20.0], target="reference", source="robot_base"
-)
+RAS_FROM_REFERENCE = posed("ras", "reference", [0.3, 0.2, 0.1], [7.0, 8.0, 9.0])
+REFERENCE_FROM_BASE = posed("reference", "robot_base", [0.0, 0.1, 0.4], [-90.0, 30.0, -20.0])
 
 
 @pytest.fixture
@@ -70,7 +67,7 @@ def test_removed_robot_leaves_no_node(scene, arm, project_root):
     before = nodes_by_class(scene)
     scene.add_robot("left", arm, "robot_base")
     with_one = nodes_by_class(scene)
-    for _ in range(100):
+    for _ in range(10):
         scene.add_robot("right", touch, "robot_base")
         assert nodes_by_class(scene).total() > with_one.total() + 2 * len(touch.links)
         scene.remove_robot("right")

@@ -6,10 +6,10 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 
 from app.case import read_mrml
 from app.fixture import MarginState, Reason
-from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import Stamp, TrackedTransform, TrackingStatus
 from app.scene import MarginGuardScene, SceneApplication, SceneError, add_sequences, save_scene
 from app.scene.nodes.convert import vtk_matrix, world_matrix
-from tests.scene.conftest import loaded
+from tests.scene.conftest import loaded, posed
 
 COUNT = 40
 NOW = 25
@@ -27,10 +27,9 @@ def frames(edges):
     reference, needle, cautery = edges
     found = []
     for index in range(COUNT):
-        motion = Transform.from_rotation_vector(
-            [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0],
-            target="cautery", source="cautery",
-        )  # fmt: skip
+        motion = posed(
+            "cautery", "cautery", [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0]
+        )
         samples = [
             TrackedTransform(pose, stamp(index), TrackingStatus.OK)
             for pose in (reference, needle, cautery @ motion)

@@ -5,6 +5,8 @@ from playwright.sync_api import expect
 
 from tests.viewer.page_actions import read, resize, wait_until_uncovered
 
+pytestmark = pytest.mark.slow
+
 NAME_AND_OUTLINE = """() => {
     const e = document.activeElement;
     return [e.ariaLabel || e.labels?.[0]?.textContent.trim() || e.textContent.trim(), e.outerHTML,

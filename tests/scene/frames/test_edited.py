@@ -6,13 +6,10 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from app.geometry import MarginGuardError, Transform, TransformError
 from app.scene import EditedTransform, MarginGuardScene, SceneError
 from app.scene.nodes.convert import vtk_matrix
+from tests.scene.conftest import posed
 
-NEEDLE = Transform.from_rotation_vector(
-    [0.1, 0.2, 0.3], [10.0, 20.0, 30.0], target="reference", source="needle"
-)
-BY_HAND = Transform.from_rotation_vector(
-    [0.5, -0.2, 0.1], [-4.0, 5.0, 6.0], target="reference", source="needle"
-)
+NEEDLE = posed("reference", "needle", [0.1, 0.2, 0.3], [10.0, 20.0, 30.0])
+BY_HAND = posed("reference", "needle", [0.5, -0.2, 0.1], [-4.0, 5.0, 6.0])
 
 
 class Reported:

@@ -7,11 +7,11 @@ import pytest
 from slicer import vtkMRMLScene, vtkMRMLTransformableNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.geometry import Transform
 from app.scene import PoseNodes, SceneError, TransformTree
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.convert import poly_data, world_matrix
 from app.scene.nodes.models import add_model
+from tests.scene.conftest import posed
 
 FRAMES = tuple(f"body_{number}" for number in range(26))
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
@@ -21,9 +21,7 @@ def poses(seed):
     rng = np.random.default_rng(seed)
     return np.array(
         [
-            Transform.from_rotation_vector(
-                rng.normal(size=3), rng.normal(scale=100.0, size=3), target="world", source=frame
-            ).matrix
+            posed("world", frame, rng.normal(size=3), rng.normal(scale=100.0, size=3)).matrix
             for frame in FRAMES
         ]
     )
@@ -38,9 +36,7 @@ def count_events(node):
 
 def test_each_frame_has_its_pose_below_the_root():
     scene = vtkMRMLScene()
-    ras_from_world = Transform.from_rotation_vector(
-        [0.3, 0.2, 0.1], [7.0, 8.0, 9.0], target="ras", source="world"
-    )
+    ras_from_world = posed("ras", "world", [0.3, 0.2, 0.1], [7.0, 8.0, 9.0])
     nodes = PoseNodes(scene, "world", FRAMES, TransformTree(scene).set(ras_from_world))
     assert scene.GetFirstNodeByName("Body7ToWorld") is nodes.nodes["body_7"]
     for seed in (1, 2):

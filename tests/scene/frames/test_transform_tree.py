@@ -5,13 +5,12 @@ from slicer import vtkMRMLScene
 from app.geometry import Transform, split_transform_name
 from app.scene import SceneError, TransformTree
 from app.scene.nodes.convert import world_matrix
+from tests.scene.conftest import posed
 
 
 def pose(target, source, seed):
     rng = np.random.default_rng(seed)
-    return Transform.from_rotation_vector(
-        rng.normal(size=3), rng.normal(size=3), target=target, source=source
-    )
+    return posed(target, source, rng.normal(size=3), rng.normal(size=3))
 
 
 def test_nodes_have_slicer_igt_names_and_world_poses():

@@ -5,13 +5,11 @@ from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
 from app.fixture import Constraint
-from app.geometry import Transform
 from app.scene import Batch, FixturePlane
 from app.scene.nodes.convert import vtk_matrix
+from tests.scene.conftest import posed
 
-RAS_FROM_TUMOR = Transform.from_rotation_vector(
-    [0.4, -1.0, 2.0], [30.0, -4.0, 12.0], target="ras", source="tumor"
-)
+RAS_FROM_TUMOR = posed("ras", "tumor", [0.4, -1.0, 2.0], [30.0, -4.0, 12.0])
 
 
 def constraint(normal, offset_mm, point_mm):

@@ -5,19 +5,14 @@ from slicer import vtkMRMLMarkupsFiducialNode, vtkOrientedImageData
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import SurfaceMesh
 from app.scene import SceneError, mesh_of_model, mesh_of_segment, points_of_markups
 from app.scene.nodes.convert import poly_data, vtk_array, vtk_matrix
+from tests.scene.conftest import posed
 
-RAS_FROM_OUTER = Transform.from_rotation_vector(
-    [0.9, 0.0, 0.4], [7.0, -8.0, 9.0], target="ras", source="outer"
-)
-OUTER_FROM_INNER = Transform.from_rotation_vector(
-    [0.0, 1.4, 0.4], [70.0, 8.0, 0.5], target="outer", source="inner"
-)
-RAS_FROM_NEEDLE = Transform.from_rotation_vector(
-    [2.0, 0.4, 0.4], [1.0, 2.0, -50.0], target="ras", source="needle"
-)
+RAS_FROM_OUTER = posed("ras", "outer", [0.9, 0.0, 0.4], [7.0, -8.0, 9.0])
+OUTER_FROM_INNER = posed("outer", "inner", [0.0, 1.4, 0.4], [70.0, 8.0, 0.5])
+RAS_FROM_NEEDLE = posed("ras", "needle", [2.0, 0.4, 0.4], [1.0, 2.0, -50.0])
 
 
 def hang(application, *poses):

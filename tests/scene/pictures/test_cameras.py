@@ -6,6 +6,7 @@ from slicer import vtkMRMLCameraNode
 
 from app.geometry import Transform
 from app.scene import Preset, SceneError, bullseye, forward_of, look_through, preset_camera
+from tests.scene.conftest import posed
 
 three = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 FORWARD = np.array([0.0, 0.0, 1.0])
@@ -23,7 +24,7 @@ def seen_at(camera, point, angle_deg=30.0):
 
 @given(three, three)
 def test_bullseye_looks_along_the_tool_at_its_tip(turn, at):
-    ras_from_tip = Transform.from_rotation_vector(turn, at, target="ras", source="cautery_tip")
+    ras_from_tip = posed("ras", "cautery_tip", turn, at)
     camera = bullseye(ras_from_tip, FORWARD, distance_mm=120.0)
     # The whole axis of the tool, in front of the tip and behind it, is the centre of the picture.
     for along_mm in (-60.0, 0.0, 40.0):
@@ -38,9 +39,7 @@ def test_bullseye_looks_along_the_tool_at_its_tip(turn, at):
 def test_bullseye_with_previous_up_does_not_turn_with_the_tool():
     up = None
     for angle in np.linspace(0.0, 3.0, 20):
-        rolled = Transform.from_rotation_vector(
-            angle * FORWARD, [1.0, 2.0, 3.0], target="ras", source="tip"
-        )
+        rolled = posed("ras", "tip", angle * FORWARD, [1.0, 2.0, 3.0])
         camera = bullseye(rolled, FORWARD, distance_mm=50.0, previous_up=up)
         assert up is None or np.allclose(camera.up, up)
         up = camera.up
@@ -90,9 +89,7 @@ def test_presets_show_their_side(preset, right, up):
 
 
 def test_presets_follow_the_axes_of_the_patient():
-    turn = Transform.from_rotation_vector(
-        [0.3, 1.0, 0.2], [0, 0, 0], target="ras", source="patient"
-    )
+    turn = posed("ras", "patient", [0.3, 1.0, 0.2], [0, 0, 0])
     points = np.random.default_rng(3).normal(scale=30.0, size=(50, 3))
     plain = preset_camera(Preset.LEFT, points)
     turned = preset_camera(Preset.LEFT, turn.apply(points), ras_from_patient=turn.rotation)

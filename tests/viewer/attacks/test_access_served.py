@@ -9,6 +9,8 @@ from app.viewer.access.connections import MAX_PENDING
 from tests.viewer.attacks.raw_page import connected, raw_page, response, status_of
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN
 
+pytestmark = pytest.mark.slow
+
 ADDRESSES = (f"127.0.1.{number}" for number in itertools.count(1))
 """Addresses of this machine, one for each wrong token: their number is limited for an address."""
 FOREIGN = ["evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1.evil.example"]
