@@ -181,6 +181,7 @@ LONG = {
         "tests/viewer/test_registration_page.py",
         "tests/viewer/test_recording_page.py",
         "tests/viewer/test_ultrasound_page.py",
+        "tests/viewer/attacks/test_random_served.py",
         "tests/viewer/attacks/test_world_served.py",
         "tests/viewer/test_operation_page.py",
     ),

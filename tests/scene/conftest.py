@@ -89,7 +89,7 @@ def revolute(name, parent, child, at_mm, axis):
     return Joint(name, JointType.REVOLUTE, origin, np.array(axis, dtype=float), -3.0, 3.0)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def edges():
     """Edges as a tracker measures them: each sensor, the reference included, in its own frame."""
     tracker_from_reference = posed("tracker", "reference", [0.2, 0.5, 1.0], [300.0, 20.0, 10.0])
@@ -102,7 +102,7 @@ def edges():
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def fixed():
     return (
         posed("cautery", "cautery_tip", [0.0, 0.4, 0.0], [0.0, 5.0, 1.0]),
@@ -111,7 +111,7 @@ def fixed():
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def fill(edges, fixed, tumor, tool, arm):
     """Puts the whole case, or all but the robot, into a scene, and returns it."""
 
@@ -126,7 +126,7 @@ def fill(edges, fixed, tumor, tool, arm):
     return put
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def content(fixed, tumor, tool, arm):
     """The content of a session of the case; the arm's forearm holds the tool."""
     return SessionContent(
@@ -146,7 +146,7 @@ def content(fixed, tumor, tool, arm):
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_step(edges, arm):
     """Makes a step of the session; the arm is stretched out unless ``links`` are given."""
 

@@ -38,6 +38,7 @@ def use(page):
     expect(page.locator("#calibration-title")).to_have_text("")
 
 
+@pytest.mark.timeout(900)
 def test_tool_is_calibrated_by_pivot_and_spin_and_undone(browser, serve_live, start, tmp_path):
     motion = tmp_path / "motion"
     move(motion, "narrow")

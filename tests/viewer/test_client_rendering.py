@@ -15,12 +15,22 @@ from playwright.sync_api import expect
 from app.files.shipped import shipped
 from benchmarks.view.chromium import launch_webgl
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import drag, resize, screenshot, show_frame, wait_until_uncovered
+from tests.viewer.page_actions import (
+    drag,
+    read,
+    resize,
+    screenshot,
+    show_frame,
+    wait_for,
+    wait_until_uncovered,
+)
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
 SHIPPED_CASE = shipped("data", "recorded_case")
 PHONE = (390, 844)
+PICTURE_FITS = """[document.querySelector('main.view img')].every((image) => !image ||
+    Math.abs(image.naturalWidth - image.parentElement.clientWidth) <= 2)"""
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +49,10 @@ def shown(page, frame, label):
     """The picture of ``frame`` in eighths of its size."""
     show_frame(page, frame)
     expect(page.locator("#state-label")).to_have_text(label)
-    page.wait_for_timeout(600)  # the smooth picture of a scene at rest
+    wait_for(page, PICTURE_FITS)
+    number = -1
+    while number != (number := read(page, "Number(document.body.dataset.picture)")):
+        page.wait_for_timeout(600)  # the smooth picture of a scene at rest
     content = screenshot(page.locator("main.view"))
     image = Image.open(io.BytesIO(content)).convert("RGB")
     size = (image.width // 8, image.height // 8)
@@ -59,7 +72,6 @@ def test_both_renderings_show_the_same_state_and_pose(webgl, server, client_serv
         for each in (pictures.page, drawn.page):
             if size is not None:
                 resize(each, *size)
-                each.wait_for_timeout(1000)
         for frame, label in FRAMES.items():
             first, second = (shown(each.page, frame, label) for each in (pictures, drawn))
             assert first.shape == second.shape

@@ -4,6 +4,7 @@ import io
 import zipfile
 
 import cv2
+import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
@@ -19,6 +20,7 @@ def exported(page, name):
     return download(page, f"#export-{name.replace('.', '-')}", name).read_bytes()
 
 
+@pytest.mark.timeout(900)
 def test_files_are_those_of_a_replay(page, watched, viewed_case, tmp_path):
     assert main(["replay", str(viewed_case), "--no-ros", "--report", str(tmp_path)]) == 0
     page.click("#export summary")

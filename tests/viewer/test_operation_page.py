@@ -149,6 +149,7 @@ def compared(found, true):
     return float(dice), float(inside.sum() / truly.sum())
 
 
+@pytest.mark.timeout(900)
 def test_workflow_from_ultrasound_to_the_report(
     browser, serve_live, start_server, operation, tmp_path
 ):

@@ -28,6 +28,7 @@ def live_server(serve_live, live_yaml, cases):
     return serve_live(config, "--cases", str(cases))
 
 
+@pytest.mark.timeout(900)
 def test_session_is_recorded_from_the_page(browser, live_server, cases, start, frames_file):
     with watching(browser, live_server) as watched:
         page, count = watched.page, watched.page.locator("#recording .count")

@@ -27,6 +27,7 @@ def live_server(serve_live, tmp_path, project_root):
     return serve_live(config)
 
 
+@pytest.mark.timeout(900)
 def test_robot_is_registered_by_touch_and_the_registration_undone(browser, live_server, start):
     with watching(browser, live_server) as watched:
         page = watched.page

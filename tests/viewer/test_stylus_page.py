@@ -14,6 +14,7 @@ from tests.viewer.test_calibration_page import look, saved_tip
 from tests.viewer.test_operation_page import picture
 
 
+@pytest.mark.timeout(900)
 def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
     browser, serve_live, start, tmp_path
 ):

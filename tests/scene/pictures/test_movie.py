@@ -120,7 +120,7 @@ def test_video_has_the_pictures_of_the_animation(content, make_step, edges, tmp_
     states = [MarginState.NEGATIVE, MarginState.POSITIVE, MarginState.UNKNOWN]
     keyframes = [
         (0.5 * place, make_step(states[place % 3], measured=moved(edges, 2.0 * place)))
-        for place in range(25)
+        for place in range(12)
     ]
     subject = make_step(MarginState.POSITIVE)
     video = movie_mp4(content, subject, keyframes, SIZE)

@@ -15,7 +15,7 @@ SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = pytest.mark.usefixtures("can_draw")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def draw(content, arm, make_step):
     """Draws the case in a state; returns the picture without the banner, values from 0 to 1."""
 
@@ -54,8 +54,14 @@ def is_yellowish(r, g, b):
     return (r > b + 0.1) & (g > b + 0.05)
 
 
-def test_tumor_shows_its_state_in_both_views(draw):
-    red, green = draw(MarginState.POSITIVE), draw(MarginState.NEGATIVE)
+@pytest.fixture(scope="module")
+def picture(draw):
+    """The picture of a breach."""
+    return draw()
+
+
+def test_tumor_shows_its_state_in_both_views(draw, picture):
+    red, green = picture, draw(MarginState.NEGATIVE)
     half = SIZE[0] // 2
     for view in (np.s_[:, :half], np.s_[:, half:]):
         assert amount(red[view], is_red) > 100
@@ -66,8 +72,8 @@ def test_tumor_shows_its_state_in_both_views(draw):
     assert amount(red[:, half:], is_red) > 10 * amount(red[:, :half], is_red)
 
 
-def test_tool_and_robot_are_visible_in_the_overview(draw):
-    overview = draw()[:, : SIZE[0] // 2]
+def test_tool_and_robot_are_visible_in_the_overview(picture):
+    overview = picture[:, : SIZE[0] // 2]
     assert amount(overview, is_yellow) > 40
     assert amount(overview, is_blue) > 400
 
@@ -99,8 +105,8 @@ def test_tool_is_visible_through_the_holding_link_and_alone_in_the_close_up(draw
         assert amount(picture[:, half:], is_blue) == 0
 
 
-def test_picture_is_the_same_each_time(draw):
-    assert np.array_equal(draw(), draw())
+def test_picture_is_the_same_each_time(draw, picture):
+    assert np.array_equal(draw(), picture)
 
 
 def test_picture_of_a_tip_without_mesh_and_robot(draw, content):
@@ -124,11 +130,11 @@ def test_step_without_the_reference_leaves_the_robot_out(draw, edges):
     assert amount(picture, is_red) > 1000
 
 
-def test_tool_missing_in_the_frame_is_where_the_step_judged_it(draw, edges, fixed):
+def test_tool_missing_in_the_frame_is_where_the_step_judged_it(draw, picture, edges, fixed):
     reference, needle, cautery = edges
     tumor_from_tip = (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
     without_tool = draw(measured=(reference, needle), tumor_from_tip=tumor_from_tip)
-    assert np.abs(without_tool - draw()).max() < 0.02
+    assert np.abs(without_tool - picture).max() < 0.02
     with pytest.raises(SceneError, match="step 0: frame 'cautery_tip' has no pose"):
         draw(measured=(reference, needle))
     with pytest.raises(SceneError, match="step 0: frame 'tumor' has no pose"):
