@@ -11,11 +11,10 @@ import slicer
 import slicer.util
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from slicer import vtkMRMLScene
 from trame_slicer.core import SlicerApp
 
 from app.fixture import MarginState
-from app.scene import MarginGuardScene, SceneApplication, SceneError, load_scene, save_scene
+from app.scene import MarginGuardScene, SceneError, load_scene, save_scene
 from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
@@ -112,28 +111,6 @@ def test_functions_of_slicer_find_the_nodes(saved, shown, monkeypatch):
     np.testing.assert_allclose(matrix.ravel(), expected["ForeArmToBase"]["to_world"], atol=1e-9)
     points = slicer.util.arrayFromModelPoints(tumor)
     np.testing.assert_array_equal(points, expected["Tumor"]["points"])
-
-
-class ApplicationDouble:
-    """A test double of desktop Slicer's ``slicer.app``, which the wheel lacks: one file reader."""
-
-    def __init__(self, scene):
-        self._scene = scene
-
-    def coreIOManager(self):  # noqa: N802
-        return self
-
-    def loadNodes(self, kind, properties, *_):  # noqa: N802
-        assert kind == "SceneFile"
-        load_scene(self._scene, Path(properties["fileName"]))
-        return True
-
-
-def test_slicer_util_load_scene(saved, application, shown, monkeypatch):
-    other = SceneApplication(vtkMRMLScene())
-    monkeypatch.setattr(slicer, "app", ApplicationDouble(other.scene), raising=False)
-    slicer.util.loadScene(str(saved))
-    assert_same(content(other.scene), content(shown.scene))
 
 
 def test_saving_replaces_a_file_and_leaves_no_other(application, saved):

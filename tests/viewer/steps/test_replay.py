@@ -30,67 +30,6 @@ def test_replay_begins_paused_at_the_first_frame(control, clock):
     assert control.duration_ns == 120 * MS
 
 
-def test_frame_is_shown_until_the_next_is_due(control, clock):
-    control.play()
-    frames = []
-    for ms in range(0, 130, 5):
-        clock.ns = ms * MS
-        frames.append(control.frame)
-    assert frames == [
-        max(n for n, at in enumerate(STAMPS) if at <= ms * MS) for ms in range(0, 130, 5)
-    ]
-
-
-def test_replay_pauses_at_the_last_frame_and_plays_again_from_the_first(control, clock):
-    control.play()
-    clock.ns = 10**12
-    assert (control.frame, control.playing) == (4, False)
-    control.play()
-    assert (control.frame, control.playing) == (0, True)
-
-
-def test_pause_does_not_advance(control, clock):
-    control.play()
-    clock.ns = 45 * MS
-    control.pause()
-    clock.ns = 10**12
-    assert control.frame == 2
-    control.play()
-    clock.ns += 59 * MS
-    assert control.frame == 2
-    clock.ns += 1 * MS
-    assert control.frame == 3
-
-
-def test_new_rate_applies_from_present_on(control, clock):
-    control.play()
-    clock.ns = 30 * MS
-    control.set_rate(0.5)
-    clock.ns = 49 * MS
-    assert control.frame == 1
-    clock.ns = 50 * MS
-    assert control.frame == 2
-
-
-def test_step_pauses_and_stays_within_recording(control, clock):
-    control.play()
-    control.step(1)
-    assert (control.frame, control.playing) == (1, False)
-    control.step(-7)
-    assert control.frame == 0
-    control.step(70)
-    assert control.frame == 4
-
-
-def test_seek_keeps_playing_or_paused(control, clock):
-    control.seek(0.5)
-    assert (control.frame, control.playing) == (2, False)
-    control.play()
-    control.seek(STAMPS[1] / STAMPS[-1])
-    clock.ns += 20 * MS
-    assert (control.frame, control.playing) == (2, True)
-
-
 @pytest.mark.parametrize("share", [-0.001, 1.001, float("nan")])
 def test_share_out_of_range_is_refused(control, share):
     with pytest.raises(ViewerError, match="expected 0 to 1"):
