@@ -30,9 +30,13 @@ STATES = {0: "NEGATIVE", BREACH_FRAME: "POSITIVE", LOST[0]: "UNKNOWN"}
 
 @pytest.fixture
 def close_up(page):
-    """The page with the camera near the tumour."""
+    """The page with the camera near the tumour, at frame 1.
+
+    The picture of another frame is drawn after the change of the camera.
+    """
     page.keyboard.press("2")
     expect(page.get_by_role("button", name="Close-up")).to_have_attribute("aria-pressed", "true")
+    show_frame(page, 1)
     return page
 
 
@@ -214,6 +218,7 @@ def test_blocked_sound_is_shown_until_the_page_is_clicked(browser, server):
 
 def test_tumor_can_be_hidden(close_up):
     tumor = close_up.get_by_label("Tumour", exact=True)
+    show_frame(close_up, 0)
     assert share_of(picture(close_up), "green") > 0.05
     tumor.uncheck()
     wait_for(close_up, "trame.state.get('parts')[0].visible === false")

@@ -208,6 +208,7 @@ def test_zoom_shows_the_present_larger_and_a_click_still_seeks(page):
     expect(timeline).to_have_attribute("data-zoom", "1")
 
 
+@pytest.mark.timeout(900)
 def test_note_is_listed_marked_visited_and_in_the_report_that_is_downloaded(page):
     events = page.locator(".event").count()  # other tests of this page have left notes
     show_frame(page, BREACH_FRAME)
