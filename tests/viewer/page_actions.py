@@ -93,8 +93,13 @@ def confirm(page: Page, part: str) -> None:
 
 
 def download(page: Page, button: str, name: str = "") -> Path:
-    """The file that a click on ``button`` saves, by default with any name."""
+    """The file that a click on ``button`` saves, by default with any name.
+
+    Its name ends as that of the page's file, by which readers know its format.
+    """
     with page.expect_download() as waiting:
         page.click(button)
-    assert name in ("", waiting.value.suggested_filename)
-    return Path(waiting.value.path())
+    suggested = waiting.value.suggested_filename
+    assert name in ("", suggested)
+    path = Path(waiting.value.path())
+    return path.rename(path.with_name(f"{path.name}_{suggested}"))
