@@ -7,6 +7,7 @@ import pytest
 from hypothesis import settings
 
 from tests.browser import browser as browser
+from tests.browser import chromium as chromium
 from tests.opened_documents import (
     opened_documents_agree_with_their_schema as opened_documents_agree_with_their_schema,
 )
@@ -39,12 +40,11 @@ SLOW = {
         "tests/viewer/drawing/",
         "tests/viewer/messages/test_calls.py",
         "tests/viewer/messages/test_page_socket.py",
-        "tests/viewer/test_auth_served.py",
         "tests/viewer/test_page.py",
         "tests/viewer/test_page_navigation.py",
         "tests/viewer/test_page_state.py",
         "tests/viewer/test_server_gone.py",
-        "tests/viewer/test_timeline_page.py",
+        "tests/viewer/test_page_layout.py",
         "tests/viewer/test_tls_proxy.py",
         "tests/viewer/steps/test_reslice.py",
         "tests/viewer/steps/test_ultrasound.py",
@@ -181,7 +181,8 @@ LONG = {
         "tests/viewer/test_registration_page.py",
         "tests/viewer/test_recording_page.py",
         "tests/viewer/test_ultrasound_page.py",
-        "tests/viewer/test_reslice_page.py",
+        "tests/viewer/attacks/test_random_served.py",
+        "tests/viewer/attacks/test_world_served.py",
         "tests/viewer/test_operation_page.py",
     ),
     "builds another version of the message package": (

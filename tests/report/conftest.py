@@ -1,34 +1,27 @@
 """Rows and records of the report's tests."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
-from app.fixture import MarginParameters, MarginState
-from app.report import ReplayRecord, ReportRow
+from app.fixture import MarginState
+from app.report import ReplayRecord, ReportRow, write_report
 from tests.doubles import PARAMETERS
 
-if TYPE_CHECKING:
-    import marginguard as mg
-    from app.report import AnalysedCase
-
-Distances = Sequence[float | None]
 PERIOD_NS = 20_000_000
 FIRST_NS = 1_000_000_000_000
+PLOT = b"\x89PNG plot"
 
 
-@pytest.fixture
-def margins() -> MarginParameters:
+@pytest.fixture(scope="session")
+def margins():
     return PARAMETERS
 
 
-@pytest.fixture
-def rows_of() -> Callable[..., tuple[ReportRow, ...]]:
+@pytest.fixture(scope="session")
+def rows_of():
     """Rows 20 ms apart with these distances; None is a frame that could not be evaluated."""
 
-    def build(distances: Distances, period_ns: int = PERIOD_NS) -> tuple[ReportRow, ...]:
+    def build(distances, period_ns=PERIOD_NS):
         return tuple(
             _row(FIRST_NS + index * period_ns, distance) for index, distance in enumerate(distances)
         )
@@ -36,31 +29,35 @@ def rows_of() -> Callable[..., tuple[ReportRow, ...]]:
     return build
 
 
-@pytest.fixture
-def record_of(
-    rows_of: Callable[..., tuple[ReportRow, ...]], margins: MarginParameters
-) -> Callable[..., ReplayRecord]:
-    def build(distances: Distances, **changes: object) -> ReplayRecord:
-        values: dict[str, object] = {
+@pytest.fixture(scope="session")
+def record_of(rows_of, margins):
+    def build(distances, **changes):
+        values = {
             "case": "three frames",
             "provenance": {"kind": "simulated", "source": "a test", "licence": "Apache-2.0"},
             "rows": rows_of(distances),
             "margins": margins,
         }
-        return ReplayRecord(**{**values, **changes})  # type: ignore[arg-type]
+        return ReplayRecord(**{**values, **changes})
 
     return build
 
 
+def write(folder, record, scene=None, **others):
+    """Write a report with a plot that is not drawn, as only its bytes are embedded."""
+    others.setdefault("margin_plot", lambda: PLOT)
+    return write_report(folder, record, scene_png=lambda: scene, version="1", **others)
+
+
 @pytest.fixture(scope="session")
-def prepared() -> "mg.PreparedCase":
+def prepared():
     import marginguard as mg
 
     return mg.open_case(mg.example_case())
 
 
 @pytest.fixture(scope="session")
-def steps(prepared: "mg.PreparedCase") -> "list[mg.StepResult]":
+def steps(prepared):
     """Four seconds of the shipped case, with a breach."""
     import marginguard as mg
 
@@ -68,7 +65,7 @@ def steps(prepared: "mg.PreparedCase") -> "list[mg.StepResult]":
 
 
 @pytest.fixture(scope="session")
-def analysed(prepared: "mg.PreparedCase", steps: "list[mg.StepResult]") -> "AnalysedCase":
+def analysed(prepared, steps):
     from app.analysis import analyse_case
     from app.report import AnalysedCase
     from app.report.methods import methods_of
@@ -89,7 +86,7 @@ def analysed(prepared: "mg.PreparedCase", steps: "list[mg.StepResult]") -> "Anal
     return AnalysedCase(analysis, methods, content.margins, content.tumor)
 
 
-def _row(stamp_ns: int, distance: float | None) -> ReportRow:
+def _row(stamp_ns, distance):
     if distance is None:
         return ReportRow(stamp_ns, MarginState.UNKNOWN, ("invalid", "stale"))
     if distance < 0.0:

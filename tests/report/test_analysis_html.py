@@ -9,12 +9,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from app.report import ANALYSIS_FILES, ReplayRecord, analysis_page, write_report
+from app.report import analysis_page
 from app.report.coverage_colors import shaded
 from app.report.distance_svg import distance_svg
 from app.report.frames_table import COLUMNS, FramesTable
 from app.report.methods import methods_text, recorded_on
 from app.runtime import StepTiming
+from tests.report.conftest import write
 from tests.report.test_html import Page
 from tests.report.test_time_plot import without_scripts
 
@@ -22,7 +23,7 @@ _SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def page(analysed) -> str:
+def page(analysed):
     return analysis_page(analysed, analysed.figures())
 
 
@@ -137,13 +138,10 @@ def test_table_of_frames_has_margins_witnesses_and_velocity(prepared, steps):
     np.testing.assert_allclose(travelled, tips[moving][-1] - tips[moving][0], atol=0.6)
 
 
-def test_report_with_an_analysis_has_its_sections_and_files(tmp_path, analysed, record_of):
-    record: ReplayRecord = record_of([6.0, -1.0])
-    write_report(tmp_path, record, scene_png=lambda: None, version="1", analysed=analysed)
-    assert {path.name for path in tmp_path.iterdir()} >= set(ANALYSIS_FILES)
+def test_report_with_an_analysis_has_its_sections(tmp_path, analysed, record_of):
+    write(tmp_path, record_of([6.0, -1.0]), analysed=analysed)
     text = (tmp_path / "report.html").read_text()
     assert "<h2>Methods</h2>" in text and "from anterior" in text
     assert not re.search(r"https?:|url\(", without_scripts(text))
-    write_report(tmp_path, record, scene_png=lambda: None, version="1")
-    assert not {path.name for path in tmp_path.iterdir()} & set(ANALYSIS_FILES)
+    write(tmp_path, record_of([6.0, -1.0]))
     assert "<h2>Methods</h2>" not in (tmp_path / "report.html").read_text()

@@ -20,12 +20,12 @@ RADIUS_MM = 10.0
 
 
 @pytest.fixture(scope="module")
-def ball() -> TipProximity:
+def ball():
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS_MM)
     return TipProximity(SurfaceMesh("tumor", mesh.vertices, mesh.faces))
 
 
-def summary_of(ball: TipProximity, x_mm: list[float | None], y_mm: float) -> dict:
+def summary_of(ball, x_mm, y_mm):
     """Summary of frames 20 ms apart with the tip at these x; None is a frame without the tool."""
     setup = SessionSetup(
         Transform.identity("cautery", "cautery_tip"),

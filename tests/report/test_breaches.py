@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -10,10 +9,9 @@ from app.fixture import MarginState
 from app.report import ReportRow
 
 STALE_NS = 200_000_000
-Rows = Callable[..., tuple[ReportRow, ...]]
 
 
-def test_breach_runs_from_the_first_to_the_last_inside_frame(rows_of: Rows) -> None:
+def test_breach_runs_from_the_first_to_the_last_inside_frame(rows_of):
     breaches = find_breaches(rows_of([4.0, -1.0, -3.5, -2.0, 1.0, -0.5, 6.0]), STALE_NS)
     assert breaches == (
         Breach(pytest.approx(0.02), pytest.approx(0.06), -3.5, 2, 3, 1, 3),
@@ -23,36 +21,36 @@ def test_breach_runs_from_the_first_to_the_last_inside_frame(rows_of: Rows) -> N
     assert breaches[1].duration_s == 0.0
 
 
-def test_touching_the_surface_is_no_breach(rows_of: Rows) -> None:
+def test_touching_the_surface_is_no_breach(rows_of):
     assert find_breaches(rows_of([1.0, 0.0, 1.0]), STALE_NS) == ()
 
 
-def test_breach_at_both_ends_of_the_recording(rows_of: Rows) -> None:
+def test_breach_at_both_ends_of_the_recording(rows_of):
     breaches = find_breaches(rows_of([-1.0, 2.0, -1.0]), STALE_NS)
     assert [(b.start_s, b.end_s) for b in breaches] == [(0.0, 0.0), (0.04, 0.04)]
 
 
-def test_short_dropout_neither_ends_nor_lengthens_a_breach(rows_of: Rows) -> None:
+def test_short_dropout_neither_ends_nor_lengthens_a_breach(rows_of):
     (breach,) = find_breaches(rows_of([-1.0, None, None, -2.0, None]), STALE_NS)
     assert (breach.start_s, breach.end_s, breach.frames) == (0.0, pytest.approx(0.06), 2)
 
 
 @pytest.mark.parametrize(("lost", "count"), [(9, 1), (10, 2)])
-def test_dropout_longer_than_stale_after_splits(rows_of: Rows, lost: int, count: int) -> None:
+def test_dropout_longer_than_stale_after_splits(rows_of, lost, count):
     # n lost frames of 20 ms leave (n + 1) 20 ms between the inside ones: 200 ms, then 220 ms.
     assert len(find_breaches(rows_of([-1.0, *[None] * lost, -1.0]), STALE_NS)) == count
 
 
-def test_outside_during_a_dropout_is_two_breaches(rows_of: Rows) -> None:
+def test_outside_during_a_dropout_is_two_breaches(rows_of):
     assert len(find_breaches(rows_of([-1.0, None, 1.0, None, -1.0]), STALE_NS)) == 2
 
 
-def test_clock_that_jumps_back_splits() -> None:
+def test_clock_that_jumps_back_splits():
     rows = [ReportRow(ns, MarginState.POSITIVE, (), -1.0) for ns in (100, 200, 50, 60)]
     assert len(find_breaches(rows, STALE_NS)) == 2
 
 
-def test_breaches_do_not_depend_on_the_state() -> None:
+def test_breaches_do_not_depend_on_the_state():
     rows = [
         ReportRow(0, MarginState.UNKNOWN, ("starting",), -1.0),
         ReportRow(1, MarginState.POSITIVE, ("releasing",), 2.0),
@@ -62,7 +60,7 @@ def test_breaches_do_not_depend_on_the_state() -> None:
 
 
 @given(st.lists(st.sampled_from([-2.0, -1.0, 0.0, 3.0, None]), max_size=60))
-def test_every_inside_frame_is_in_one_breach(distances: list[float | None]) -> None:
+def test_every_inside_frame_is_in_one_breach(distances):
     rows = [
         ReportRow(index * 20_000_000, MarginState.UNKNOWN, (), distance)
         for index, distance in enumerate(distances)

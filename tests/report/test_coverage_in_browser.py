@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from app.report import analysis_page, write_report
+from app.report import analysis_page
 from tests.page_rules import violations
+from tests.report.conftest import write
 from tests.report.opened_page import opened
 from tests.report.projected_coverage import Projection, View
 
@@ -86,9 +87,10 @@ def _ending(texts):
     return re.compile(f"^From [a-z ]+: ({choices})(, breach [0-9]+)*$")
 
 
-@pytest.fixture(params=SIZES.values(), ids=SIZES)
+@pytest.fixture
 def shown(browser, report, request):
-    width, height = request.param
+    """The figure on a laptop, or at the size that a test is parametrised with."""
+    width, height = SIZES[getattr(request, "param", "laptop")]
     context = browser.new_context(viewport={"width": width, "height": height}, has_touch=True)
     page = context.new_page()
     problems, requests = opened(page, report)
@@ -98,6 +100,10 @@ def shown(browser, report, request):
     context.close()
 
 
+ALL_SIZES = pytest.mark.parametrize("shown", SIZES, indirect=True)
+
+
+@ALL_SIZES
 def test_picture_and_values_at_the_start_are_those_of_the_projection(shown):
     shown.check(shown.start)
     assert shown.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -147,6 +153,7 @@ def test_keys_turn_zoom_and_read_at_the_cross(shown):
     shown.check(start)
 
 
+@pytest.mark.parametrize("shown", ["phone"], indirect=True)
 def test_touch_turns_and_two_fingers_zoom(shown):
     start, middle = shown.start, shown.projection.middle
     session = shown.page.context.new_cdp_session(shown.page)
@@ -171,6 +178,7 @@ def test_touch_turns_and_two_fingers_zoom(shown):
     assert shown.page.evaluate("scrollY") == before
 
 
+@ALL_SIZES
 def test_buttons_show_a_side_and_a_breach(shown):
     figure, document = shown.figure, shown.projection.document
     for side in document["sides"]:
@@ -220,6 +228,7 @@ def test_marks_and_letters_are_at_their_places(shown):
     assert right[0] < left[0]  # the patient's right is on the left of the reader
 
 
+@ALL_SIZES
 def test_report_has_no_violations(shown):
     assert violations(shown.page) == []
 
@@ -239,7 +248,7 @@ def test_paper_and_a_browser_without_scripts_show_the_six_views(browser, report,
 
 def test_report_of_a_replay_has_it_too(browser, tmp_path, record_of, analysed):
     record = record_of([6.0, -1.0])
-    write_report(tmp_path, record, scene_png=lambda: None, version="1", analysed=analysed)
+    write(tmp_path, record, analysed=analysed)
     page = browser.new_page()
     page.goto((tmp_path / "report.html").as_uri())
     shown = Shown(page)

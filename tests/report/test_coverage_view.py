@@ -11,12 +11,7 @@ import pytest
 from app.analysis.coverage import WITHIN_MM, Coverage, spread_faces
 from app.geometry import ANATOMICAL_AXES, SurfaceMesh
 from app.report.coverage_colors import AMBIENT, CLASS_NAMES, COLORS
-from app.report.coverage_view import (
-    FARTHER,
-    MAX_VERTICES,
-    coverage_document,
-    coverage_figure,
-)
+from app.report.coverage_view import FARTHER, MAX_VERTICES, coverage_document, coverage_figure
 from app.report.covered_surface import MAX_FACES, CoveredSurface, covered_surface
 from app.synthetic.tumour import icosphere
 from tests.fixture.control.test_state_display import each_vision, seen_ratio

@@ -1,18 +1,16 @@
 import base64
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 
 from app.case import CauteryState, Expected
-from app.report import ReplayRecord, summarise
+from app.report import summarise
 from app.report.html import report_html
 from app.report.page import NOT_A_DEVICE
 from app.report.reasons import count_reasons
 
-Record = Callable[..., ReplayRecord]
 PLOT, SCENE = b"\x89PNG plot", b"\x89PNG scene"
 _VOID = {"meta", "img", "br"}
 
@@ -20,7 +18,7 @@ _VOID = {"meta", "img", "br"}
 class Page(HTMLParser):
     """Checks that tags nest, and gathers text, attributes and table rows."""
 
-    def __init__(self, page: str) -> None:
+    def __init__(self, page):
         super().__init__()
         self.open: list[str] = []
         self.tags: list[str] = []
@@ -31,7 +29,7 @@ class Page(HTMLParser):
         self.close()
         assert not self.open
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
         self.attributes += [(name, value or "") for name, value in attrs]
         if tag not in _VOID:
@@ -41,10 +39,10 @@ class Page(HTMLParser):
         if tag in ("td", "th"):
             self.rows[-1].append("")
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         if {"style", "script"} & set(self.open):
             return
         self.text += data
@@ -52,11 +50,11 @@ class Page(HTMLParser):
             self.rows[-1][-1] += data
 
 
-def page_of(record: ReplayRecord, scene: bytes | None = SCENE) -> str:
+def page_of(record, scene=SCENE):
     return report_html(summarise(record), count_reasons(record.rows), PLOT, scene, "1.2.3")
 
 
-def test_breach_tells_the_state_of_the_cautery_at_its_entry(record_of: Record) -> None:
+def test_breach_tells_the_state_of_the_cautery_at_its_entry(record_of):
     record = record_of([6.0, -1.0, -2.0, 6.0])
     plain = Page(page_of(record))
     assert "cautery at entry" not in plain.text
@@ -71,7 +69,7 @@ def test_breach_tells_the_state_of_the_cautery_at_its_entry(record_of: Record) -
     assert Page(page_of(told)).rows == expected
 
 
-def test_page_has_no_script_and_no_external_resource(record_of: Record) -> None:
+def test_page_has_no_script_and_no_external_resource(record_of):
     text = page_of(record_of([6.0, -1.0]))
     page = Page(text)
     assert not {"script", "link", "iframe", "object", "base"} & set(page.tags)
@@ -81,14 +79,14 @@ def test_page_has_no_script_and_no_external_resource(record_of: Record) -> None:
     assert not re.search(r"https?:|//[a-z]|url\(|@import", text)
 
 
-def test_pictures_are_embedded(record_of: Record) -> None:
+def test_pictures_are_embedded(record_of):
     sources = [v for name, v in Page(page_of(record_of([6.0, -1.0]))).attributes if name == "src"]
     assert [base64.b64decode(source.partition(",")[2]) for source in sources] == [PLOT, SCENE]
     sources = [v for n, v in Page(page_of(record_of([6.0]), scene=None)).attributes if n == "src"]
     assert len(sources) == 1
 
 
-def test_tables_hold_the_numbers(record_of: Record) -> None:
+def test_tables_hold_the_numbers(record_of):
     record = record_of([6.0, -1.0, -2.0, None, 6.0], expected=Expected(frames=6))
     page = Page(page_of(record))
     assert [
@@ -102,7 +100,7 @@ def test_tables_hold_the_numbers(record_of: Record) -> None:
     assert "0 of 1 pass" in page.text
 
 
-def test_page_states_disclaimer_provenance_and_version(record_of: Record) -> None:
+def test_page_states_disclaimer_provenance_and_version(record_of):
     text = Page(page_of(record_of([6.0]))).text
     assert NOT_A_DEVICE in text
     assert "kind: simulated; source: a test" in text
@@ -111,7 +109,7 @@ def test_page_states_disclaimer_provenance_and_version(record_of: Record) -> Non
 
 
 @pytest.mark.parametrize("evil", ["<script>alert(1)</script>", '"><img src=http://x>', "a & b"])
-def test_values_are_escaped(record_of: Record, evil: str) -> None:
+def test_values_are_escaped(record_of, evil):
     record = record_of([6.0], case=evil, provenance={evil: evil}, notes=(evil,))
     page = Page(page_of(record))
     assert "script" not in page.tags

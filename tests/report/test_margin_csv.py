@@ -1,6 +1,5 @@
 import csv
 import io
-from collections.abc import Callable
 from dataclasses import replace
 
 from hypothesis import given
@@ -11,11 +10,10 @@ from app.fixture import MarginState
 from app.report import ReportRow, margin_csv
 from app.report.margin_csv import COLUMNS
 
-Rows = Callable[..., tuple[ReportRow, ...]]
 numbers = st.floats(-1e4, 1e4)
 
 
-def test_text_is_exactly_this(rows_of: Rows) -> None:
+def test_text_is_exactly_this(rows_of):
     assert margin_csv(rows_of([6.5, None, -1.25])) == (
         "t_s,stamp_ns,state,signed_distance_mm,lower_bound_mm,reasons,"
         "tip_x_mm,tip_y_mm,tip_z_mm\n"
@@ -25,7 +23,7 @@ def test_text_is_exactly_this(rows_of: Rows) -> None:
     )
 
 
-def test_state_of_the_cautery_is_a_column_of_a_case_with_a_source_only(rows_of: Rows) -> None:
+def test_state_of_the_cautery_is_a_column_of_a_case_with_a_source_only(rows_of):
     rows = rows_of([6.5, None, -1.25])
     states = (CauteryState.OFF, CauteryState.UNKNOWN, CauteryState.ON)
     told = [replace(row, cautery=state) for row, state in zip(rows, states, strict=True)]
@@ -36,17 +34,17 @@ def test_state_of_the_cautery_is_a_column_of_a_case_with_a_source_only(rows_of: 
     ]
 
 
-def test_no_rows_leave_the_header() -> None:
+def test_no_rows_leave_the_header():
     assert margin_csv([]) == ",".join(COLUMNS) + "\n"
 
 
-def test_zero_has_no_sign() -> None:
+def test_zero_has_no_sign():
     text = margin_csv([ReportRow(0, MarginState.WARNING, (), -1e-9, -0.0)])
     assert text.splitlines()[1] == "0.000000,0,WARNING,0.000000,0.000000,,,,"
 
 
 @given(st.lists(st.tuples(st.sampled_from(MarginState), numbers, numbers), min_size=1, max_size=20))
-def test_round_trip(values: list[tuple[MarginState, float, float]]) -> None:
+def test_round_trip(values):
     rows = [
         ReportRow(1_700_000_000_000_000_001 + 7 * i, state, ("clear",), d, d, (x, 0.0, 0.0))
         for i, (state, d, x) in enumerate(values)

@@ -1,7 +1,6 @@
 """The methods of a report: digests of the files that it was made of."""
 
 import hashlib
-from pathlib import Path
 
 import yaml
 
@@ -11,11 +10,11 @@ from app.report.methods import input_digests
 from tests.cli.small_case import write_small_case
 
 
-def digest(path: Path) -> str:
+def digest(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def write_folder_case(folder: Path) -> Path:
+def write_folder_case(folder):
     """A case whose recording is a folder, as `marginguard record` and a session write it."""
     assert main(["convert", str(write_small_case(folder / "made")), str(folder / "case")]) == 0
     case = folder / "case"
@@ -27,12 +26,12 @@ def write_folder_case(folder: Path) -> Path:
     return case
 
 
-def meshes_of(case: Path) -> list[str]:
+def meshes_of(case):
     manifest = yaml.safe_load((case / "case.yaml").read_text())
     return [manifest[owner]["mesh"]["path"] for owner in ("tumor", "tool")]
 
 
-def test_recording_that_is_a_folder_has_the_digest_of_each_file(tmp_path: Path) -> None:
+def test_recording_that_is_a_folder_has_the_digest_of_each_file(tmp_path):
     case = write_folder_case(tmp_path)
     expected = {
         "case.yaml": digest(case / "case.yaml"),
@@ -41,7 +40,3 @@ def test_recording_that_is_a_folder_has_the_digest_of_each_file(tmp_path: Path) 
     }
     assert len(expected) == 4
     assert input_digests(open_case(case)) == expected
-    report = tmp_path / "report"
-    assert main(["replay", str(case), "--no-ros", "--report", str(report)]) == 0
-    page = (report / "report.html").read_text()
-    assert all(sha in page for sha in expected.values())

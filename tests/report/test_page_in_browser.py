@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 from playwright.sync_api import expect
 
-from app.report import write_report
 from tests.page_rules import violations
+from tests.report.conftest import write
 from tests.report.opened_page import opened
 from tests.report.test_cohort_html import page as cohort_page
 from tests.report.test_cohort_html import rows as cohort_rows
@@ -16,10 +16,11 @@ from tests.report.test_cohort_html import rows as cohort_rows
 DISTANCES = [12.0] * 100 + [-2.0] * 10 + [12.0] * 100
 
 
-@pytest.fixture
-def report(tmp_path, record_of):
-    write_report(tmp_path, record_of(DISTANCES), scene_png=lambda: None, version="1")
-    return (tmp_path / "report.html").as_uri()
+@pytest.fixture(scope="module")
+def report(tmp_path_factory, record_of):
+    folder = tmp_path_factory.mktemp("report")
+    write(folder, record_of(DISTANCES), margin_plot=None)
+    return (folder / "report.html").as_uri()
 
 
 def test_plot_zooms_and_shows_values(browser, report):
@@ -69,7 +70,7 @@ def test_names_of_close_margins_do_not_overlap(
     distances = [20.0] * 20 + [lowest_mm] * 20 + [20.0] * 20
     close = replace(margins, stop_mm=stop_mm, warn_mm=warn_mm)
     record = record_of(distances, margins=close)
-    write_report(tmp_path, record, scene_png=lambda: None, version="1")
+    write(tmp_path, record)
     page = browser.new_page()
     page.add_init_script(_RECORD_TEXTS)
     page.goto((tmp_path / "report.html").as_uri())

@@ -1,7 +1,6 @@
 """The PDF of a report, read by pypdf."""
 
 import io
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,29 +8,27 @@ from matplotlib.image import imsave
 from pypdf import PdfReader
 
 from app.case import CauteryState
-from app.report import ReplayRecord
 from app.report.pdf import report_pdf
 from app.report.pdf_layout import PdfLayout
 from app.report.summary import summarise
 
-Record = Callable[..., ReplayRecord]
 INPUTS = {"case.yaml": "a" * 64}
 
 
-def pdf_of(record: ReplayRecord, scene: bytes | None = None) -> bytes:
+def pdf_of(record, scene=None):
     return report_pdf(record, summarise(record), scene, version="9.8.7", inputs_sha256=INPUTS)
 
 
-def sizes(reader: PdfReader) -> set[tuple[int, int]]:
+def sizes(reader):
     """Width and height of the embedded pictures, in pixels."""
     return {picture.image.size for page in reader.pages for picture in page.images}
 
 
-def text_of(content: bytes) -> str:
+def text_of(content):
     return "\n".join(page.extract_text() for page in PdfReader(io.BytesIO(content)).pages)
 
 
-def test_pdf_has_the_numbers_and_the_digests(record_of: Record) -> None:
+def test_pdf_has_the_numbers_and_the_digests(record_of):
     content = pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",)))
     text = text_of(content)
     for expected in (
@@ -44,7 +41,7 @@ def test_pdf_has_the_numbers_and_the_digests(record_of: Record) -> None:
     assert pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",))) == content
 
 
-def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record_of: Record) -> None:
+def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record_of):
     record = record_of([8.0, -1.25, 7.0])
     rows = tuple(replace(row, cautery=CauteryState.UNKNOWN) for row in record.rows)
     assert "unknown" not in text_of(pdf_of(record))
@@ -52,7 +49,7 @@ def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record_of: Record) -> No
     assert "cautery" in text and "unknown" in text
 
 
-def test_a_picture_is_embedded_and_its_absence_is_no_error(record_of: Record) -> None:
+def test_a_picture_is_embedded_and_its_absence_is_no_error(record_of):
     record = record_of([8.0, 3.0])
     png = io.BytesIO()
     imsave(png, np.random.default_rng(1).random((90, 160, 3)), format="png")
@@ -63,11 +60,11 @@ def test_a_picture_is_embedded_and_its_absence_is_no_error(record_of: Record) ->
     assert "The tool was never in the tumour." in text_of(pdf_of(record))
 
 
-def test_math_signs_in_a_name_are_text(record_of: Record) -> None:
+def test_math_signs_in_a_name_are_text(record_of):
     assert "cost $5 and $6_a" in text_of(pdf_of(record_of([3.0], case="cost $5 and $6_a")))
 
 
-def test_a_long_table_continues_on_the_next_page_with_its_header() -> None:
+def test_a_long_table_continues_on_the_next_page_with_its_header():
     with PdfLayout("many rows") as pdf:
         pdf.table(("first", "second"), [(f"row {k}", "x" * 90) for k in range(120)], (0.3, 0.7))
     pages = [page.extract_text() for page in PdfReader(io.BytesIO(pdf.content)).pages]
@@ -77,7 +74,7 @@ def test_a_long_table_continues_on_the_next_page_with_its_header() -> None:
     assert [line.split()[1] for line in found] == [str(k) for k in range(120)]
 
 
-def test_a_long_text_continues_on_the_next_page_without_a_gap() -> None:
+def test_a_long_text_continues_on_the_next_page_without_a_gap():
     with PdfLayout("words") as pdf:
         pdf.paragraph("word " * 3000)
     pages = [page.extract_text() for page in PdfReader(io.BytesIO(pdf.content)).pages]

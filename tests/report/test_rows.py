@@ -11,13 +11,7 @@ from app.report import ReplayLog, ReportError, ReportRow
 from app.runtime import StepTiming
 
 
-def step(
-    distance_mm: float | None,
-    *,
-    ns: int = 5,
-    tip: bool = True,
-    cautery: CauteryState | None = None,
-) -> SimpleNamespace:
+def step(distance_mm, *, ns=5, tip=True, cautery=None):
     proximity = None
     if distance_mm is not None:
         witnesses = Witnesses.single(
@@ -44,7 +38,7 @@ def step(
     )
 
 
-def test_row_of_a_step_keeps_its_numbers() -> None:
+def test_row_of_a_step_keeps_its_numbers():
     row = ReportRow.from_step(step(-1.5))
     assert row == ReportRow(
         5, MarginState.POSITIVE, ("contact", "inside"), -1.5, -1.6, (1.0, 2.0, 3.0), 1.75, 5.75
@@ -52,30 +46,30 @@ def test_row_of_a_step_keeps_its_numbers() -> None:
     assert row.inside
 
 
-def test_row_of_a_step_keeps_the_state_of_the_cautery() -> None:
+def test_row_of_a_step_keeps_the_state_of_the_cautery():
     assert ReportRow.from_step(step(-1.5, cautery=CauteryState.ON)).cautery is CauteryState.ON
     assert ReportRow.from_step(step(-1.5)).cautery is None
 
 
-def test_row_of_a_step_without_proximity_has_no_numbers() -> None:
+def test_row_of_a_step_without_proximity_has_no_numbers():
     row = ReportRow.from_step(step(None, tip=False))
     assert row == ReportRow(5, MarginState.UNKNOWN, ("invalid",))
     assert not row.inside
 
 
-def test_distance_that_is_not_finite_is_none() -> None:
+def test_distance_that_is_not_finite_is_none():
     row = ReportRow.from_step(step(math.nan))
     assert row.signed_distance_mm is None
     assert row.lower_bound_mm is None
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_row_refuses_numbers_that_are_not_finite(value: float) -> None:
+def test_row_refuses_numbers_that_are_not_finite(value):
     with pytest.raises(ReportError, match=r"row at 7 ns: (nan|inf); expected finite numbers"):
         ReportRow(7, MarginState.NEGATIVE, (), value)
 
 
-def test_log_keeps_the_deepest_step_only() -> None:
+def test_log_keeps_the_deepest_step_only():
     log = ReplayLog()
     steps = [step(distance) for distance in (3.0, None, -2.0, -1.0)]
     for number, one in enumerate(steps):
@@ -85,7 +79,7 @@ def test_log_keeps_the_deepest_step_only() -> None:
     assert [row.signed_distance_mm for row in log.rows] == [3.0, None, -2.0, -1.0]
 
 
-def test_log_without_a_distance_has_no_deepest_step() -> None:
+def test_log_without_a_distance_has_no_deepest_step():
     log = ReplayLog()
     log.publish(step(None), StepTiming(duration_ns=1))
     assert log.deepest is None

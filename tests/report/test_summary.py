@@ -1,5 +1,5 @@
 import json
-from collections.abc import Callable
+import statistics
 
 import numpy as np
 import pytest
@@ -10,13 +10,13 @@ from app.case import Expected
 from app.fixture import MarginState
 from app.geometry import Transform
 from app.registration import given_registration, register_points
-from app.report import ReplayRecord, ReportRow, all_passed, summarise
+from app.report import ReportRow, all_passed, summarise
+from app.report.reasons import ReasonCount, count_reasons
 from app.report.summary import duration_ns, state_durations_ns
+from app.report.timing import StepTiming
 
-Record = Callable[..., ReplayRecord]
 
-
-def test_summary_of_hand_computed_rows(record_of: Record) -> None:
+def test_summary_of_hand_computed_rows(record_of):
     summary = summarise(
         record_of([8.0, 3.0, -1.0, -2.5, None, 7.0], durations_ns=(1000, 2000, 3000, 1000, 1, 1))
     )
@@ -51,7 +51,7 @@ def test_summary_of_hand_computed_rows(record_of: Record) -> None:
     assert all_passed(summary)
 
 
-def test_summary_has_json_types_only(record_of: Record) -> None:
+def test_summary_has_json_types_only(record_of):
     pose = Transform("reference", "robot_base", np.eye(3), np.array([1.0, 2.0, 3.0]))
     record = record_of([None, None], registration=given_registration(pose), expected=Expected())
     summary = summarise(record)
@@ -63,7 +63,7 @@ def test_summary_has_json_types_only(record_of: Record) -> None:
     assert summary["expected"] == []
 
 
-def test_computed_registration(record_of: Record) -> None:
+def test_computed_registration(record_of):
     moving = np.array([[0.0, 0, 0], [50, 0, 0], [0, 60, 0], [0, 0, 40]])
     fixed = (
         moving + [10.0, 20.0, 30.0] + 0.1 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0] * 3])
@@ -75,7 +75,7 @@ def test_computed_registration(record_of: Record) -> None:
     assert values["residuals_mm"] == pytest.approx(result.residuals_mm.tolist(), abs=1e-6)
 
 
-def test_failed_expectation_is_reported(record_of: Record) -> None:
+def test_failed_expectation_is_reported(record_of):
     summary = summarise(record_of([1.0, 1.0], expected=Expected(frames=3)))
     assert summary["expected"] == [
         {"check": "frames", "result": "fail", "detail": "2 frames, 3 expected"}
@@ -87,9 +87,7 @@ def test_failed_expectation_is_reported(record_of: Record) -> None:
     st.integers(-(10**15), 10**18),
     st.lists(st.tuples(st.sampled_from(MarginState), st.integers(0, 10**10)), min_size=1),
 )
-def test_state_seconds_sum_to_the_duration(
-    first_ns: int, steps: list[tuple[MarginState, int]]
-) -> None:
+def test_state_seconds_sum_to_the_duration(first_ns, steps):
     rows, now = [], first_ns
     for state, period_ns in steps:
         rows.append(ReportRow(now, state))
@@ -98,7 +96,36 @@ def test_state_seconds_sum_to_the_duration(
     assert duration_ns(rows) == rows[-1].stamp_ns - rows[0].stamp_ns
 
 
-def test_clock_that_jumps_back_adds_no_time() -> None:
+def test_clock_that_jumps_back_adds_no_time():
     rows = [ReportRow(ns, MarginState.UNKNOWN) for ns in (0, 100, 40, 70)]
     assert duration_ns(rows) == 130
     assert sum(state_durations_ns(rows).values()) == 130
+
+
+def test_reasons_are_counted_most_frequent_first(rows_of):
+    assert count_reasons(rows_of([6.0, None, None, None, 3.0, 6.0])) == (
+        ReasonCount("invalid", 3, pytest.approx(0.02)),
+        ReasonCount("stale", 3, pytest.approx(0.02)),
+        ReasonCount("clear", 2, 0.0),
+        ReasonCount("warning_distance", 1, pytest.approx(0.08)),
+    )
+
+
+def test_no_rows_no_reasons():
+    assert count_reasons([]) == ()
+
+
+def test_durations_become_microseconds():
+    timing = StepTiming.from_durations([1_000, 2_000, 3_000])
+    assert timing == StepTiming(2.0, pytest.approx(2.98), 3.0)
+
+
+def test_no_steps_have_no_timing():
+    assert StepTiming.from_durations([]) is None
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1))
+def test_percentiles_are_ordered_and_p50_is_the_median(durations):
+    timing = StepTiming.from_durations(durations)
+    assert timing.p50_us == pytest.approx(statistics.median(durations) / 1e3)
+    assert timing.p50_us <= timing.p99_us <= timing.max_us == max(durations) / 1e3

@@ -2,17 +2,21 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.analysis.breaches import find_breaches
-from app.report import write_report
 from app.report.bundle import csp_source, figure_scripts
 from app.report.case_plots import distance_plot
+from app.report.label_layout import spread
 from app.report.page import document
 from app.report.time_plot import MAX_POINTS, Line, Series, TimePlot, extremes
 from app.report.time_svg import _ticks, time_svg
+from tests.report.conftest import write
 
 DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]
 
@@ -108,7 +112,7 @@ def test_static_picture_has_each_run_of_known_values(plot):
 
 
 def test_report_shows_the_plot_and_no_external_resource(tmp_path, record_of):
-    write_report(tmp_path, record_of(DISTANCES), scene_png=lambda: None, version="1")
+    write(tmp_path, record_of(DISTANCES))
     page = without_scripts((tmp_path / "report.html").read_text())
     assert page.count('<figure class="plot"') == 1
     assert '<div class="static"><img' in page
@@ -127,3 +131,24 @@ def test_names_of_close_lines_are_apart_in_the_static_picture(plot):
 def test_axes_have_a_few_round_numbers(high):
     found = _ticks(0.0, high)
     assert 3 <= len(found) <= 9 and found[0] == 0.0 and found[-1] <= high
+
+
+@given(st.lists(st.floats(0.0, 300.0), max_size=6))
+def test_labels_never_overlap_and_keep_their_order(places):
+    moved = spread(places, 14.0, 10.0)
+    order = sorted(range(len(places)), key=lambda index: places[index])
+    assert all(moved[b] - moved[a] >= 14.0 - 1e-9 for a, b in pairwise(order))
+    assert min(moved, default=10.0) >= 10.0
+
+
+@given(st.lists(st.integers(1, 20), min_size=1, max_size=6))
+def test_labels_that_have_room_stay(steps):
+    places = [20.0 * sum(steps[: index + 1]) for index in range(len(steps))]
+    assert spread(places, 14.0, 10.0) == places
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
+def test_lowest_label_stays_and_the_others_move_up(order):
+    places = [[100.0, 104.0, 106.0][index] for index in order]
+    expected = [[78.0, 92.0, 106.0][index] for index in order]
+    assert spread(places, 14.0, 0.0) == expected

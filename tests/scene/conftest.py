@@ -1,12 +1,12 @@
 """A small case for the scene: a ball as tumour, a rod as tool, an arm of two boxes."""
 
 import importlib.metadata
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from slicer import vtkMRMLScene
 
 from app.case import TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
@@ -14,13 +14,9 @@ from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, T
 from app.registration import DriftBound, given_registration
 from app.robot import Joint, JointType, Link, Robot, Shape
 from app.runtime import SessionContent
-from app.scene import MarginGuardScene, OffscreenError, use_offscreen_rendering
+from app.scene import OffscreenError, SceneApplication, load_scene, use_offscreen_rendering
 from app.session import RobotSetup, StepResult
 from tests.doubles import PARAMETERS
-
-Decide = Callable[[MarginState, float | None], FixtureDecision]
-Fill = Callable[[MarginGuardScene], MarginGuardScene]
-MakeStep = Callable[..., StepResult]
 
 BOX_FACES = np.array(
     [
@@ -30,23 +26,20 @@ BOX_FACES = np.array(
 )  # fmt: skip
 
 
-def box(frame: str, low: tuple[float, ...], high: tuple[float, ...]) -> SurfaceMesh:
+def posed(target, source, turn, place_mm):
+    """A pose by its rotation vector in rad and its translation."""
+    return Transform.from_rotation_vector(turn, place_mm, target=target, source=source)
+
+
+def box(frame, low, high):
     (a, b, c), (d, e, f) = low, high
-    vertices = [
-        [a, b, c],
-        [d, b, c],
-        [d, e, c],
-        [a, e, c],
-        [a, b, f],
-        [d, b, f],
-        [d, e, f],
-        [a, e, f],
-    ]
+    around = [(a, b), (d, b), (d, e), (a, e)]
+    vertices = [(x, y, z) for z in (c, f) for x, y in around]
     return SurfaceMesh(frame, np.array(vertices, dtype=float), BOX_FACES).require_closed(frame)
 
 
 @pytest.fixture(scope="session")
-def tumor() -> SurfaceMesh:
+def tumor():
     """An octahedron split three times onto a sphere of radius 12 mm."""
     points = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
     triangles = points[
@@ -64,12 +57,12 @@ def tumor() -> SurfaceMesh:
 
 
 @pytest.fixture(scope="session")
-def tool() -> SurfaceMesh:
+def tool():
     return box("cautery_tip", (-1.0, -1.0, -60.0), (1.0, 1.0, 0.0))
 
 
 @pytest.fixture(scope="session")
-def arm() -> Robot:
+def arm():
     """Two links that turn about y and x; the second has two visuals of different colour."""
     base = Link(
         "base", (Shape(box("base", (-30, -30, 0), (30, 30, 40)), (0.1, 0.2, 0.6, 1), "box"),)
@@ -91,25 +84,17 @@ def arm() -> Robot:
     return Robot("arm", (base, upper, fore), joints)
 
 
-def revolute(
-    name: str, parent: str, child: str, at_mm: tuple[float, ...], axis: tuple[float, ...]
-) -> Joint:
+def revolute(name, parent, child, at_mm, axis):
     origin = Transform(parent, child, np.eye(3), np.array(at_mm, dtype=float))
     return Joint(name, JointType.REVOLUTE, origin, np.array(axis, dtype=float), -3.0, 3.0)
 
 
-@pytest.fixture
-def edges() -> tuple[Transform, ...]:
+@pytest.fixture(scope="session")
+def edges():
     """Edges as a tracker measures them: each sensor, the reference included, in its own frame."""
-    tracker_from_reference = Transform.from_rotation_vector(
-        [0.2, 0.5, 1.0], [300.0, 20.0, 10.0], target="tracker", source="reference"
-    )
-    reference_from_needle = Transform.from_rotation_vector(
-        [0.1, 0.0, 0.3], [40.0, 10.0, 60.0], target="reference", source="needle"
-    )
-    reference_from_cautery = Transform.from_rotation_vector(
-        [2.2, 0.3, 0.0], [42.0, 12.0, 65.0], target="reference", source="cautery"
-    )
+    tracker_from_reference = posed("tracker", "reference", [0.2, 0.5, 1.0], [300.0, 20.0, 10.0])
+    reference_from_needle = posed("reference", "needle", [0.1, 0.0, 0.3], [40.0, 10.0, 60.0])
+    reference_from_cautery = posed("reference", "cautery", [2.2, 0.3, 0.0], [42.0, 12.0, 65.0])
     return (
         tracker_from_reference,
         tracker_from_reference @ reference_from_needle,
@@ -117,45 +102,32 @@ def edges() -> tuple[Transform, ...]:
     )
 
 
-@pytest.fixture
-def fixed() -> tuple[Transform, ...]:
+@pytest.fixture(scope="session")
+def fixed():
     return (
-        Transform.from_rotation_vector(
-            [0.0, 0.4, 0.0], [0.0, 5.0, 1.0], target="cautery", source="cautery_tip"
-        ),
-        Transform.from_rotation_vector(
-            [0.0, 0.0, 0.2], [1.0, -2.0, 3.0], target="needle", source="tumor"
-        ),
-        Transform.from_rotation_vector(
-            [0.0, 0.0, 0.4], [-90.0, 30.0, -20.0], target="reference", source="robot_base"
-        ),
+        posed("cautery", "cautery_tip", [0.0, 0.4, 0.0], [0.0, 5.0, 1.0]),
+        posed("needle", "tumor", [0.0, 0.0, 0.2], [1.0, -2.0, 3.0]),
+        posed("reference", "robot_base", [0.0, 0.0, 0.4], [-90.0, 30.0, -20.0]),
     )
 
 
-@pytest.fixture
-def fill(
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-) -> Fill:
-    """Puts the whole case into a scene, and returns it."""
+@pytest.fixture(scope="session")
+def fill(edges, fixed, tumor, tool, arm):
+    """Puts the whole case, or all but the robot, into a scene, and returns it."""
 
-    def put(scene: MarginGuardScene) -> MarginGuardScene:
+    def put(scene, has_robot=True):
         scene.set_poses(edges, fixed)
         scene.add_tumor(tumor)
         scene.add_tool(tool)
-        scene.add_robot("arm", arm, "robot_base")
+        if has_robot:
+            scene.add_robot("arm", arm, "robot_base")
         return scene
 
     return put
 
 
-@pytest.fixture
-def content(
-    fixed: tuple[Transform, ...], tumor: SurfaceMesh, tool: SurfaceMesh, arm: Robot
-) -> SessionContent:
+@pytest.fixture(scope="session")
+def content(fixed, tumor, tool, arm):
     """The content of a session of the case; the arm's forearm holds the tool."""
     return SessionContent(
         name="case",
@@ -174,19 +146,19 @@ def content(
     )
 
 
-@pytest.fixture
-def make_step(edges: tuple[Transform, ...], arm: Robot) -> MakeStep:
+@pytest.fixture(scope="session")
+def make_step(edges, arm):
     """Makes a step of the session; the arm is stretched out unless ``links`` are given."""
 
     def make(
-        state: MarginState = MarginState.POSITIVE,
-        distance_mm: float | None = -2.0,
+        state=MarginState.POSITIVE,
+        distance_mm=-2.0,
         *,
-        measured: tuple[Transform, ...] = edges,
-        links: Mapping[str, Transform] | None = None,
-        tumor_from_tip: Transform | None = None,
-        stamp_ns: int = 1,
-    ) -> StepResult:
+        measured=edges,
+        links=None,
+        tumor_from_tip=None,
+        stamp_ns=1,
+    ):
         stamp = Stamp(stamp_ns)
         samples = tuple(TrackedTransform(edge, stamp, TrackingStatus.OK) for edge in measured)
         return StepResult(
@@ -202,7 +174,7 @@ def make_step(edges: tuple[Transform, ...], arm: Robot) -> MakeStep:
     return make
 
 
-def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDecision:
+def build_decision(state, distance_mm):
     proximity = None
     if distance_mm is not None:
         normal = np.array([0.0, 0.0, 1.0])
@@ -213,13 +185,25 @@ def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDeci
 
 
 @pytest.fixture(scope="session")
-def decision() -> Decide:
+def decision():
     """A decision whose closest points lie on the tumour's +z axis."""
     return build_decision
 
 
+@pytest.fixture
+def application():
+    return SceneApplication(vtkMRMLScene())
+
+
+def loaded(path):
+    """An application with the scene of a file."""
+    application = SceneApplication(vtkMRMLScene())
+    load_scene(application.scene, path)
+    return application
+
+
 @pytest.fixture(scope="session")
-def can_draw() -> None:
+def can_draw():
     """Skips, with what is missing, on a machine that cannot draw without a screen."""
     try:
         use_offscreen_rendering()
@@ -228,7 +212,7 @@ def can_draw() -> None:
 
 
 @pytest.fixture(scope="session")
-def example_urdfs() -> tuple[Path, Path]:
+def example_urdfs():
     """UR5 (COLLADA surfaces) and Panda (mimic) of example-robot-data, a peer's test data."""
     try:
         files = importlib.metadata.files("example-robot-data") or []

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.usefixtures("can_draw")
 RED, GREEN, BLUE, WHITE = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)
 
 
-def test_corners_of_the_image_are_drawn_at_their_places_and_a_hidden_image_is_not() -> None:
+def test_corners_of_the_image_are_drawn_at_their_places_and_a_hidden_image_is_not():
     application = SceneApplication(vtkMRMLScene())
     parent = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "ReferenceToRas")
     plane = ImagePlane(application.scene, parent)

@@ -1,120 +1,83 @@
 """What is in the scene of a session, against the values of its content and of its steps."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from slicer import vtkMRMLScene
 
 from app.case import CauteryState
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import Needle, SessionContent
+from app.runtime import Needle
 from app.runtime.needle import thin_needle
-from app.scene import SceneApplication, ScenePresenter
+from app.scene import ScenePresenter
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.scene.scene import NEEDLE_COLOR
 from app.session.known_edges import KnownEdges
-from tests.scene.conftest import MakeStep
-
-Present = Callable[..., ScenePresenter]
+from tests.scene.conftest import posed
 
 
 @pytest.fixture
-def application() -> SceneApplication:
-    return SceneApplication(vtkMRMLScene())
-
-
-@pytest.fixture
-def present(application: SceneApplication, content: SessionContent) -> Present:
-    def make(content: SessionContent = content, *, is_live: bool = False) -> ScenePresenter:
+def present(application, content):
+    def make(content=content, *, is_live=False):
         return ScenePresenter(application.scene, content, is_live=is_live)
 
     return make
 
 
-def names(application: SceneApplication, class_name: str) -> list[str]:
+def names(application, class_name):
     found = application.scene.GetNodesByClass(class_name)
     return [found.GetItemAsObject(n).GetName() for n in range(found.GetNumberOfItems())]
 
 
-def world(presenter: ScenePresenter, frame: str) -> np.ndarray:
-    assert presenter.scene is not None
+def world(presenter, frame):
     return world_matrix(presenter.scene.tree.node(frame))
 
 
-def tumor_from_tip(edges: tuple[Transform, ...], fixed: tuple[Transform, ...]) -> Transform:
+def tumor_from_tip(edges, fixed):
     _, needle, cautery = edges
     return (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
 
 
-def test_each_frame_has_one_node(
-    application: SceneApplication, present: Present, make_step: MakeStep
-) -> None:
+def test_each_frame_has_one_node(application, present, make_step):
     present().show(make_step())
-    assert sorted(names(application, "vtkMRMLLinearTransformNode")) == sorted(
-        [
-            "ReferenceToRas",
-            "TrackerToReference",
-            "NeedleToReference",
-            "CauteryToReference",
-            "TumorToNeedle",
-            "CauteryTipToCautery",
-            "RobotBaseToReference",
-            "BaseToRobotBase",
-            "UpperToBase",
-            "ForeArmToBase",
-        ]
-    )
+    expected = ["ReferenceToRas", "TrackerToReference", "NeedleToReference", "CauteryToReference"]
+    expected += ["TumorToNeedle", "CauteryTipToCautery", "RobotBaseToReference"]
+    expected += ["BaseToRobotBase", "UpperToBase", "ForeArmToBase"]
+    assert sorted(names(application, "vtkMRMLLinearTransformNode")) == sorted(expected)
 
 
-def test_nothing_is_shown_before_the_tumour_is_placed(
-    application: SceneApplication,
-    present: Present,
-    make_step: MakeStep,
-    edges: tuple[Transform, ...],
-) -> None:
+def test_nothing_is_shown_before_the_tumour_is_placed(application, present, make_step, edges):
     presenter = present()
     presenter.show(make_step(measured=(edges[0], edges[2])))
     assert presenter.scene is None
     assert names(application, "vtkMRMLModelNode") == []
     presenter.show(make_step(measured=edges[1:2]))
-    assert presenter.scene is not None
     assert presenter.scene.reference == "reference"
 
 
-def test_tool_is_added_when_it_is_placed(
-    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+def test_tool_is_added_when_it_is_placed(present, make_step, edges):
     presenter = present()
     presenter.show(make_step(MarginState.UNKNOWN, None, measured=edges[:2]))
-    assert presenter.scene is not None
     assert presenter.scene.tumor is not None
     assert presenter.scene.tool is None
     presenter.show(make_step(measured=edges))
     assert presenter.scene.tool is not None
 
 
-def test_tumour_frame_is_the_root_without_the_reference(
-    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+def test_tumour_frame_is_the_root_without_the_reference(present, make_step, edges):
     presenter = present()
     presenter.show(make_step(measured=edges[1:]))
-    assert presenter.scene is not None
     assert presenter.scene.reference == "needle"
     assert not presenter.scene.robots
 
 
-def test_robot_is_added_when_its_base_and_its_links_are_known(
-    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+def test_robot_is_added_when_its_base_and_its_links_are_known(present, make_step, edges):
     presenter = present()
     presenter.show(make_step(measured=edges[1:]))
     presenter.show(make_step(links={}))
-    assert presenter.scene is not None
     assert not presenter.scene.robots
     presenter.show(make_step())
     assert list(presenter.scene.robots) == ["arm"]
@@ -127,25 +90,18 @@ def test_robot_is_added_when_its_base_and_its_links_are_known(
 
 
 def test_tool_is_placed_relative_to_the_tumour_as_the_step_judged_it(
-    present: Present,
-    make_step: MakeStep,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-) -> None:
+    present, make_step, edges, fixed
+):
     presenter = present()
     presenter.show(make_step())
-    earlier = Transform.from_rotation_vector(
-        [0.0, 0.1, 0.0], [1.0, 2.0, 3.0], target="cautery", source="cautery"
-    )
+    earlier = posed("cautery", "cautery", [0.0, 0.1, 0.0], [1.0, 2.0, 3.0])
     judged = tumor_from_tip((edges[0], edges[1], edges[2] @ earlier), fixed)
     presenter.show(make_step(measured=edges[:2], tumor_from_tip=judged))
     found = np.linalg.inv(world(presenter, "tumor")) @ world(presenter, "cautery_tip")
     np.testing.assert_allclose(found, judged.matrix, atol=1e-9)
 
 
-def test_given_edges_replace_those_of_the_steps_shown_before(
-    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+def test_given_edges_replace_those_of_the_steps_shown_before(present, make_step, edges):
     presenter = present()
     moved = edges[2] @ Transform("cautery", "cautery", np.eye(3), np.array([9.0, 0.0, 0.0]))
     presenter.show(make_step(measured=(*edges[:2], moved)))
@@ -156,13 +112,9 @@ def test_given_edges_replace_those_of_the_steps_shown_before(
     assert np.abs(later - expected.matrix).max() > 5.0
 
 
-def test_another_registration_moves_the_base_and_keeps_the_rest(
-    present: Present, make_step: MakeStep, content: SessionContent, fixed: tuple[Transform, ...]
-) -> None:
+def test_another_registration_moves_the_base_and_keeps_the_rest(present, make_step, content, fixed):
     presenter = present()
     presenter.show(make_step())
-    assert presenter.scene is not None
-    assert content.robot is not None
     tumor = presenter.scene.tumor
     base = Transform("reference", "robot_base", np.eye(3), np.array([5.0, 6.0, 7.0]))
     registered = replace(content.robot, registration=given_registration(base))
@@ -172,10 +124,7 @@ def test_another_registration_moves_the_base_and_keeps_the_rest(
     np.testing.assert_allclose(world(presenter, "robot_base"), base.matrix, atol=1e-9)
 
 
-def test_registration_that_is_found_later_adds_the_robot(
-    present: Present, make_step: MakeStep, content: SessionContent
-) -> None:
-    assert content.robot is not None
+def test_registration_that_is_found_later_adds_the_robot(present, make_step, content):
     unregistered = replace(
         content,
         robot=replace(content.robot, registration=None),
@@ -183,26 +132,21 @@ def test_registration_that_is_found_later_adds_the_robot(
     )
     presenter = present(unregistered)
     presenter.show(make_step())
-    assert presenter.scene is not None
     assert not presenter.scene.robots
     presenter.set_content(content)
     presenter.show(make_step())
     assert list(presenter.scene.robots) == ["arm"]
 
 
-def test_another_tumour_replaces_all_of_the_old_one(
-    application: SceneApplication, present: Present, make_step: MakeStep, content: SessionContent
-) -> None:
+def test_another_tumour_replaces_all_of_the_old_one(application, present, make_step, content):
     presenter = present()
     presenter.show(make_step())
     presenter.set_margin_surface(content.tumor)
-    assert presenter.scene is not None and presenter.scene.margin is not None
     assert len(presenter.scene.margin.breaches) == 1
     count = application.scene.GetNumberOfNodes()
     half = SurfaceMesh("tumor", 0.5 * content.tumor.vertices_mm, content.tumor.faces)
     presenter.set_content(replace(content, tumor=half))
     presenter.show(make_step(MarginState.NEGATIVE, 9.0))
-    assert presenter.scene is not None and presenter.scene.margin is not None
     size_mm = np.ptp(world_points(presenter.scene.tumor), axis=0)
     np.testing.assert_allclose(size_mm, 12.0, atol=0.5)
     assert presenter.scene.margin_surface is None
@@ -212,13 +156,10 @@ def test_another_tumour_replaces_all_of_the_old_one(
     assert application.scene.GetNumberOfNodes() == count
 
 
-def test_margin_surface_is_removed_when_the_stop_margin_changes(
-    present: Present, make_step: MakeStep, content: SessionContent
-) -> None:
+def test_margin_surface_is_removed_when_the_stop_margin_changes(present, make_step, content):
     presenter = present()
     presenter.set_margin_surface(content.tumor)
     presenter.show(make_step())
-    assert presenter.scene is not None
     assert presenter.scene.margin_surface is not None
     presenter.set_content(replace(content, margins=content.margins.replaced(stop_mm=2.0)))
     assert presenter.scene.margin_surface is None
@@ -227,24 +168,22 @@ def test_margin_surface_is_removed_when_the_stop_margin_changes(
     assert presenter.scene.tumor is not None
 
 
-def test_breach_marks_are_those_up_to_the_step(present: Present, make_step: MakeStep) -> None:
+def test_breach_marks_are_those_up_to_the_step(present, make_step):
     points = [np.array([2.0 * place, 0.0, 0.0]) for place in range(4)]
     presenter = present()
     clear = make_step(MarginState.NEGATIVE, 9.0)
     for count in (0, 3, 4, 1):
         presenter.show(clear, breach_points_mm=points[:count])
-        assert presenter.scene is not None and presenter.scene.margin is not None
         assert len(presenter.scene.margin.breaches) == count
 
 
 def test_live_scene_becomes_unknown_after_the_stale_limit_of_the_content(
-    present: Present, make_step: MakeStep, content: SessionContent
-) -> None:
+    present, make_step, content
+):
     limit_ns = content.margins.stale_after_ns
     presenter = present(is_live=True)
     assert presenter.check(0) == ()
     presenter.show(make_step(MarginState.NEGATIVE, 9.0, stamp_ns=100), now_ns=100)
-    assert presenter.scene is not None and presenter.scene.margin is not None
     for now_ns, state in (
         (100 + limit_ns, MarginState.NEGATIVE),
         (101 + limit_ns, MarginState.UNKNOWN),
@@ -263,13 +202,10 @@ def test_live_scene_becomes_unknown_after_the_stale_limit_of_the_content(
     assert presenter.scene.margin.state is MarginState.UNKNOWN
 
 
-def test_restart_accepts_earlier_samples_and_removes_the_breach_marks(
-    present: Present, make_step: MakeStep
-) -> None:
+def test_restart_accepts_earlier_samples_and_removes_the_breach_marks(present, make_step):
     presenter = present(is_live=True)
     late_ns = 10**10
     presenter.show(make_step(stamp_ns=late_ns), now_ns=late_ns)
-    assert presenter.scene is not None and presenter.scene.margin is not None
     assert len(presenter.scene.margin.breaches) == 1
     presenter.restart()
     assert len(presenter.scene.margin.breaches) == 0
@@ -278,19 +214,18 @@ def test_restart_accepts_earlier_samples_and_removes_the_breach_marks(
     assert presenter.scene.margin.state is MarginState.NEGATIVE
 
 
-def needle(length_mm: float, frame: str = "needle") -> Needle:
+def needle(length_mm, frame="needle"):
     tip = f"{frame}_tip"
     edge = Transform(frame, tip, np.eye(3), [0.0, 0.0, length_mm])
     return Needle(length_mm, edge, thin_needle(length_mm, tip), is_generated=True)
 
 
 def test_needle_is_drawn_at_its_tip_and_follows_its_length(
-    application: SceneApplication, present: Present, content: SessionContent, make_step: MakeStep
-) -> None:
+    application, present, content, make_step
+):
     presenter = present(replace(content, needle=needle(60.0)))
     presenter.show(make_step())
     assert "NeedleTipToNeedle" in names(application, "vtkMRMLLinearTransformNode")
-    assert presenter.scene is not None
     model, tumor = presenter.scene.needle, presenter.scene.tumor
     assert model is not None and model.GetName() == "NeedleModel"
     assert model.GetDisplayNode().GetColor() == NEEDLE_COLOR
@@ -309,13 +244,11 @@ def test_needle_is_drawn_at_its_tip_and_follows_its_length(
     assert "NeedleModel" not in names(application, "vtkMRMLModelNode")
 
 
-def shifted(length_mm: float) -> list[list[float]]:
+def shifted(length_mm):
     return [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, length_mm], [0, 0, 0, 1]]
 
 
-def test_needle_on_a_sensor_that_is_not_known_is_grey(
-    present: Present, content: SessionContent, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+def test_needle_on_a_sensor_that_is_not_known_is_grey(present, content, make_step, edges):
     presenter = present(replace(content, needle=needle(40.0, "wire")))
     wire = Transform("tracker", "wire", np.eye(3), [1.0, 2.0, 3.0])
     step = make_step(measured=(*edges, wire))
@@ -328,9 +261,7 @@ def test_needle_on_a_sensor_that_is_not_known_is_grey(
     assert display.GetColor() == MarginState.UNKNOWN.color
 
 
-def test_cautery_has_a_text_node_where_it_is_told(
-    application: SceneApplication, present: Present, make_step: MakeStep
-) -> None:
+def test_cautery_has_a_text_node_where_it_is_told(application, present, make_step):
     presenter, step = present(is_live=True), make_step(MarginState.NEGATIVE)
     now_ns = step.frame.stamp.ns
     presenter.show(step, now_ns=now_ns)

@@ -9,38 +9,32 @@ import pytest
 import trimesh
 from slicer import vtkMRMLScene
 
-from app.geometry import Transform
-from app.robot import Robot, load_robot
-from app.scene import MarginGuardScene, RobotModel
+from app.robot import load_robot
+from app.scene import MarginGuardScene
 from app.scene.nodes.convert import world_matrix, world_points
+from tests.scene.conftest import posed
 
 pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
 
-CONFIGURATIONS = 50
+CONFIGURATIONS = 20
 WORLD_MM = 1e-6
 BASES = {
-    "left": Transform.from_rotation_vector(
-        [0.3, -0.2, 0.9], [-400.0, 30.0, -20.0], target="reference", source="left_base"
-    ),
-    "right": Transform.from_rotation_vector(
-        [0.0, 0.1, 2.4], [500.0, -80.0, 15.0], target="reference", source="right_base"
-    ),
+    "left": posed("reference", "left_base", [0.3, -0.2, 0.9], [-400.0, 30.0, -20.0]),
+    "right": posed("reference", "right_base", [0.0, 0.1, 2.4], [500.0, -80.0, 15.0]),
 }
-RAS_FROM_REFERENCE = Transform.from_rotation_vector(
-    [0.5, 1.0, -0.3], [17.0, 28.0, -39.0], target="ras", source="reference"
-)
+RAS_FROM_REFERENCE = posed("ras", "reference", [0.5, 1.0, -0.3], [17.0, 28.0, -39.0])
 
 
 class PinocchioRobot:
     """A robot at random configurations within its limits, posed by Pinocchio."""
 
-    def __init__(self, urdf: Path, robot: Robot, seed: int) -> None:
+    def __init__(self, urdf, robot, seed):
         self.model = pin.buildModelFromUrdf(str(urdf))
         self.data = self.model.createData()
         self.robot = robot
         self.rng = np.random.default_rng(seed)
 
-    def configure(self) -> dict[str, float]:
+    def configure(self):
         """Move to a random configuration; return the positions of the joints without mimic."""
         low, high = (
             np.nan_to_num(
@@ -67,7 +61,7 @@ class PinocchioRobot:
         pin.framesForwardKinematics(self.model, self.data, configuration)
         return given
 
-    def root_from(self, link: str) -> np.ndarray:
+    def root_from(self, link):
         """Pose (4, 4) of the link in the root link, in mm."""
         root, pose = (
             self.data.oMf[self.model.getFrameId(name, pin.FrameType.BODY)]
@@ -78,9 +72,7 @@ class PinocchioRobot:
         return matrix
 
 
-def assert_poses_of_pinocchio(
-    model: RobotModel, peer: PinocchioRobot, ras_from_base: np.ndarray
-) -> None:
+def assert_poses_of_pinocchio(model, peer, ras_from_base):
     assert set(model.transforms) == {link.name for link in peer.robot.links}
     for link, node in model.transforms.items():
         expected = ras_from_base @ peer.root_from(link)
@@ -92,19 +84,17 @@ def assert_poses_of_pinocchio(
         assert visual.GetName() == f"{link}_model"
 
 
-def new_scene() -> MarginGuardScene:
+def new_scene():
     scene = MarginGuardScene(vtkMRMLScene(), ras_from_reference=RAS_FROM_REFERENCE)
     scene.set_poses((), BASES.values())
     return scene
 
 
-def ras_from(side: str) -> np.ndarray:
+def ras_from(side):
     return RAS_FROM_REFERENCE.matrix @ BASES[side].matrix
 
 
-def test_two_robots_have_the_poses_of_pinocchio(
-    example_urdfs: tuple[Path, Path],
-) -> None:
+def test_two_robots_have_the_poses_of_pinocchio(example_urdfs):
     scene = new_scene()
     peers = {}
     for seed, (side, urdf) in enumerate(zip(BASES, example_urdfs, strict=True)):
@@ -121,7 +111,7 @@ def test_two_robots_have_the_poses_of_pinocchio(
             assert_poses_of_pinocchio(scene.robots[side], peer, ras_from(side))
 
 
-def assert_one_robot_agrees(urdf: Path, robot: Robot) -> None:
+def assert_one_robot_agrees(urdf, robot):
     scene = new_scene()
     model = scene.add_robot("one", robot, "left_base")
     peer = PinocchioRobot(urdf, robot, 3)
@@ -130,18 +120,18 @@ def assert_one_robot_agrees(urdf: Path, robot: Robot) -> None:
         assert_poses_of_pinocchio(model, peer, ras_from("left"))
 
 
-def test_arm_has_the_poses_of_pinocchio(project_root: Path) -> None:
+def test_arm_has_the_poses_of_pinocchio(project_root):
     urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
     assert_one_robot_agrees(urdf, load_robot(urdf))
 
 
-def test_omni_has_the_poses_of_pinocchio(shared_data: Path) -> None:
+def test_omni_has_the_poses_of_pinocchio(shared_data):
     folder = shared_data / "omni"
     urdf = folder / "urdf" / "omni.urdf"
     assert_one_robot_agrees(urdf, load_robot(urdf, package_dirs=(folder,)))
 
 
-def test_comparison_detects_a_moved_link(project_root: Path) -> None:
+def test_comparison_detects_a_moved_link(project_root):
     urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
     robot = load_robot(urdf)
     scene = new_scene()
@@ -154,9 +144,7 @@ def test_comparison_detects_a_moved_link(project_root: Path) -> None:
         assert_poses_of_pinocchio(model, peer, moved)
 
 
-def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(
-    example_urdfs: tuple[Path, Path],
-) -> None:
+def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(example_urdfs):
     """Compares bounding boxes per link: meshes read by trimesh, poses by Pinocchio's parser."""
     urdf = example_urdfs[0]
     robot = load_robot(urdf)
@@ -185,6 +173,6 @@ def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(
         np.testing.assert_allclose(found.max(axis=0), expected.max(axis=0), atol=1e-3)
 
 
-def vertices_m(path: Path) -> np.ndarray:
+def vertices_m(path):
     loaded: Any = trimesh.load(path, force="scene")
     return np.asarray(loaded.to_geometry().vertices)

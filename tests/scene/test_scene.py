@@ -8,44 +8,26 @@ import pytest
 from slicer import vtkMRMLScene
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.fixture import FixtureDecision, MarginState, Reason, constrain, margin_surface
+from app.fixture import MarginState, Reason, constrain, margin_surface
 from app.geometry import Stamp, SurfaceMesh, Transform
-from app.robot import Robot
 from app.scene import MarginGuardScene, SceneError
 from app.scene.nodes.convert import is_at, vtk_matrix, world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
-from tests.scene.conftest import Decide, Fill
 
 
 @pytest.fixture
-def shown(fill: Fill) -> MarginGuardScene:
+def shown(fill):
     return fill(MarginGuardScene(vtkMRMLScene()))
 
 
-def test_node_names_are_those_of_slicer_igt(shown: MarginGuardScene) -> None:
-    for name in (
-        "ReferenceToRas",
-        "NeedleToReference",
-        "CauteryToReference",
-        "CauteryTipToCautery",
-        "TumorToNeedle",
-        "RobotBaseToReference",
-        "Tumor",
-        "Tool",
-        "ClosestPoints",
-        "MarginStatus",
-        "FixturePlane",
-        "BreachMarkers",
-    ):
+def test_node_names_are_those_of_slicer_igt(shown):
+    transforms = "ReferenceToRas NeedleToReference CauteryToReference CauteryTipToCautery"
+    others = "TumorToNeedle RobotBaseToReference Tumor Tool ClosestPoints MarginStatus"
+    for name in f"{transforms} {others} FixturePlane BreachMarkers".split():
         assert shown.scene.GetFirstNodeByName(name) is not None, name
 
 
-def test_surfaces_have_the_measured_poses(
-    shown: MarginGuardScene,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-) -> None:
+def test_surfaces_have_the_measured_poses(shown, edges, fixed, tumor):
     # The product is written out here, independent of the code that is tested.
     tracker_from_reference, tracker_from_needle, _ = edges
     reference_from_tumor = tracker_from_reference.inverse() @ tracker_from_needle @ fixed[1]
@@ -58,16 +40,14 @@ def test_surfaces_have_the_measured_poses(
 
 
 @pytest.mark.parametrize("state", list(MarginState))
-def test_tumor_has_the_color_of_the_state(
-    shown: MarginGuardScene, decision: Decide, state: MarginState
-) -> None:
+def test_tumor_has_the_color_of_the_state(shown, decision, state):
     shown.show(decision(state, 2.0), {})
     assert shown.tumor.GetDisplayNode().GetColor() == state.color
     assert 0.0 < shown.tumor.GetDisplayNode().GetOpacity() < 1.0
     assert shown.margin.status.GetText().startswith(f"{state.name}: ")
 
 
-def test_line_between_the_closest_points(shown: MarginGuardScene, decision: Decide) -> None:
+def test_line_between_the_closest_points(shown, decision):
     shown.show(decision(MarginState.POSITIVE, -3.25), {})
     line = shown.margin.line
     assert line.GetLocked()
@@ -85,7 +65,7 @@ def test_line_between_the_closest_points(shown: MarginGuardScene, decision: Deci
     assert [line.GetNthControlPointLabel(i) for i in range(2)] == ["", "2.0 mm"]
 
 
-def test_no_distance_is_shown_while_unknown(shown: MarginGuardScene, decision: Decide) -> None:
+def test_no_distance_is_shown_while_unknown(shown, decision):
     for unknown in (decision(MarginState.UNKNOWN, None), decision(MarginState.UNKNOWN, 2.0)):
         shown.show(decision(MarginState.WARNING, 2.0), {})
         assert shown.margin.line.GetDisplayNode().GetVisibility()
@@ -94,7 +74,7 @@ def test_no_distance_is_shown_while_unknown(shown: MarginGuardScene, decision: D
         assert "mm" not in shown.margin.status.GetText()
 
 
-def test_show_moves_the_links(shown: MarginGuardScene, decision: Decide, arm: Robot) -> None:
+def test_show_moves_the_links(shown, decision, arm):
     links = arm.forward_kinematics({"shoulder": 0.7, "elbow": -0.4})
     shown.show(decision(MarginState.NEGATIVE, 9.0), {"arm": links})
     found = world_matrix(shown.robots["arm"].transforms["fore_arm"])
@@ -103,9 +83,7 @@ def test_show_moves_the_links(shown: MarginGuardScene, decision: Decide, arm: Ro
     )
 
 
-def test_clear_removes_all_nodes_of_the_scene_object(
-    shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh
-) -> None:
+def test_clear_removes_all_nodes_of_the_scene_object(shown, decision, tumor):
     shown.add_margin_surface(margin_surface(tumor, 2.0, spacing_mm=2.0))
     shown.show(constrained(decision(MarginState.POSITIVE, -1.0)), {})
     shown.scene.AddNewNodeByClass("vtkMRMLModelNode", "Theirs")
@@ -114,13 +92,7 @@ def test_clear_removes_all_nodes_of_the_scene_object(
     assert [node.GetName() for node in left] == ["Theirs"]
 
 
-def test_closed_scene_is_reported_and_can_be_cleared(
-    shown: MarginGuardScene,
-    decision: Decide,
-    edges: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    arm: Robot,
-) -> None:
+def test_closed_scene_is_reported_and_can_be_cleared(shown, decision, edges, tumor, arm):
     shown.scene.Clear(0)
     with pytest.raises(SceneError, match="node 'ReferenceToRas' was removed from the scene"):
         shown.set_poses(edges)
@@ -136,20 +108,52 @@ def test_closed_scene_is_reported_and_can_be_cleared(
     assert shown.scene.GetNumberOfNodes() == 0
 
 
+PARTS = ["Tumor", "Tool", "upper_model", "ClosestPoints"]
+
+
+def remove(node):
+    node.GetScene().RemoveNode(node)
+
+
+def remove_display(node):
+    remove(node.GetDisplayNode())
+
+
 @pytest.mark.parametrize(
-    "name", ["Tumor", "Tool", "upper_model", "ForeArmToBase", "MarginStatus", "ClosestPoints"]
+    ("name", "damage", "problem"),
+    [
+        *(
+            (name, remove, "node '{}' was removed from the scene")
+            for name in (*PARTS, "ForeArmToBase", "MarginStatus")
+        ),
+        *(
+            (
+                name,
+                lambda node: remove(node.GetDisplayNode()),
+                "the display of node '{}' was removed",
+            )
+            for name in (*PARTS, "FixturePlane")
+        ),
+        # A hardened surface would not move; an empty one would not be seen.
+        *(
+            (name, replace_surface, "the surface of node '{}' was replaced outside")
+            for name in PARTS[:3]
+            for replace_surface in (
+                lambda node: node.HardenTransform(),
+                lambda node: node.SetAndObservePolyData(None),
+            )
+        ),
+    ],
 )
-def test_deleted_node_is_named_and_the_rest_can_be_cleared(
-    shown: MarginGuardScene, decision: Decide, name: str
-) -> None:
-    shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name))
-    with pytest.raises(SceneError, match=f"node '{name}' was removed from the scene"):
+def test_damaged_node_is_named_and_the_rest_can_be_cleared(shown, decision, name, damage, problem):
+    damage(shown.scene.GetFirstNodeByName(name))
+    with pytest.raises(SceneError, match=problem.format(name)):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
 
 
-def test_clear_after_close_keeps_nodes_of_the_user(shown: MarginGuardScene) -> None:
+def test_clear_after_close_keeps_nodes_of_the_user(shown):
     """After a close MRML gives the IDs of our display nodes again."""
     ids = {node.GetDisplayNodeID() for node in (shown.tumor, shown.tool, shown.margin.line)}
     shown.scene.Clear(0)
@@ -162,38 +166,17 @@ def test_clear_after_close_keeps_nodes_of_the_user(shown: MarginGuardScene) -> N
     assert all(node.GetDisplayNode() is not None for node in theirs)
 
 
-def test_clear_keeps_a_display_that_another_node_shares(shown: MarginGuardScene) -> None:
+def test_clear_keeps_a_display_that_another_node_shares(shown):
     theirs = shown.scene.AddNewNodeByClass("vtkMRMLModelNode", "Theirs")
     theirs.SetAndObserveDisplayNodeID(shown.tumor.GetDisplayNodeID())
     shown.clear()
     assert theirs.GetDisplayNode() is not None
 
 
-@pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model", "ClosestPoints", "FixturePlane"])
-def test_deleted_display_is_named(shown: MarginGuardScene, decision: Decide, name: str) -> None:
-    shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name).GetDisplayNode())
-    with pytest.raises(SceneError, match=f"the display of node '{name}' was removed"):
-        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
-    shown.clear()
-    assert shown.scene.GetNumberOfNodes() == 0
-
-
 @pytest.mark.parametrize(
-    "name",
-    [
-        "Tumor",
-        "Tool",
-        "MarginSurface",
-        "upper_model",
-        "ForeArmToBase",
-        "ClosestPoints",
-        "FixturePlane",
-        "BreachMarkers",
-    ],
+    "name", [*PARTS, "MarginSurface", "ForeArmToBase", "FixturePlane", "BreachMarkers"]
 )
-def test_node_moved_under_another_parent_is_put_back(
-    shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh, name: str
-) -> None:
+def test_node_moved_under_another_parent_is_put_back(shown, decision, tumor, name):
     """Otherwise the tool would be drawn at a wrong place."""
     shown.add_margin_surface(tumor)
     node = shown.scene.GetFirstNodeByName(name)
@@ -206,7 +189,7 @@ def test_node_moved_under_another_parent_is_put_back(
         assert node.GetTransformNodeID() not in (None, aside.GetID())
 
 
-def test_removed_nodes_are_not_referenced(shown: MarginGuardScene, decision: Decide) -> None:
+def test_removed_nodes_are_not_referenced(shown, decision):
     shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     (robot,) = shown.robots.values()
     gone = [weakref.ref(node) for node in (*robot.models.values(), shown.tool)]
@@ -220,7 +203,7 @@ def test_removed_nodes_are_not_referenced(shown: MarginGuardScene, decision: Dec
 
 
 @pytest.mark.parametrize("name", ["CauteryToReference", "CauteryTipToCautery", "ForeArmToBase"])
-def test_check_puts_back_what_a_user_moved(fill: Fill, name: str) -> None:
+def test_check_puts_back_what_a_user_moved(fill, name):
     """A paused replay has no next step."""
     shown = fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=10**9))
     node = shown.scene.GetFirstNodeByName(name)
@@ -231,7 +214,7 @@ def test_check_puts_back_what_a_user_moved(fill: Fill, name: str) -> None:
     assert np.array_equal(world_matrix(node), before)
 
 
-def test_check_leaves_the_root_and_watched_frames_where_a_user_moved_them(fill: Fill) -> None:
+def test_check_leaves_the_root_and_watched_frames_where_a_user_moved_them(fill):
     shown = fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=10**9))
     edits: list[Transform] = []
     shown.tree.on_edit("cautery", edits.append, pytest.fail)
@@ -244,21 +227,7 @@ def test_check_leaves_the_root_and_watched_frames_where_a_user_moved_them(fill: 
     assert len(edits) == 1
 
 
-@pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model"])
-def test_replaced_surface_is_named(shown: MarginGuardScene, decision: Decide, name: str) -> None:
-    """A hardened surface would not move; an empty one would not be seen."""
-    model = shown.scene.GetFirstNodeByName(name)
-    for change in (model.HardenTransform, lambda: model.SetAndObservePolyData(None)):
-        change()
-        with pytest.raises(SceneError, match=f"the surface of node '{name}' was replaced outside"):
-            shown.show(decision(MarginState.NEGATIVE, 9.0), {})
-    shown.clear()
-    assert shown.scene.GetNumberOfNodes() == 0
-
-
-def test_line_and_plane_hidden_by_a_user_stay_hidden_until_they_become_known_again(
-    shown: MarginGuardScene, decision: Decide
-) -> None:
+def test_line_and_plane_hidden_by_a_user_stay_hidden_until_they_become_known_again(shown, decision):
     known = constrained(decision(MarginState.NEGATIVE, 9.0))
     unknown = decision(MarginState.UNKNOWN, None)
     displays = [each.GetDisplayNode() for each in (shown.margin.line, shown.margin.plane.node)]
@@ -274,9 +243,7 @@ def test_line_and_plane_hidden_by_a_user_stay_hidden_until_they_become_known_aga
     assert [plane for _, plane in seen] == [line for line, _ in seen]
 
 
-def test_point_colours_set_by_a_user_do_not_hide_the_state(
-    shown: MarginGuardScene, decision: Decide
-) -> None:
+def test_point_colours_set_by_a_user_do_not_hide_the_state(shown, decision):
     display = shown.tumor.GetDisplayNode()
     display.SetActiveScalar("Normals", 0)
     display.SetScalarVisibility(True)
@@ -284,15 +251,8 @@ def test_point_colours_set_by_a_user_do_not_hide_the_state(
     assert not display.GetScalarVisibility()
 
 
-def constrained(
-    decision: FixtureDecision,
-    *,
-    current: bool = True,
-    stamp_ns: int | None = None,
-    frame: str = "tumor",
-) -> FixtureDecision:
+def constrained(decision, *, current=True, stamp_ns=None, frame="tumor"):
     """``decision`` with planes 1 mm outside of the tumour, and the stamp of its data."""
-    assert decision.proximity is not None
     return replace(
         decision,
         constraint=constrain(decision.proximity, 1.0, frame=frame),
@@ -301,7 +261,7 @@ def constrained(
     )
 
 
-def test_plane_is_shown_while_it_is_known(shown: MarginGuardScene, decision: Decide) -> None:
+def test_plane_is_shown_while_it_is_known(shown, decision):
     plane = shown.margin.plane.node
     assert not plane.GetDisplayNode().GetVisibility()
     shown.show(constrained(decision(MarginState.NEGATIVE, 9.0)), {})
@@ -318,9 +278,7 @@ def test_plane_is_shown_while_it_is_known(shown: MarginGuardScene, decision: Dec
 
 
 @pytest.mark.parametrize("current", [True, False])
-def test_constraint_in_another_frame_is_refused(
-    shown: MarginGuardScene, decision: Decide, current: bool
-) -> None:
+def test_constraint_in_another_frame_is_refused(shown, decision, current):
     elsewhere = constrained(decision(MarginState.NEGATIVE, 9.0), current=current, frame="needle")
     with pytest.raises(
         SceneError, match="constraint: frame is 'needle'; expected 'tumor', the tumour's"
@@ -330,9 +288,7 @@ def test_constraint_in_another_frame_is_refused(
     assert not shown.margin.plane.node.GetDisplayNode().GetVisibility()
 
 
-def test_breaches_leave_marks_in_the_tumor(
-    shown: MarginGuardScene, decision: Decide, edges: tuple[Transform, ...]
-) -> None:
+def test_breaches_leave_marks_in_the_tumor(shown, decision, edges):
     marks = shown.margin.breaches
     for state, distance_mm in (
         (MarginState.NEGATIVE, 9.0),
@@ -355,9 +311,7 @@ def test_breaches_leave_marks_in_the_tumor(
     assert len(marks) == 0
 
 
-def test_margin_surface_is_faint_around_the_tumor(
-    shown: MarginGuardScene, tumor: SurfaceMesh
-) -> None:
+def test_margin_surface_is_faint_around_the_tumor(shown, tumor):
     for margin_mm in (1.0, 2.5):  # the second takes the first one's place
         node = shown.add_margin_surface(margin_surface(tumor, margin_mm, spacing_mm=2.0))
         assert node.GetName() == "MarginSurface"
@@ -374,11 +328,11 @@ STALE_NS = 200_000_000
 
 
 @pytest.fixture
-def live(fill: Fill) -> MarginGuardScene:
+def live(fill):
     return fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=STALE_NS))
 
 
-def assert_shown_stale(scene: MarginGuardScene, why: str) -> None:
+def assert_shown_stale(scene, why):
     assert scene.tumor.GetDisplayNode().GetColor() == GREY
     assert scene.tool.GetDisplayNode().GetColor() == GREY
     assert not scene.margin.line.GetDisplayNode().GetVisibility()
@@ -386,7 +340,7 @@ def assert_shown_stale(scene: MarginGuardScene, why: str) -> None:
     assert scene.margin.status.GetText() == f"UNKNOWN: not to be trusted, {why}"
 
 
-def assert_shown_green(scene: MarginGuardScene) -> None:
+def assert_shown_green(scene):
     assert scene.tumor.GetDisplayNode().GetColor() == MarginState.NEGATIVE.color
     assert scene.tool.GetDisplayNode().GetColor() == TOOL_COLOR
     assert scene.margin.line.GetDisplayNode().GetVisibility()
@@ -404,9 +358,7 @@ def assert_shown_green(scene: MarginGuardScene) -> None:
         (-1_500_000_000, "data from 1.5 s ahead"),
     ],
 )
-def test_decision_of_old_data_is_grey(
-    live: MarginGuardScene, decision: Decide, age_ns: int, why: str | None
-) -> None:
+def test_decision_of_old_data_is_grey(live, decision, age_ns, why):
     clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=10**12)
     live.show(clear, {}, 10**12 + age_ns)
     if why is None:
@@ -419,9 +371,7 @@ def test_decision_of_old_data_is_grey(
         assert len(live.margin.breaches) == 0
 
 
-def test_check_turns_everything_grey_after_the_source_stopped(
-    live: MarginGuardScene, decision: Decide, arm: Robot
-) -> None:
+def test_check_turns_everything_grey_after_the_source_stopped(live, decision, arm):
     links = {"arm": arm.forward_kinematics({})}
     clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=10**12)
     live.show(clear, links, 10**12)
@@ -439,7 +389,7 @@ def test_check_turns_everything_grey_after_the_source_stopped(
     assert link.GetScalarVisibility()
 
 
-def test_before_the_first_decision_everything_is_grey(live: MarginGuardScene) -> None:
+def test_before_the_first_decision_everything_is_grey(live):
     link = live.robots["arm"].models["upper"].GetDisplayNode()
     for node in (live.tumor.GetDisplayNode(), live.tool.GetDisplayNode(), link):
         assert node.GetColor() == GREY
@@ -448,24 +398,29 @@ def test_before_the_first_decision_everything_is_grey(live: MarginGuardScene) ->
     assert_shown_stale(live, "no data yet")
 
 
-def test_decision_without_a_stamp_is_not_green(live: MarginGuardScene, decision: Decide) -> None:
-    live.show(replace(decision(MarginState.NEGATIVE, 9.0), stamp=None), {}, 10**12)
-    assert_shown_stale(live, "no data yet")
+LOST = (Reason.MISSING, Reason.FROZEN, Reason.LATCHED)
 
 
-def test_unknown_banner_has_the_reasons(live: MarginGuardScene, decision: Decide) -> None:
-    lost = replace(
-        decision(MarginState.UNKNOWN, None),
-        reasons=(Reason.MISSING, Reason.FROZEN, Reason.LATCHED),
-        stamp=None,
-    )
-    live.show(lost, {}, 10**12)
-    assert_shown_stale(live, "missing, frozen")
+@pytest.mark.parametrize(
+    ("state", "distance_mm", "changes", "why"),
+    [
+        (MarginState.NEGATIVE, 9.0, {"stamp": None}, "no data yet"),
+        (MarginState.UNKNOWN, None, {"stamp": None, "reasons": LOST}, "missing, frozen"),
+        *(
+            (state, distance_mm, {"stamp": Stamp(10**12)}, "no distance")
+            for state in (MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE)
+            for distance_mm in (None, math.nan)
+        ),
+    ],
+)
+def test_decision_that_cannot_be_trusted_is_grey_and_says_why(
+    live, decision, state, distance_mm, changes, why
+):
+    live.show(replace(decision(state, distance_mm), **changes), {}, 10**12)
+    assert_shown_stale(live, why)
 
 
-def test_plane_of_an_unknown_margin_is_hidden_when_its_data_are_old(
-    live: MarginGuardScene, decision: Decide
-) -> None:
+def test_plane_of_an_unknown_margin_is_hidden_when_its_data_are_old(live, decision):
     """If only the registration is at fault, the plane is current."""
     drifted = constrained(decision(MarginState.UNKNOWN, 9.0), stamp_ns=0)
     live.show(drifted, {}, 0)
@@ -474,58 +429,33 @@ def test_plane_of_an_unknown_margin_is_hidden_when_its_data_are_old(
     assert_shown_stale(live, "data 0.2 s old")
 
 
-def test_tool_is_grey_while_the_margin_is_unknown(
-    shown: MarginGuardScene, decision: Decide
-) -> None:
+def test_tool_is_grey_while_the_margin_is_unknown(shown, decision):
     for state in MarginState:
         shown.show(decision(state, 2.0), {})
         assert (shown.tool.GetDisplayNode().GetColor() == GREY) == (state is MarginState.UNKNOWN)
 
 
-def test_robot_is_grey_until_its_links_are_known(
-    live: MarginGuardScene, decision: Decide, arm: Robot
-) -> None:
-    link = live.robots["arm"].models["upper"].GetDisplayNode()
-    fresh = replace(decision(MarginState.NEGATIVE, 9.0), stamp=Stamp(0))
-    for links, known in ((arm.forward_kinematics({}), True), ({}, False)):
-        live.show(fresh, {"arm": links}, 0)
-        live.check(1)
-        assert link.GetScalarVisibility() == known
-
-
-def test_robot_without_further_links_is_grey(
-    live: MarginGuardScene, decision: Decide, arm: Robot
-) -> None:
+def test_robot_is_grey_while_its_links_are_not_known(live, decision, arm):
     """Decisions continue without joints."""
-    link = live.robots["arm"].models["upper"].GetDisplayNode()
-    live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=0),
-              {"arm": arm.forward_kinematics({})}, 0)  # fmt: skip
-    assert link.GetScalarVisibility()
-    live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=1), {}, 1)
-    assert not link.GetScalarVisibility() and link.GetColor() == GREY
-    assert_shown_green(live)
+    link, known = live.robots["arm"].models["upper"].GetDisplayNode(), arm.forward_kinematics({})
+    for stamp_ns, links in enumerate(({"arm": known}, {"arm": {}}, {"arm": known}, {})):
+        clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=stamp_ns)
+        live.show(clear, links, stamp_ns)
+        is_known = links == {"arm": known}
+        assert link.GetScalarVisibility() == is_known
+        assert (link.GetColor() == GREY) != is_known
+        assert_shown_green(live)
+        live.check(stamp_ns)
+        assert link.GetScalarVisibility() == is_known
 
 
-@pytest.mark.parametrize("distance_mm", [None, math.nan])
-@pytest.mark.parametrize("state", [MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE])
-def test_no_state_is_shown_without_a_distance(
-    live: MarginGuardScene, decision: Decide, state: MarginState, distance_mm: float | None
-) -> None:
-    live.show(replace(decision(state, distance_mm), stamp=Stamp(0)), {}, 0)
-    assert_shown_stale(live, "no distance")
-
-
-def test_plane_of_a_decision_without_a_stamp_is_hidden(
-    live: MarginGuardScene, decision: Decide
-) -> None:
+def test_plane_of_a_decision_without_a_stamp_is_hidden(live, decision):
     drifted = replace(constrained(decision(MarginState.UNKNOWN, 9.0)), stamp=None, reasons=())
     live.show(drifted, {}, 0)
     assert not live.margin.plane.node.GetDisplayNode().GetVisibility()
 
 
-def test_now_ns_is_required_in_a_live_scene_and_refused_in_others(
-    shown: MarginGuardScene, live: MarginGuardScene, decision: Decide
-) -> None:
+def test_now_ns_is_required_in_a_live_scene_and_refused_in_others(shown, live, decision):
     with pytest.raises(SceneError, match="now_ns is None; expected the present in a live scene"):
         live.show(decision(MarginState.NEGATIVE, 9.0), {})
     with pytest.raises(SceneError, match="now_ns is 5; expected None in a scene"):
@@ -536,9 +466,7 @@ def test_now_ns_is_required_in_a_live_scene_and_refused_in_others(
         shown.check(5)
 
 
-def test_set_tumor_keeps_the_node(
-    live: MarginGuardScene, decision: Decide, tumor: SurfaceMesh
-) -> None:
+def test_set_tumor_keeps_the_node(live, decision, tumor):
     node, now_ns = live.tumor, 10**12
     live.add_margin_surface(margin_surface(tumor, 2.0, spacing_mm=2.0))
     live.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=Stamp(now_ns)), {}, now_ns)
@@ -558,9 +486,7 @@ def test_set_tumor_keeps_the_node(
         live.set_tumor(SurfaceMesh("needle", tumor.vertices_mm, tumor.faces))
 
 
-def test_scenes_share_nothing(
-    shown: MarginGuardScene, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
-) -> None:
+def test_scenes_share_nothing(shown, edges, fixed):
     other = MarginGuardScene(vtkMRMLScene())
     other.set_poses(edges, fixed)
     other.add_tip("cautery_tip")
@@ -568,9 +494,7 @@ def test_scenes_share_nothing(
     assert shown.scene.GetNumberOfNodesByClass("vtkMRMLModelNode") == 5
 
 
-def test_second_parts_and_unknown_names_are_refused(
-    shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh, tool: SurfaceMesh
-) -> None:
+def test_second_parts_and_unknown_names_are_refused(shown, decision, tumor, tool):
     with pytest.raises(SceneError, match="already has a tumour; expected 1"):
         shown.add_tumor(tumor)
     with pytest.raises(SceneError, match="already has a tool; expected 1"):

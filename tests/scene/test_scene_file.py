@@ -3,9 +3,7 @@ import stat
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +11,11 @@ import slicer
 import slicer.util
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from slicer import vtkMRMLScene
 from trame_slicer.core import SlicerApp
 
 from app.fixture import MarginState
-from app.geometry import Transform
-from app.robot import Robot
-from app.scene import MarginGuardScene, SceneApplication, SceneError, load_scene, save_scene
-from tests.scene.conftest import Decide, Fill
+from app.scene import MarginGuardScene, SceneError, load_scene, save_scene
+from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,14 +23,7 @@ DIGITS = 1e-12
 
 
 @pytest.fixture
-def application() -> SceneApplication:
-    return SceneApplication(vtkMRMLScene())
-
-
-@pytest.fixture
-def shown(
-    application: SceneApplication, fill: Fill, arm: Robot, decision: Decide
-) -> MarginGuardScene:
+def shown(application, fill, arm, decision):
     scene = fill(MarginGuardScene(application.scene))
     links = arm.forward_kinematics({"shoulder": 0.7, "elbow": -0.4})
     scene.show(decision(MarginState.POSITIVE, -3.25), {"arm": links})
@@ -43,13 +31,13 @@ def shown(
 
 
 @pytest.fixture
-def saved(shown: MarginGuardScene, tmp_path: Path) -> Path:
+def saved(shown, tmp_path):
     path = tmp_path / "scene.mrb"
     save_scene(shown.scene, path)
     return path
 
 
-def in_a_fresh_process(path: Path) -> dict[str, Any]:
+def in_a_fresh_process(path):
     done = subprocess.run(
         [sys.executable, "-m", "tests.scene.scene_content", str(path)],
         capture_output=True,
@@ -58,11 +46,10 @@ def in_a_fresh_process(path: Path) -> dict[str, Any]:
         cwd=ROOT,
     )
     assert done.stderr == ""
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    return json.loads(done.stdout)
 
 
-def assert_same(found: Any, expected: Any, place: str = "") -> None:
+def assert_same(found, expected, place=""):
     """Equal names, texts and structure; numbers to the last digits of a double."""
     if isinstance(expected, dict):
         assert found.keys() == expected.keys(), place
@@ -81,20 +68,14 @@ def assert_same(found: Any, expected: Any, place: str = "") -> None:
         assert found == expected, place
 
 
-def test_scene_is_saved_in_the_current_folder(
-    shown: MarginGuardScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scene_is_saved_in_the_current_folder(shown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_scene(shown.scene, Path("scene.mrb"))
     assert [path.name for path in tmp_path.iterdir()] == ["scene.mrb"]
-    loaded = SceneApplication(vtkMRMLScene()).scene
-    load_scene(loaded, Path("scene.mrb"))
-    assert_same(content(loaded), content(shown.scene))
+    assert_same(content(loaded(Path("scene.mrb")).scene), content(shown.scene))
 
 
-def test_another_process_loads_the_same_scene(
-    shown: MarginGuardScene, saved: Path, edges: tuple[Transform, ...], arm: Robot
-) -> None:
+def test_another_process_loads_the_same_scene(shown, saved, edges, arm):
     found = in_a_fresh_process(saved)
     assert_same(found, content(shown.scene))
     # And against the input, independent of MRML.
@@ -113,62 +94,26 @@ def test_another_process_loads_the_same_scene(
     assert {f"{link.name}_model" for link in arm.links} <= found.keys()
 
 
-def test_loaded_scene_can_be_saved_again(saved: Path, shown: MarginGuardScene) -> None:
+def test_loaded_scene_can_be_saved_again(saved, shown):
     again = saved.with_name("again.mrb")
-    loaded = SceneApplication(vtkMRMLScene())
-    load_scene(loaded.scene, saved)
-    save_scene(loaded.scene, again)
-    third = SceneApplication(vtkMRMLScene())
-    load_scene(third.scene, again)
-    assert_same(content(third.scene), content(shown.scene))
+    save_scene(loaded(saved).scene, again)
+    assert_same(content(loaded(again).scene), content(shown.scene))
 
 
-def test_functions_of_slicer_find_the_nodes(
-    saved: Path, shown: MarginGuardScene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_functions_of_slicer_find_the_nodes(saved, shown, monkeypatch):
     theirs = SlicerApp()
     assert theirs.io_manager.load_scene(saved)
     assert_same(content(theirs.scene), content(shown.scene))
     monkeypatch.setattr(slicer, "mrmlScene", theirs.scene, raising=False)
-    matrix = slicer.util.arrayFromTransformMatrix(
-        slicer.util.getNode("ForeArmToBase"), toWorld=True
-    )
-    expected = content(shown.scene)["ForeArmToBase"]["to_world"]
-    np.testing.assert_allclose(matrix.ravel(), expected, atol=1e-9)
-    points = slicer.util.arrayFromModelPoints(slicer.util.getNode("Tumor"))
-    np.testing.assert_array_equal(points, content(shown.scene)["Tumor"]["points"])
+    fore_arm, tumor = map(slicer.util.getNode, ("ForeArmToBase", "Tumor"))
+    matrix = slicer.util.arrayFromTransformMatrix(fore_arm, toWorld=True)
+    expected = content(shown.scene)
+    np.testing.assert_allclose(matrix.ravel(), expected["ForeArmToBase"]["to_world"], atol=1e-9)
+    points = slicer.util.arrayFromModelPoints(tumor)
+    np.testing.assert_array_equal(points, expected["Tumor"]["points"])
 
 
-class ApplicationDouble:
-    """A test double of desktop Slicer's ``slicer.app``, which the wheel lacks: one file reader."""
-
-    def __init__(self, scene: vtkMRMLScene) -> None:
-        self._scene = scene
-
-    def coreIOManager(self) -> "ApplicationDouble":  # noqa: N802
-        return self
-
-    def loadNodes(self, kind: str, properties: dict[str, Any], *_: object) -> bool:  # noqa: N802
-        assert kind == "SceneFile"
-        load_scene(self._scene, Path(properties["fileName"]))
-        return True
-
-
-def test_slicer_util_load_scene(
-    saved: Path,
-    application: SceneApplication,
-    shown: MarginGuardScene,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    loaded = SceneApplication(vtkMRMLScene())
-    monkeypatch.setattr(slicer, "app", ApplicationDouble(loaded.scene), raising=False)
-    slicer.util.loadScene(str(saved))
-    assert_same(content(loaded.scene), content(shown.scene))
-
-
-def test_saving_replaces_a_file_and_leaves_no_other(
-    application: SceneApplication, saved: Path
-) -> None:
+def test_saving_replaces_a_file_and_leaves_no_other(application, saved):
     before = saved.read_bytes()
     application.scene.AddNewNodeByClass("vtkMRMLTextNode", "Further")
     save_scene(application.scene, saved)
@@ -184,21 +129,21 @@ def test_saving_replaces_a_file_and_leaves_no_other(
         ("folder.mrb", "is a directory"),
     ],
 )
-def test_paths_that_cannot_be_written_are_refused(
-    application: SceneApplication, tmp_path: Path, name: str, message: str
-) -> None:
+def test_paths_that_cannot_be_written_are_refused(application, tmp_path, name, message):
     (tmp_path / "folder.mrb").mkdir()
     with pytest.raises(SceneError, match=message):
         save_scene(application.scene, tmp_path / name)
 
 
-def bundle(path: Path, **members: str) -> Path:
-    with zipfile.ZipFile(path, "w") as file:
-        for name, text in members.items():
-            file.writestr(f"a/{name}.mrml" if name == "scene" else name, text)
+def bundle(path, files):
+    """Write a bundle of files with these names and texts."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, text in files.items():
+            file.writestr(name, text)
     return path
 
 
+MRML, EMPTY = "a/a.mrml", "<MRML></MRML>"
 MODEL = (
     "<MRML><Model id='vtkMRMLModelNode1' name='x' references='storage:vtkMRMLModelStorageNode1;'/>"
     "<ModelStorage id='vtkMRMLModelStorageNode1' fileName='Data/none.vtk'/></MRML>"
@@ -210,20 +155,14 @@ MODEL = (
     [
         (lambda path: path, "cannot be read: No such file"),
         (lambda path: path.write_text("hello"), "damaged: .*not a zip"),
-        (lambda path: bundle(path, other="x"), "no .mrml file in it; expected a scene bundle"),
-        (lambda path: bundle(path, scene="<MRML>"), "cannot be read as a scene: Syntax error"),
-        (lambda path: bundle(path, scene="<MRML></MRML>"), "0 nodes; expected 1 or more"),
-        (lambda path: bundle(path, scene=MODEL), "Failed to read node x"),
+        (lambda path: bundle(path, {"other": "x"}), "no .mrml file in it; expected a scene bundle"),
+        (lambda path: bundle(path, {MRML: "<MRML>"}), "cannot be read as a scene: Syntax error"),
+        (lambda path: bundle(path, {MRML: EMPTY}), "0 nodes; expected 1 or more"),
+        (lambda path: bundle(path, {MRML: MODEL}), "Failed to read node x"),
     ],
     ids=["missing", "no zip", "no scene", "cut", "empty", "no data"],
 )
-def test_foreign_files_are_refused_in_one_line(
-    application: SceneApplication,
-    tmp_path: Path,
-    write: Callable[[Path], object],
-    message: str,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_foreign_files_are_refused_in_one_line(application, tmp_path, write, message, capfd):
     write(tmp_path / "foreign.mrb")
     with pytest.raises(SceneError, match=message) as caught:
         load_scene(application.scene, tmp_path / "foreign.mrb")
@@ -233,35 +172,27 @@ def test_foreign_files_are_refused_in_one_line(
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255))
-def test_damaged_byte_is_detected_or_changes_nothing(
-    saved: Path, shown: MarginGuardScene, place: float, bits: int
-) -> None:
+def test_damaged_byte_is_detected_or_changes_nothing(saved, shown, place, bits):
     damaged = bytearray(saved.read_bytes())
     damaged[int(place * len(damaged))] ^= bits
     path = saved.with_name("damaged.mrb")
     path.write_bytes(damaged)
-    loaded = SceneApplication(vtkMRMLScene())
     try:
-        load_scene(loaded.scene, path)
+        found = loaded(path)
     except SceneError as error:
         assert "\n" not in str(error)
     else:
-        assert_same(content(loaded.scene), content(shown.scene))
+        assert_same(content(found.scene), content(shown.scene))
 
 
-def test_bundle_that_unpacks_too_large_is_refused(
-    application: SceneApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bundle_that_unpacks_too_large_is_refused(application, tmp_path, monkeypatch):
     monkeypatch.setattr("app.scene.scene_file._MAX_BYTES", 10_000)
-    path = tmp_path / "bomb.mrb"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("a/a.mrml", "<MRML></MRML>")
-        file.writestr("a/Data/much", bytes(20_000))
+    path = bundle(tmp_path / "bomb.mrb", {MRML: EMPTY, "a/Data/much": bytes(20_000)})
     with pytest.raises(SceneError, match=r"2 files of 20013 bytes; expected .* 10000 bytes"):
         load_scene(application.scene, path)
 
 
-def link_to(target: Path) -> dict[zipfile.ZipInfo | str, str]:
+def link_to(target):
     link = zipfile.ZipInfo("a/link")
     link.create_system, link.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
     return {link: str(target), "a/link/astray.txt": "x"}
@@ -277,19 +208,10 @@ def link_to(target: Path) -> dict[zipfile.ZipInfo | str, str]:
     ],
     ids=["absolute", "upwards", "backslash", "through a link"],
 )
-def test_bundle_that_unpacks_outside_its_folder_is_refused(
-    application: SceneApplication,
-    tmp_path: Path,
-    files: Callable[[Path], dict[zipfile.ZipInfo | str, str]],
-    name: str,
-) -> None:
+def test_bundle_that_unpacks_outside_its_folder_is_refused(application, tmp_path, files, name):
     outside = tmp_path / "outside"
     outside.mkdir()
-    path = tmp_path / "astray.mrb"
-    with zipfile.ZipFile(path, "w") as file:
-        file.writestr("a/a.mrml", "<MRML></MRML>")
-        for entry, text in files(outside).items():
-            file.writestr(entry, text)
+    path = bundle(tmp_path / "astray.mrb", {MRML: EMPTY, **files(outside)})
     with pytest.raises(SceneError, match=f"unpacks to '{name}'; expected"):
         load_scene(application.scene, path)
     assert list(outside.iterdir()) == []

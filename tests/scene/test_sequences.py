@@ -1,47 +1,35 @@
 """Sequences: written and replayed by MRML, read by the reader of cases."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
+from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 
 from app.case import read_mrml
 from app.fixture import MarginState, Reason
-from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
-from app.robot import Robot
-from app.scene import (
-    MarginGuardScene,
-    SceneApplication,
-    SceneError,
-    add_sequences,
-    load_scene,
-    save_scene,
-)
+from app.geometry import Stamp, TrackedTransform, TrackingStatus
+from app.scene import MarginGuardScene, SceneApplication, SceneError, add_sequences, save_scene
 from app.scene.nodes.convert import vtk_matrix, world_matrix
-from tests.scene.conftest import Decide
+from tests.scene.conftest import loaded, posed
 
 COUNT = 40
 NOW = 25
 SIX_DIGITS_MM = 0.0005  # half a unit of the sixth digit, below 1000 mm
 START_NS = 1_700_000_000_123_456_789
-Frames = list[tuple[TrackedTransform, ...]]
 
 
-def stamp(index: int) -> Stamp:
+def stamp(index):
     return Stamp(START_NS + index * 20_000_001)
 
 
 @pytest.fixture
-def frames(edges: tuple[Transform, ...]) -> Frames:
+def frames(edges):
     """The cautery rotates and moves; the needle is lost twice, with different statuses."""
     reference, needle, cautery = edges
-    found: Frames = []
+    found = []
     for index in range(COUNT):
-        motion = Transform.from_rotation_vector(
-            [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0],
-            target="cautery", source="cautery",
-        )  # fmt: skip
+        motion = posed(
+            "cautery", "cautery", [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0]
+        )
         samples = [
             TrackedTransform(pose, stamp(index), TrackingStatus.OK)
             for pose in (reference, needle, cautery @ motion)
@@ -54,51 +42,31 @@ def frames(edges: tuple[Transform, ...]) -> Frames:
 
 
 @pytest.fixture
-def states() -> list[tuple[int, MarginState, tuple[Reason, ...]]]:
-    def state(index: int) -> MarginState:
-        if index in (10, 11):
-            return MarginState.UNKNOWN
-        return MarginState.POSITIVE if 20 <= index < 30 else MarginState.NEGATIVE
-
-    def reasons(index: int) -> tuple[Reason, ...]:
-        return {10: (Reason.INVALID,), 11: (Reason.STALE,)}.get(index, ())
-
-    return [(stamp(index).ns, state(index), reasons(index)) for index in range(COUNT)]
+def states():
+    found = [(MarginState.NEGATIVE, ())] * COUNT
+    found[20:30] = [(MarginState.POSITIVE, ())] * 10
+    found[10:12] = [(MarginState.UNKNOWN, (why,)) for why in (Reason.INVALID, Reason.STALE)]
+    return [(stamp(index).ns, *state) for index, state in enumerate(found)]
 
 
 @pytest.fixture
-def recorded_scene(
-    frames: Frames,
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    decision: Decide,
-) -> MarginGuardScene:
-    scene = MarginGuardScene(SceneApplication(vtkMRMLScene()).scene)
-    scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform], fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
+def recorded_scene(frames, fill, decision):
+    scene = fill(MarginGuardScene(SceneApplication(vtkMRMLScene()).scene), has_robot=False)
+    scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform])
     scene.show(decision(MarginState.POSITIVE, -3.25), {})
     return scene
 
 
 @pytest.fixture
-def saved(
-    recorded_scene: MarginGuardScene,
-    frames: Frames,
-    states: list[tuple[int, MarginState, tuple[Reason, ...]]],
-    tmp_path: Path,
-) -> Path:
+def saved(recorded_scene, frames, states, tmp_path):
     add_sequences(recorded_scene, frames, states, stamp(NOW).ns)
     path = tmp_path / "recording.mrb"
     save_scene(recorded_scene.scene, path)
     return path
 
 
-def assert_read(path: Path, expected: Frames) -> None:
-    notes: list[str] = []
-    found = list(read_mrml(path, notes.append))
-    assert notes == []
+def assert_read(path, expected):
+    found = list(read_mrml(path, pytest.fail))
     assert [frame.stamp for frame in found] == [samples[0].stamp for samples in expected]
     for frame, samples in zip(found, expected, strict=True):
         by_edge = {(pose.target, pose.source): pose for pose in frame.poses}
@@ -109,33 +77,19 @@ def assert_read(path: Path, expected: Frames) -> None:
             if sample.transform is None or read.transform is None:
                 assert read.transform is sample.transform
                 continue
-            np.testing.assert_allclose(
-                read.transform.translation_mm,
-                sample.transform.translation_mm,
-                rtol=0,
-                atol=SIX_DIGITS_MM,
-            )
-            np.testing.assert_allclose(
-                read.transform.rotation, sample.transform.rotation, rtol=0, atol=2e-6
-            )
+            moved = read.transform.translation_mm - sample.transform.translation_mm
+            turned = read.transform.rotation - sample.transform.rotation
+            assert np.abs(moved).max() <= SIX_DIGITS_MM
+            assert np.abs(turned).max() <= 2e-6
 
 
-def test_case_reads_measured_sequences_and_ignores_derived_ones(
-    saved: Path, frames: Frames
-) -> None:
+def test_case_reads_measured_sequences_and_ignores_derived_ones(saved, frames):
     assert_read(saved, frames)
 
 
-def test_loaded_scene_shows_the_saved_step_and_can_be_played(
-    saved: Path, recorded_scene: MarginGuardScene, frames: Frames
-) -> None:
-    application = SceneApplication(vtkMRMLScene())
-    loaded = application.scene
-    load_scene(loaded, saved)
-
-    def node(name: str) -> object:
-        return loaded.GetFirstNodeByName(name)
-
+def test_loaded_scene_shows_the_saved_step_and_can_be_played(saved, recorded_scene, frames):
+    application = loaded(saved)
+    node = application.scene.GetFirstNodeByName
     cautery = node("CauteryToReference")
     np.testing.assert_allclose(
         world_matrix(cautery), world_matrix(recorded_scene.tree.node("cautery")), atol=1e-9
@@ -166,19 +120,11 @@ def test_loaded_scene_shows_the_saved_step_and_can_be_played(
         np.testing.assert_allclose(world_matrix(cautery), expected, atol=2 * SIX_DIGITS_MM)
 
 
-def test_sequence_names_are_those_of_slicer_igt(
-    saved: Path, recorded_scene: MarginGuardScene
-) -> None:
-    names = {
-        f"MarginGuard-{edge}-Seq"
-        for edge in (
-            "ReferenceToTracker", "NeedleToTracker", "CauteryToTracker",
-            "TrackerToReference", "NeedleToReference", "CauteryToReference",
-        )
-    }  # fmt: skip
-    loaded = SceneApplication(vtkMRMLScene())
-    load_scene(loaded.scene, saved)
-    for scene in (recorded_scene.scene, loaded.scene):
+def test_sequence_names_are_those_of_slicer_igt(saved, recorded_scene):
+    measured = ["ReferenceToTracker", "NeedleToTracker", "CauteryToTracker"]
+    derived = ["TrackerToReference", "NeedleToReference", "CauteryToReference"]
+    names = {f"MarginGuard-{edge}-Seq" for edge in (*measured, *derived)}
+    for scene in (recorded_scene.scene, loaded(saved).scene):
         found = {
             scene.GetNthNodeByClass(n, "vtkMRMLSequenceNode").GetName()
             for n in range(scene.GetNumberOfNodesByClass("vtkMRMLSequenceNode"))
@@ -191,72 +137,55 @@ def test_sequence_names_are_those_of_slicer_igt(
 
 
 def test_edge_that_is_measured_late_is_not_marked_as_derived(
-    recorded_scene: MarginGuardScene, frames: Frames, edges: tuple[Transform, ...], tmp_path: Path
-) -> None:
+    recorded_scene, frames, edges, tmp_path
+):
     """The edge is computed in frame 0, measured in frame 1 and lost in frame 2."""
     direct = edges[0].inverse() @ edges[1]
-    late = [
-        (*frames[0],),
-        (*frames[1], TrackedTransform(direct, stamp(1), TrackingStatus.OK)),
-        (
-            *frames[2],
-            TrackedTransform.lost("reference", "needle", stamp(2), TrackingStatus.MISSING),
-        ),
-    ]
+    measured = TrackedTransform(direct, stamp(1), TrackingStatus.OK)
+    lost = TrackedTransform.lost("reference", "needle", stamp(2), TrackingStatus.MISSING)
+    late = [frames[0], (*frames[1], measured), (*frames[2], lost)]
     add_sequences(recorded_scene, late, [], stamp(0).ns)
     save_scene(recorded_scene.scene, tmp_path / "late.mrb")
     assert_read(tmp_path / "late.mrb", late)
 
 
 def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
-    recorded_scene: MarginGuardScene,
-    frames: Frames,
-    states: list[tuple[int, MarginState, tuple[Reason, ...]]],
-    arm: Robot,
-    tmp_path: Path,
-) -> None:
+    recorded_scene, frames, states, arm, tmp_path
+):
     recorded_scene.add_robot("arm", arm, "robot_base")
     add_sequences(recorded_scene, frames, states[5:], stamp(NOW).ns)
     save_scene(recorded_scene.scene, tmp_path / "late.mrb")
-    loaded = SceneApplication(vtkMRMLScene())
-    load_scene(loaded.scene, tmp_path / "late.mrb")
-    found = {name: loaded.scene.GetFirstNodeByName(name) for name in ("Tumor", "upper_model")}
-    status = loaded.scene.GetFirstNodeByName("MarginStatus")
+    application = loaded(tmp_path / "late.mrb")
+    node = application.scene.GetFirstNodeByName
     for index, state in (
         (NOW, MarginState.POSITIVE),
         (0, MarginState.UNKNOWN),
         (5, MarginState.NEGATIVE),
     ):
-        loaded.scene.GetFirstNodeByName("MarginGuard").SetSelectedItemNumber(index)
-        assert found["Tumor"].GetDisplayNode().GetColor() == state.color
-        assert status.GetText().startswith("UNKNOWN") == (index == 0)
-        assert found["upper_model"].GetDisplayNode().GetVisibility() == (index == NOW)
+        node("MarginGuard").SetSelectedItemNumber(index)
+        assert node("Tumor").GetDisplayNode().GetColor() == state.color
+        assert node("MarginStatus").GetText().startswith("UNKNOWN") == (index == 0)
+        assert node("upper_model").GetDisplayNode().GetVisibility() == (index == NOW)
 
 
 @pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])
 @pytest.mark.parametrize("named", [True, False])
-def test_recordings_of_slicer_are_read(
-    frames: Frames, tmp_path: Path, storage: str | None, named: bool
-) -> None:
+def test_recordings_of_slicer_are_read(frames, tmp_path, storage, named):
     """The recording is made by MRML alone, like Slicer's sequence browser, in both storages."""
     scene = SceneApplication(vtkMRMLScene()).scene
-    for column, (source, target) in enumerate(
-        (("Reference", "Tracker"), ("Needle", "Tracker"), ("Cautery", "Tracker"))
-    ):
-        sequence: vtkMRMLSequenceNode = scene.AddNewNodeByClass(
-            "vtkMRMLSequenceNode", f"{source}To{target}-Sequence"
-        )
+    for column, edge in enumerate(("ReferenceToTracker", "NeedleToTracker", "CauteryToTracker")):
+        sequence = scene.AddNewNodeByClass("vtkMRMLSequenceNode", f"{edge}-Sequence")
         sequence.SetIndexName("time")
         sequence.SetIndexUnit("s")
         if named:
-            sequence.SetAttribute("Sequences.Source", f"{source}To{target}")
+            sequence.SetAttribute("Sequences.Source", edge)
         if storage is not None:
             node = scene.AddNewNodeByClass(storage)
             sequence.SetAndObserveStorageNodeID(node.GetID())
         for samples in frames:
             if samples[column].transform is not None:
                 item = vtkMRMLLinearTransformNode()
-                item.SetName(f"{source}To{target}")
+                item.SetName(edge)
                 item.SetMatrixTransformToParent(vtk_matrix(samples[column].transform))
                 ns = samples[column].stamp.ns
                 sequence.SetDataNodeAtValue(item, f"{ns // 10**9}.{ns % 10**9:09d}")
@@ -266,9 +195,7 @@ def test_recordings_of_slicer_are_read(
     assert_read(path, [tuple(s for s in samples if s.transform) for samples in frames])
 
 
-def test_refused_recording_adds_nothing(
-    recorded_scene: MarginGuardScene, frames: Frames, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_refused_recording_adds_nothing(recorded_scene, frames, monkeypatch):
     before = recorded_scene.scene.GetNumberOfNodes()
     with pytest.raises(SceneError, match=r"a frame at 1700000000\.\d+ s comes after one at .* s"):
         add_sequences(recorded_scene, [frames[1], frames[0]], [], stamp(0).ns)

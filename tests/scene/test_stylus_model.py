@@ -1,6 +1,5 @@
 """The stylus in the scene: at its calibrated tip while it is tracked, and absent otherwise."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,23 +7,18 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import TrackedTransform, Transform
-from app.runtime import SessionContent, Stylus
-from app.scene import SceneApplication, ScenePresenter
+from app.runtime import Stylus
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.stylus_model import COLOR
-from app.session import StepResult
 from app.session.known_edges import KnownEdges
-from tests.scene.conftest import MakeStep
-from tests.scene.test_presenter import application as application
 from tests.scene.test_presenter import names
 from tests.scene.test_presenter import present as present
 
-Present = Callable[..., ScenePresenter]
 TIP = Transform("pointer", "pointer_tip", np.eye(3), [2.0, -3.0, 120.0])
 POSE = Transform("tracker", "pointer", np.eye(3), [40.0, 50.0, 60.0])
 
 
-def stepped(step: StepResult, *, tracked: bool = True) -> StepResult:
+def stepped(step, *, tracked=True):
     known: dict[tuple[str, str], TrackedTransform | None] = {
         (each.target, each.source): each for each in step.frame.poses
     }
@@ -34,22 +28,18 @@ def stepped(step: StepResult, *, tracked: bool = True) -> StepResult:
 
 
 @pytest.fixture
-def calibrated(content: SessionContent) -> SessionContent:
+def calibrated(content):
     return replace(content, stylus=Stylus("pointer").with_tip(TIP, 0.2))
 
 
-def is_visible(presenter: ScenePresenter) -> bool:
+def is_visible(presenter):
     node = presenter.stylus_node
     return node is not None and bool(node.GetDisplayNode().GetVisibility())
 
 
 def test_stylus_points_at_its_tip_while_it_is_tracked(
-    application: SceneApplication,
-    present: Present,
-    calibrated: SessionContent,
-    make_step: MakeStep,
-    edges: tuple[Transform, ...],
-) -> None:
+    application, present, calibrated, make_step, edges
+):
     presenter = present(calibrated)
     presenter.show(stepped(make_step()))
     assert "StylusModel" not in names(application, "vtkMRMLModelNode")  # not tracked yet
@@ -57,7 +47,6 @@ def test_stylus_points_at_its_tip_while_it_is_tracked(
     presenter.show(stepped(with_stylus))
     assert is_visible(presenter)
     node, scene = presenter.stylus_node, presenter.scene
-    assert node is not None and scene is not None
     assert node.GetName() == "StylusModel"
     assert node.GetDisplayNode().GetColor() == COLOR
     tip_node, sensor_node = scene.tree.node("pointer_tip"), scene.tree.node("pointer")
@@ -81,12 +70,8 @@ def test_stylus_points_at_its_tip_while_it_is_tracked(
 
 
 def test_stylus_without_a_tip_is_absent_and_follows_a_new_one(
-    present: Present,
-    content: SessionContent,
-    calibrated: SessionContent,
-    make_step: MakeStep,
-    edges: tuple[Transform, ...],
-) -> None:
+    present, content, calibrated, make_step, edges
+):
     presenter = present(replace(content, stylus=Stylus("pointer")))
     step = stepped(make_step(measured=(*edges, POSE)))
     presenter.show(step)
@@ -99,6 +84,5 @@ def test_stylus_without_a_tip_is_absent_and_follows_a_new_one(
     presenter.set_content(replace(content, stylus=Stylus("pointer").with_tip(longer, 0.2)))
     presenter.show(step)
     assert presenter.stylus_node is node and node is not None
-    assert presenter.scene is not None
     axis = world_matrix(presenter.scene.tree.node("pointer_tip"))[:3, 2]
     assert np.ptp(world_points(node) @ axis) == pytest.approx(130.0, abs=1e-3)

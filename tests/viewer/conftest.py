@@ -1,36 +1,32 @@
 """Fixtures: a served page and a browser that records its requests."""
 
 import os
+import re
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import (
-    Browser,
-    ConsoleMessage,
-    Error,
-    Locator,
-    Page,
-    Request,
-    Route,
-    ViewportSize,
-)
+from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, ViewportSize
 
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.cli.signals import SignalState
 from app.scene import OffscreenError, use_offscreen_rendering
+from tests.ros_domain import domain_id as domain_id
+from tests.viewer.page_actions import press, show_frame, wait_until_uncovered
 from tests.viewer.viewed_case import write_viewed_case
 
 SIZE = ViewportSize(width=1280, height=720)
 TOKEN, VIEW_TOKEN = "only-for-this-test", "only-to-see"
 TOKENS = ("--token", TOKEN, "--view-token", VIEW_TOKEN)
-DEADLINE_S = 120.0
+DEADLINE_S = 600.0
+"""Ends a hang; far above what a load of the machine needs."""
 
 
 class Server:
@@ -86,9 +82,10 @@ class Watched:
         self.page.on("websocket", lambda socket: self.requests.append(socket.url))
         self.page.on("console", self._on_console)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.route("**/*", self._route)
+        others = re.compile(rf"^(?!http://{re.escape(self.host)}/)")
+        self.page.route(others, lambda route: route.abort())
         self.page.goto(url)
-        self.page.wait_for_selector("body:not([data-lost]) #state-label")
+        wait_until_uncovered(self.page)
         return self.page
 
     def external_requests(self) -> list[str]:
@@ -103,34 +100,6 @@ class Watched:
     def _on_console(self, message: ConsoleMessage) -> None:
         if message.type in ("error", "warning"):
             self.errors.append(message.text)
-
-    def _route(self, route: Route) -> None:
-        if urlsplit(route.request.url).netloc == self.host:
-            route.continue_()
-        else:
-            route.abort()
-
-
-def reset(page: Page) -> None:
-    """Pause the page, and show the first frame with the first camera."""
-    page.set_viewport_size(SIZE)
-    page.evaluate("document.activeElement.blur()")
-    for key in ("ArrowLeft", "Home", "1"):
-        page.keyboard.press(key)
-
-
-def wait_until_uncovered(page: Page) -> None:
-    """Wait for the heartbeat of a busy server, without which the page covers itself."""
-    page.wait_for_selector("body:not([data-lost])")
-
-
-def screenshot(part: Locator) -> bytes:
-    """Picture of ``part`` without the page's cover."""
-    while True:
-        wait_until_uncovered(part.page)
-        content = part.screenshot()
-        if part.page.evaluate("!document.body.dataset.lost"):
-            return content
 
 
 @pytest.fixture(scope="session")
@@ -155,8 +124,10 @@ def parts(viewed_case: Path) -> ReplayParts:
 
 
 @pytest.fixture(scope="session")
-def serve(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
-    """``serve("CASE", ...)`` starts a server, which is killed after the session."""
+def start_server(
+    can_draw: None, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Server]]:
+    """``start_server("CASE", ...)`` starts a server, which is killed after the session."""
     started: list[Server] = []
 
     def start(*arguments: str) -> Server:
@@ -170,18 +141,40 @@ def serve(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 @pytest.fixture(scope="session")
+def serve(start_server: Callable[..., Server]) -> Serve:
+    """``serve("CASE", ...)``: the server of these arguments, which other tests use, too."""
+    return cache(start_server)
+
+
+@pytest.fixture(scope="session")
 def server(serve: Serve, viewed_case: Path) -> Server:
     return serve(str(viewed_case))
 
 
+@pytest.fixture
+def serve_live(can_draw: None, request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Serve]:
+    """``serve_live(CONFIG, ...)`` starts a live session with a page, killed after the test."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    request.getfixturevalue("domain_id")
+    with ExitStack() as stack:
+
+        def start(config: Path, *arguments: str) -> Server:
+            words = ["--live", "--config", str(config), *arguments]
+            server = Server(words, tmp_path / "view.txt")
+            stack.callback(server.close)
+            return server
+
+        yield start
+
+
 @contextmanager
-def watching(browser: Browser, server: Server) -> Iterator[Watched]:
-    """Open the page in a new browser context of `SIZE`."""
+def watching(browser: Browser, server: Server, url: str = "") -> Iterator[Watched]:
+    """Open the operator's page, or that at ``url``, in a new browser context of `SIZE`."""
     context = browser.new_context(viewport=SIZE, accept_downloads=True)
     context.set_default_timeout(1000.0 * DEADLINE_S)
     watched = Watched(context.new_page(), server.host)
     try:
-        watched.open(server.url)
+        watched.open(url or server.url)
     except Error as error:
         pytest.fail(f"{error}; log of the server: {server.log.read_text()!r}")
     yield watched
@@ -192,3 +185,13 @@ def watching(browser: Browser, server: Server) -> Iterator[Watched]:
 def watched(browser: Browser, server: Server) -> Iterator[Watched]:
     with watching(browser, server) as watched:
         yield watched
+
+
+@pytest.fixture
+def page(watched: Watched) -> Page:
+    """The page at its first size, paused at the first frame, with the first camera."""
+    page = watched.page
+    page.set_viewport_size(SIZE)
+    press(page, "1")
+    show_frame(page, 0)
+    return page

@@ -14,13 +14,23 @@ from playwright.sync_api import expect
 
 from app.files.shipped import shipped
 from benchmarks.view.chromium import launch_webgl
-from tests.viewer.conftest import screenshot, watching
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import (
+    drag,
+    read,
+    resize,
+    screenshot,
+    show_frame,
+    wait_for,
+    wait_until_uncovered,
+)
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
 SHIPPED_CASE = shipped("data", "recorded_case")
-PHONE = {"width": 390, "height": 844}
-LARGE_MS = 20_000
+PHONE = (390, 844)
+PICTURE_FITS = """[document.querySelector('main.view img')].every((image) => !image ||
+    Math.abs(image.naturalWidth - image.parentElement.clientWidth) <= 2)"""
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +47,12 @@ def client_server(serve, viewed_case):
 
 def shown(page, frame, label):
     """The picture of ``frame`` in eighths of its size."""
-    page.keyboard.press("Home")
-    expect(page.locator("#frame")).to_have_text("0")
-    if frame:
-        page.evaluate(f"window.trame.trigger('step', [{frame}])")
-    expect(page.locator("#frame")).to_have_text(str(frame))
+    show_frame(page, frame)
     expect(page.locator("#state-label")).to_have_text(label)
-    page.wait_for_timeout(600)  # the smooth picture of a scene at rest
+    wait_for(page, PICTURE_FITS)
+    number = -1
+    while number != (number := read(page, "Number(document.body.dataset.picture)")):
+        page.wait_for_timeout(600)  # the smooth picture of a scene at rest
     content = screenshot(page.locator("main.view"))
     image = Image.open(io.BytesIO(content)).convert("RGB")
     size = (image.width // 8, image.height // 8)
@@ -62,8 +71,7 @@ def test_both_renderings_show_the_same_state_and_pose(webgl, server, client_serv
     with watching(webgl, server) as pictures, watching(webgl, client_server) as drawn:
         for each in (pictures.page, drawn.page):
             if size is not None:
-                each.set_viewport_size(size)
-                each.wait_for_timeout(1000)
+                resize(each, *size)
         for frame, label in FRAMES.items():
             first, second = (shown(each.page, frame, label) for each in (pictures, drawn))
             assert first.shape == second.shape
@@ -87,9 +95,9 @@ def test_robot_has_the_same_colours_in_both_renderings(webgl, serve):
 
 
 def test_drawing_page_is_covered_while_the_server_is_stopped_and_after_it_was_killed(
-    webgl, serve, viewed_case
+    webgl, start_server, viewed_case
 ):
-    server = serve(str(viewed_case), "--render", "client")
+    server = start_server(str(viewed_case), "--render", "client")
     with watching(webgl, server) as watched:
         expect(watched.page.locator("#lost")).to_be_hidden()
         server.process.send_signal(signal.SIGSTOP)
@@ -109,18 +117,11 @@ def test_page_that_cannot_draw_any_more_is_covered(webgl, client_server):
             ".getExtension('WEBGL_lose_context').loseContext()"
         )
         page.keyboard.press("End")
-        expect(page.locator("#lost strong")).to_have_text("PICTURE LATE", timeout=LARGE_MS)
+        expect(page.locator("#lost strong")).to_have_text("PICTURE LATE")
 
 
 def test_viewer_sees_the_operators_camera_and_sends_no_event(webgl, client_server):
-    context = webgl.new_context()
-    page = context.new_page()
-    page.goto(client_server.view_url)
-    page.wait_for_selector("body:not([data-lost]) #state-label", timeout=LARGE_MS)
-    page.mouse.move(300, 300)
-    page.mouse.down()
-    page.mouse.move(400, 350)
-    page.mouse.up()
-    expect(page.locator("#lost")).to_be_hidden()
-    context.close()
+    with watching(webgl, client_server, client_server.view_url) as viewer:
+        drag(viewer.page.locator("main.view"), (300, 300), (400, 350))
+        wait_until_uncovered(viewer.page)
     assert not re.search("refused", client_server.log.read_text())

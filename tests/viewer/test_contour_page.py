@@ -1,21 +1,31 @@
 """Contouring on the page: clicks on phantom images become a tumour; two pages at the same time."""
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 from app.case import open_case
 from app.files.meshes import load_mesh
 from app.fixture.surfaces.bvh import indexed_bvh
 from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
-from app.geometry import SurfaceMesh, weld_vertices
+from app.geometry import weld_vertices
 from tests.contour.phantom import clicks_on, dice, is_inside, slice_of, tumor_from_image, tumour
 from tests.contour.phantom_case import CLICKED, offset_mm, write_phantom_case
 from tests.page_rules import violations
-from tests.viewer.conftest import Serve, Server, Watched, wait_until_uncovered, watching
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import (
+    answer,
+    click_at,
+    confirm,
+    download,
+    drag,
+    read,
+    resize,
+    show_frame,
+    wait_for,
+)
 
 TO_SCREEN = """([column, row]) => {
   const svg = document.querySelector("#us-image");
@@ -23,8 +33,6 @@ TO_SCREEN = """([column, row]) => {
   return [x, y];
 }"""
 
-ANSWER = """([name, args]) => trame.trigger(name, args)
-  .then(() => "done", (error) => error.message)"""
 VIEW_REFUSED = {
     "contour_add": ["v", 20, 1, 1],
     "contour_tip": ["v", "cautery"],
@@ -39,66 +47,52 @@ VIEW_REFUSED = {
 
 
 @pytest.fixture(scope="module")
-def server(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Server:
+def server(serve, tmp_path_factory):
     return serve(str(write_phantom_case(tmp_path_factory.mktemp("phantom") / "case")))
 
 
-@pytest.fixture(scope="module")
-def watched(browser: Browser, server: Server) -> Iterator[Watched]:
-    with watching(browser, server) as found:
-        yield found
-
-
-@pytest.fixture(autouse=True)
-def no_points(watched: Watched) -> Iterator[None]:
-    yield
-    page = watched.page
+@pytest.fixture
+def page(page):
+    """The page with image 20, on which a click adds a point; afterwards there are none."""
+    show_image(page, 20)
+    page.click("#contour-add")
+    yield page
     if page.evaluate("trame.state.get('contour').count") != "no points":
-        page.click("#contour-clear summary")
-        page.click("#contour-clear-confirm")
+        confirm(page, "contour-clear")
     expect(page.locator("#contour-count")).to_have_text("no points")
     for button in ("#contour-add", "#contour-erase"):
         if page.locator(button).get_attribute("aria-pressed") == "true":
             page.click(button)
 
 
-def go_to(page: Page, frame: int) -> None:
-    page.evaluate("frame => trame.trigger('frame', [frame])", frame)
+def show_image(page, frame):
+    show_frame(page, frame)
     expect(page.locator("#ultrasound > div")).to_have_attribute("data-image", str(frame))
 
 
-def place(page: Page, column: float, row: float) -> tuple[float, float]:
+def place(page, column, row):
     x, y = page.evaluate(TO_SCREEN, [column, row])
     return x, y
 
 
-def click(page: Page, column: float, row: float) -> None:
-    wait_until_uncovered(page)
-    page.mouse.click(*place(page, column, row))
+def click(page, column, row):
+    click_at(page.locator("#us-image"), *place(page, column, row))
 
 
-def points(page: Page) -> list[dict[str, float]]:
-    found: list[dict[str, float]] = page.evaluate("trame.state.get('contour').points")
-    return found
+def has_points(page, count):
+    wait_for(page, "trame.state.get('contour').points.length === arg", count)
 
 
-def has_points(page: Page, count: int) -> None:
-    page.wait_for_function("n => trame.state.get('contour').points.length === n", arg=count)
-
-
-def contains(mesh: SurfaceMesh, places: np.ndarray) -> np.ndarray:
+def contains(mesh, places):
     vertices, faces, _ = weld_vertices(mesh.vertices_mm, mesh.faces)
     return winding_numbers(dipoles_of(indexed_bvh(vertices, faces)), places) > 0
 
 
-def test_clicks_on_the_images_become_a_surface_file_of_the_true_tumour(
-    watched: Watched, server: Server, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    page, random, count = watched.page, np.random.default_rng(3), 0
+def test_clicks_on_the_images_become_a_surface_file_of_the_true_tumour(page, watched, tmp_path):
+    random, count = np.random.default_rng(3), 0
     images = [slice_of(tumour(), tumor_from_image(offset_mm(n)), random) for n in range(40)]
-    page.click("#contour-add")
     for frame in CLICKED:
-        go_to(page, frame)
+        show_image(page, frame)
         for column, row in clicks_on(images[frame], 9):
             click(page, column, row)
             count += 1
@@ -110,21 +104,19 @@ def test_clicks_on_the_images_become_a_surface_file_of_the_true_tumour(
     )
     page.fill("#contour-calibration", "0.5")
     page.press("#contour-calibration", "Tab")
-    page.wait_for_function("() => trame.state.get('contour').ready")
+    wait_for(page, "trame.state.get('contour').ready")
     expect(page.locator("#contour-sigma")).to_contain_text("calibration 0.50, pixel 0.07, spacing")
-    with page.expect_download() as download:
-        page.click("#contour-stl")
-    folder = tmp_path_factory.mktemp("saved")
-    download.value.save_as(folder / "contour.stl")
-    mesh = load_mesh(folder / "contour.stl", units="mm", frame="tumor")
+    surface = tmp_path / "contour.stl"
+    surface.write_bytes(download(page, "#contour-stl").read_bytes())
+    mesh = load_mesh(surface, units="mm", frame="tumor")
     axis = np.arange(-14.0, 14.0, 0.5)
     grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
     true = is_inside(tumour(), grid)
     assert dice(true, contains(mesh, grid)) >= 0.90
     assert mesh.signed_volume_mm3 / (true.sum() * 0.5**3) == pytest.approx(1.0, abs=0.10)
     # As the tumour of a case, with its uncertainty.
-    case = write_phantom_case(folder / "case")
-    (case / "tumor.stl").write_bytes((folder / "contour.stl").read_bytes())
+    case = write_phantom_case(tmp_path / "case")
+    surface.replace(case / "tumor.stl")
     sigma = page.evaluate("trame.state.get('contour').sigma_mm")
     manifest = (case / "case.yaml").read_text()
     (case / "case.yaml").write_text(manifest.replace("tumor:", f"tumor:\n  sigma_mm: {sigma}", 1))
@@ -136,21 +128,12 @@ def test_clicks_on_the_images_become_a_surface_file_of_the_true_tumour(
     watched.errors.clear()
 
 
-def test_drag_erase_undo_and_the_tip(watched: Watched) -> None:
-    page = watched.page
-    go_to(page, 20)
-    page.click("#contour-add")
+def test_drag_erase_undo_and_the_tip(page):
     for column, row in ((60, 60), (140, 60), (140, 120)):
         click(page, column, row)
     has_points(page, 3)
-    wait_until_uncovered(page)
-    page.mouse.move(*place(page, 140, 120))
-    page.mouse.down()
-    page.mouse.move(*place(page, 90, 110), steps=4)
-    page.mouse.up()
-    page.wait_for_function(
-        "() => trame.state.get('contour').points.some((p) => p.y < 112 && p.y > 109)"
-    )
+    drag(page.locator("#us-image"), place(page, 140, 120), place(page, 90, 110))
+    wait_for(page, "trame.state.get('contour').points.some((p) => p.y < 112 && p.y > 109)")
     page.click("#contour-tip")
     expect(page.locator("#contour-count")).to_have_text("4 points, 1 image, 1 at the tip")
     page.click("#contour-erase")
@@ -166,23 +149,17 @@ def test_drag_erase_undo_and_the_tip(watched: Watched) -> None:
     )
 
 
-def test_keys_move_a_cross_and_add_a_point(watched: Watched) -> None:
-    page = watched.page
-    go_to(page, 20)
-    page.click("#contour-add")
+def test_keys_move_a_cross_and_add_a_point(page):
     page.focus("#us-image")
     for key in ("ArrowRight", "Shift+ArrowDown", "Enter"):
         page.keyboard.press(key)
     has_points(page, 1)
-    (point,) = points(page)
+    (point,) = read(page, "trame.state.get('contour').points")
     assert (point["x"], point["y"]) == (101.5, 90.5)
     assert page.evaluate("trame.state.get('now').frame") == 20
 
 
-def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(watched: Watched) -> None:
-    page = watched.page
-    go_to(page, 20)
-    page.click("#contour-add")
+def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(page):
     click(page, 60, 60)
     has_points(page, 1)
     page.fill("#contour-hydromark", "3")
@@ -200,12 +177,7 @@ def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(watched: Watched)
     )
 
 
-def test_second_page_that_edits_at_the_same_time_loses_nothing(
-    browser: Browser, server: Server, watched: Watched
-) -> None:
-    page = watched.page
-    go_to(page, 20)
-    page.click("#contour-add")
+def test_second_page_that_edits_at_the_same_time_loses_nothing(browser, server, page):
     with watching(browser, server) as other:
         second = other.page
         expect(second.locator("#ultrasound > div")).to_have_attribute("data-image", "20")
@@ -218,8 +190,7 @@ def test_second_page_that_edits_at_the_same_time_loses_nothing(
         click(page, 100, 120)
         has_points(second, 3)
         # The second page asks for what it saw before the last click of the first one.
-        text = second.evaluate(ANSWER, ["contour_undo", ["second", stale]])
-        assert text == (
+        assert answer(second, "contour_undo", "second", stale) == (
             "contour: another page has changed it meanwhile, and nothing was done here; expected "
             "the same request again, after a look at it"
         )
@@ -229,39 +200,27 @@ def test_second_page_that_edits_at_the_same_time_loses_nothing(
         expect(second.locator("#contour-note")).to_have_text("")
 
 
-def test_contouring_has_no_violations(watched: Watched) -> None:
-    page = watched.page
-    go_to(page, 20)
-    page.click("#contour-add")
+def test_contouring_has_no_violations(page):
     click(page, 60, 60)
     has_points(page, 1)
     page.click("#contour-clear summary")
-    for width, height in ((1280, 720), (390, 844), (768, 1024)):
-        page.set_viewport_size({"width": width, "height": height})
+    for width, height in ((390, 844), (768, 1024), (1280, 720)):
+        resize(page, width, height)
         assert violations(page) == []
-    page.set_viewport_size({"width": 1280, "height": 720})
     page.click("#contour-clear summary")
 
 
-def test_viewer_sees_the_contour_and_has_no_tools(
-    browser: Browser, server: Server, watched: Watched
-) -> None:
-    page = watched.page
-    go_to(page, 20)
-    page.click("#contour-add")
+def test_viewer_sees_the_contour_and_has_no_tools(browser, server, page):
     click(page, 60, 60)
-    context = browser.new_context()
-    viewer = context.new_page()
-    viewer.goto(server.view_url)
-    expect(viewer.locator("#contour-count")).to_have_text("1 point, 1 image")
-    expect(viewer.locator("#us-contour .us-point")).to_have_count(1)
-    assert viewer.locator("#contour button, #contour input, #contour summary").count() == 0
-    for name, args in VIEW_REFUSED.items():
-        text = viewer.evaluate(ANSWER, [name, args])
-        assert "role view; expected operate" in text, name
-    status = viewer.evaluate(
-        "() => fetch('contour.stl?revision=1').then((answer) => answer.status)"
-    )
-    assert status == 403
-    context.close()
+    with watching(browser, server, server.view_url) as watched:
+        viewer = watched.page
+        expect(viewer.locator("#contour-count")).to_have_text("1 point, 1 image")
+        expect(viewer.locator("#us-contour .us-point")).to_have_count(1)
+        assert viewer.locator("#contour button, #contour input, #contour summary").count() == 0
+        for name, args in VIEW_REFUSED.items():
+            assert "role view; expected operate" in answer(viewer, name, *args), name
+        status = viewer.evaluate(
+            "() => fetch('contour.stl?revision=1').then((answer) => answer.status)"
+        )
+        assert status == 403
     has_points(page, 1)

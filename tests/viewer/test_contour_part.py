@@ -1,7 +1,6 @@
 """The contour of a live session: from points at the tip to the session's tumour."""
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,13 +11,15 @@ from app.fixture import MarginState
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import Stylus, compute_here
 from app.session import KnownEdges
-from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.contour_controls import ContourControls
 from app.viewer.contour_part import ContourPart
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError
 from tests.runtime.test_operator_commands import CONTENT, TUMOR_EDGE, World
+from tests.viewer.guided_part import must_not_be_used
+from tests.viewer.guided_part import operator as operator
+from tests.viewer.guided_part import workers as workers
 
 WITHOUT_SCENE = SimpleNamespace(scene=None)
 """Test double of a scene view before tool and tumour are known."""
@@ -29,7 +30,7 @@ CORNERS = np.array([[12, 0, 0], [-12, 0, 0], [0, 12, 0], [0, -12, 0], [0, 0, 12]
 class Contouring:
     """A contour part with its commands, and the waiting for its surface."""
 
-    def __init__(self, use=None) -> None:
+    def __init__(self, use=None):
         self.computed = threading.Semaphore(0)
         self.part = ContourPart(CONTENT, compute_here, self.computed.release, use)
         self.commands = Commands()
@@ -65,17 +66,16 @@ def world():
     return World()
 
 
-def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world):
-    with ThreadPoolExecutor(2) as workers:
-        operator = LiveOperator(workers)
-        contouring = Contouring(operator.set_tumor)
-        contouring.add(CORNERS)
-        contouring.run("contour_calibration", contouring.revision, 0.5)
-        contouring.finish()
-        with pytest.raises(NotDoneError, match="the session is not ready"):
-            contouring.run("contour_accept", contouring.revision)
-        operator.connect(world.commands)
+def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world, operator, workers):
+    contouring = Contouring(operator.set_tumor)
+    contouring.add(CORNERS)
+    contouring.run("contour_calibration", contouring.revision, 0.5)
+    contouring.finish()
+    with pytest.raises(NotDoneError, match="the session is not ready"):
         contouring.run("contour_accept", contouring.revision)
+    operator.connect(world.commands)
+    contouring.run("contour_accept", contouring.revision)
+    workers.shutdown()
     tumor = world.commands.content.tumor
     assert (tumor.frame, TUMOR_EDGE.source) == ("tumor", "tumor")
     low, high = tumor.transformed(TUMOR_EDGE).bounds_mm
@@ -88,17 +88,17 @@ def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world):
     assert (request.accepted, request.origin) == (True, "the page")
 
 
-def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(world):
-    with ThreadPoolExecutor(2) as workers:
-        operator = LiveOperator(workers)
-        operator.connect(world.commands)
-        contouring = Contouring(operator.set_tumor)
-        contouring.add(CORNERS[:1])
-        contouring.run("contour_hydromark", contouring.revision, 2.0)
-        contouring.run("contour_dilation", contouring.revision, 1.0)
-        contouring.run("contour_calibration", contouring.revision, 0.5)
-        contouring.finish()
-        contouring.run("contour_accept", contouring.revision)
+def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(
+    world, operator, workers
+):
+    operator.connect(world.commands)
+    contouring = Contouring(operator.set_tumor)
+    contouring.add(CORNERS[:1])
+    for name, value in (("hydromark", 2.0), ("dilation", 1.0), ("calibration", 0.5)):
+        contouring.run(f"contour_{name}", contouring.revision, value)
+    contouring.finish()
+    contouring.run("contour_accept", contouring.revision)
+    workers.shutdown()
     tumor = world.commands.content.tumor.transformed(TUMOR_EDGE)
     np.testing.assert_allclose(tumor.centroid_mm, CORNERS[0], atol=0.02)
     assert tumor.signed_volume_mm3 == pytest.approx(36.0 * np.pi, rel=0.01)
@@ -107,7 +107,7 @@ def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(w
 
 
 def test_contour_that_is_not_ready_is_refused_in_one_line():
-    contouring = Contouring(lambda *_: pytest.fail("must not be used"))
+    contouring = Contouring(must_not_be_used)
     with pytest.raises(NotDoneError, match="no points; expected 4 or more"):
         contouring.run("contour_accept", 0)
     contouring.add(CORNERS[:2])
@@ -165,29 +165,11 @@ def test_point_at_the_tip_of_the_stylus_is_that_of_the_tracker():
     assert len(contouring.part.editor.contour.points) == 1
 
 
-def test_second_tumour_waits_for_the_first(world):
-    entered, leave = threading.Event(), threading.Event()
-
-    def set_tumor(edge, tumor, *, sigma_mm, origin):
-        entered.set()
-        assert leave.wait(60.0)
-
-    world.commands.set_tumor = set_tumor
-    with ThreadPoolExecutor(2) as workers:
-        operator = LiveOperator(workers)
-        operator.connect(world.commands)
-        edge = Transform.identity("needle", "tumor")
-        assert operator.set_tumor(edge, CONTENT.tumor, 0.5)
-        assert entered.wait(60.0)
-        assert not operator.set_tumor(edge, CONTENT.tumor, 0.5)
-        leave.set()
-
-
 def test_surface_that_fails_does_not_end_the_page(caplog):
     def fail(*_):
         raise np.linalg.LinAlgError("singular")
 
-    contouring = Contouring(lambda *_: pytest.fail("must not be used"))
+    contouring = Contouring(must_not_be_used)
     contouring.part._compute = fail
     contouring.add(CORNERS)
     contouring.finish()

@@ -2,64 +2,51 @@
 
 import io
 import zipfile
-from collections.abc import Iterator
-from pathlib import Path
 
 import cv2
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
-from app.cli.main import main
+from app.report import ReportRow, margin_csv
 from tests.page_rules import violations
-from tests.viewer.conftest import Serve, Watched, watching
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import download, resize
 
-WAIT_MS = 120_000
 NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif", "movie.mp4"]
 
 
-@pytest.fixture(scope="module")
-def page(browser: Browser, serve: Serve, viewed_case: Path) -> Iterator[Page]:
-    with watching(browser, serve(str(viewed_case))) as watched:
-        yield watched.page
-        assert watched.errors == []
+def exported(page, name):
+    return download(page, f"#export-{name.replace('.', '-')}", name).read_bytes()
 
 
-def downloaded(page: Page, name: str) -> bytes:
-    with page.expect_download(timeout=WAIT_MS) as waiting:
-        page.click(f"#export-{name.replace('.', '-')}")
-    assert waiting.value.suggested_filename == name
-    return Path(waiting.value.path()).read_bytes()
-
-
-def test_files_are_those_of_a_replay(page: Page, viewed_case: Path, tmp_path: Path) -> None:
-    assert main(["replay", str(viewed_case), "--no-ros", "--report", str(tmp_path)]) == 0
+@pytest.mark.timeout(900)
+def test_files_are_those_of_a_replay(page, watched, parts, tmp_path):
+    rows = [ReportRow.from_step(shown.step) for shown in parts.feed.shown]
     page.click("#export summary")
     assert page.locator("#export a").all_inner_texts() == NAMES
     for width, height in ((1280, 720), (1920, 1080), (390, 844)):
-        page.set_viewport_size({"width": width, "height": height})
+        resize(page, width, height)
         assert violations(page) == []
         box = page.locator("#export ul").bounding_box()
-        assert box is not None and box["x"] >= 0 and box["x"] + box["width"] <= width
-    assert downloaded(page, "margin.csv") == (tmp_path / "margin.csv").read_bytes()
-    assert downloaded(page, "report.pdf").startswith(b"%PDF-")
-    with zipfile.ZipFile(io.BytesIO(downloaded(page, "scene.mrb"))) as bundle:
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width
+    assert exported(page, "margin.csv") == margin_csv(rows).encode()
+    assert exported(page, "report.pdf").startswith(b"%PDF-")
+    with zipfile.ZipFile(io.BytesIO(exported(page, "scene.mrb"))) as bundle:
         assert bundle.testzip() is None
         assert any(name.endswith(".mrml") for name in bundle.namelist())
-    with Image.open(io.BytesIO(downloaded(page, "movie.gif"))) as movie:
+    with Image.open(io.BytesIO(exported(page, "movie.gif"))) as movie:
         assert movie.format == "GIF" and getattr(movie, "n_frames", 1) > 10
-    (tmp_path / "movie.mp4").write_bytes(downloaded(page, "movie.mp4"))
+    (tmp_path / "movie.mp4").write_bytes(exported(page, "movie.mp4"))
     video = cv2.VideoCapture(str(tmp_path / "movie.mp4"))
     # The GIF has one picture for several equal ones.
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 40
     video.release()
+    assert watched.errors == []
 
 
-def test_viewer_may_export(browser: Browser, serve: Serve, viewed_case: Path) -> None:
-    server = serve(str(viewed_case))
-    context = browser.new_context(accept_downloads=True)
-    page = Watched(context.new_page(), server.host).open(server.view_url)
-    page.click("#export summary")
-    expect(page.locator("#export a")).to_have_count(len(NAMES))
-    assert downloaded(page, "margin.csv").startswith(b"t_s,stamp_ns,")
-    context.close()
+def test_viewer_may_export(browser, server):
+    with watching(browser, server, server.view_url) as viewer:
+        viewer.page.click("#export summary")
+        expect(viewer.page.locator("#export a")).to_have_count(len(NAMES))
+        assert exported(viewer.page, "margin.csv").startswith(b"t_s,stamp_ns,")

@@ -1,41 +1,30 @@
 """Images of a live session on the page: their pixels, and why none is shown without a sender."""
 
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
 from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_session
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
-from tests.viewer.conftest import Server, watching
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import resize, wait_for
 from tests.viewer.test_operation_page import picture
-from tests.viewer.test_ultrasound_page import PIXELS_OF
+from tests.viewer.test_ultrasound_page import pixels_of
 
 SENDER = ("-m", "benchmarks.images.sender")
-
-
-@pytest.fixture
-def live_server(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
-    config = write_session(tmp_path / "session", stale_after_ms=2000)
-    server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
-    yield server
-    server.close()
 
 
 WIDTH_OF_TUMOR = "() => document.querySelector('path.us-tumor').getBBox().width"
 
 
 @pytest.fixture
-def two_depths(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Server]:
+def two_depths(serve_live, tmp_path):
     """Pixels of 0.1 mm, and at the other depth of 0.15 mm."""
     matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
     calibrations = [
@@ -49,60 +38,53 @@ def two_depths(can_draw: None, domain_id: int, tmp_path: Path) -> Iterator[Serve
     values["needle"] = {"frame": "needle", "length_mm": 60}
     values["cautery"] = {"topic": "/generator/active", "stale_after_ms": 60_000}
     config.write_text(yaml.safe_dump(values, sort_keys=False))
-    server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
-    yield server
-    server.close()
+    return serve_live(config)
 
 
-def test_operator_chooses_another_depth_after_a_question(
-    browser: Browser, two_depths: Server, start: Start
-) -> None:
+def test_operator_chooses_another_depth_after_a_question(browser, two_depths, start):
     with watching(browser, two_depths) as watched:
         page = watched.page
         start(*SENDER)
-        expect(page.locator("#us-time")).to_contain_text("depth 40 mm", timeout=60_000)
-        page.locator("path.us-tumor[d^=M]").wait_for(state="attached", timeout=60_000)
+        expect(page.locator("#us-time")).to_contain_text("depth 40 mm")
+        page.locator("path.us-tumor[d^=M]").wait_for(state="attached")
         assert page.evaluate(WIDTH_OF_TUMOR) == pytest.approx(2 * 8.0 / 0.1, abs=3)
         expect(page.locator("#us-depth-used")).to_have_text("40 mm")
         page.click("#us-depth summary")
         expect(page.locator("#us-depth-choice option")).to_have_text(["40 mm", "60 mm"])
         page.select_option("#us-depth-choice", "60")
         picture(page, "depth", "#us-depth-confirm")
-        page.set_viewport_size({"width": 390, "height": 844})
-        page.click("#us-depth-confirm", trial=True, timeout=60_000)  # nothing covers it
-        page.set_viewport_size({"width": 1280, "height": 720})
+        resize(page, 390, 844)
+        page.click("#us-depth-confirm", trial=True)  # nothing covers it
+        resize(page, 1280, 720)
         page.click("#us-depth-confirm")
-        expect(page.locator("#us-time")).to_contain_text("depth 60 mm", timeout=60_000)
+        expect(page.locator("#us-time")).to_contain_text("depth 60 mm")
         expect(page.locator("#us-depth-used")).to_have_text("60 mm")
         expect(page.locator("#us-depth")).not_to_have_attribute("open", "")
-        page.wait_for_function(f"() => ({WIDTH_OF_TUMOR})() < 115")
+        wait_for(page, f"({WIDTH_OF_TUMOR})() < 115")
         assert page.evaluate(WIDTH_OF_TUMOR) == pytest.approx(2 * 8.0 / 0.15, abs=3)
         expected = "image_depth from the page accepted: from 40 to 60 mm"
         expect(page.locator("#request")).to_contain_text(expected)
         assert not watched.errors
 
 
-def test_live_image_is_shown_and_covered_without_its_sender(
-    browser: Browser, live_server: Server, start: Start
-) -> None:
-    with watching(browser, live_server) as watched:
+def test_live_image_is_shown_and_covered_without_its_sender(browser, serve_live, start, tmp_path):
+    server = serve_live(write_session(tmp_path / "session", stale_after_ms=2000))
+    with watching(browser, server) as watched:
         page, problem = watched.page, watched.page.locator("#us-problem")
         part = page.locator("#ultrasound > div")
         expect(part).to_have_attribute("data-problem", "true")
         sender = start(*SENDER)
-        expect(part).to_have_attribute("data-problem", "false", timeout=60_000)
-        page.locator("path.us-tumor[d^=M]").wait_for(state="attached", timeout=60_000)
+        expect(part).to_have_attribute("data-problem", "false")
+        page.locator("path.us-tumor[d^=M]").wait_for(state="attached")
         page.click("#us-freeze")
-        shown = np.array(page.evaluate(PIXELS_OF)).reshape(ROWS, COLUMNS, 4)[..., 0]
-        assert shown.astype(np.uint8).tobytes() in {
-            image_values(number).tobytes() for number in range(16)
-        }
+        shown = pixels_of(page, ROWS, COLUMNS).astype(np.uint8)
+        assert shown.tobytes() in {image_values(number).tobytes() for number in range(16)}
         page.click("#us-freeze")
         sender.end(signal.SIGKILL)
-        expect(part).to_have_attribute("data-problem", "true", timeout=60_000)
+        expect(part).to_have_attribute("data-problem", "true")
         expect(problem).to_contain_text("NO CURRENT IMAGE")
         refused = start(*SENDER, "--encoding", "bgr8")
-        expect(problem).to_contain_text("encoding of the image is 'bgr8'", timeout=60_000)
+        expect(problem).to_contain_text("encoding of the image is 'bgr8'")
         expect(page.locator("#us-image")).to_be_hidden()
         refused.end(signal.SIGKILL)
         assert not watched.external_requests()

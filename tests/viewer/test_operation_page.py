@@ -4,13 +4,12 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from playwright.sync_api import Browser, Locator, Page, TimeoutError, expect
+from playwright.sync_api import expect
 from skimage.filters import gaussian
 from skimage.measure import find_contours
 
@@ -19,14 +18,12 @@ pytest.importorskip("rclpy")
 from app.case import open_case
 from app.files.meshes import load_mesh
 from app.synthetic.operation import PLANES
-from tests.bridge.live.conftest import Child, Start
 from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
-from tests.viewer.conftest import Server, wait_until_uncovered, watching
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import confirm, download, resize, wait_for, wait_until_uncovered
 from tests.viewer.test_contour_page import click, has_points
-from tests.viewer.test_ultrasound_page import PIXELS_OF
+from tests.viewer.test_ultrasound_page import pixels_of
 
-WAIT_MS = 120_000
 SIZES = {"1280": (1280, 720), "1920": (1920, 1080), "390": (390, 844)}
 PICTURES = os.environ.get("MARGINGUARD_WORKFLOW_PICTURES", "")
 """Folder for a picture of each step and size; none by default."""
@@ -42,79 +39,58 @@ CLICKS = 10
 
 
 @pytest.fixture
-def operation(start: Start, tmp_path: Path) -> Child:
+def operation(start, tmp_path):
     """The simulated operation, with its folder written."""
     child = start("-m", "app.cli", "operation", str(tmp_path / "operation"))
     child.line(lambda line: line.startswith("simulated operation"))
     return child
 
 
-@pytest.fixture
-def live_server(can_draw: None, operation: Child, tmp_path: Path) -> Iterator[Server]:
-    config = tmp_path / "operation" / "live.yaml"
-    arguments = ["--live", "--config", str(config), "--cases", str(tmp_path / "cases")]
-    server = Server(arguments, tmp_path / "view.txt")
-    yield server
-    server.close()
-
-
-def picture(page: Page, name: str, part: str) -> None:
+def picture(page, name, part):
     """Keep a picture of the page at each size, with ``part`` in view, if a folder is given."""
     if not PICTURES:
         return
     for size, (width, height) in SIZES.items():
-        page.set_viewport_size({"width": width, "height": height})
+        resize(page, width, height)
         page.locator(part).scroll_into_view_if_needed()
         page.evaluate(HIDE_PATHS)
         page.wait_for_timeout(1500)
         page.screenshot(path=Path(PICTURES) / f"workflow_{name}_{size}.png")
-    page.set_viewport_size({"width": 1280, "height": 720})
+    resize(page, 1280, 720)
 
 
-def reach(operation: Child, phase: str) -> None:
+def reach(operation, phase):
     """Request a phase, and wait until its motion has come to its end."""
     operation.send(phase)
     operation.line(lambda line: line.strip() == phase)
 
 
-def confirm(page: Page, part: str) -> None:
-    """Open the question of ``part`` and confirm it."""
-    page.locator(f"#{part} summary").click(timeout=WAIT_MS)
-    page.click(f"#{part}-confirm")
-
-
-def state_of(page: Page, step: str) -> Locator:
+def state_of(page, step):
     """The row of a step of the workflow."""
     return page.locator("#workflow li", has_text=step)
 
 
-def rearm(page: Page) -> None:
-    confirm(page, "rearm")
-    expect(page.locator(".hold")).to_have_count(0, timeout=WAIT_MS)
-
-
-def calibrate(page: Page, operation: Child, kind: str) -> None:
+def calibrate(page, operation, kind):
     page.click(f"#calibration-{kind}")
     operation.send(kind)
     operation.extend_deadline()
     verdict = page.locator("#calibration-verdict")
-    expect(verdict).to_have_attribute("data-ok", "true", timeout=WAIT_MS)
-    expect(page.locator("#calibration-covered")).to_contain_text("8 of 8", timeout=WAIT_MS)
+    expect(verdict).to_have_attribute("data-ok", "true")
+    expect(page.locator("#calibration-covered")).to_contain_text("8 of 8")
     picture(page, kind, "#calibration")
     operation.extend_deadline()
     page.click("#calibration-stop")
     confirm(page, "calibration-use")
-    expect(page.locator("#calibration-title")).to_have_text("", timeout=WAIT_MS)
+    expect(page.locator("#calibration-title")).to_have_text("")
 
 
-def clicks_on(page: Page) -> list[tuple[float, float]]:
+def clicks_on(page):
     """Columns and rows on the lesion's outline, of the pixels that the page shows alone."""
     rows, columns = page.evaluate(
         "() => { const box = document.querySelector('#us-image image');"
         " return [Number(box.getAttribute('height')), Number(box.getAttribute('width'))]; }"
     )
-    shown = np.array(page.evaluate(PIXELS_OF)).reshape(int(rows), int(columns), 4)[..., 0]
-    smooth = gaussian(shown.astype(float), 3.0)
+    smooth = gaussian(pixels_of(page, int(rows), int(columns)).astype(float), 3.0)
     lines = [line for line in find_contours(smooth, BORDER_LEVEL) if len(line) > 30]
     if not lines:
         return []
@@ -123,23 +99,22 @@ def clicks_on(page: Page) -> list[tuple[float, float]]:
     return [(float(column), float(row)) for row, column in chosen]
 
 
-def click_until_added(page: Page, column: float, row: float, count: int) -> int:
-    """Click again, as a person would, while no point appears; return how often."""
-    for again in range(3):
+def click_until_added(page, column, row, count):
+    """Click again, as a person would, while the click is refused; return how often."""
+    note = "document.querySelector('#contour-note').textContent"
+    repeated = 0
+    while True:
+        page.evaluate(f"{note} = 'not answered'")
         click(page, column, row)
-        try:
-            page.wait_for_function(
-                "n => trame.state.get('contour').points.length === n", arg=count, timeout=6000
-            )
-        except TimeoutError:
-            print(page.locator("#contour-note").inner_text())
-            continue
-        return again
-    has_points(page, count)
-    return 3
+        wait_for(page, f"{note} !== 'not answered'")
+        if not (problem := page.evaluate(note)):
+            has_points(page, count)
+            return repeated
+        print(problem)
+        repeated += 1
 
 
-def contour(page: Page, operation: Child) -> int:
+def contour(page, operation):
     """Click on the outline in the images of all planes; return the number of points."""
     page.click("#contour-add")
     part, count, repeated = page.locator("#ultrasound > div"), 0, 0
@@ -147,10 +122,8 @@ def contour(page: Page, operation: Child) -> int:
         reach(operation, f"sweep {plane}")
         before = int(part.get_attribute("data-image") or 0)
         # The images on the way have been sent before the phase was reported.
-        page.wait_for_function(
-            "n => Number(document.querySelector('#ultrasound > div').dataset.image) > n + 6",
-            arg=before,
-        )
+        number = "Number(document.querySelector('#ultrasound > div').dataset.image)"
+        wait_for(page, f"{number} > arg + 6", before)
         for column, row in clicks_on(page):
             operation.extend_deadline()
             count += 1
@@ -160,12 +133,12 @@ def contour(page: Page, operation: Child) -> int:
     page.click("#contour-add")
     page.fill("#contour-calibration", "0.5")
     page.press("#contour-calibration", "Tab")
-    page.wait_for_function("() => trame.state.get('contour').ready")
+    wait_for(page, "trame.state.get('contour').ready")
     print(f"{count} points, {repeated} clicks repeated")
     return count
 
 
-def compared(found: trimesh.Trimesh, true: trimesh.Trimesh) -> tuple[float, float]:
+def compared(found, true):
     """Dice coefficient and ratio of the volumes, of voxels of 0.5 mm inside each by trimesh."""
     low = np.minimum(found.bounds[0], true.bounds[0]) - 1.0
     high = np.maximum(found.bounds[1], true.bounds[1]) + 1.0
@@ -176,13 +149,15 @@ def compared(found: trimesh.Trimesh, true: trimesh.Trimesh) -> tuple[float, floa
     return float(dice), float(inside.sum() / truly.sum())
 
 
+@pytest.mark.timeout(900)
 def test_workflow_from_ultrasound_to_the_report(
-    browser: Browser, live_server: Server, operation: Child, tmp_path: Path
-) -> None:
-    with watching(browser, live_server) as watched:
+    browser, serve_live, start_server, operation, tmp_path
+):
+    cases = ("--cases", str(tmp_path / "cases"))
+    with watching(browser, serve_live(tmp_path / "operation" / "live.yaml", *cases)) as watched:
         page = watched.page
         page.click("#workflow summary")
-        expect(state_of(page, "connect")).to_have_attribute("data-state", "done", timeout=WAIT_MS)
+        expect(state_of(page, "connect")).to_have_attribute("data-state", "done")
         expect(state_of(page, "contour")).to_have_attribute("data-state", "not done")
         picture(page, "connect", "#workflow")
         calibrate(page, operation, "pivot")
@@ -192,34 +167,35 @@ def test_workflow_from_ultrasound_to_the_report(
         points = contour(page, operation)
         operation.extend_deadline()
         confirm(page, "contour-use")
-        expect(state_of(page, "contour")).to_have_attribute("data-state", "done", timeout=WAIT_MS)
+        expect(state_of(page, "contour")).to_have_attribute("data-state", "done")
 
         operation.extend_deadline()
-        page.locator("#registration-start").click(timeout=WAIT_MS)
+        page.locator("#registration-start").click()
         reach(operation, "touch")
         verdict = page.locator("#registration-verdict")
-        expect(verdict).to_have_attribute("data-ok", "true", timeout=WAIT_MS)
+        expect(verdict).to_have_attribute("data-ok", "true")
         picture(page, "register", "#registration")
         page.click("#registration-stop")
         confirm(page, "registration-use")
-        expect(page.locator("#fre")).to_contain_text("points, FRE", timeout=WAIT_MS)
-        rearm(page)
+        expect(page.locator("#fre")).to_contain_text("points, FRE")
+        confirm(page, "rearm")
+        expect(page.locator(".hold")).to_have_count(0)
 
         operation.extend_deadline()
         page.click("#record summary")
         page.fill("#record-name", "operation")
         page.click("#record-confirm")
-        expect(page.locator("#recording-mark")).to_be_visible(timeout=WAIT_MS)
+        expect(page.locator("#recording-mark")).to_be_visible()
         reach(operation, "approach")
         picture(page, "navigate", "#state-label")
         reach(operation, "breach")
-        expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
+        expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
         picture(page, "breach", "#state-label")
         reach(operation, "retreat")
-        expect(page.locator("#state-label")).not_to_have_text("IN TUMOUR", timeout=WAIT_MS)
-        expect(page.locator("#breaches li")).to_have_count(1, timeout=WAIT_MS)
+        expect(page.locator("#state-label")).not_to_have_text("IN TUMOUR")
+        expect(page.locator("#breaches li")).to_have_count(1)
         confirm(page, "record")
-        expect(page.locator("#recording .count")).to_have_text("finished", timeout=WAIT_MS)
+        expect(page.locator("#recording .count")).to_have_text("finished")
         assert not watched.external_requests()
         assert not watched.errors
 
@@ -243,20 +219,14 @@ def test_workflow_from_ultrasound_to_the_report(
     print(f"breach of the recorded case: {breach}")
     assert breach["min_signed_distance_mm"] < -1.0
 
-    review = Server([str(folder)], tmp_path / "review.txt")
-    try:
-        with watching(browser, review) as watched:
-            page = watched.page
-            expect(page.locator("#breaches li")).to_have_count(1, timeout=WAIT_MS)
-            page.locator("#breaches button").first.click()
-            expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
-            picture(page, "review", "#state-label")
-            page.click("#export summary")
-            with page.expect_download(timeout=WAIT_MS) as download:
-                page.click("#export-report-html")
-            report = Path(download.value.path()).read_text(encoding="utf-8")
-            assert f"{breach['min_signed_distance_mm']:.2f} mm" in report
-            wait_until_uncovered(page)
-            assert not watched.errors
-    finally:
-        review.close()
+    with watching(browser, start_server(str(folder))) as watched:
+        page = watched.page
+        expect(page.locator("#breaches li")).to_have_count(1)
+        page.locator("#breaches button").first.click()
+        expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
+        picture(page, "review", "#state-label")
+        page.click("#export summary")
+        report = download(page, "#export-report-html").read_text(encoding="utf-8")
+        assert f"{breach['min_signed_distance_mm']:.2f} mm" in report
+        wait_until_uncovered(page)
+        assert not watched.errors

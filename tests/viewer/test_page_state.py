@@ -21,23 +21,23 @@ class FeedDouble:
 
     shown: ViewState | None = None
 
-    def now(self) -> ViewState | None:
+    def now(self):
         return self.shown
 
 
 class TimelineDouble:
     """A test double: a timeline with a new plot at every picture."""
 
-    def values(self, shown: ViewState | None) -> dict[str, int]:
+    def values(self, shown):
         return {"cursor": 0}
 
-    def new_plot(self) -> dict[str, list[int]]:
+    def new_plot(self):
         return {"plot": [1, 2, 3]}
 
-    def listed(self, shown: ViewState | None) -> ViewState | None:
+    def listed(self, shown):
         return shown
 
-    def revision(self) -> object:
+    def revision(self):
         return None
 
 
@@ -56,7 +56,7 @@ def test_screenshot_shows_the_present_without_an_open_page(can_draw, parts):
     scene_view.view.render_window().SetSize(320, 240)
     page = Page(Server().state, scene_view, PictureArea(scene_view.view), feed, TimelineDouble())
 
-    def colors() -> tuple[np.ndarray, int]:
+    def colors():
         pixels = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
         picture = pixels[-240:]
         green = (picture[..., 1] > 2 * picture[..., 0]) & (picture[..., 1] > 2 * picture[..., 2])

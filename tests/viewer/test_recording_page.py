@@ -1,53 +1,39 @@
 """A live session is recorded from the page: a button with a question, its status, its case."""
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 pytest.importorskip("rclpy")
 
 from app.case import open_case
-from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_record_command import SENDER, TRACKED
 from tests.page_rules import violations
-from tests.ros_domain import domain_id as domain_id
-from tests.viewer.conftest import Server, Watched, watching
-
-WAIT_MS = 90_000
+from tests.viewer.conftest import watching
 
 
 @pytest.fixture
-def cases(tmp_path: Path) -> Path:
+def cases(tmp_path):
     return tmp_path / "cases"
 
 
 @pytest.fixture
-def live_server(
-    can_draw: None, domain_id: int, live_yaml: Any, cases: Path, tmp_path: Path
-) -> Iterator[Server]:
+def live_server(serve_live, live_yaml, cases):
     config = live_yaml(TRACKED)
     with config.open("a") as file:
         file.write("needle: {frame: needle, length_mm: 60}\n")
-    arguments = ["--live", "--config", str(config), "--cases", str(cases)]
-    server = Server(arguments, tmp_path / "view.txt")
-    yield server
-    server.close()
+    return serve_live(config, "--cases", str(cases))
 
 
-def test_session_is_recorded_from_the_page(
-    browser: Browser, live_server: Server, cases: Path, start: Start, frames_file: Path
-) -> None:
+@pytest.mark.timeout(900)
+def test_session_is_recorded_from_the_page(browser, live_server, cases, start, frames_file):
     with watching(browser, live_server) as watched:
         page, count = watched.page, watched.page.locator("#recording .count")
         start(str(SENDER), str(frames_file), "tracked", "again")
-        expect(page.locator("#state-label")).to_have_text("IN TUMOUR", timeout=WAIT_MS)
+        expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
         expect(page.locator("#needle-length")).to_have_text("60")
         page.get_by_role("button", name="Needle 5 mm longer").click()
         expect(page.locator("#needle-length")).to_have_text("65")
@@ -61,28 +47,23 @@ def test_session_is_recorded_from_the_page(
         assert page.locator("#record-name:invalid").count() == 1
         page.fill("#record-name", "today")
         page.click("#record-confirm")
-        expect(page.locator("#recording-mark")).to_be_visible(timeout=WAIT_MS)
+        expect(page.locator("#recording-mark")).to_be_visible()
         expect(page.locator("#recording-folder")).to_have_text(str(cases / "today"))
-        expect(page.locator("#recording-numbers")).not_to_contain_text(
-            " 0 messages", timeout=WAIT_MS
-        )
+        expect(page.locator("#recording-numbers")).not_to_contain_text(" 0 messages")
         expect(page.locator("#request")).to_contain_text("record from the page accepted")
-        context = browser.new_context()
-        viewer = Watched(context.new_page(), live_server.host).open(live_server.view_url)
-        expect(viewer.locator("#recording-mark")).to_be_visible()
-        expect(viewer.locator("#record")).to_have_count(0)
-        expect(viewer.locator("#needle-length")).to_have_text("64")
-        expect(viewer.locator("#needle button")).to_have_count(0)
-        context.close()
+        with watching(browser, live_server, live_server.view_url) as seen:
+            expect(seen.page.locator("#recording-mark")).to_be_visible()
+            expect(seen.page.locator("#record")).to_have_count(0)
+            expect(seen.page.locator("#needle-length")).to_have_text("64")
+            expect(seen.page.locator("#needle button")).to_have_count(0)
         assert violations(page) == []
         while not any(True for _ in open_case(cases / "today").recorded_frames()):
             page.wait_for_timeout(200)
-        recorded = open_case(cases / "today").manifest.needle
-        assert recorded is not None and recorded.length_mm == 64.0
+        assert open_case(cases / "today").manifest.needle.length_mm == 64.0
         page.click("#record summary")
         expect(page.locator("#record-name")).to_be_hidden()
         page.click("#record-confirm")
-        expect(count).to_have_text("finished", timeout=WAIT_MS)
+        expect(count).to_have_text("finished")
         expect(page.locator("#recording-mark")).to_have_count(0)
         page.click("#record summary")
         page.fill("#record-name", "today")

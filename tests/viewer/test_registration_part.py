@@ -1,21 +1,19 @@
 """The registration on the page: from touched points to the session's registration, by commands."""
 
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 
 import pytest
 
 from app.case import open_case
-from app.runtime import RobotRegistration, compute_here, content_of
+from app.runtime import RobotRegistration, content_of
 from app.session import Session, setup_from_case
-from app.viewer import LiveOperator
-from app.viewer.access.role import Role
-from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from app.viewer.registration_controls import RegistrationControls
 from app.viewer.registration_part import RegistrationPart
 from tests.runtime.test_operator_commands import World
+from tests.viewer.guided_part import GuidedPart, must_not_be_used
+from tests.viewer.guided_part import operator as operator
+from tests.viewer.guided_part import workers as workers
 
 FRAMES = 760
 """Up to the end of the last of 8 dwells of the shipped case."""
@@ -26,40 +24,22 @@ def case(project_root):
     return open_case(project_root / "data" / "recorded_case")
 
 
-class Registering:
-    """A registration part with its commands, and the waiting for its fits."""
+class Registering(GuidedPart):
+    """A registration part that observes the shipped case."""
 
-    def __init__(self, case, use) -> None:
-        self.computed = threading.Semaphore(0)
+    def __init__(self, case, use):
         self.case = case
         self.setup = setup_from_case(case, tip_only=True)
-        self.content = content_of(case, self.setup, tip_only=True)
-        guide = RobotRegistration(self.content)
-        self.part = RegistrationPart(guide, compute_here, self.computed.release, use)
-        self.commands = Commands()
-        RegistrationControls(self.commands, self.part, lambda: None)
-
-    @property
-    def values(self):
-        return self.part.values()["registration"]
-
-    def run(self, name, *args, role=Role.OPERATE):
-        self.commands.run(f"registration_{name}", [self.values["revision"], *args], role)
+        content = content_of(case, self.setup, tip_only=True)
+        guide = RobotRegistration(content)
+        super().__init__(
+            "registration", RegistrationPart, RegistrationControls, guide, content, use
+        )
 
     def observe(self, frames=FRAMES):
         session = Session(self.setup)
         for frame in islice(self.case.frames(), frames):
             self.part.guide.observe(session.step(frame))
-
-    def finish(self):
-        """Wait until the present samples are fitted."""
-        self.part.update(self.content)
-        for _ in range(3):
-            if self.part.guide.task() is None:
-                return
-            assert self.computed.acquire(timeout=60.0)
-            self.part.update(self.content)
-        raise AssertionError("not computed")
 
 
 def test_points_with_their_errors_become_the_registration(case):
@@ -89,7 +69,7 @@ def test_points_with_their_errors_become_the_registration(case):
 
 
 def test_few_points_are_not_used_and_say_why(case):
-    registering = Registering(case, lambda result: pytest.fail("must not be used"))
+    registering = Registering(case, must_not_be_used)
     registering.run("start", "cautery")
     registering.observe(100)
     registering.run("stop")
@@ -103,13 +83,11 @@ def test_few_points_are_not_used_and_say_why(case):
 
 
 def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):
-    registering = Registering(case, lambda result: pytest.fail("must not be used"))
-    for name in ("start", "stop", "discard", "remove", "restore", "use", "undo"):
-        args = {"remove": ["12"], "start": ["cautery"]}.get(name, [])
-        with pytest.raises(RefusedError, match="role view; expected operate"):
-            registering.run(name, *args, role=Role.VIEW)
-        with pytest.raises(NotDoneError, match="another page has changed it meanwhile"):
-            registering.commands.run(f"registration_{name}", [77, *args], Role.OPERATE)
+    registering = Registering(case, must_not_be_used)
+    registering.check_viewers_and_outdated_pages_are_refused(
+        {"start": ["cautery"], "remove": ["12"]}
+        | {name: [] for name in ("stop", "discard", "restore", "use", "undo")}
+    )
     for point in ("-1", "1e9", "", "\u0661"):
         with pytest.raises(RefusedError, match="expected its decimal number"):
             registering.run("remove", point)
@@ -120,13 +98,12 @@ def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):
     assert registering.values["revision"] == 0
 
 
-def test_operator_sends_a_registration_to_the_session():
+def test_operator_sends_a_registration_to_the_session(operator, workers):
     world = World()
     result = world.commands.content.registration
-    with ThreadPoolExecutor(2) as workers:
-        operator = LiveOperator(workers)
-        assert not operator.set_registration(result)
-        operator.connect(world.commands)
-        assert operator.set_registration(result)
+    assert not operator.set_registration(result)
+    operator.connect(world.commands)
+    assert operator.set_registration(result)
+    workers.shutdown()
     request = world.commands.requests.last
     assert (request.kind, request.accepted, request.origin) == ("register", True, "the page")

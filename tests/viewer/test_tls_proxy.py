@@ -5,18 +5,18 @@ import shutil
 import ssl
 import subprocess
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
 from tests.viewer.conftest import SIZE
+from tests.viewer.page_actions import show_frame, wait_until_uncovered
+from tests.viewer.test_server_gone import check_lost
 
 
 @pytest.fixture(scope="module")
-def certificate(tmp_path_factory) -> Path:
+def certificate(tmp_path_factory):
     """A self-signed certificate with its key, in one file."""
     openssl = shutil.which("openssl")
     if openssl is None:
@@ -33,7 +33,7 @@ def certificate(tmp_path_factory) -> Path:
 class TlsProxyDouble:
     """A test double: a TLS proxy that forwards all bytes."""
 
-    def __init__(self, host: str, certificate: Path) -> None:
+    def __init__(self, host, certificate):
         self._behind = host.split(":")
         self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         self._context.load_cert_chain(certificate)
@@ -43,7 +43,7 @@ class TlsProxyDouble:
         self._thread = threading.Thread(target=self._loop.run_until_complete, args=[self._serve()])
 
     @contextmanager
-    def open(self) -> Iterator[int]:
+    def open(self):
         """Listen; yield the port."""
         self._thread.start()
         self._listening.wait()
@@ -54,7 +54,7 @@ class TlsProxyDouble:
             self._thread.join()
             self._loop.close()
 
-    async def _serve(self) -> None:
+    async def _serve(self):
         self._closing = asyncio.Event()
         server = await asyncio.start_server(self._carry, "127.0.0.1", 0, ssl=self._context)
         self.port = server.sockets[0].getsockname()[1]
@@ -66,7 +66,7 @@ class TlsProxyDouble:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
 
-    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _carry(self, reader, writer):
         behind_reader, behind_writer = await asyncio.open_connection(*self._behind)
         directions = ((reader, behind_writer), (behind_reader, writer))
         try:
@@ -76,7 +76,7 @@ class TlsProxyDouble:
             writer.close()
 
 
-async def _forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _forward(reader, writer):
     with suppress(ConnectionError, asyncio.CancelledError):
         while part := await reader.read(65_536):
             writer.write(part)
@@ -84,16 +84,17 @@ async def _forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -
         writer.close()
 
 
-def test_page_loaded_by_https_uses_an_encrypted_socket(browser, server, certificate):
+def test_page_loaded_by_https_uses_an_encrypted_socket_and_is_covered_without_it(
+    browser, server, certificate
+):
+    context = browser.new_context(viewport=SIZE, ignore_https_errors=True)
+    page, sockets = context.new_page(), []
+    page.on("websocket", lambda socket: sockets.append(socket.url))
     with TlsProxyDouble(server.host, certificate).open() as port:
-        context = browser.new_context(viewport=SIZE, ignore_https_errors=True)
-        page = context.new_page()
-        sockets: list[str] = []
-        page.on("websocket", lambda socket: sockets.append(socket.url))
         page.goto(server.url.replace(f"http://{server.host}", f"https://127.0.0.1:{port}"))
-        label = page.locator("body:not([data-lost]) #state-label")
-        expect(label).not_to_be_empty()
-        page.keyboard.press("Home")  # the server is shared: another test has left it at a frame
-        expect(label).to_have_text("CLEAR")
+        wait_until_uncovered(page)
+        show_frame(page, 0)
+        expect(page.locator("#state-label")).to_have_text("CLEAR")
         assert sockets == [f"wss://127.0.0.1:{port}/ws"]
-        context.close()
+    check_lost(page)
+    context.close()

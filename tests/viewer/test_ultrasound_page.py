@@ -1,18 +1,22 @@
-"""The ultrasound image on the page: its pixels, when it is covered, freeze and brightness."""
+"""Ultrasound images and cuts of a volume on the page: pixels, covers, freeze, choice of a plane."""
 
 import re
-from collections.abc import Iterator
 
+import nibabel
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
+from app.viewer.steps.reslice import SIDE
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import COLUMNS, LOST, ROWS, write_ultrasound_case
 from tests.cli.small_case import FRAMES
-from tests.viewer.conftest import Serve, Watched, watching
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import show_frame
 
-PIXELS_OF = """async () => {
+KINDS = ["Ultrasound", "Axial", "Sagittal", "Coronal", "Along the tool"]
+OUTLINE = re.compile(r"^M[\d.]+ [\d.]+L")
+_PIXELS = """async () => {
   const image = document.querySelector("#us-image image");
   const bitmap = new Image();
   bitmap.src = image.getAttribute("href");
@@ -25,37 +29,31 @@ PIXELS_OF = """async () => {
 }"""
 
 
+def pixels_of(page, rows, columns):
+    """Grey values (rows, columns) of the image on the page."""
+    return np.array(page.evaluate(_PIXELS)).reshape(rows, columns, 4)[..., 0]
+
+
 @pytest.fixture(scope="module")
-def watched(
-    browser: Browser, serve: Serve, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Watched]:
-    case = write_ultrasound_case(tmp_path_factory.mktemp("ultrasound") / "case")
-    with watching(browser, serve(str(case))) as found:
-        yield found
+def case(tmp_path_factory):
+    return write_ultrasound_case(tmp_path_factory.mktemp("ultrasound") / "case")
 
 
-def go_to(page: Page, frame: int) -> None:
-    """Step to ``frame`` from the first one."""
-    page.keyboard.press("Home")
-    page.wait_for_function("trame.state.get('now').frame === 0")
-    for _ in range(frame):
-        page.keyboard.press("ArrowRight")
-    page.wait_for_function("frame => trame.state.get('now').frame === frame", arg=frame)
+@pytest.fixture(scope="module")
+def server(serve, case):
+    return serve(str(case))
 
 
-def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(
-    watched: Watched,
-) -> None:
-    page, part = watched.page, watched.page.locator("#ultrasound > div")
-    go_to(page, 5)
+def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(page, watched):
+    part = page.locator("#ultrasound > div")
+    show_frame(page, 5)
     expect(part).to_have_attribute("data-image", "5")
     expect(part).to_have_attribute("data-problem", "false")
     expect(page.locator("#us-time")).to_have_text("image 5 at 100.250 s")
-    expect(page.locator("path.us-tumor")).to_have_attribute("d", re.compile(r"^M[\d.]+ [\d.]+L"))
-    shown = np.array(page.evaluate(PIXELS_OF)).reshape(ROWS, COLUMNS, 4)
+    expect(page.locator("path.us-tumor")).to_have_attribute("d", OUTLINE)
     expected = some_pixels(FRAMES, ROWS, COLUMNS)[5]
-    np.testing.assert_array_equal(shown[..., 0], expected)
-    go_to(page, LOST)
+    np.testing.assert_array_equal(pixels_of(page, ROWS, COLUMNS), expected)
+    show_frame(page, LOST)
     expect(part).to_have_attribute("data-problem", "true")
     expect(page.locator("#us-problem")).to_have_text(
         "NO CURRENT IMAGE: image 9: tracker -> probe is OUT_OF_VIEW"
@@ -66,18 +64,53 @@ def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(
     assert not watched.errors
 
 
-def test_frozen_image_says_so_and_follows_again(watched: Watched) -> None:
-    page, part = watched.page, watched.page.locator("#ultrasound > div")
-    go_to(page, 3)
+def test_frozen_image_says_so_and_follows_again(page):
+    part = page.locator("#ultrasound > div")
+    show_frame(page, 3)
     expect(part).to_have_attribute("data-image", "3")
     page.click("#us-freeze")
     expect(page.locator("#us-frozen")).to_have_text("FROZEN: not current")
-    page.locator("#us-freeze").evaluate("button => button.blur()")
-    go_to(page, 4)
+    show_frame(page, 4)
     expect(part).to_have_attribute("data-image", "3")
     page.click("#us-freeze")
     expect(page.locator("#us-frozen")).to_be_hidden()
     expect(part).to_have_attribute("data-image", "4")
     page.locator("#us-brightness").fill("2")
     expect(page.locator("#us-image image")).to_have_css("filter", "brightness(2)")
-    page.locator("#us-brightness").evaluate("slider => slider.blur()")
+
+
+def write_scan(path):
+    """A NIfTI file with the value 2 r + 3 a + 5 s at each place, in 240 mm around the origin."""
+    r, a, s = np.meshgrid(*[np.arange(61) * 4.0 - 120.0] * 3, indexing="ij")
+    matrix = np.diag([4.0, 4.0, 4.0, 1.0])
+    matrix[:3, 3] = -120.0
+    nibabel.save(nibabel.Nifti1Image((2 * r + 3 * a + 5 * s).astype(np.float32), matrix), path)
+    return path
+
+
+def test_chosen_plane_shows_the_volume_at_the_tip_with_the_outlines(browser, serve, case, tmp_path):
+    served = serve(str(case), "--volume", str(write_scan(tmp_path / "scan.nii.gz")))
+    with watching(browser, served) as watched:
+        page, part = watched.page, watched.page.locator("#ultrasound > div")
+        show_frame(page, 5)
+        choice = page.locator("#us-kinds select")
+        expect(choice.locator("option")).to_have_text(KINDS)
+        expect(part).to_have_attribute("data-image", "5")
+        choice.select_option("coronal")
+        expect(part).to_have_attribute("data-image", re.compile("^-"))
+        expect(part).to_have_attribute("data-problem", "false")
+        expect(page.locator("#us-kind")).to_have_text("Cut: coronal")
+        expect(page.locator(".us-edges text")).to_have_text(["R", "L", "S", "I"])
+        expect(page.locator("#us-tip")).to_have_text("Tip in the plane")
+        expect(page.locator("path.us-tumor")).to_have_attribute("d", OUTLINE)
+        shown = pixels_of(page, SIDE, SIDE).astype(float)
+        rows, columns = np.nonzero((shown > 0) & (shown < 255))
+        design = np.column_stack([columns, rows, np.ones(len(rows))])
+        (across, down, _), *_ = np.linalg.lstsq(design, shown[rows, columns], rcond=None)
+        # Columns go to the left and rows down, where the values fall by 2 and 5 per mm.
+        assert down < 0.0
+        assert across / down == pytest.approx(2 / 5, rel=0.01)
+        choice.select_option("ultrasound")
+        expect(part).to_have_attribute("data-image", "5")
+        assert not watched.external_requests()
+        assert not watched.errors

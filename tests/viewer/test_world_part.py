@@ -70,21 +70,14 @@ def shown(can_draw, parts):
 
 
 def test_body_is_where_the_physics_has_it_in_the_frame_of_the_tracker(shown):
-    model = shown.view.bodies["wall"]
-    expected = np.eye(4)
-    expected[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    expected[:3, 3] = [10, 20, 30]
-    base = world_matrix(shown.view.scene.tree.node(shown.world.tracker))
-    found = world_matrix(model.GetParentTransformNode())
-    np.testing.assert_allclose(found, base @ expected, atol=1e-9)
-    assert np.abs(base - np.eye(4)).max() > 1e-3
-    shown.world.set_places({"wall": (11, 20, 30, *TURNED)}, START_NS)
-    shown.update(3)  # the frame of the tracker moves, too
-    expected[0, 3] = 11.0
-    base = world_matrix(shown.view.scene.tree.node(shown.world.tracker))
-    found = world_matrix(model.GetParentTransformNode())
-    np.testing.assert_allclose(found, base @ expected, atol=1e-9)
-    assert np.abs(base - np.eye(4)).max() > 1e-3
+    for frame, x in ((0, 10.0), (3, 11.0)):  # the frame of the tracker moves, too
+        shown.world.set_places({"wall": (x, 20, 30, *TURNED)}, START_NS)
+        shown.update(frame)
+        expected = np.array([[0, -1, 0, x], [1, 0, 0, 20], [0, 0, 1, 30], [0, 0, 0, 1]])
+        base = world_matrix(shown.view.scene.tree.node(shown.world.tracker))
+        found = world_matrix(shown.view.bodies["wall"].GetParentTransformNode())
+        np.testing.assert_allclose(found, base @ expected, atol=1e-9)
+        assert np.abs(base - np.eye(4)).max() > 1e-3
 
 
 def test_only_bodies_are_drawn_and_all_are_listed(shown):

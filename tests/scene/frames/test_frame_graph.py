@@ -4,21 +4,15 @@ from hypothesis import strategies as st
 
 from app.geometry import Transform
 from app.scene.frames.frame_graph import poses_in
+from tests.scene.conftest import posed
 
 FRAMES = [f"frame_{number}" for number in range(8)]
 
 
 @given(st.lists(st.integers(0, 6), min_size=7, max_size=7), st.integers(0, 2**16), st.data())
-def test_poses_of_a_tree_equal_the_products_of_its_edges(
-    parents: list[int], seed: int, data: st.DataObject
-) -> None:
+def test_poses_of_a_tree_equal_the_products_of_its_edges(parents, seed, data):
     rng = np.random.default_rng(seed)
-    world = [
-        Transform.from_rotation_vector(
-            rng.normal(size=3), rng.normal(size=3), target="world", source=f
-        )
-        for f in FRAMES
-    ]
+    world = [posed("world", f, rng.normal(size=3), rng.normal(size=3)) for f in FRAMES]
     edges = []
     for child, parent in enumerate(parents, start=1):
         edge = world[parent % child].inverse() @ world[child]
@@ -33,7 +27,7 @@ def test_poses_of_a_tree_equal_the_products_of_its_edges(
         assert np.allclose(pose.matrix, expected.matrix, atol=1e-9)
 
 
-def test_unconnected_frame_has_no_pose() -> None:
+def test_unconnected_frame_has_no_pose():
     edges = [Transform.identity("a", "b"), Transform.identity("c", "d")]
     assert set(poses_in("a", edges)) == {"a", "b"}
     assert set(poses_in("nowhere", edges)) == {"nowhere"}

@@ -7,40 +7,36 @@ import pytest
 from slicer import vtkMRMLScene, vtkMRMLTransformableNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.scene import PoseNodes, SceneError, TransformTree
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.convert import poly_data, world_matrix
 from app.scene.nodes.models import add_model
+from tests.scene.conftest import posed
 
 FRAMES = tuple(f"body_{number}" for number in range(26))
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
 
 
-def poses(seed: int) -> FloatArray:
+def poses(seed):
     rng = np.random.default_rng(seed)
     return np.array(
         [
-            Transform.from_rotation_vector(
-                rng.normal(size=3), rng.normal(scale=100.0, size=3), target="world", source=frame
-            ).matrix
+            posed("world", frame, rng.normal(size=3), rng.normal(scale=100.0, size=3)).matrix
             for frame in FRAMES
         ]
     )
 
 
-def count_events(node: vtkMRMLTransformableNode) -> Counter[str]:
+def count_events(node):
     events: Counter[str] = Counter()
     node.AddObserver(TRANSFORM_MODIFIED, lambda *_: events.update(["transform"]))
     node.AddObserver("ModifiedEvent", lambda *_: events.update(["modified"]))
     return events
 
 
-def test_each_frame_has_its_pose_below_the_root() -> None:
+def test_each_frame_has_its_pose_below_the_root():
     scene = vtkMRMLScene()
-    ras_from_world = Transform.from_rotation_vector(
-        [0.3, 0.2, 0.1], [7.0, 8.0, 9.0], target="ras", source="world"
-    )
+    ras_from_world = posed("ras", "world", [0.3, 0.2, 0.1], [7.0, 8.0, 9.0])
     nodes = PoseNodes(scene, "world", FRAMES, TransformTree(scene).set(ras_from_world))
     assert scene.GetFirstNodeByName("Body7ToWorld") is nodes.nodes["body_7"]
     for seed in (1, 2):
@@ -51,13 +47,13 @@ def test_each_frame_has_its_pose_below_the_root() -> None:
             assert np.allclose(found, ras_from_world.matrix @ world_from_body, rtol=0, atol=1e-9)
 
 
-def test_root_is_the_world_without_a_parent() -> None:
+def test_root_is_the_world_without_a_parent():
     nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
     nodes.move(poses(3))
     assert np.array_equal(world_matrix(nodes.nodes["body_25"]), poses(3)[25])
 
 
-def test_moved_nodes_notify_once_and_others_not_at_all(tumor: SurfaceMesh) -> None:
+def test_moved_nodes_notify_once_and_others_not_at_all(tumor):
     scene = vtkMRMLScene()
     nodes = PoseNodes(scene, "world", FRAMES)
     surface = poly_data(tumor)
@@ -80,7 +76,7 @@ def test_moved_nodes_notify_once_and_others_not_at_all(tumor: SurfaceMesh) -> No
         assert of_node["modified"] <= 1 and of_model["modified"] <= 1
 
 
-def test_node_moved_by_a_user_is_put_back() -> None:
+def test_node_moved_by_a_user_is_put_back():
     nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
     nodes.move(poses(7))
     nodes.nodes["body_3"].SetMatrixTransformToParent(vtkMatrix4x4())
@@ -88,7 +84,7 @@ def test_node_moved_by_a_user_is_put_back() -> None:
     assert np.array_equal(world_matrix(nodes.nodes["body_3"]), poses(7)[3])
 
 
-def test_observers_are_notified_once_at_the_end_of_an_open_batch() -> None:
+def test_observers_are_notified_once_at_the_end_of_an_open_batch():
     scene = vtkMRMLScene()
     batch = Batch(scene)
     nodes = PoseNodes(scene, "world", FRAMES, batch=batch)
@@ -108,7 +104,7 @@ def test_observers_are_notified_once_at_the_end_of_an_open_batch() -> None:
         (np.where(np.arange(26)[:, None, None] == 7, np.nan, poses(5)), "'body_7': not finite"),
     ],
 )
-def test_refused_poses_move_nothing(broken: FloatArray, words: str) -> None:
+def test_refused_poses_move_nothing(broken, words):
     nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
     nodes.move(poses(6))
     with pytest.raises(SceneError, match=words):
@@ -116,14 +112,14 @@ def test_refused_poses_move_nothing(broken: FloatArray, words: str) -> None:
     assert np.array_equal(world_matrix(nodes.nodes["body_0"]), poses(6)[0])
 
 
-def test_frame_given_twice_is_refused() -> None:
+def test_frame_given_twice_is_refused():
     scene = vtkMRMLScene()
     with pytest.raises(SceneError, match="left, left; expected each frame once"):
         PoseNodes(scene, "world", ("left", "left"))
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 0
 
 
-def test_remove_leaves_other_nodes() -> None:
+def test_remove_leaves_other_nodes():
     scene = vtkMRMLScene()
     scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")
     PoseNodes(scene, "world", FRAMES).remove()

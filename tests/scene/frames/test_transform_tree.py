@@ -5,16 +5,15 @@ from slicer import vtkMRMLScene
 from app.geometry import Transform, split_transform_name
 from app.scene import SceneError, TransformTree
 from app.scene.nodes.convert import world_matrix
+from tests.scene.conftest import posed
 
 
-def pose(target: str, source: str, seed: int) -> Transform:
+def pose(target, source, seed):
     rng = np.random.default_rng(seed)
-    return Transform.from_rotation_vector(
-        rng.normal(size=3), rng.normal(size=3), target=target, source=source
-    )
+    return posed(target, source, rng.normal(size=3), rng.normal(size=3))
 
 
-def test_nodes_have_slicer_igt_names_and_world_poses() -> None:
+def test_nodes_have_slicer_igt_names_and_world_poses():
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     ras, cautery, tip = (
@@ -33,7 +32,7 @@ def test_nodes_have_slicer_igt_names_and_world_poses() -> None:
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 3
 
 
-def test_lumpnav_tree_has_its_names_and_parents() -> None:
+def test_lumpnav_tree_has_its_names_and_parents():
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     expected = {
@@ -55,7 +54,7 @@ def test_lumpnav_tree_has_its_names_and_parents() -> None:
     assert found == expected
 
 
-def test_frame_with_another_parent_is_renamed() -> None:
+def test_frame_with_another_parent_is_renamed():
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     tree.set(pose("ras", "reference", 1))
@@ -67,7 +66,7 @@ def test_frame_with_another_parent_is_renamed() -> None:
     assert np.allclose(world_matrix(tree.node("cautery")), expected.matrix)
 
 
-def test_unknown_target_is_refused() -> None:
+def test_unknown_target_is_refused():
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     tree.set(pose("ras", "reference", 1))
@@ -79,7 +78,7 @@ def test_unknown_target_is_refused() -> None:
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 1
 
 
-def test_frame_moved_under_another_parent_is_put_back_but_not_the_root() -> None:
+def test_frame_moved_under_another_parent_is_put_back_but_not_the_root():
     scene = vtkMRMLScene()
     theirs = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "PatientToRas")
     tree = TransformTree(scene)
@@ -94,7 +93,7 @@ def test_frame_moved_under_another_parent_is_put_back_but_not_the_root() -> None
 
 
 @pytest.mark.parametrize("target", ["cautery", "cautery_tip"])
-def test_frame_below_itself_is_refused(target: str) -> None:
+def test_frame_below_itself_is_refused(target):
     tree = TransformTree(vtkMRMLScene())
     tree.set(pose("ras", "reference", 1))
     cautery = tree.set(pose("reference", "cautery", 2))
@@ -105,7 +104,7 @@ def test_frame_below_itself_is_refused(target: str) -> None:
     assert cautery.GetParentTransformNode() is tree.node("reference")
 
 
-def test_clear_leaves_other_nodes() -> None:
+def test_clear_leaves_other_nodes():
     scene = vtkMRMLScene()
     scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")
     tree = TransformTree(scene)

@@ -5,18 +5,13 @@ from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
 from app.geometry import Freshness, Stamp, TrackedTransform, TrackingStatus, Transform
-from app.scene import (
-    MarginGuardScene,
-    SceneError,
-    TransformHealth,
-    TransformWatchdog,
-)
+from app.scene import MarginGuardScene, SceneError, TransformHealth, TransformWatchdog
 from app.scene.nodes.convert import world_matrix
 
 MS = 1_000_000
 
 
-def seen(source: str, at_ms: int, target: str = "tracker") -> TrackedTransform:
+def seen(source, at_ms, target="tracker"):
     return TrackedTransform(
         Transform(target, source, np.eye(3), np.full(3, float(at_ms))),
         Stamp(at_ms * MS),
@@ -24,15 +19,15 @@ def seen(source: str, at_ms: int, target: str = "tracker") -> TrackedTransform:
     )
 
 
-def lost(source: str, at_ms: int) -> TrackedTransform:
+def lost(source, at_ms):
     return TrackedTransform.lost("tracker", source, Stamp(at_ms * MS), TrackingStatus.MISSING)
 
 
-def words(watchdog: TransformWatchdog, now_ms: int) -> dict[str, str]:
+def words(watchdog, now_ms):
     return {each.name: each.freshness.value for each in watchdog.check(now_ms * MS)}
 
 
-def test_transform_is_missing_then_valid_then_stale() -> None:
+def test_transform_is_missing_then_valid_then_stale():
     watchdog = TransformWatchdog(200 * MS)
     watchdog.expect("tracker", "cautery")
     assert watchdog.check(0) == (TransformHealth("CauteryToTracker", Freshness.MISSING, None),)
@@ -48,7 +43,7 @@ def test_transform_is_missing_then_valid_then_stale() -> None:
         )
 
 
-def test_lost_sample_is_missing_with_the_age_of_the_last_good_sample() -> None:
+def test_lost_sample_is_missing_with_the_age_of_the_last_good_sample():
     watchdog = TransformWatchdog(200 * MS)
     watchdog.observe(seen("cautery", 1000))
     watchdog.observe(lost("cautery", 1020))
@@ -61,10 +56,9 @@ def test_lost_sample_is_missing_with_the_age_of_the_last_good_sample() -> None:
     assert words(watchdog, 1060) == {"CauteryToTracker": "valid"}
 
 
-def test_moving_parent_does_not_hide_a_stale_child() -> None:
+def test_moving_parent_does_not_hide_a_stale_child():
     scene = MarginGuardScene(vtkMRMLScene(), stale_after_ns=200 * MS)
     watchdog = scene.watchdog
-    assert watchdog is not None
     tip = seen("cautery_tip", 0, target="cautery")
     watchdog.observe(tip)
     for now_ms in range(0, 500, 20):
@@ -76,7 +70,7 @@ def test_moving_parent_does_not_hide_a_stale_child() -> None:
     assert words(watchdog, 480) == {"CauteryTipToCautery": "stale", "CauteryToReference": "valid"}
 
 
-def test_restart_forgets_samples_and_keeps_watching() -> None:
+def test_restart_forgets_samples_and_keeps_watching():
     watchdog = TransformWatchdog(200 * MS)
     watchdog.observe(seen("cautery", 9000))
     watchdog.observe(lost("needle", 9000))
@@ -87,9 +81,7 @@ def test_restart_forgets_samples_and_keeps_watching() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 200), st.booleans())), st.integers(0, 500))
-def test_transform_is_valid_only_if_its_newest_sample_is_good_and_fresh(
-    samples: list[tuple[int, bool]], now_ms: int
-) -> None:
+def test_transform_is_valid_only_if_its_newest_sample_is_good_and_fresh(samples, now_ms):
     """In any order, as over UDP; of two samples with one stamp the lost one counts."""
     watchdog = TransformWatchdog(200 * MS)
     watchdog.expect("tracker", "cautery")
@@ -102,7 +94,7 @@ def test_transform_is_valid_only_if_its_newest_sample_is_good_and_fresh(
 
 
 @pytest.mark.parametrize("late_ms", [1000, 1005])
-def test_late_good_sample_does_not_end_a_loss(late_ms: int) -> None:
+def test_late_good_sample_does_not_end_a_loss(late_ms):
     watchdog = TransformWatchdog(200 * MS)
     watchdog.observe(seen("cautery", 1000))
     watchdog.observe(lost("cautery", 1010))
@@ -110,7 +102,7 @@ def test_late_good_sample_does_not_end_a_loss(late_ms: int) -> None:
     assert words(watchdog, 1011) == {"CauteryToTracker": "missing"}
 
 
-def test_one_stamp_from_the_future_does_not_hide_later_samples() -> None:
+def test_one_stamp_from_the_future_does_not_hide_later_samples():
     watchdog = TransformWatchdog(200 * MS)
     watchdog.observe(seen("cautery", 3_600_000))
     (health,) = watchdog.check(1000 * MS)
@@ -122,7 +114,7 @@ def test_one_stamp_from_the_future_does_not_hide_later_samples() -> None:
 
 
 @pytest.mark.parametrize("stale_after_ns", [0, -1])
-def test_stale_limit_not_above_zero_is_refused(stale_after_ns: int) -> None:
+def test_stale_limit_not_above_zero_is_refused(stale_after_ns):
     with pytest.raises(
         SceneError, match=f"stale_after_ns is {stale_after_ns}; expected more than 0"
     ):

@@ -15,21 +15,19 @@ SPACING_MM = MarkerStyle().spacing_mm
 POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
 
 
-def markers(style: MarkerStyle | None = None) -> BreachMarkers:
+def markers(style=None):
     scene = vtkMRMLScene()
     pose = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Pose")
     return BreachMarkers(scene, Batch(scene), pose, style)
 
 
-def positions(marks: BreachMarkers) -> np.ndarray:
+def positions(marks):
     points = [marks.node.GetNthControlPointPosition(place) for place in range(len(marks))]
     return np.array(points).reshape(-1, 3)
 
 
 @given(POINTS)
-def test_marks_keep_their_spacing_and_every_breach_is_near_one(
-    points: list[tuple[float, ...]],
-) -> None:
+def test_marks_keep_their_spacing_and_every_breach_is_near_one(points):
     marks = markers()
     added = [marks.add(np.array(point)) for point in points]
     placed = positions(marks)
@@ -42,7 +40,7 @@ def test_marks_keep_their_spacing_and_every_breach_is_near_one(
     assert not points or np.array_equal(placed[0], points[0])
 
 
-def test_points_can_be_marked_again_after_clear() -> None:
+def test_points_can_be_marked_again_after_clear():
     marks = markers()
     point = np.array([0.2, 0.3, 0.4])
     assert marks.add(point)
@@ -53,7 +51,7 @@ def test_points_can_be_marked_again_after_clear() -> None:
     assert marks.add(near)
 
 
-def test_marks_are_red_and_locked() -> None:
+def test_marks_are_red_and_locked():
     marks = markers()
     assert marks.node.GetName() == "BreachMarkers"
     assert marks.node.GetDisplayNode().GetSelectedColor() == MARK_COLOR
@@ -61,9 +59,7 @@ def test_marks_are_red_and_locked() -> None:
 
 
 @pytest.mark.parametrize("most", [20, 60])
-def test_long_breach_has_at_most_the_maximum_of_marks(
-    most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_breach_has_at_most_the_maximum_of_marks(most, monkeypatch):
     monkeypatch.setattr("app.scene.margin.breach_markers.MAX_MARKS", most)
     marks = markers()
     breach = np.random.default_rng(1).uniform(-8.0, 8.0, (600, 3))
@@ -83,7 +79,7 @@ def test_long_breach_has_at_most_the_maximum_of_marks(
 
 
 @pytest.mark.parametrize("vision", VISIONS)
-def test_marks_can_be_seen_on_a_tumor_of_each_state(vision: str) -> None:
+def test_marks_can_be_seen_on_a_tumor_of_each_state(vision):
     """On red by luminance; on the others by luminance or by a channel that differs by 0.3."""
     assert seen_ratio(MARK_COLOR, MarginState.POSITIVE.color, vision) >= 4.5
     for state in MarginState:
@@ -94,9 +90,7 @@ def test_marks_can_be_seen_on_a_tumor_of_each_state(vision: str) -> None:
 
 
 @given(POINTS, st.floats(0.2, 5.0), st.floats(0.2, 5.0))
-def test_another_spacing_applies_to_the_breaches_so_far(
-    points: list[tuple[float, ...]], before_mm: float, after_mm: float
-) -> None:
+def test_another_spacing_applies_to_the_breaches_so_far(points, before_mm, after_mm):
     marks = markers(MarkerStyle(before_mm))
     for point in points:
         marks.add(np.array(point))
@@ -117,6 +111,6 @@ def test_another_spacing_applies_to_the_breaches_so_far(
         (1.0, 11.0, "size 11 mm; expected 0.2 to 10 mm"),
     ],
 )
-def test_style_out_of_range_is_refused(spacing_mm: float, size_mm: float, message: str) -> None:
+def test_style_out_of_range_is_refused(spacing_mm, size_mm, message):
     with pytest.raises(SceneError, match=re.escape(message)):
         MarkerStyle(spacing_mm, size_mm)

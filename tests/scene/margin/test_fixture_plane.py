@@ -5,16 +5,14 @@ from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
 from app.fixture import Constraint
-from app.geometry import Transform
 from app.scene import Batch, FixturePlane
 from app.scene.nodes.convert import vtk_matrix
+from tests.scene.conftest import posed
 
-RAS_FROM_TUMOR = Transform.from_rotation_vector(
-    [0.4, -1.0, 2.0], [30.0, -4.0, 12.0], target="ras", source="tumor"
-)
+RAS_FROM_TUMOR = posed("ras", "tumor", [0.4, -1.0, 2.0], [30.0, -4.0, 12.0])
 
 
-def constraint(normal: np.ndarray, offset_mm: float, point_mm: np.ndarray) -> Constraint:
+def constraint(normal, offset_mm, point_mm):
     return Constraint(
         frame="tumor",
         normals=np.array([normal, -normal]),
@@ -26,7 +24,7 @@ def constraint(normal: np.ndarray, offset_mm: float, point_mm: np.ndarray) -> Co
 
 
 @pytest.fixture(scope="module")
-def plane() -> FixturePlane:
+def plane():
     scene = vtkMRMLScene()
     pose = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "TumorToRas")
     pose.SetMatrixTransformToParent(vtk_matrix(RAS_FROM_TUMOR))
@@ -34,9 +32,7 @@ def plane() -> FixturePlane:
 
 
 @given(seed=st.integers(0, 2**16), offset_mm=st.floats(-50.0, 50.0))
-def test_plane_is_the_governing_half_space(
-    plane: FixturePlane, seed: int, offset_mm: float
-) -> None:
+def test_plane_is_the_governing_half_space(plane, seed, offset_mm):
     rng = np.random.default_rng(seed)
     normal = rng.normal(size=3)
     normal /= np.linalg.norm(normal)
@@ -55,7 +51,7 @@ def test_plane_is_the_governing_half_space(
     np.testing.assert_allclose(center, RAS_FROM_TUMOR.apply(point_mm - height * normal), atol=1e-6)
 
 
-def test_plane_does_not_spin_about_its_normal(plane: FixturePlane) -> None:
+def test_plane_does_not_spin_about_its_normal(plane):
     last = None
     for angle in np.linspace(0.0, 2.0 * np.pi, 90):
         normal = np.array([np.cos(angle), np.sin(angle), 0.3])
@@ -67,7 +63,7 @@ def test_plane_does_not_spin_about_its_normal(plane: FixturePlane) -> None:
         last = axes[0]
 
 
-def test_no_constraint_hides_the_plane(plane: FixturePlane) -> None:
+def test_no_constraint_hides_the_plane(plane):
     plane.show(constraint(np.array([0.0, 0.0, 1.0]), 0.0, np.zeros(3)))
     plane.show(None)
     assert not plane.node.GetDisplayNode().GetVisibility()

@@ -1,32 +1,24 @@
 """A scene that was saved and loaded again: its nodes are reused, not added a second time."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from slicer import vtkMRMLScene
 
 from app.fixture import MarginState
-from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
-from app.robot import Robot
-from app.scene import (
-    MarginGuardScene,
-    SceneApplication,
-    add_sequences,
-    load_scene,
-    save_scene,
-)
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.scene import MarginGuardScene, SceneApplication, add_sequences, save_scene
 from app.scene.nodes.convert import world_matrix
 from app.scene.sequences import BROWSER_NAME
-from tests.scene.conftest import Decide, Fill
+from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
 STALE_NS = 200_000_000
 
 
 @pytest.fixture
-def opened(fill: Fill, arm: Robot, decision: Decide, tmp_path: Path) -> SceneApplication:
+def opened(fill, arm, decision, tmp_path):
     """A whole scene in a breach, loaded from a file, with a user's model below the tool's tip."""
     first = SceneApplication(vtkMRMLScene())
     scene = fill(MarginGuardScene(first.scene))
@@ -35,17 +27,15 @@ def opened(fill: Fill, arm: Robot, decision: Decide, tmp_path: Path) -> SceneApp
     users = first.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "UsersPoints")
     users.SetAndObserveTransformNodeID(scene.tree.node("cautery_tip").GetID())
     save_scene(first.scene, tmp_path / "scene.mrb")
-    second = SceneApplication(vtkMRMLScene())
-    load_scene(second.scene, tmp_path / "scene.mrb")
-    return second
+    return loaded(tmp_path / "scene.mrb")
 
 
-def named(scene: vtkMRMLScene, name: str) -> list[str]:
+def named(scene, name):
     nodes = (scene.GetNthNode(place) for place in range(scene.GetNumberOfNodes()))
     return [node.GetID() for node in nodes if node.GetName() == name]
 
 
-def test_adopted_scene_reuses_the_nodes(opened: SceneApplication, fill: Fill) -> None:
+def test_adopted_scene_reuses_the_nodes(opened, fill):
     scene = opened.scene
     before = content(scene)
     ids = {name: named(scene, name) for name in ("Tumor", "Tool", "ReferenceToRas")}
@@ -56,14 +46,12 @@ def test_adopted_scene_reuses_the_nodes(opened: SceneApplication, fill: Fill) ->
     assert {name: named(scene, name) for name in ids} == ids
 
 
-def test_nodes_are_not_adopted_by_default(opened: SceneApplication, fill: Fill) -> None:
+def test_nodes_are_not_adopted_by_default(opened, fill):
     fill(MarginGuardScene(opened.scene))
     assert len(named(opened.scene, "Tumor")) == len(named(opened.scene, "CauteryToReference")) == 2
 
 
-def test_node_of_the_user_below_an_adopted_frame_moves_with_it(
-    opened: SceneApplication, fill: Fill, edges: tuple[Transform, ...]
-) -> None:
+def test_node_of_the_user_below_an_adopted_frame_moves_with_it(opened, fill, edges):
     (users_id,) = named(opened.scene, "UsersPoints")
     scene = fill(MarginGuardScene(opened.scene, adopt_nodes=True))
     tip = scene.tree.node("cautery_tip")
@@ -74,9 +62,7 @@ def test_node_of_the_user_below_an_adopted_frame_moves_with_it(
     assert not np.allclose(world_matrix(tip), at)
 
 
-def test_saved_state_is_not_shown_as_the_present(
-    opened: SceneApplication, edges: tuple[Transform, ...], tumor: SurfaceMesh
-) -> None:
+def test_saved_state_is_not_shown_as_the_present(opened, edges, tumor):
     scene = MarginGuardScene(opened.scene, stale_after_ns=STALE_NS, adopt_nodes=True)
     node = opened.scene.GetFirstNodeByName("Tumor")
     tool = opened.scene.GetFirstNodeByName("Tool")
@@ -89,12 +75,11 @@ def test_saved_state_is_not_shown_as_the_present(
     assert scene.add_tumor(tumor) is node
     assert node.GetDisplayVisibility()
     assert node.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
-    assert scene.margin is not None
     assert len(scene.margin.breaches) == 0
     assert not tool.GetDisplayVisibility()
 
 
-def test_node_of_another_module_is_not_adopted(fill: Fill) -> None:
+def test_node_of_another_module_is_not_adopted(fill):
     application = SceneApplication(vtkMRMLScene())
     add = application.scene.AddNewNodeByClass
     theirs = add("vtkMRMLLinearTransformNode", "CauteryToReference")
@@ -107,14 +92,12 @@ def test_node_of_another_module_is_not_adopted(fill: Fill) -> None:
     assert application.scene.IsNodePresent(tumor)
 
 
-def test_clear_removes_the_adopted_nodes(opened: SceneApplication, fill: Fill) -> None:
+def test_clear_removes_the_adopted_nodes(opened, fill):
     fill(MarginGuardScene(opened.scene, adopt_nodes=True)).clear()
     assert content(opened.scene).keys() == {"UsersPoints"}
 
 
-def test_saved_recording_does_not_change_adopted_nodes(
-    fill: Fill, edges: tuple[Transform, ...], decision: Decide, tmp_path: Path
-) -> None:
+def test_saved_recording_does_not_change_adopted_nodes(fill, edges, decision, tmp_path):
     first = SceneApplication(vtkMRMLScene())
     saved = fill(MarginGuardScene(first.scene))
     good = [TrackedTransform(edge, Stamp(0), TrackingStatus.OK) for edge in edges]
@@ -125,8 +108,7 @@ def test_saved_recording_does_not_change_adopted_nodes(
     saved.show(decision(MarginState.NEGATIVE, 7.0), {})
     add_sequences(saved, frames, states, 20_000_000)
     save_scene(first.scene, tmp_path / "scene.mrb")
-    second = SceneApplication(vtkMRMLScene())
-    load_scene(second.scene, tmp_path / "scene.mrb")
+    second = loaded(tmp_path / "scene.mrb")
     browser = second.scene.GetFirstNodeByName(BROWSER_NAME)
     users = second.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", "Users")
     scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, adopt_nodes=True))

@@ -12,20 +12,12 @@ from vtkmodules.vtkCommonCore import vtkCommand
 
 from app.fixture import MarginState, constrain
 from app.geometry import Transform
-from app.robot import Robot
-from app.scene import (
-    Batch,
-    MarginGuardScene,
-    SceneApplication,
-    draw_once_per_update,
-    use_offscreen_rendering,
-)
-from tests.scene.conftest import Decide, Fill
+from app.scene import Batch, MarginGuardScene, draw_once_per_update, use_offscreen_rendering
 
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
 
 
-def moved(edge: Transform, millimetres: float) -> Transform:
+def moved(edge, millimetres):
     shift = np.array([millimetres, 0.0, 0.0])
     return Transform(edge.target, edge.source, edge.rotation, edge.translation_mm + shift)
 
@@ -33,7 +25,7 @@ def moved(edge: Transform, millimetres: float) -> Transform:
 class Counts:
     """The events of every node of a scene, by its name."""
 
-    def __init__(self, scene: vtkMRMLScene) -> None:
+    def __init__(self, scene):
         self.transform: Counter[str] = Counter()
         self.modified: Counter[str] = Counter()
         for place in range(scene.GetNumberOfNodes()):
@@ -41,33 +33,22 @@ class Counts:
             self._count(node, TRANSFORM_MODIFIED, self.transform)
             self._count(node, vtkCommand.ModifiedEvent, self.modified)
 
-    def clear(self) -> None:
+    def clear(self):
         self.transform.clear()
         self.modified.clear()
 
     @staticmethod
-    def _count(node: vtkMRMLTransformableNode, event: int, counter: Counter[str]) -> None:
+    def _count(node, event, counter):
         name = node.GetName() or node.GetID()
         node.AddObserver(event, lambda *_: counter.update([name]))
 
 
 @pytest.fixture
-def application() -> SceneApplication:
-    return SceneApplication(vtkMRMLScene())
-
-
-@pytest.fixture
-def scene(application: SceneApplication, fill: Fill) -> MarginGuardScene:
+def scene(application, fill):
     return fill(MarginGuardScene(application.scene, logic=application.logic))
 
 
-def test_each_moved_transform_notifies_once(
-    scene: MarginGuardScene,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    decision: Decide,
-    arm: Robot,
-) -> None:
+def test_each_moved_transform_notifies_once(scene, edges, fixed, decision, arm):
     links = arm.forward_kinematics({"shoulder": 0.3, "elbow": 0.2})
     scene.show(decision(MarginState.NEGATIVE, 9.0), {"arm": links})
     counts = Counts(scene.scene)
@@ -80,25 +61,16 @@ def test_each_moved_transform_notifies_once(
             scene.set_poses((edges[0], needle, cautery), (fixed[0], moved(fixed[1], step), base))
             scene.show(decision(MarginState.WARNING, step), {"arm": links})
         assert not counts.transform and not counts.modified
-    transforms = {
-        "NeedleToReference",
-        "TumorToNeedle",
-        "CauteryToReference",
-        "CauteryTipToCautery",
-        "RobotBaseToReference",
-        "BaseToRobotBase",
-        "UpperToBase",
-        "ForeArmToBase",
-    }
+    transforms = {"NeedleToReference", "TumorToNeedle", "CauteryToReference"}
+    transforms |= {"CauteryTipToCautery", "RobotBaseToReference", "BaseToRobotBase"}
+    transforms |= {"UpperToBase", "ForeArmToBase"}
     models = {"Tumor", "Tool", "base_model", "upper_model", "fore_arm_model"}
     markups = {"ClosestPoints", "FixturePlane", "BreachMarkers"}
     assert dict(counts.transform) == dict.fromkeys(transforms | models | markups, 1)
     assert max(counts.modified.values()) == 1
 
 
-def test_plane_and_marks_notify_at_the_end_of_the_update(
-    scene: MarginGuardScene, decision: Decide
-) -> None:
+def test_plane_and_marks_notify_at_the_end_of_the_update(scene, decision):
     counts = Counts(scene.scene)
     inside = decision(MarginState.POSITIVE, -2.0)
     constraint = constrain(inside.proximity, 1.0, frame="tumor")
@@ -108,13 +80,7 @@ def test_plane_and_marks_notify_at_the_end_of_the_update(
     assert counts.modified["FixturePlane"] == 1
 
 
-def test_unchanged_nodes_do_not_notify(
-    scene: MarginGuardScene,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    decision: Decide,
-    arm: Robot,
-) -> None:
+def test_unchanged_nodes_do_not_notify(scene, edges, fixed, decision, arm):
     links = arm.forward_kinematics({"shoulder": 0.3, "elbow": 0.2})
     shown = decision(MarginState.NEGATIVE, 9.0)
     scene.show(shown, {"arm": links})
@@ -129,9 +95,7 @@ def test_unchanged_nodes_do_not_notify(
     assert not counts.transform and not counts.modified and not points
 
 
-def test_events_are_sent_after_an_error(
-    scene: MarginGuardScene, edges: tuple[Transform, ...]
-) -> None:
+def test_events_are_sent_after_an_error(scene, edges):
     counts = Counts(scene.scene)
     drawn: list[int] = []
     scene.batch.on_end(lambda: drawn.append(1))
@@ -146,7 +110,7 @@ def test_events_are_sent_after_an_error(
     assert drawn == [1, 1]
 
 
-def test_listeners_are_called_once_per_outermost_update_after_all_changes() -> None:
+def test_listeners_are_called_once_per_outermost_update_after_all_changes():
     batch = Batch(vtkMRMLScene())
     seen: list[str] = []
     batch.on_end(lambda: seen.append("drawn"))
@@ -159,15 +123,7 @@ def test_listeners_are_called_once_per_outermost_update_after_all_changes() -> N
     assert seen == ["drawn"]
 
 
-def test_view_draws_once_per_update(
-    can_draw: None,
-    application: SceneApplication,
-    scene: MarginGuardScene,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    decision: Decide,
-    arm: Robot,
-) -> None:
+def test_view_draws_once_per_update(can_draw, application, scene, edges, fixed, decision, arm):
     use_offscreen_rendering()
     view = ThreeDView(application.scene, application.logic, "Counted", DirectRendering())
     view.render_window().SetMultiSamples(0)
@@ -177,7 +133,7 @@ def test_view_draws_once_per_update(
     view.render()
     shown = decision(MarginState.POSITIVE, -2.0)
 
-    def update(step: float) -> int:
+    def update(step):
         drawn.clear()
         links = arm.forward_kinematics({"shoulder": step / 10.0})
         with scene.update():

@@ -3,21 +3,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
-from app.geometry import SurfaceMesh, Transform
 from app.scene.nodes.convert import numpy_array, poly_data, vtk_matrix, world_matrix, world_points
+from tests.scene.conftest import posed
 
 three = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
 
 @given(three, three)
-def test_matrix_keeps_every_number(turn: tuple[float, ...], shift: tuple[float, ...]) -> None:
-    pose = Transform.from_rotation_vector(turn, shift, target="a", source="b")
+def test_matrix_keeps_every_number(turn, shift):
+    pose = posed("a", "b", turn, shift)
     matrix = vtk_matrix(pose)
     # VTK's own multiplication is the peer: a point goes where our transform takes it.
     assert np.allclose(matrix.MultiplyPoint((1.0, 2.0, 3.0, 1.0))[:3], pose.apply([1.0, 2.0, 3.0]))
 
 
-def test_surface_keeps_vertices_and_faces(tumor: SurfaceMesh) -> None:
+def test_surface_keeps_vertices_and_faces(tumor):
     surface = poly_data(tumor)
     assert np.array_equal(numpy_array(surface.GetPoints().GetData()), tumor.vertices_mm)
     cells = numpy_array(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
@@ -25,10 +25,10 @@ def test_surface_keeps_vertices_and_faces(tumor: SurfaceMesh) -> None:
     assert surface.GetNumberOfCells() == len(tumor.faces)
 
 
-def test_world_matrix_includes_all_parents(tumor: SurfaceMesh) -> None:
+def test_world_matrix_includes_all_parents(tumor):
     scene = vtkMRMLScene()
-    outer = Transform.from_rotation_vector([0, 0, 1], [1, 2, 3], target="ras", source="a")
-    inner = Transform.from_rotation_vector([1, 0, 0], [4, 5, 6], target="a", source="tumor")
+    outer = posed("ras", "a", [0, 0, 1], [1, 2, 3])
+    inner = posed("a", "tumor", [1, 0, 0], [4, 5, 6])
     nodes = [scene.AddNewNodeByClass("vtkMRMLLinearTransformNode") for _ in range(2)]
     nodes[0].SetMatrixTransformToParent(vtk_matrix(outer))
     nodes[1].SetMatrixTransformToParent(vtk_matrix(inner))

@@ -1,45 +1,21 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
-from slicer import (
-    vtkMRMLMarkupsFiducialNode,
-    vtkMRMLModelNode,
-    vtkMRMLScene,
-    vtkMRMLTransformNode,
-    vtkOrientedImageData,
-)
+from slicer import vtkMRMLMarkupsFiducialNode, vtkOrientedImageData
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.geometry import SurfaceMesh, Transform
-from app.scene import (
-    SceneApplication,
-    SceneError,
-    mesh_of_model,
-    mesh_of_segment,
-    points_of_markups,
-)
+from app.geometry import SurfaceMesh
+from app.scene import SceneError, mesh_of_model, mesh_of_segment, points_of_markups
 from app.scene.nodes.convert import poly_data, vtk_array, vtk_matrix
+from tests.scene.conftest import posed
 
-RAS_FROM_OUTER = Transform.from_rotation_vector(
-    [0.9, 0.0, 0.4], [7.0, -8.0, 9.0], target="ras", source="outer"
-)
-OUTER_FROM_INNER = Transform.from_rotation_vector(
-    [0.0, 1.4, 0.4], [70.0, 8.0, 0.5], target="outer", source="inner"
-)
-RAS_FROM_NEEDLE = Transform.from_rotation_vector(
-    [2.0, 0.4, 0.4], [1.0, 2.0, -50.0], target="ras", source="needle"
-)
+RAS_FROM_OUTER = posed("ras", "outer", [0.9, 0.0, 0.4], [7.0, -8.0, 9.0])
+OUTER_FROM_INNER = posed("outer", "inner", [0.0, 1.4, 0.4], [70.0, 8.0, 0.5])
+RAS_FROM_NEEDLE = posed("ras", "needle", [2.0, 0.4, 0.4], [1.0, 2.0, -50.0])
 
 
-@pytest.fixture
-def application() -> SceneApplication:
-    return SceneApplication(vtkMRMLScene())
-
-
-def hang(application: SceneApplication, *poses: Transform | vtkMatrix4x4) -> vtkMRMLTransformNode:
+def hang(application, *poses):
     """A chain of transform nodes, the outermost first; the innermost."""
     parent = None
     for pose in poses:
@@ -51,21 +27,19 @@ def hang(application: SceneApplication, *poses: Transform | vtkMatrix4x4) -> vtk
     return parent
 
 
-def model_of(application: SceneApplication, surface: vtkPolyData) -> vtkMRMLModelNode:
+def model_of(application, surface):
     model = application.scene.AddNewNodeByClass("vtkMRMLModelNode", "Lesion")
     model.SetAndObservePolyData(surface)
     return model
 
 
-def as_set(points: np.ndarray) -> np.ndarray:
+def as_set(points):
     """Rows in sorted order, so that two point sets can be compared."""
     rounded = np.round(points, 4)
     return points[np.lexsort(rounded.T)]
 
 
-def test_model_is_transformed_through_its_parents_into_a_frame(
-    application: SceneApplication, tumor: SurfaceMesh
-) -> None:
+def test_model_is_transformed_through_its_parents_into_a_frame(application, tumor):
     model = model_of(application, poly_data(tumor))
     parent = hang(application, RAS_FROM_OUTER, OUTER_FROM_INNER)
     model.SetAndObserveTransformNodeID(parent.GetID())
@@ -83,9 +57,7 @@ def test_model_is_transformed_through_its_parents_into_a_frame(
     assert np.allclose(as_set(world.vertices_mm), as_set(expected), atol=1e-9)
 
 
-def test_reflected_model_keeps_its_normals_outward(
-    application: SceneApplication, tumor: SurfaceMesh
-) -> None:
+def test_reflected_model_keeps_its_normals_outward(application, tumor):
     mirror = vtkMatrix4x4()
     mirror.SetElement(0, 0, -1.0)
     model = model_of(application, poly_data(tumor))
@@ -96,7 +68,7 @@ def test_reflected_model_keeps_its_normals_outward(
     )
 
 
-def test_equal_vertices_are_merged(application: SceneApplication, tumor: SurfaceMesh) -> None:
+def test_equal_vertices_are_merged(application, tumor):
     soup = SurfaceMesh(
         "tumor", tumor.triangles_mm.reshape(-1, 3), np.arange(3 * len(tumor.faces)).reshape(-1, 3)
     )
@@ -105,9 +77,7 @@ def test_equal_vertices_are_merged(application: SceneApplication, tumor: Surface
     assert mesh.require_closed("the lesion").vertices_mm.shape == tumor.vertices_mm.shape
 
 
-def test_model_saved_in_lps_has_its_pose(
-    application: SceneApplication, tumor: SurfaceMesh, tmp_path: Path
-) -> None:
+def test_model_saved_in_lps_has_its_pose(application, tumor, tmp_path):
     """A file in LPS, written by Slicer's own storage node and read by a library that keeps it."""
     path = tmp_path / "lesion.ply"
     model = model_of(
@@ -122,13 +92,11 @@ def test_model_saved_in_lps_has_its_pose(
     mesh = mesh_of_model(again, "ras", None)
     assert np.allclose(as_set(mesh.vertices_mm), as_set(in_file * [-1.0, -1.0, 1.0]), atol=1e-3)
     assert np.allclose(
-        as_set(mesh.vertices_mm),
-        as_set(OUTER_FROM_INNER.apply(tumor.vertices_mm)),
-        atol=1e-3,
+        as_set(mesh.vertices_mm), as_set(OUTER_FROM_INNER.apply(tumor.vertices_mm)), atol=1e-3
     )
 
 
-def test_model_without_a_triangle_is_refused(application: SceneApplication) -> None:
+def test_model_without_a_triangle_is_refused(application):
     with pytest.raises(SceneError, match="model 'Lesion': 0 triangles; expected a surface"):
         mesh_of_model(model_of(application, vtkPolyData()), "ras", None)
 
@@ -138,7 +106,7 @@ CENTRE_MM = np.array([16.0, 27.5, 39.0])
 
 
 @pytest.fixture
-def segmentation(application: SceneApplication):
+def segmentation(application):
     """A ball of voxels called ``lesion``, and an empty segment."""
     node = application.scene.AddNewNodeByClass("vtkMRMLSegmentationNode", "Seg")
     origin = np.array([8.0, 18.0, 30.0])
@@ -155,9 +123,7 @@ def segmentation(application: SceneApplication):
     return node
 
 
-def test_segment_becomes_a_closed_surface_in_a_frame(
-    application: SceneApplication, segmentation
-) -> None:
+def test_segment_becomes_a_closed_surface_in_a_frame(application, segmentation):
     segmentation.SetAndObserveTransformNodeID(hang(application, RAS_FROM_OUTER).GetID())
     needle = hang(application, RAS_FROM_NEEDLE)
     mesh = mesh_of_segment(segmentation, "lesion", "needle", needle).require_closed("the lesion")
@@ -172,14 +138,12 @@ def test_segment_becomes_a_closed_surface_in_a_frame(
     [("tumour", "'Seg': 0 segments are named 'tumour'; expected 1 among lesion, nothing"),
      ("nothing", "segment 'nothing' of 'Seg' has no surface")],
 )  # fmt: skip
-def test_unknown_or_empty_segment_is_refused(segmentation, name: str, words: str) -> None:
+def test_unknown_or_empty_segment_is_refused(segmentation, name, words):
     with pytest.raises(SceneError, match=words):
         mesh_of_segment(segmentation, name, "ras", None)
 
 
-def test_placed_points_are_transformed_through_their_parents_into_a_frame(
-    application: SceneApplication,
-) -> None:
+def test_placed_points_are_transformed_through_their_parents_into_a_frame(application):
     points = np.random.default_rng(1).normal(scale=20.0, size=(7, 3))
     markups: vtkMRMLMarkupsFiducialNode = application.scene.AddNewNodeByClass(
         "vtkMRMLMarkupsFiducialNode", "Contour"

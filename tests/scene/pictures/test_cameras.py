@@ -4,14 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slicer import vtkMRMLCameraNode
 
-from app.geometry import SurfaceMesh, Transform
-from app.scene import Camera, Preset, SceneError, bullseye, forward_of, look_through, preset_camera
+from app.geometry import Transform
+from app.scene import Preset, SceneError, bullseye, forward_of, look_through, preset_camera
+from tests.scene.conftest import posed
 
 three = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
-def seen_at(camera: Camera, point: np.ndarray, angle_deg: float = 30.0) -> np.ndarray:
+def seen_at(camera, point, angle_deg=30.0):
     """Where VTK's own camera puts ``point`` in the picture: x and y, -1 to 1 from edge to edge."""
     node = vtkMRMLCameraNode()
     look_through(node, camera, angle_deg)
@@ -22,10 +23,8 @@ def seen_at(camera: Camera, point: np.ndarray, angle_deg: float = 30.0) -> np.nd
 
 
 @given(three, three)
-def test_bullseye_looks_along_the_tool_at_its_tip(
-    turn: tuple[float, ...], at: tuple[float, ...]
-) -> None:
-    ras_from_tip = Transform.from_rotation_vector(turn, at, target="ras", source="cautery_tip")
+def test_bullseye_looks_along_the_tool_at_its_tip(turn, at):
+    ras_from_tip = posed("ras", "cautery_tip", turn, at)
     camera = bullseye(ras_from_tip, FORWARD, distance_mm=120.0)
     # The whole axis of the tool, in front of the tip and behind it, is the centre of the picture.
     for along_mm in (-60.0, 0.0, 40.0):
@@ -37,12 +36,10 @@ def test_bullseye_looks_along_the_tool_at_its_tip(
     assert abs(x) < 1e-6 < y
 
 
-def test_bullseye_with_previous_up_does_not_turn_with_the_tool() -> None:
+def test_bullseye_with_previous_up_does_not_turn_with_the_tool():
     up = None
     for angle in np.linspace(0.0, 3.0, 20):
-        rolled = Transform.from_rotation_vector(
-            angle * FORWARD, [1.0, 2.0, 3.0], target="ras", source="tip"
-        )
+        rolled = posed("ras", "tip", angle * FORWARD, [1.0, 2.0, 3.0])
         camera = bullseye(rolled, FORWARD, distance_mm=50.0, previous_up=up)
         assert up is None or np.allclose(camera.up, up)
         up = camera.up
@@ -52,16 +49,14 @@ def test_bullseye_with_previous_up_does_not_turn_with_the_tool() -> None:
 
 
 @pytest.mark.parametrize(("forward", "distance_mm"), [((0, 0, 0), 10), ((0, 0, 1), 0)])
-def test_bullseye_without_direction_or_distance_is_refused(
-    forward: tuple[float, ...], distance_mm: float
-) -> None:
+def test_bullseye_without_direction_or_distance_is_refused(forward, distance_mm):
     with pytest.raises(SceneError, match="expected a finite direction and a distance above 0"):
         bullseye(
             Transform.identity("ras", "tip"), np.array(forward, float), distance_mm=distance_mm
         )
 
 
-def test_forward_is_from_the_shaft_to_the_tip(tool: SurfaceMesh, tumor: SurfaceMesh) -> None:
+def test_forward_is_from_the_shaft_to_the_tip(tool, tumor):
     assert np.allclose(forward_of(tool), FORWARD)
     with pytest.raises(SceneError, match="its middle is at its tip; expected a mesh on one side"):
         forward_of(tumor)
@@ -79,9 +74,7 @@ def test_forward_is_from_the_shaft_to_the_tip(tool: SurfaceMesh, tumor: SurfaceM
         (Preset.INFERIOR, (-1, 0, 0), (0, 1, 0)),
     ],
 )
-def test_presets_show_their_side(
-    preset: Preset, right: tuple[float, ...], up: tuple[float, ...]
-) -> None:
+def test_presets_show_their_side(preset, right, up):
     points = np.random.default_rng(3).normal([100.0, -50.0, 20.0], 30.0, size=(200, 3))
     camera = preset_camera(preset, points)
     for point in points:
@@ -95,10 +88,8 @@ def test_presets_show_their_side(
     assert (camera.position - middle) @ towards > 0.0
 
 
-def test_presets_follow_the_axes_of_the_patient() -> None:
-    turn = Transform.from_rotation_vector(
-        [0.3, 1.0, 0.2], [0, 0, 0], target="ras", source="patient"
-    )
+def test_presets_follow_the_axes_of_the_patient():
+    turn = posed("ras", "patient", [0.3, 1.0, 0.2], [0, 0, 0])
     points = np.random.default_rng(3).normal(scale=30.0, size=(50, 3))
     plain = preset_camera(Preset.LEFT, points)
     turned = preset_camera(Preset.LEFT, turn.apply(points), ras_from_patient=turn.rotation)
@@ -106,7 +97,7 @@ def test_presets_follow_the_axes_of_the_patient() -> None:
     assert np.allclose(turned.up, turn.rotate(plain.up))
 
 
-def test_camera_node_notifies_once() -> None:
+def test_camera_node_notifies_once():
     node = vtkMRMLCameraNode()
     notified: list[int] = []
     node.AddObserver("ModifiedEvent", lambda *_: notified.append(1))

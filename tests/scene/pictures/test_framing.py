@@ -10,7 +10,7 @@ ANGLE_DEG = 30.0
 
 
 @given(st.integers(0, 2**16), st.floats(0.3, 3.0), st.floats(0.1, 500.0), st.integers(1, 200))
-def test_all_points_are_in_the_picture(seed: int, aspect: float, size: float, count: int) -> None:
+def test_all_points_are_in_the_picture(seed, aspect, size, count):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(count, 3)) * size + rng.normal(size=3) * 100.0
     towards = rng.normal(size=3)
@@ -25,7 +25,7 @@ def test_all_points_are_in_the_picture(seed: int, aspect: float, size: float, co
     assert (np.abs(offset @ right) <= tan * aspect).all()
 
 
-def test_points_fill_the_picture() -> None:
+def test_points_fill_the_picture():
     rng = np.random.default_rng(1)
     points = rng.normal(size=(500, 3)) * 40.0
     camera = fit(points, np.array([0.0, -1.0, 0.0]), UP, angle_deg=ANGLE_DEG, aspect=1.0)
@@ -36,19 +36,19 @@ def test_points_fill_the_picture() -> None:
     assert 0.9 < max(across.max(), over.max()) < 1.0
 
 
-def ball(center: tuple[float, float, float], radius: float) -> np.ndarray:
+def ball(center, radius):
     directions = np.random.default_rng(2).normal(size=(200, 3))
     return np.array(center) + radius * directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
 @pytest.mark.parametrize("side", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (-0.7, 0.7, 0.0)])
-def test_best_direction_does_not_hide_the_subject(side: tuple[float, float, float]) -> None:
+def test_best_direction_does_not_hide_the_subject(side):
     towards = best_direction(ball((0, 0, 0), 10.0), ball(tuple(60.0 * np.array(side)), 15.0), UP)
     assert towards @ side / np.linalg.norm(side) < 0.9
     assert np.linalg.norm(towards) == pytest.approx(1.0)
 
 
-def test_best_direction_shows_a_line_from_its_side() -> None:
+def test_best_direction_shows_a_line_from_its_side():
     along = np.array([3.0, 4.0, 0.0])
     towards = best_direction(ball((0, 0, 0), 10.0), np.empty((0, 3)), UP, along)
     assert abs(towards @ along) / 5.0 < 0.2

@@ -1,6 +1,5 @@
 from collections.abc import Callable
 from io import BytesIO
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,11 +9,9 @@ from PIL import Image
 from app.cli.keyframes import PICTURES_PER_S
 from app.fixture import MarginState
 from app.geometry import InputError, Transform
-from app.runtime import SessionContent
 from app.scene import StepScene, movie_gif, movie_mp4
 from app.scene.nodes.convert import world_matrix
 from app.scene.pictures.movie import PICTURE_MS
-from tests.scene.conftest import MakeStep
 
 SIZE = (320, 200)
 BANNER = 40
@@ -27,16 +24,16 @@ SEEN_AS: dict[MarginState, Callable[..., np.ndarray]] = {
 }
 
 
-def amount_of(state: MarginState, picture: np.ndarray) -> int:
+def amount_of(state, picture):
     return int(SEEN_AS[state](*np.moveaxis(picture.astype(int), -1, 0)).sum())
 
 
-def moved(edges: tuple[Transform, ...], by_mm: float) -> tuple[Transform, ...]:
+def moved(edges, by_mm):
     shift = Transform("cautery", "cautery", np.eye(3), np.array([by_mm, 0.0, 0.0]))
     return (*edges[:2], edges[2] @ shift)
 
 
-def pictures(gif: bytes) -> list[np.ndarray]:
+def pictures(gif):
     image = Image.open(BytesIO(gif))
     assert image.info["duration"] == PICTURE_MS
     assert image.info["loop"] == 0
@@ -48,9 +45,7 @@ def pictures(gif: bytes) -> list[np.ndarray]:
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(
-    content: SessionContent, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(content, make_step, edges):
     states = [
         MarginState.NEGATIVE,
         MarginState.WARNING,
@@ -74,12 +69,12 @@ def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(
     assert 20 < changed.sum() < 0.5 * changed.size
 
 
-def test_command_and_movie_have_the_same_frame_rate() -> None:
+def test_command_and_movie_have_the_same_frame_rate():
     assert PICTURES_PER_S * PICTURE_MS == 1000
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_movie_is_the_same_at_every_run(content: SessionContent, make_step: MakeStep) -> None:
+def test_movie_is_the_same_at_every_run(content, make_step):
     steps = make_step(MarginState.NEGATIVE), make_step(MarginState.POSITIVE)
     keyframes = list(enumerate(steps))
     once, again = (pictures(movie_gif(content, steps[1], keyframes, SIZE)) for _ in range(2))
@@ -87,8 +82,8 @@ def test_movie_is_the_same_at_every_run(content: SessionContent, make_step: Make
 
 
 def test_step_without_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
-    content: SessionContent, make_step: MakeStep, edges: tuple[Transform, ...]
-) -> None:
+    content, make_step, edges
+):
     shown = StepScene(content, make_step(MarginState.POSITIVE))
     later = moved(edges, 25.0)[1:]  # the chest's sensor is not seen, the other two are
     shown.presenter.show(make_step(MarginState.NEGATIVE, measured=later, links={}))
@@ -105,7 +100,7 @@ def test_step_without_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
     assert not display.GetScalarVisibility()
 
 
-def decoded(path: Path) -> tuple[list[np.ndarray], float]:
+def decoded(path):
     """Pictures (h, w, 3) RGB of a video and how many a second, by OpenCV's own FFmpeg."""
     video = cv2.VideoCapture(str(path))
     found = []
@@ -120,17 +115,12 @@ def decoded(path: Path) -> tuple[list[np.ndarray], float]:
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_video_has_the_pictures_of_the_animation(
-    content: SessionContent,
-    make_step: MakeStep,
-    edges: tuple[Transform, ...],
-    tmp_path: Path,
-) -> None:
+def test_video_has_the_pictures_of_the_animation(content, make_step, edges, tmp_path):
     pytest.importorskip("av", reason="the extra video is not installed")
     states = [MarginState.NEGATIVE, MarginState.POSITIVE, MarginState.UNKNOWN]
     keyframes = [
         (0.5 * place, make_step(states[place % 3], measured=moved(edges, 2.0 * place)))
-        for place in range(25)
+        for place in range(12)
     ]
     subject = make_step(MarginState.POSITIVE)
     video = movie_mp4(content, subject, keyframes, SIZE)
@@ -147,7 +137,7 @@ def test_video_has_the_pictures_of_the_animation(
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_video_of_an_odd_size_is_refused(content: SessionContent, make_step: MakeStep) -> None:
+def test_video_of_an_odd_size_is_refused(content, make_step):
     pytest.importorskip("av", reason="the extra video is not installed")
     steps = [(0.0, make_step(MarginState.NEGATIVE))]
     with pytest.raises(InputError, match="321 x 200 pixels; expected even numbers"):

@@ -1,7 +1,5 @@
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,30 +7,21 @@ from matplotlib.image import imread
 from slicer import vtkMRMLScene
 
 from app.fixture import MarginState
-from app.geometry import SurfaceMesh, Transform
-from app.robot import Robot
-from app.runtime import SessionContent
+from app.geometry import Transform
 from app.scene import MarginGuardScene, SceneApplication, SceneError, scene_png, step_png
 from app.scene.pictures.pixels import png, state_strip
-from tests.scene.conftest import Decide, MakeStep
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = pytest.mark.usefixtures("can_draw")
-Draw = Callable[..., np.ndarray]
 
 
-@pytest.fixture
-def draw(content: SessionContent, arm: Robot, make_step: MakeStep) -> Draw:
+@pytest.fixture(scope="module")
+def draw(content, arm, make_step):
     """Draws the case in a state; returns the picture without the banner, values from 0 to 1."""
 
     bent = arm.forward_kinematics({"shoulder": 0.9, "elbow": 0.6})
 
-    def build(
-        state: MarginState = MarginState.POSITIVE,
-        content: SessionContent = content,
-        links: Mapping[str, Transform] = bent,
-        **changes: Any,
-    ) -> np.ndarray:
+    def build(state=MarginState.POSITIVE, content=content, links=bent, **changes):
         step = make_step(state, -2.0, links=links, **changes)
         picture = imread(BytesIO(step_png(content, step, SIZE)))
         assert picture.shape[:2] == SIZE[::-1]
@@ -41,32 +30,38 @@ def draw(content: SessionContent, arm: Robot, make_step: MakeStep) -> Draw:
     return build
 
 
-def amount(picture: np.ndarray, reddish: Callable[..., np.ndarray]) -> int:
+def amount(picture, reddish):
     return int(reddish(*np.moveaxis(picture, -1, 0)).sum())
 
 
-def is_red(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+def is_red(r, g, b):
     return (r > 0.4) & (r > 1.6 * g) & (r > 1.3 * b)
 
 
-def is_green(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+def is_green(r, g, b):
     return (g > 0.4) & (g > 1.3 * r) & (g > 1.3 * b)
 
 
-def is_blue(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+def is_blue(r, g, b):
     return (b > 0.3) & (b > 1.6 * r) & (b > 1.6 * g)
 
 
-def is_yellow(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+def is_yellow(r, g, b):
     return (r > 0.4) & (g > 0.35) & (b < 0.3) & (r < 1.5 * g)
 
 
-def is_yellowish(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+def is_yellowish(r, g, b):
     return (r > b + 0.1) & (g > b + 0.05)
 
 
-def test_tumor_shows_its_state_in_both_views(draw: Draw) -> None:
-    red, green = draw(MarginState.POSITIVE), draw(MarginState.NEGATIVE)
+@pytest.fixture(scope="module")
+def picture(draw):
+    """The picture of a breach."""
+    return draw()
+
+
+def test_tumor_shows_its_state_in_both_views(draw, picture):
+    red, green = picture, draw(MarginState.NEGATIVE)
     half = SIZE[0] // 2
     for view in (np.s_[:, :half], np.s_[:, half:]):
         assert amount(red[view], is_red) > 100
@@ -77,15 +72,13 @@ def test_tumor_shows_its_state_in_both_views(draw: Draw) -> None:
     assert amount(red[:, half:], is_red) > 10 * amount(red[:, :half], is_red)
 
 
-def test_tool_and_robot_are_visible_in_the_overview(draw: Draw) -> None:
-    overview = draw()[:, : SIZE[0] // 2]
+def test_tool_and_robot_are_visible_in_the_overview(picture):
+    overview = picture[:, : SIZE[0] // 2]
     assert amount(overview, is_yellow) > 40
     assert amount(overview, is_blue) > 400
 
 
-def test_tool_is_visible_through_the_holding_link_and_alone_in_the_close_up(
-    draw: Draw, arm: Robot, content: SessionContent
-) -> None:
+def test_tool_is_visible_through_the_holding_link_and_alone_in_the_close_up(draw, arm, content):
     # The forearm reaches to where the tool is: the tool of 60 mm is put wholly inside of it.
     links = arm.forward_kinematics({})
     base_from_tip = links["fore_arm"].renamed(target="robot_base") @ Transform(
@@ -112,47 +105,43 @@ def test_tool_is_visible_through_the_holding_link_and_alone_in_the_close_up(
         assert amount(picture[:, half:], is_blue) == 0
 
 
-def test_picture_is_the_same_each_time(draw: Draw) -> None:
-    assert np.array_equal(draw(), draw())
+def test_picture_is_the_same_each_time(draw, picture):
+    assert np.array_equal(draw(), picture)
 
 
-def test_picture_of_a_tip_without_mesh_and_robot(draw: Draw, content: SessionContent) -> None:
+def test_picture_of_a_tip_without_mesh_and_robot(draw, content):
     picture = draw(content=replace(content, tool=None, robot=None), links={})
     assert amount(picture, is_blue) == 0
     assert amount(picture, is_red) > 1000
 
 
-def test_robot_whose_links_are_unknown_is_left_out(draw: Draw) -> None:
+def test_robot_whose_links_are_unknown_is_left_out(draw):
     assert amount(draw(links={}), is_blue) == 0
 
 
-def test_unknown_margin_is_grey(draw: Draw) -> None:
+def test_unknown_margin_is_grey(draw):
     picture = draw(MarginState.UNKNOWN)
     assert amount(picture, is_red) + amount(picture, is_green) == 0
 
 
-def test_step_without_the_reference_leaves_the_robot_out(
-    draw: Draw, edges: tuple[Transform, ...]
-) -> None:
+def test_step_without_the_reference_leaves_the_robot_out(draw, edges):
     picture = draw(measured=edges[1:])
     assert amount(picture, is_blue) == 0
     assert amount(picture, is_red) > 1000
 
 
-def test_tool_missing_in_the_frame_is_where_the_step_judged_it(
-    draw: Draw, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
-) -> None:
+def test_tool_missing_in_the_frame_is_where_the_step_judged_it(draw, picture, edges, fixed):
     reference, needle, cautery = edges
     tumor_from_tip = (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
     without_tool = draw(measured=(reference, needle), tumor_from_tip=tumor_from_tip)
-    assert np.abs(without_tool - draw()).max() < 0.02
+    assert np.abs(without_tool - picture).max() < 0.02
     with pytest.raises(SceneError, match="step 0: frame 'cautery_tip' has no pose"):
         draw(measured=(reference, needle))
     with pytest.raises(SceneError, match="step 0: frame 'tumor' has no pose"):
         draw(measured=(reference, cautery))
 
 
-def test_strip_has_its_colour_and_its_text() -> None:
+def test_strip_has_its_colour_and_its_text():
     strip = state_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), MarginState.POSITIVE)
     assert strip.shape == (64, 800, 3)
     assert (strip[:, :10] == np.round(255.0 * np.array(MarginState.POSITIVE.color))).all()
@@ -163,21 +152,19 @@ def test_strip_has_its_colour_and_its_text() -> None:
     assert state_strip("x" * 500, (800, 64), MarginState.UNKNOWN).shape == (64, 800, 3)
 
 
-def test_strip_has_the_symbol_of_its_state_without_any_text() -> None:
+def test_strip_has_the_symbol_of_its_state_without_any_text():
     drawn = [state_strip("", (200, 64), state) for state in MarginState]
     inked = [(strip != strip[0, 0]).any(axis=-1) for strip in drawn]
     assert all(20 < mask.sum() < 1000 for mask in inked)
     assert len({mask.tobytes() for mask in inked}) == len(MarginState)
 
 
-def test_png_round_trip() -> None:
+def test_png_round_trip():
     picture = np.random.default_rng(1).integers(0, 256, (5, 7, 3), dtype=np.uint8)
     assert np.array_equal(np.round(255 * imread(BytesIO(png(picture)))), picture)
 
 
-def test_banner_of_an_aged_scene_is_grey(
-    edges: tuple[Transform, ...], fixed: tuple[Transform, ...], tumor: SurfaceMesh, decision: Decide
-) -> None:
+def test_banner_of_an_aged_scene_is_grey(edges, fixed, tumor, decision):
     application = SceneApplication(vtkMRMLScene())
     scene = MarginGuardScene(application.scene, stale_after_ns=10)
     scene.set_poses(edges, fixed)

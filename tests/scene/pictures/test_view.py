@@ -6,39 +6,29 @@ import numpy as np
 import pytest
 from slicer import vtkMRMLScene
 
-from app.fixture import FixtureDecision, MarginState, constrain, margin_surface
-from app.geometry import Stamp, SurfaceMesh, Transform
+from app.fixture import MarginState, constrain, margin_surface
+from app.geometry import Stamp, Transform
 from app.scene import MarginGuardScene, SceneApplication, bullseye, forward_of, offscreen_view
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.pictures.framing import fit
-from tests.scene.conftest import Decide
 
 pytestmark = pytest.mark.usefixtures("can_draw")
 NOW_NS, STALE_NS = 10**12, 200_000_000
 
 
-def ratio(pixels: np.ndarray, of: int) -> int:
+def ratio(pixels, of):
     """Pixels in which channel ``of`` stands out by 30 %."""
     others = np.delete(pixels.astype(int), of, axis=-1).max(axis=-1)
     return int((10 * pixels[..., of].astype(int) > 13 * others).sum())
 
 
-def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    decision: Decide,
-) -> None:
+def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(tumor, fill, decision):
     application = SceneApplication(vtkMRMLScene())
     scene = MarginGuardScene(application.scene, logic=application.logic, stale_after_ns=STALE_NS)
-    scene.set_poses(edges, fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
-    scene.add_margin_surface(margin_surface(tumor, 3.0, spacing_mm=1.0))
+    fill(scene, has_robot=False).add_margin_surface(margin_surface(tumor, 3.0, spacing_mm=1.0))
     points = world_points(scene.margin_surface)
 
-    def clear(now_ns: int) -> FixtureDecision:
+    def clear(now_ns):
         near = decision(MarginState.NEGATIVE, 2.0)
         constraint = constrain(near.proximity, 1.0, frame="tumor")
         return replace(near, constraint=constraint, constraint_is_current=True, stamp=Stamp(now_ns))
@@ -62,12 +52,7 @@ def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(
         assert 10 < marked.sum() < 1000
 
 
-def test_bullseye_shows_the_tip_in_the_middle(
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-) -> None:
+def test_bullseye_shows_the_tip_in_the_middle(tumor, tool, edges, fixed):
     application = SceneApplication(vtkMRMLScene())
     scene = MarginGuardScene(application.scene)
     scene.set_poses(edges, fixed)
@@ -85,7 +70,7 @@ def test_bullseye_shows_the_tip_in_the_middle(
         assert 4 <= np.ptp(places) <= 10
 
 
-def test_closed_view_leaves_no_node() -> None:
+def test_closed_view_leaves_no_node():
     scene = SceneApplication(vtkMRMLScene())
     before = scene.scene.GetNumberOfNodes()
     for _ in range(2):

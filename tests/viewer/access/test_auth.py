@@ -1,7 +1,6 @@
-"""The check of tokens in this process: random tokens, and what a wrong one costs."""
+"""The check of tokens, what a wrong one costs, and the Host and Origin headers."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import aiohttp
 import pytest
@@ -11,29 +10,27 @@ from aiohttp.test_utils import TestServer
 from app.viewer import new_token
 from app.viewer.access.auth import ROLE, UNGUESSABLE_CHARS, Gate
 from app.viewer.access.connections import ConnectionLimits
-from app.viewer.access.guesses import GUESSES
-from app.viewer.access.hosts import AllowedHosts
+from app.viewer.access.guesses import GUESSES, GuessLimit
+from app.viewer.access.hosts import AllowedHosts, is_same_origin
 from app.viewer.access.role import Role
 
-Status = Callable[[str], Awaitable[int]]
 
-
-def run(tokens: dict[Role, str], scenario: Callable[[Status], Awaitable[None]]) -> None:
+def run(tokens, scenario):
     """Run ``scenario`` with a function that sends requests to a gate with ``tokens``."""
 
-    async def answer(request: web.Request) -> web.Response:
+    async def answer(request):
         if request.path == "/fail":
             raise ValueError("secret detail")
         return web.Response(text=request[ROLE].value)
 
-    async def served() -> None:
+    async def served():
         gate = Gate(tokens, AllowedHosts(), ConnectionLimits())
         app = web.Application(middlewares=[gate.middleware()])
         app.router.add_get("/{path:.*}", answer)
         jar = aiohttp.CookieJar(unsafe=True)  # cookies of an address in digits
         async with TestServer(app) as server, aiohttp.ClientSession(cookie_jar=jar) as session:
 
-            async def status(path: str) -> tuple[int, str]:
+            async def status(path):
                 async with session.get(server.make_url(path), allow_redirects=False) as response:
                     return response.status, await response.text()
 
@@ -74,3 +71,73 @@ def test_failure_of_a_handler_is_logged_and_not_described(caplog):
 
     run({Role.OPERATE: "one", Role.VIEW: "two"}, scenario)
     assert "secret detail" in caplog.text
+
+
+S = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("guessing", "same", "other"),
+    [
+        ("192.0.2.1", "192.0.2.1", "192.0.2.2"),
+        ("2001:db8::1", "2001:db8::ffff:2", "2001:db8:0:1::1"),
+        (None, None, "192.0.2.2"),
+    ],
+)
+def test_address_is_blocked_after_its_guesses_and_free_again_later(guessing, same, other):
+    limit = GuessLimit()
+    assert all(limit.wrong(guessing, 0) for _ in range(GUESSES))
+    assert not limit.wrong(guessing, 0)
+    assert limit.is_blocked(same, 0)
+    assert not limit.is_blocked(other, 0)
+    assert limit.is_blocked(same, 5 * S)
+    assert not limit.is_blocked(same, 7 * S)
+
+
+def test_number_of_addresses_that_are_remembered_is_limited():
+    limit = GuessLimit()
+    for number in range(5000):
+        limit.wrong(f"10.0.{number // 256}.{number % 256}", 0)
+    assert len(limit._limits) == 1024
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        *("127.0.0.1", "127.0.0.1:8080", "10.1.2.3:1", "[::1]:8080", "[2001:db8::1]"),
+        *("localhost", "LocalHost:80", "or-3.example", "OR-3.example.:443"),
+    ],
+)
+def test_addresses_localhost_and_given_names_are_allowed(host):
+    assert AllowedHosts(["or-3.Example"]).allows(host)
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        *(None, "", ":80", "evil.example", "localhost.evil.example", "or-3.example.evil.example"),
+        *("127.0.0.1.evil.example", "a@127.0.0.1", "127.0.0.1:80:80", "127.0.0.1:x", "127.0.0.1/"),
+        *("127.0.0.1?a", "127.0.0.1#a", "[::1", "::1]", "2130706433", "0x7f.0.0.1", " 127.0.0.1"),
+    ],
+)
+def test_other_names_are_refused(host):
+    assert not AllowedHosts(["or-3.example"]).allows(host)
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "same"),
+    [
+        ("http://127.0.0.1:80", "127.0.0.1:80", True),
+        ("https://or-3.example", "or-3.example", True),
+        ("http://127.0.0.1:81", "127.0.0.1:80", False),
+        ("http://evil.example", "127.0.0.1:80", False),
+        ("http://127.0.0.1:80.evil.example", "127.0.0.1:80", False),
+        ("http://evil.example/127.0.0.1:80", "127.0.0.1:80", False),
+        ("file://127.0.0.1:80", "127.0.0.1:80", False),
+        ("null", "null", False),
+        ("", "", False),
+        (None, "127.0.0.1:80", False),
+    ],
+)
+def test_origin_is_compared_with_host_and_port(origin, host, same):
+    assert is_same_origin(origin, host) is same

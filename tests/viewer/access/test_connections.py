@@ -1,7 +1,6 @@
 """Limits on connections, with real sockets."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import pytest
 
@@ -15,7 +14,7 @@ class Sender(asyncio.Protocol):
 
     made: list["Sender"]
 
-    def __init__(self, amount: int) -> None:
+    def __init__(self, amount):
         self.amount = amount
         self.lost = asyncio.Event()
         type(self).made.append(self)
@@ -28,15 +27,15 @@ class Sender(asyncio.Protocol):
         self.lost.set()
 
 
-def run(scenario: Callable[[ConnectionLimits, int], Awaitable[None]], amount: int = 0) -> None:
-    async def served() -> None:
+def run(scenario, amount=0):
+    async def served():
         Sender.made = []
         limits = ConnectionLimits()
         loop = asyncio.get_running_loop()
         factory = limits.limited(lambda: Sender(amount))
         server = await loop.create_server(factory, "127.0.0.1", 0)
         try:
-            await asyncio.wait_for(scenario(limits, server.sockets[0].getsockname()[1]), 30.0)
+            await asyncio.wait_for(scenario(limits, server.sockets[0].getsockname()[1]), 120.0)
         finally:
             server.close()
             for each in Sender.made:
@@ -45,7 +44,7 @@ def run(scenario: Callable[[ConnectionLimits, int], Awaitable[None]], amount: in
     asyncio.run(served())
 
 
-async def opened(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+async def opened(port):
     before = len(Sender.made)
     link = await asyncio.open_connection("127.0.0.1", port)
     while len(Sender.made) == before:

@@ -13,7 +13,7 @@ import msgpack
 from tests.viewer.conftest import Server
 
 TEXT, BINARY, CLOSE, PING = 1, 2, 8, 9
-TIMEOUT_S = 30.0
+TIMEOUT_S = 120.0
 AREA = "scene"
 
 

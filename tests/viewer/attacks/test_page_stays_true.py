@@ -1,14 +1,12 @@
 """A page in a browser while another client attacks: it stays live, and shows the truth."""
 
-from collections.abc import Iterator
-
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 
 from app.fixture import MarginState
 from tests.viewer.attacks.raw_page import RawPage, message, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES, POLICY
-from tests.viewer.conftest import watching
+from tests.viewer.page_actions import UNCOVERED, show_frame, wait_for
 from tests.viewer.viewed_case import BREACH_FRAME
 
 SCRIPT = "<img src=x onerror='window.attacked = true'>"
@@ -18,25 +16,15 @@ TEMPLATE = {
 }
 
 
-@pytest.fixture(scope="module")
-def opened(browser: Browser, target) -> Iterator[Page]:
-    with watching(browser, target.server) as watched:
-        yield watched.page
-
-
 @pytest.fixture
-def page(opened: Page) -> Page:
+def page(page):
     """The page at a frame inside the tumour."""
-    for key in ("ArrowLeft", "Home"):  # the first one pauses
-        opened.keyboard.press(key)
-    expect(opened.locator("#frame")).to_have_text("0")
-    opened.evaluate("frames => trame.trigger('step', [frames])", BREACH_FRAME)
-    expect(opened.locator("#frame")).to_have_text(str(BREACH_FRAME))
-    return opened
+    show_frame(page, BREACH_FRAME)
+    return page
 
 
-def check_true(page: Page) -> None:
-    expect(page.locator("body:not([data-lost]) #state-label")).to_have_text("IN TUMOUR")
+def check_true(page):
+    expect(page.locator(UNCOVERED)).to_have_text("IN TUMOUR")
     assert page.locator("#distance").inner_text().startswith("\N{MINUS SIGN}")
     banner = page.get_by_role("status").evaluate("e => getComputedStyle(e).backgroundColor")
     red = [round(255 * part) for part in MarginState.POSITIVE.color]
@@ -44,11 +32,11 @@ def check_true(page: Page) -> None:
     assert page.evaluate("window.attacked") is None
 
 
-def pictures_continue(page: Page) -> None:
+def pictures_continue(page):
     """Check that the page still gets new pictures."""
     before = page.evaluate("document.body.dataset.picture")
     page.keyboard.press("2")
-    page.wait_for_function("before => document.body.dataset.picture !== before", arg=before)
+    wait_for(page, "document.body.dataset.picture !== arg", before)
 
 
 def test_template_state_and_picture_cannot_be_forged_and_the_server_not_ended(target, page):
@@ -71,9 +59,8 @@ def test_client_that_reads_nothing_does_not_slow_the_page(target, page):
             for _ in range(5):
                 attacker.frame(message("trame.state.get"))
                 attacker.frame(message("marginguard.seen", 0))
-        page.wait_for_function("() => trame.state.get('now').frame > 35")
+        wait_for(page, "trame.state.get('now').frame > 35")
         page.keyboard.press("ArrowLeft")
-        assert page.evaluate("document.body.dataset.lost") is None
         for attacker in attackers:
             attacker.close()
 

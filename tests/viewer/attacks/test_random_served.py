@@ -2,11 +2,14 @@
 
 from contextlib import suppress
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.viewer.attacks.raw_page import BINARY, CLOSE, PING, TEXT, message, raw_page
 from tests.viewer.messages.test_calls import calls
+
+pytestmark = pytest.mark.long
 
 frames = st.one_of(
     calls.map(lambda call: (message(call[0], *call[1]), BINARY)),

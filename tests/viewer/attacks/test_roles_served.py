@@ -5,11 +5,9 @@ from http.client import HTTPConnection
 import pytest
 from playwright.sync_api import expect
 
-from tests.bridge.live.conftest import breach as breach
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.ros_domain import domain_id as domain_id
-from tests.viewer.attacks.raw_page import AREA, RawPage, cookie, raw_page, response, status_of
-from tests.viewer.conftest import SIZE, TOKEN, VIEW_TOKEN, Server, Watched
+from tests.viewer.attacks.raw_page import AREA, RawPage, raw_page, response, status_of
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import click_at, drag, press, read, wait_for
 
 PRESS = {"type": "LeftButtonPress", "x": 5, "y": 5, "w": 100, "h": 100}
 CALLS = {
@@ -41,7 +39,7 @@ UNDONE = [
 ]
 
 
-def state_of(page: RawPage) -> dict:
+def state_of(page):
     state = page.call("trame.state.get")["result"]["state"]
     shown = {name: state["now"][name] for name in ("frame", "playing", "rate", "state")}
     return {"parts": state["parts"], "look": state["look"], "role": state["role"], **shown}
@@ -86,50 +84,26 @@ def test_pages_of_one_role_are_limited_and_leave_room_for_the_other(target):
 
 
 def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operator):
-    context = browser.new_context(viewport=SIZE)
-    watched = Watched(context.new_page(), target.server.host)
     refused = target.log.count("refused")
-    page = watched.open(target.server.view_url)
-    expect(page.locator("#role")).to_have_text("VIEW ONLY")
-    page.wait_for_function("() => document.querySelector('main.view img').naturalWidth > 300")
-    enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
-    # Of this browser alone: sounds, the list of keys and the part of the timeline.
-    ids = {each.get_attribute("id") for each in enabled.all()}
-    assert ids == {"sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
-    shown = "JSON.stringify([trame.state.get('now').frame, trame.state.get('look')])"
-    before = page.evaluate(shown)
-    for key in (" ", "ArrowRight", "End", "3"):
-        page.keyboard.press(key)
-    page.mouse.click(640, 640)
-    page.mouse.move(300, 300)
-    page.mouse.down()
-    page.mouse.move(400, 300)
-    page.mouse.up()
-    operator.call("trame.trigger", "part_opacity", ["TUMOR", 0.5], {})
-    page.wait_for_function("() => trame.state.get('parts')[0].opacity === 0.5")
-    assert page.evaluate(shown) == before
-    operator.call("trame.trigger", "part_opacity", ["TUMOR", 1.0], {})
-    assert watched.errors == []
-    assert target.log.count("refused") == refused  # the page has not even tried
-    context.close()
-
-
-WORLD_CALLS = {
-    "world_move": ("trame.trigger", "world_move", ["wall", 1.0, 0, 0, "x", 0], {}),
-    "world_add": ("trame.trigger", "world_add", ["clip", "box", [1, 1, 1], [0, 0, 0]], {}),
-    "world_remove": ("trame.trigger", "world_remove", ["clip"], {}),
-}
-
-
-@pytest.fixture
-def world_server(can_draw, domain_id, live_yaml, tmp_path):
-    """A live page that edits a simulated world, without a simulation."""
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    config = live_yaml({"tracked_transforms": {"topic": "/tracked_transforms"}, "clock": "host"})
-    words = ["--live", "--config", str(config), "--world", "marginguard_simulation"]
-    found = Server(words, tmp_path / "view.txt")
-    yield found
-    found.close()
+    with watching(browser, target.server, target.server.view_url) as watched:
+        page, view = watched.page, watched.page.locator("main.view")
+        expect(page.locator("#role")).to_have_text("VIEW ONLY")
+        wait_for(page, "document.querySelector('main.view img').naturalWidth > 300")
+        enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
+        # Of this browser alone: sounds, the list of keys and the part of the timeline.
+        ids = {each.get_attribute("id") for each in enabled.all()}
+        assert ids == {"sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
+        shown = "[trame.state.get('now').frame, trame.state.get('look')]"
+        before = read(page, shown)
+        press(page, " ", "ArrowRight", "End", "3")
+        click_at(page.locator("#timeline"), 640, 640)
+        drag(view, (300, 300), (400, 300))
+        operator.call("trame.trigger", "part_opacity", ["TUMOR", 0.5], {})
+        wait_for(page, "trame.state.get('parts')[0].opacity === 0.5")
+        assert read(page, shown) == before
+        operator.call("trame.trigger", "part_opacity", ["TUMOR", 1.0], {})
+        assert watched.errors == []
+        assert target.log.count("refused") == refused  # the page has not even tried
 
 
 def posted(server, who, path, content=b"solid of nothing"):
@@ -141,30 +115,6 @@ def posted(server, who, path, content=b"solid of nothing"):
         return answer.status, answer.read().decode()
     finally:
         link.close()
-
-
-def test_view_token_edits_no_simulated_world(world_server):
-    operate, view = cookie(world_server, TOKEN), cookie(world_server, VIEW_TOKEN)
-    with raw_page(world_server, view) as page:
-        viewer = page.greet()
-        for name, call in WORLD_CALLS.items():
-            assert "role view; expected operate" in viewer.call(*call)["error"]["message"], name
-    with raw_page(world_server, operate) as page:
-        operator = page.greet()
-        answer = operator.call("trame.trigger", "no such", [], {})["error"]["message"]
-        commands = answer.rpartition("one of ")[2].split(", ")
-        assert {each for each in commands if each.startswith("world_")} == set(WORLD_CALLS)
-        for name, call in WORLD_CALLS.items():
-            assert "expected" in operator.call(*call)["error"]["message"], name
-        assert (
-            "no simulation receives requests"
-            in operator.call(*WORLD_CALLS["world_add"])["error"]["message"]
-        )
-    path = "/body/clip?x=0&y=0&z=0"
-    assert posted(world_server, view, path) == (403, "")
-    assert posted(world_server, "", path)[0] == 403
-    status, text = posted(world_server, operate, path)
-    assert (status, "clip.stl" in text) == (409, True)
 
 
 def test_page_without_a_simulated_world_takes_no_body(target):

@@ -7,7 +7,7 @@ from vtkmodules.vtkRenderingCore import vtkCamera, vtkRenderer, vtkRenderWindow
 from app.viewer.drawing.orientation import axis_letters, camera_axes, scale_bar
 
 
-def test_letters_of_a_view_from_the_front() -> None:
+def test_letters_of_a_view_from_the_front():
     axes = camera_axes(np.array([0.0, 100.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]))
     placed = {each["letter"]: each for each in axis_letters(axes)}
     assert (placed["A"]["z"], placed["P"]["z"]) == (1.0, -1.0)
@@ -18,7 +18,7 @@ def test_letters_of_a_view_from_the_front() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_letters_and_bar_are_where_vtk_projects_them(seed: int) -> None:
+def test_letters_and_bar_are_where_vtk_projects_them(seed):
     random = np.random.default_rng(seed)
     position, focal, up = random.normal(size=(3, 3)) * 200.0
     camera, renderer, window = vtkCamera(), vtkRenderer(), vtkRenderWindow()
@@ -30,7 +30,7 @@ def test_letters_and_bar_are_where_vtk_projects_them(seed: int) -> None:
     camera.SetViewUp(*up)
     camera.SetViewAngle(27.0)
 
-    def pixel(point: np.ndarray) -> np.ndarray:
+    def pixel(point):
         matrix = camera.GetCompositeProjectionTransformMatrix(640 / 480, 0.0, 1.0)
         x, y, _, w = matrix.MultiplyPoint((*point, 1.0))
         return np.array([x / w * 320.0, -y / w * 240.0])
@@ -54,5 +54,5 @@ def test_letters_and_bar_are_where_vtk_projects_them(seed: int) -> None:
     assert 0.05 * 480 < pixels <= 0.22 * 480
 
 
-def test_no_bar_behind_the_camera_or_without_a_picture() -> None:
+def test_no_bar_behind_the_camera_or_without_a_picture():
     assert scale_bar(-1.0, 30.0, 480) == scale_bar(10.0, 30.0, 0) == (0, 0.0)

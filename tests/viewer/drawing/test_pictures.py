@@ -1,10 +1,14 @@
-"""When pictures are drawn: one in flight, the newest state, none without clients, heartbeats."""
+"""When pictures are drawn: one in flight, the newest state, none without clients; at which rate."""
 
 import asyncio
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from app.viewer.drawing.client_acks import ClientAcks
+from app.viewer.drawing.frame_rate import FrameRate
 from app.viewer.drawing.pictures import RenderLoop
 
 
@@ -61,7 +65,7 @@ def run(scenario):
         pictures.set_push_callback(lambda content, meta: pushed.append((content[:2], meta)))
         loop = asyncio.create_task(pictures.run())
         try:
-            await asyncio.wait_for(scenario(pictures, source, beats, pushed), 20.0)
+            await asyncio.wait_for(scenario(pictures, source, beats, pushed), 120.0)
         finally:
             loop.cancel()
 
@@ -124,3 +128,74 @@ def test_error_ends_the_render_loop():
 
     with pytest.raises(ValueError, match="no scene"):
         asyncio.run(scenario())
+
+
+MS = 1_000_000
+
+
+@given(st.lists(st.integers(0, 2_000 * MS), min_size=1))
+def test_drawing_takes_no_more_than_its_share_of_the_time(costs):
+    rate = FrameRate()
+    for cost in costs:
+        rate.record(cost)
+        assert 500 * MS >= rate.period_ns >= 33 * MS
+        assert rate.period_ns == 500 * MS or cost <= 0.85 * rate.period_ns + 1
+
+
+def test_slow_picture_counts_at_once_and_fast_ones_gradually():
+    rate = FrameRate()
+    rate.record(255 * MS)
+    assert rate.period_ns == pytest.approx(300 * MS)
+    rate.record(25 * MS)
+    assert 200 * MS < rate.period_ns < 300 * MS
+    for _ in range(40):
+        rate.record(42.5 * MS)
+    assert rate.period_ns == pytest.approx(50 * MS, rel=0.01)
+
+
+S = 1_000_000_000
+
+
+def test_without_clients_nothing_is_pending():
+    acks = ClientAcks()
+    acks.sent(1, 0)
+    assert not acks.any_active(0)
+    assert not acks.is_pending(0)
+
+
+def test_picture_is_pending_until_a_client_acknowledges_it():
+    acks = ClientAcks()
+    acks.acknowledge("a", 0, 0)
+    acks.acknowledge("b", 0, 0)
+    acks.sent(1, 0)
+    assert acks.is_pending(1)
+    assert acks.is_pending(3)
+    acks.acknowledge("b", 1, 4)
+    assert not acks.is_pending(5)
+
+
+def test_client_silent_for_a_second_is_not_waited_for():
+    acks = ClientAcks()
+    acks.acknowledge("silent", 0, 0)
+    acks.sent(1, S // 2)
+    assert acks.is_pending(S - 1)
+    assert not acks.is_pending(S + 1)
+    assert not acks.any_active(S + 1)
+
+
+def test_lost_picture_is_pending_for_at_most_a_second():
+    acks = ClientAcks()
+    acks.acknowledge("a", 0, 0)
+    acks.sent(1, 0)
+    for beat in range(1, 20):
+        acks.acknowledge("a", 0, beat * S // 10)
+    acks.acknowledge("a", 0, 2 * S)
+    assert not acks.is_pending(2 * S)
+
+
+def test_new_client_has_nothing_pending():
+    acks = ClientAcks()
+    acks.sent(7, 0)
+    acks.acknowledge("new", 0, 1)
+    assert acks.any_active(2)
+    assert not acks.is_pending(2)

@@ -14,10 +14,11 @@ from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.session import RobotSetup
 from app.viewer import SceneView
+from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part
 from app.viewer.errors import ViewerError
-from tests.viewer.viewed_case import BREACH_FRAME, LOST
+from tests.viewer.viewed_case import BREACH_FRAME
 
 
 @pytest.fixture(scope="module")
@@ -42,13 +43,6 @@ def test_tool_is_placed_as_each_step_judged_it(view, parts):
         view.show(shown)
         found = tumor_from_tip(view, parts.content.tip_frame)
         assert np.allclose(found, shown.step.tumor_from_tip.matrix, atol=1e-9)
-
-
-def test_tumour_has_the_colour_of_the_step(view, parts):
-    for frame in (BREACH_FRAME, LOST[0], 0):
-        shown = parts.feed.shown[frame]
-        view.show(shown)
-        assert view.scene.tumor.GetDisplayNode().GetColor() == shown.step.decision.state.color
 
 
 def test_plane_is_hidden_while_the_session_is_silent(view, parts):
@@ -142,21 +136,6 @@ def test_scene_is_empty_before_tool_and_tumour_are_known(can_draw, parts):
     assert view.scene is not None
 
 
-def test_another_tumour_replaces_the_first(can_draw, parts):
-    view = SceneView(parts.content)
-    view.show(parts.feed.shown[0])
-    small = parts.content.tumor
-    small = type(small)(small.frame, 0.5 * small.vertices_mm, small.faces)
-    other = replace(parts.content, tumor=small)
-    nodes = view.application.scene.GetNumberOfNodes()
-    view.show(replace(parts.feed.shown[1], content=other, margin_surface=None))
-    size = np.ptp(world_points(view.scene.tumor), axis=0)
-    assert np.allclose(size, np.ptp(small.vertices_mm, axis=0), atol=1e-3)
-    assert view.scene.margin_surface is None
-    view.show(parts.feed.shown[2])
-    assert view.application.scene.GetNumberOfNodes() == nodes
-
-
 def test_each_part_has_its_own_visibility_and_opacity(view):
     assert view.parts == (Part.TUMOR, Part.MARGIN, Part.TOOL)
     display = view.scene.tumor.GetDisplayNode()
@@ -230,3 +209,13 @@ def test_centred_tumour_stays_in_the_middle_without_a_turn(view, parts):
     node.SetFocalPoint(1.0, 2.0, 3.0)
     camera.update()
     assert node.GetFocalPoint() == (1.0, 2.0, 3.0)
+
+
+def test_size_is_used_with_the_next_picture_and_within_limits(can_draw, parts):
+    area = PictureArea(SceneView(parts.content).view)
+    assert area.take_resized()  # the size before the first page
+    for size in ((320, 240), (100_000, 1)):
+        area.process_resize_event(*size)
+    assert area.take_resized()
+    assert area.render_window.GetSize() == (4096, 16)
+    assert not area.take_resized()

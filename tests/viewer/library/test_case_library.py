@@ -2,9 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -17,10 +15,10 @@ WAIT_S = 60.0
 class Replays:
     """TEST DOUBLE of the replays: counts them; a case without a recording is refused."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.replayed: list[str] = []
 
-    def result(self, folder: Path) -> CaseResult:
+    def result(self, folder):
         self.replayed.append(folder.name)
         if not (folder / "recording").is_file():
             raise InputError("recording: no such\nfile")
@@ -28,7 +26,7 @@ class Replays:
         return CaseResult({"name": text, "breaches": len(text)}, b"PNG" if text else None)
 
 
-def write_case(root: Path, name: str, recording: str | None) -> Path:
+def write_case(root, name, recording):
     folder = root / name
     folder.mkdir(parents=True)
     (folder / "case.yaml").write_text("schema: 1\n")
@@ -38,14 +36,14 @@ def write_case(root: Path, name: str, recording: str | None) -> Path:
 
 
 @contextmanager
-def opened(root: Path, cache: Path, replays: Replays, version: str = "1") -> Iterator[CaseLibrary]:
+def opened(root, cache, replays, version="1"):
     library = CaseLibrary(root, cache, replays.result, version)
     library.start()
     yield library
     library.close()
 
 
-def wait(library: CaseLibrary, done: Callable[[dict[str, dict[str, object]]], bool]) -> None:
+def wait(library, done):
     """Wait until the rows, by their folders, are ``done``."""
     end_s = time.monotonic() + WAIT_S
     while not done({str(row["folder"]): row for row in library.rows()}):
@@ -53,11 +51,11 @@ def wait(library: CaseLibrary, done: Callable[[dict[str, dict[str, object]]], bo
         time.sleep(0.01)
 
 
-def all_done(rows: dict[str, dict[str, object]]) -> bool:
+def all_done(rows):
     return all(row["state"] != "computing" for row in rows.values())
 
 
-def test_each_content_is_replayed_once(tmp_path: Path) -> None:
+def test_each_content_is_replayed_once(tmp_path):
     root, cache, replays = tmp_path / "cases", tmp_path / "cache", Replays()
     first = write_case(root, "first", "one")
     write_case(root, "second", "seven")
@@ -91,7 +89,7 @@ def test_each_content_is_replayed_once(tmp_path: Path) -> None:
     assert sorted(other.replayed) == ["broken", "first", "second"]
 
 
-def test_changed_new_and_removed_cases_are_found(tmp_path: Path) -> None:
+def test_changed_new_and_removed_cases_are_found(tmp_path):
     root, replays = tmp_path / "cases", Replays()
     first = write_case(root, "first", "one")
     with opened(root, tmp_path / "cache", replays) as library:
@@ -106,7 +104,7 @@ def test_changed_new_and_removed_cases_are_found(tmp_path: Path) -> None:
         assert [row["folder"] for row in library.rows()] == ["new"]
 
 
-def test_damaged_cache_is_computed_again(tmp_path: Path) -> None:
+def test_damaged_cache_is_computed_again(tmp_path):
     root, cache = tmp_path / "cases", tmp_path / "cache"
     write_case(root, "first", "one")
     with opened(root, cache, Replays()) as library:
@@ -121,7 +119,7 @@ def test_damaged_cache_is_computed_again(tmp_path: Path) -> None:
         assert replays.replayed == ["first"]
 
 
-def test_case_that_cannot_be_replayed_is_refused_before_it_is_listed(tmp_path: Path) -> None:
+def test_case_that_cannot_be_replayed_is_refused_before_it_is_listed(tmp_path):
     root, replays = tmp_path / "cases", Replays()
     root.mkdir()
     with opened(root, tmp_path / "cache", replays) as library:
@@ -135,12 +133,12 @@ def test_case_that_cannot_be_replayed_is_refused_before_it_is_listed(tmp_path: P
     assert replays.replayed == ["broken", "sound"]
 
 
-def test_missing_folder_is_refused(tmp_path: Path) -> None:
+def test_missing_folder_is_refused(tmp_path):
     with pytest.raises(InputError, match="expected a folder of cases"):
         CaseLibrary(tmp_path / "no", tmp_path, Replays().result, "1").start()
 
 
-def test_closed_library_ends_its_thread(tmp_path: Path) -> None:
+def test_closed_library_ends_its_thread(tmp_path):
     with opened(tmp_path, tmp_path / "cache", Replays()):
         (thread,) = [each for each in threading.enumerate() if each.name == "case library"][-1:]
     thread.join(WAIT_S)

@@ -66,45 +66,45 @@ calls = near_calls | st.tuples(
 class AreaDouble:
     """A test double: the area of a page that records what reaches VTK."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.sizes: list[tuple[int, int]] = []
         self.events: list[dict[str, Any]] = []
 
-    def process_resize_event(self, width: int, height: int) -> None:
+    def process_resize_event(self, width, height):
         self.sizes.append((width, height))
 
-    def process_interaction_event(self, event: dict[str, Any]) -> None:
+    def process_interaction_event(self, event):
         self.events.append(event)
 
 
 class SchedulerDouble:
     """A test double: the part of a `RenderLoop` that trame's adapter calls."""
 
-    def __init__(self, area: AreaDouble) -> None:
+    def __init__(self, area):
         self.rca = area
 
-    def set_push_callback(self, callback: object) -> None:
+    def set_push_callback(self, callback):
         pass
 
-    def schedule_render(self) -> None:
+    def schedule_render(self):
         pass
 
 
 class ServerDouble:
     """A test double: a trame server that is not started."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.state = Server().state
         self.protocol = self
 
-    def get_server_state(self) -> dict[str, Any]:
+    def get_server_state(self):
         return {"name": "marginguard", "state": {"now": 1}}
 
 
 class Calls:
     """The methods of a page of a replay with ten frames."""
 
-    def __init__(self, role: Role) -> None:
+    def __init__(self, role):
         server = ServerDouble()
         self.area = AreaDouble()
         self.control = ReplayControl([n * 10**7 for n in range(10)], lambda: 0)
@@ -116,7 +116,7 @@ class Calls:
         self.page = OpenPage(role)
         self.state = server.state.to_dict()
 
-    def run(self, name: str, args: tuple[Any, ...]) -> object:
+    def run(self, name, args):
         return self.methods.call(self.page, name, args)
 
 

@@ -7,7 +7,7 @@ from app.viewer.messages.errors import MessageError
 from app.viewer.messages.outbox import MAX_ANSWERS, Outbox
 
 
-def contents(frames: list[bytes]) -> list[object]:
+def contents(frames):
     return [msgpack.unpackb(frame[12:])["result"] for frame in frames if len(frame) > 12]
 
 

@@ -1,7 +1,6 @@
 """Time limits of a page's socket, with a real websocket in this process."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import aiohttp
 import pytest
@@ -22,16 +21,16 @@ POLICY = 1008
 HELLO = message("wslink.hello", {}, id="system:c0:0")
 
 
-def run(scenario: Callable[[aiohttp.ClientWebSocketResponse], Awaitable[None]]) -> None:
+def run(scenario):
     """Run ``scenario`` with a page's socket; the page has a command that fails."""
 
-    async def served() -> None:
+    async def served():
         commands = Commands()
         commands.add("fail", lambda: 1 / 0)
         methods = Methods(ServerDouble(), commands, "scene", None, lambda page, number: None)
         sockets = PageSocket(OpenPages(), methods)
 
-        async def handle(request: web.Request) -> web.StreamResponse:
+        async def handle(request):
             request[ROLE] = Role.OPERATE
             return await sockets.handle(request)
 
@@ -40,28 +39,19 @@ def run(scenario: Callable[[aiohttp.ClientWebSocketResponse], Awaitable[None]]) 
         async with TestServer(app) as server, aiohttp.ClientSession() as session:
             origin = f"http://{server.host}:{server.port}"
             async with session.ws_connect(server.make_url("/ws"), origin=origin) as socket:
-                await asyncio.wait_for(scenario(socket), 30.0)
+                await asyncio.wait_for(scenario(socket), 120.0)
 
     asyncio.run(served())
 
 
-async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+async def closed(socket):
     while (await socket.receive()).type is WSMsgType.BINARY:
         pass
     return socket.close_code
 
 
-def test_page_that_does_not_greet_is_disconnected_in_time(monkeypatch):
-    monkeypatch.setattr(page_socket, "HELLO_S", 0.05)
-
-    async def scenario(socket):
-        assert await closed(socket) == POLICY
-
-    run(scenario)
-
-
 @pytest.mark.parametrize("ping", [False, True])
-def test_page_that_sends_only_pings_or_nothing_is_disconnected_in_time(monkeypatch, ping):
+def test_page_that_does_not_greet_is_disconnected_in_time_in_spite_of_pings(monkeypatch, ping):
     """Time for the greeting does not begin anew with each message."""
     monkeypatch.setattr(page_socket, "HELLO_S", 0.3)
 

@@ -21,7 +21,7 @@ from app.viewer.messages.wire import (
 CALL = {"wslink": "1.0", "id": "rpc:page1:3", "method": "marginguard.seen", "args": [7]}
 
 
-def framed(content: bytes, offset: int = 0, size: int | None = None) -> bytes:
+def framed(content, offset=0, size=None):
     return struct.pack("<III", 9, offset, len(content) if size is None else size) + content
 
 

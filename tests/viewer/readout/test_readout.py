@@ -8,18 +8,12 @@ import pytest
 from app.case import CauteryState
 from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
-from app.registration import (
-    DriftBound,
-    RegistrationResult,
-    given_registration,
-    register_points,
-)
+from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
 from app.session import RobotSetup
 from app.synthetic.touch_arm import TOUCH_URDF
 from app.viewer.readout.readout import readout
 from app.viewer.readout.reason_text import distance_text, reason_text
-from app.viewer.steps.view_state import ViewState
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 
@@ -106,7 +100,7 @@ def test_registration_without_a_robot(parts):
     assert readout(parts.feed.shown[BREACH_FRAME])["tre"] == ""
 
 
-def registered(shown: ViewState, registration: RegistrationResult, tre_mm: float) -> ViewState:
+def registered(shown, registration, tre_mm):
     """The same step with a robot whose registration adds ``tre_mm``."""
     robot = RobotSetup(
         load_robot(TOUCH_URDF),

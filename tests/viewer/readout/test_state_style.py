@@ -12,7 +12,7 @@ WEB = Path("app/viewer/web")
 
 
 @pytest.mark.parametrize("state", MarginState)
-def test_style_sheet_has_the_colors_of_each_state(state: MarginState) -> None:
+def test_style_sheet_has_the_colors_of_each_state(state):
     name = state.name.lower()
     css = state_css()
     assert f"--{name}: {state.display.color_hex};" in css
@@ -20,7 +20,7 @@ def test_style_sheet_has_the_colors_of_each_state(state: MarginState) -> None:
     assert f'.state[data-state="{state.name}"]' in css
 
 
-def test_files_of_the_page_hold_no_copy_of_a_color_or_label(project_root: Path) -> None:
+def test_files_of_the_page_hold_no_copy_of_a_color_or_label(project_root):
     for path in sorted((project_root / WEB).iterdir()):
         text = path.read_text("utf-8").lower()
         for state in MarginState:
@@ -29,7 +29,7 @@ def test_files_of_the_page_hold_no_copy_of_a_color_or_label(project_root: Path) 
         assert "in tumour" not in text, path.name
 
 
-def test_bands_have_the_hatch_that_the_plots_have() -> None:
+def test_bands_have_the_hatch_that_the_plots_have():
     patterns = {entry["state"]: entry["path"] for entry in band_patterns()}
     assert set(patterns) == {state.name for state in MarginState if state.display.hatch}
     assert len(set(patterns.values())) == len(patterns)

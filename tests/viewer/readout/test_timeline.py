@@ -7,14 +7,13 @@ import pytest
 from app.case import TrackingFrame
 from app.geometry import Stamp
 from app.viewer import LiveTimeline
-from app.viewer.steps.view_state import ViewState
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MS = 1_000_000
 S = 1000 * MS
 
 
-def step_at(shown: ViewState, ns: int) -> ViewState:
+def step_at(shown, ns):
     """The same step at another time."""
     frame = shown.step.frame
     later = TrackingFrame(Stamp(ns, frame.stamp.clock), (), ())
@@ -22,7 +21,7 @@ def step_at(shown: ViewState, ns: int) -> ViewState:
 
 
 @pytest.fixture
-def shown(parts) -> ViewState:
+def shown(parts):
     return parts.feed.shown[0]
 
 

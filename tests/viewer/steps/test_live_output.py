@@ -1,6 +1,5 @@
 """The page of a live session after a change of tumour, margins or registration."""
 
-from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
@@ -15,7 +14,7 @@ from app.viewer import LiveOperator, LiveOutput
 from tests.session_content import one_link_content, registered
 
 
-def ball(radius_mm: float) -> SurfaceMesh:
+def ball(radius_mm):
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_mm)
     return SurfaceMesh("tumor", mesh.vertices, mesh.faces)
 
@@ -23,27 +22,27 @@ def ball(radius_mm: float) -> SurfaceMesh:
 class Feed:
     """Test double of a feed: what was put into it last."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.content: SessionContent | None = None
         self.margin_surface: SurfaceMesh | None = None
         self.seen: SeenHold | None = None
 
-    def put(self, step, content, margin_surface, seen) -> None:
+    def put(self, step, content, margin_surface, seen):
         self.content, self.margin_surface, self.seen = content, margin_surface, seen
 
 
 @pytest.fixture
-def feed() -> Feed:
+def feed():
     return Feed()
 
 
 @pytest.fixture
-def content() -> SessionContent:
+def content():
     return replace(one_link_content(), tumor=ball(10.0))
 
 
 @pytest.fixture
-def workers() -> Iterator[ThreadPoolExecutor]:
+def workers():
     with ThreadPoolExecutor(max_workers=1) as workers:
         yield workers
 
@@ -51,7 +50,7 @@ def workers() -> Iterator[ThreadPoolExecutor]:
 class FailingWorkers:
     """Test double of a pool whose work fails."""
 
-    def submit(self, *work: object) -> Future:
+    def submit(self, *work):
         made: Future = Future()
         made.set_exception(MeshError("the margin surface is not closed"))
         return made
@@ -106,7 +105,7 @@ def test_each_step_is_shown_with_the_hold_that_was_published_with_it(feed, conte
     class Commands:
         """Test double of a session's commands."""
 
-        def seen(self) -> SeenHold:
+        def seen(self):
             return SeenHold(7, 99)
 
     operator = LiveOperator(workers)

@@ -1,18 +1,14 @@
 """Cuts of a volume through the tip, against the function that made the volume."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.cli.replay_page import ReplayParts, replay_parts
-from app.cli.signals import SignalState
 from app.files.volume_file import Volume
-from app.geometry import FloatArray, Transform
+from app.geometry import Transform
 from app.viewer.steps.reslice import PIXEL_MM, SIDE, Reslice, ReslicePlane, edges, plane_matrix
-from tests.cli.small_case import write_small_case
 
 BREACH = 20
 AXIS = np.array([0.0, 0.0, -1.0])
@@ -21,7 +17,7 @@ TIP = Transform(
 )
 
 
-def linear_volume() -> Volume:
+def linear_volume():
     """Values 2 r + 3 a + 5 s at the place (r, a, s) in mm, in 160 mm around the origin."""
     axes = [np.arange(81) * 2.0 - 80.0] * 3
     r, a, s = np.meshgrid(*axes, indexing="ij")
@@ -31,7 +27,7 @@ def linear_volume() -> Volume:
 
 
 @pytest.mark.parametrize("plane", ReslicePlane)
-def test_pixels_are_the_values_at_their_places(plane: ReslicePlane) -> None:
+def test_pixels_are_the_values_at_their_places(plane):
     matrix = plane_matrix(plane, TIP, AXIS)
     found = Reslice(linear_volume()).pixels(matrix)
     for column, row in [(0, 0), (SIDE - 1, 0), (100, 250), (SIDE - 1, SIDE - 1)]:
@@ -39,13 +35,13 @@ def test_pixels_are_the_values_at_their_places(plane: ReslicePlane) -> None:
         assert found[row, column] == pytest.approx(place @ [2, 3, 5], abs=1e-3)
 
 
-def directions(plane: ReslicePlane) -> tuple[FloatArray, FloatArray]:
+def directions(plane):
     """Unit directions of columns and rows."""
     matrix = plane_matrix(plane, TIP, AXIS)
     return matrix[:3, 0] / PIXEL_MM, matrix[:3, 1] / PIXEL_MM
 
 
-def test_anatomical_planes_are_seen_as_in_slicer() -> None:
+def test_anatomical_planes_are_seen_as_in_slicer():
     left, back, down = [-1, 0, 0], [0, -1, 0], [0, 0, -1]
     np.testing.assert_allclose(directions(ReslicePlane.AXIAL), [left, back])
     np.testing.assert_allclose(directions(ReslicePlane.SAGITTAL), [back, down])
@@ -57,7 +53,7 @@ def test_anatomical_planes_are_seen_as_in_slicer() -> None:
 
 
 @pytest.mark.parametrize("turn", [[0, 0, 0], [30, 20, 10], [0, 90, 0]])
-def test_plane_along_the_tool_contains_its_axis(turn: list[float]) -> None:
+def test_plane_along_the_tool_contains_its_axis(turn):
     tip = replace(TIP, rotation=Rotation.from_euler("xyz", turn, True).as_matrix())
     matrix = plane_matrix(ReslicePlane.TOOL, tip, AXIS)
     axis = tip.rotation @ AXIS
@@ -68,22 +64,13 @@ def test_plane_along_the_tool_contains_its_axis(turn: list[float]) -> None:
     np.testing.assert_allclose(middle[:3], tip.translation_mm, atol=1e-12)
 
 
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ReplayParts]:
-    folder = write_small_case(tmp_path_factory.mktemp("reslice") / "case")
-    found = replay_parts(folder, (), SignalState(), tip_only=False)
-    assert found is not None
-    yield found
-
-
-def test_cut_of_a_step_has_its_outlines_and_the_tip_in_the_middle(parts: ReplayParts) -> None:
+def test_cut_of_a_step_has_its_outlines_and_the_tip_in_the_middle(parts):
     reslice = Reslice(linear_volume())
     view = reslice.at(parts.feed.shown[BREACH], "needle", ReslicePlane.SAGITTAL)
     assert view.problem == "" and view.image is not None and view.tip is not None
     np.testing.assert_allclose(view.tip, [(SIDE - 1) / 2, (SIDE - 1) / 2, 0.0], atol=1e-6)
     # The sagittal plane through the tip, which is 30 mm below, cuts the ball of 8 mm in a circle.
     tip = parts.feed.shown[BREACH].step.tumor_from_tip
-    assert tip is not None
     radius = np.sqrt(64.0 - tip.translation_mm[0] ** 2)
     (outline,) = view.tumor
     middle = (SIDE - 1) / 2 + tip.translation_mm[1:] / PIXEL_MM
@@ -94,7 +81,7 @@ def test_cut_of_a_step_has_its_outlines_and_the_tip_in_the_middle(parts: ReplayP
     assert same.number == view.number != other.number
 
 
-def test_no_cut_is_shown_while_the_place_of_the_tool_is_not_known(parts: ReplayParts) -> None:
+def test_no_cut_is_shown_while_the_place_of_the_tool_is_not_known(parts):
     reslice = Reslice(linear_volume())
     shown = parts.feed.shown[BREACH]
     unknown = replace(shown.as_unknown("no tool"), silent="")

@@ -17,8 +17,7 @@ def trends(speeds_mm_s, *, begin_mm=20.0, step_ms=20):
 
 
 @pytest.mark.parametrize(
-    ("speed", "trend"),
-    [(-10.0, Trend.APPROACHING), (10.0, Trend.RETREATING), (0.5, Trend.STEADY)],
+    ("speed", "trend"), [(-10.0, Trend.APPROACHING), (10.0, Trend.RETREATING), (0.5, Trend.STEADY)]
 )
 def test_constant_speed_has_trend_after_a_tenth_of_a_second(speed, trend):
     found = trends([speed] * 20)

@@ -1,13 +1,12 @@
 """Tumour, stop margin and tool in the image, against the circles in which a plane cuts them."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.case import open_case_images
-from app.cli.replay_page import ReplayParts, replay_parts
+from app.cli.replay_page import replay_parts
 from app.cli.signals import SignalState
 from app.geometry import Transform
 from app.runtime import Needle
@@ -30,29 +29,24 @@ BREACH = 20
 
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> ReplayParts:
+def parts(tmp_path_factory):
     folder = write_ultrasound_case(tmp_path_factory.mktemp("ultrasound") / "case")
-    found = replay_parts(folder, (), SignalState(), tip_only=False)
-    assert found is not None
-    return found
+    return replay_parts(folder, (), SignalState(), tip_only=False)
 
 
 @pytest.fixture
-def ultrasound(parts: ReplayParts) -> Iterator[Ultrasound]:
+def ultrasound(parts):
     images = open_case_images(parts.run.prepared.case)
-    assert images is not None
     yield Ultrasound(images)
     images.close()
 
 
-def radii(line: np.ndarray, center: tuple[float, float]) -> np.ndarray:
+def radii(line, center):
     """Distances in mm of points of a line from ``center`` in pixels."""
     return PIXEL_MM * np.linalg.norm(line - center, axis=1)
 
 
-def test_outlines_are_the_circles_of_ball_and_rod(
-    parts: ReplayParts, ultrasound: Ultrasound
-) -> None:
+def test_outlines_are_the_circles_of_ball_and_rod(parts, ultrasound):
     view = ultrasound.at(parts.feed.shown[BREACH], "needle")
     assert (view.problem, view.number) == ("", BREACH)
     needle_mm = 0.001 * (BREACH % 3)
@@ -65,14 +59,11 @@ def test_outlines_are_the_circles_of_ball_and_rod(
     axis = np.array([6.5, 0.01 * BREACH]) - PROBE_FROM_IMAGE[:2, 3]
     (tool,) = view.tool
     assert np.abs(radii(tool, tuple(axis / PIXEL_MM)) - 1.5).max() < 0.02
-    assert view.tip is not None
     np.testing.assert_allclose(view.tip, [*(axis / PIXEL_MM), -30.0], atol=1e-6)
     assert view.closest is not None and view.closest.shape == (2, 2)
 
 
-def test_outline_of_the_needle_is_a_circle_while_its_sensor_is_known(
-    parts: ReplayParts, ultrasound: Ultrasound
-) -> None:
+def test_outline_of_the_needle_is_a_circle_while_its_sensor_is_known(parts, ultrasound):
     shown = parts.feed.shown[BREACH]
     edge = Transform("needle", "needle_tip", np.eye(3), [4.0, 0.0, 20.0])
     needle = Needle(60.0, edge, thin_needle(60.0, "needle_tip"), is_generated=True)
@@ -91,7 +82,7 @@ def test_outline_of_the_needle_is_a_circle_while_its_sensor_is_known(
     assert ultrasound.at(hidden, "needle").needle == ()
 
 
-def test_image_of_each_frame_is_its_own(parts: ReplayParts, ultrasound: Ultrasound) -> None:
+def test_image_of_each_frame_is_its_own(parts, ultrasound):
     pixels = some_pixels(FRAMES, ROWS, COLUMNS)
     for number in (0, 39, 3):
         view = ultrasound.at(parts.feed.shown[number], "needle")
@@ -103,9 +94,7 @@ def test_image_of_each_frame_is_its_own(parts: ReplayParts, ultrasound: Ultrasou
     ("frame", "problem"),
     [(INVALID, "has status INVALID"), (LOST, "tracker -> probe is OUT_OF_VIEW")],
 )
-def test_invalid_image_and_lost_probe_show_no_image(
-    parts: ReplayParts, ultrasound: Ultrasound, frame: int, problem: str
-) -> None:
+def test_invalid_image_and_lost_probe_show_no_image(parts, ultrasound, frame, problem):
     view = ultrasound.at(parts.feed.shown[frame], "needle")
     assert problem in view.problem
     assert (view.image, view.matrix, view.tumor, view.tip) == (None, None, (), None)
@@ -113,16 +102,14 @@ def test_invalid_image_and_lost_probe_show_no_image(
     assert (values["tumor"], values["tip"], values["time"]) == ("", None, "")
 
 
-def test_silent_session_shows_no_image(parts: ReplayParts, ultrasound: Ultrasound) -> None:
+def test_silent_session_shows_no_image(parts, ultrasound):
     shown = parts.feed.shown[BREACH].as_unknown("the session has failed")
     assert ultrasound.at(shown, "needle").problem == "the session has failed"
     assert ultrasound.at(None, "needle").image is None
     assert ultrasound.at(parts.feed.shown[BREACH], None).image is None
 
 
-def test_unknown_tool_leaves_the_image_without_lines(
-    parts: ReplayParts, ultrasound: Ultrasound
-) -> None:
+def test_unknown_tool_leaves_the_image_without_lines(parts, ultrasound):
     shown = parts.feed.shown[BREACH]
     unknown = replace(shown.as_unknown("no tool"), silent="")
     view = ultrasound.at(unknown, "needle")

@@ -1,5 +1,6 @@
-"""Connections and requests from outside: half-open ones, foreign names, guessed tokens."""
+"""Requests and connections from outside: without the token, with foreign names, half open."""
 
+import itertools
 import socket
 
 import pytest
@@ -8,7 +9,77 @@ from app.viewer.access.connections import MAX_PENDING
 from tests.viewer.attacks.raw_page import connected, raw_page, response, status_of
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN
 
+pytestmark = pytest.mark.slow
+
+ADDRESSES = (f"127.0.1.{number}" for number in itertools.count(1))
+"""Addresses of this machine, one for each wrong token: their number is limited for an address."""
 FOREIGN = ["evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1.evil.example"]
+
+
+def parts_of(answer):
+    """Status, head and body of a response."""
+    head, _, body = answer.partition(b"\r\n\r\n")
+    return status_of(answer), head.decode(), body
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/", "/index.html", "/vue.global.js", "/marginguard/main.js", "/marginguard/states.css"),
+        *("/screenshot.png", "/report.html", "/paraview/", "/no/such/file"),
+    ],
+)
+@pytest.mark.parametrize(
+    "query",
+    ["", *(f"?token={each}" for each in ("", "wrong", f"{TOKEN}x", TOKEN[:-1], "%c3%bf", "%ff"))],
+)
+def test_request_without_the_token_gets_no_content(server, path, query):
+    status, head, body = parts_of(response(server, path + query, next(ADDRESSES)))
+    assert (status, body) == (403, b"")
+    assert "Set-Cookie" not in head
+
+
+def test_cookie_of_the_token_is_not_the_token(server, target):
+    status, head, _ = parts_of(response(server, f"/?token={TOKEN}"))
+    fields = dict(line.split(": ", 1) for line in head.splitlines()[1:])
+    assert status == 303
+    assert TOKEN not in fields["Location"]
+    assert {"HttpOnly", "SameSite=Strict"} <= set(fields["Set-Cookie"].split("; "))
+    name, _, value = target.operate.partition("=")
+    assert TOKEN not in value  # the browser sends it to other ports of the host as well
+    wrong = parts_of(response(server, "/index.html", Cookie=f"{name}=wrong"))
+    assert (wrong[0], wrong[2]) == (403, b"")
+
+
+def test_right_cookie_gets_the_page_with_a_policy_against_other_hosts(server, target):
+    status, head, body = parts_of(response(server, "/index.html", Cookie=target.operate))
+    fields = dict(line.split(": ", 1) for line in head.splitlines()[1:])
+    assert status == 200
+    assert b"<html" in body
+    assert "default-src 'self'" in fields["Content-Security-Policy"]
+    assert "http:" not in fields["Content-Security-Policy"]
+    assert fields["Cross-Origin-Resource-Policy"] == "same-origin"
+
+
+@pytest.mark.parametrize(
+    ("has_cookie", "origin", "status"),
+    [
+        (True, None, 101),
+        (False, None, 403),
+        (False, "", 403),
+        *((True, each, 403) for each in ("", "null", "http://evil.example", "file://")),
+        *((True, each, 403) for each in ("http://elsewhere.example", "http://127.0.0.1:1")),
+    ],
+)
+def test_socket_opens_for_the_page_only(target, has_cookie, origin, status):
+    """An origin of None is that of the page itself."""
+    headers = {} if origin is None else {"Origin": origin}
+    with raw_page(target.server, target.operate if has_cookie else "", **headers) as page:
+        assert page.status == status
+
+
+def test_server_listens_on_this_machine_only(server):
+    assert server.host.startswith("127.0.0.1:")
 
 
 @pytest.mark.parametrize("host", [*FOREIGN, "", "a@127.0.0.1", "127.0.0.1/x", "[::1", "0x7f.1:80"])
@@ -25,19 +96,6 @@ def test_names_of_this_machine_are_allowed(target, name):
     host = f"{name}:{target.server.host.split(':')[1]}"
     answer = response(target.server, "/index.html", Cookie=target.view, Host=host)
     assert status_of(answer) == 200
-
-
-@pytest.mark.parametrize(
-    "origin", ["", "null", "http://evil.example", "http://127.0.0.1:1", "file://"]
-)
-def test_socket_of_another_origin_is_refused(target, origin):
-    with raw_page(target.server, target.operate, Origin=origin) as page:
-        assert page.status == 403
-
-
-def test_socket_without_the_cookie_is_refused(target):
-    with raw_page(target.server, "") as page:
-        assert page.status == 403
 
 
 def test_wrong_tokens_are_counted_for_each_address(target):
@@ -70,7 +128,7 @@ def test_half_open_connections_take_no_place_from_a_page(target):
             link.close()
 
 
-def _is_closed(link: socket.socket) -> bool:
+def _is_closed(link):
     try:
         return link.recv(1) == b""
     except ConnectionResetError:

@@ -1,0 +1,65 @@
+"""A part of the page that guides a calibration or a registration, run by the page's commands."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.runtime import compute_here
+from app.viewer import LiveOperator
+from app.viewer.access.role import Role
+from app.viewer.messages.commands import Commands
+from app.viewer.messages.errors import NotDoneError, RefusedError
+
+
+class GuidedPart:
+    """The part ``name`` with its commands, and the waiting for its fits."""
+
+    def __init__(self, name, part, controls, guide, content, use):
+        self.computed = threading.Semaphore(0)
+        self.part = part(guide, compute_here, self.computed.release, use)
+        self.commands = Commands()
+        controls(self.commands, self.part, lambda: None)
+        self._name, self._content = name, content
+
+    @property
+    def values(self):
+        return self.part.values()[self._name]
+
+    def run(self, name, *args, role=Role.OPERATE):
+        self.commands.run(f"{self._name}_{name}", [self.values["revision"], *args], role)
+
+    def finish(self):
+        """Wait until what was recorded so far is fitted."""
+        self.part.update(self._content)
+        for _ in range(3):
+            if self.part.guide.task() is None:
+                return
+            assert self.computed.acquire(timeout=60.0)
+            self.part.update(self._content)
+        raise AssertionError("not computed")
+
+    def check_viewers_and_outdated_pages_are_refused(self, commands):
+        """Each of ``commands``, given with its arguments, changes nothing for them."""
+        for name, args in commands.items():
+            with pytest.raises(RefusedError, match="role view; expected operate"):
+                self.run(name, *args, role=Role.VIEW)
+            with pytest.raises(NotDoneError, match="another page has changed it meanwhile"):
+                self.commands.run(f"{self._name}_{name}", [77, *args], Role.OPERATE)
+
+
+def must_not_be_used(*_):
+    """What a part that is not ready would send to the session."""
+    pytest.fail("must not be used")
+
+
+@pytest.fixture
+def workers():
+    with ThreadPoolExecutor(2) as workers:
+        yield workers
+
+
+@pytest.fixture
+def operator(workers):
+    """The operator of a page, who is not connected with a session yet."""
+    return LiveOperator(workers)
