@@ -13,7 +13,6 @@ from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.topics import TF
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
-from tests.bridge.live.conftest import start as start
 
 WORDS = Topic("/words", String, STREAM)
 DEADLINE_S = 30.0

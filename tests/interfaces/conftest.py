@@ -1,33 +1,28 @@
 """A peer process that returns messages and serves requests, and an rclpy node in this process."""
 
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.bridge.conftest import Child, Start
+from tests.bridge.conftest import shared_fields as shared_fields
+from tests.bridge.conftest import start as start
+from tests.bridge.conftest import start_receiver as start_receiver
 from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).resolve().parent / "peer.py"
 
 
 @pytest.fixture
-def peer(domain_id: int) -> Iterator[subprocess.Popen[str]]:
+def peer(start: Start) -> Iterator[Child]:
     """`peer.py`, running in the test's ROS domain; ended by closing its standard input."""
-    process = subprocess.Popen(
-        [sys.executable, str(PEER)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    if process.stdout.readline().strip() != "ready":
-        pytest.fail(f"the peer ended with status {process.wait()}")
+    process = start(PEER)
+    assert process.line() == "ready"
     yield process
-    process.communicate(timeout=30)
-    assert process.returncode == 0
+    process.end_input()
+    assert process.wait() == 0
 
 
 @pytest.fixture

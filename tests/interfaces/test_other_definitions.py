@@ -82,12 +82,12 @@ def test_messages_of_another_version_are_not_used_and_named(
     config = str(live_yaml(TRACKED))
     live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", config)
     live.line(lambda line: line.startswith("UNKNOWN"))
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start(SENDER, str(frames_file), "tracked", "again")
     live.line(lambda line: line.startswith("POSITIVE"))
 
     receiver = start_receiver(DIAGNOSTICS)
     tracked = ("/tracked_transforms", "TrackedTransform")
-    other = start(str(PEER), str(other_site), "publish", *tracked)
+    other = start(PEER, str(other_site), "publish", *tracked)
     other.line(lambda line: line.startswith("matched"))
     live.line(lambda line: line.startswith("UNKNOWN") and "stale" in line)
     # The name of a node may be known later than its publisher.
@@ -105,7 +105,7 @@ def test_messages_of_another_version_are_not_used_and_named(
 
     # A subscriber of another version cannot read our constraint, and is named too.
     constraint = ("/marginguard/constraint", "FixtureConstraint")
-    reader = start(str(PEER), str(other_site), "subscribe", *constraint)
+    reader = start(PEER, str(other_site), "subscribe", *constraint)
     reader.line(lambda line: line.startswith("matched"))
     next_status(
         receiver,
@@ -130,9 +130,9 @@ def test_messages_of_another_version_are_not_used_and_named(
 
 def test_guard_of_another_version_is_not_rearmed(other_site, start):
     constraint = ("/marginguard/constraint", "FixtureConstraint")
-    start(str(PEER), str(other_site), "publish", *constraint)
+    start(PEER, str(other_site), "publish", *constraint)
     operator = start("-m", "app.cli", "rearm", "--yes")
-    assert operator.process.wait() == 2
+    assert operator.wait() == 2
     log = operator.log.read_text()
     assert "/other_version (RIHS01_" in log
     assert REMEDY in log

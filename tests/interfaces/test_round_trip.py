@@ -1,12 +1,13 @@
 """Messages, a service and an action exchanged with another process."""
 
 import queue
-import subprocess
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+
+from tests.bridge.conftest import Child
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -88,7 +89,7 @@ def constraint() -> FixtureConstraint:
 
 @pytest.mark.parametrize(("name", "message"), [("tf", transforms()), ("constraint", constraint())])
 def test_returned_message_equals_the_sent_one(
-    node: Any, peer: subprocess.Popen[str], name: str, message: Any
+    node: Any, peer: Child, name: str, message: Any
 ) -> None:
     returned: queue.Queue[Any] = queue.Queue()
     node.create_subscription(type(message), f"{name}_back", returned.put, 10)
@@ -104,7 +105,7 @@ def test_returned_message_equals_the_sent_one(
     pytest.fail(f"no message on {name}_back")
 
 
-def test_service_replies(node: Any, peer: subprocess.Popen[str]) -> None:
+def test_service_replies(node: Any, peer: Child) -> None:
     client = node.create_client(Register, "register")
     assert client.wait_for_service(timeout_sec=DEADLINE_S)
     request = Register.Request(
@@ -119,7 +120,7 @@ def test_service_replies(node: Any, peer: subprocess.Popen[str]) -> None:
     assert response.transform.translation.x == 0.75
 
 
-def test_action_publishes_feedback_and_is_cancelled(node: Any, peer: subprocess.Popen[str]) -> None:
+def test_action_publishes_feedback_and_is_cancelled(node: Any, peer: Child) -> None:
     client = ActionClient(node, Replay, "replay")
     assert client.wait_for_server(timeout_sec=DEADLINE_S)
     goal = Replay.Goal(case_folder="a case", rate=1.0, start=2.0, end=DEADLINE_S)

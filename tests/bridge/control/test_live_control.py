@@ -7,11 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.bridge.live.conftest import breach as breach
-from tests.bridge.live.conftest import frames_file as frames_file
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.bridge.live.conftest import start as start
-
 HERE = Path(__file__).resolve().parent
 SETTER = HERE.parent / "calls" / "parameter_setter.py"
 LIFECYCLE = HERE / "lifecycle_client.py"
@@ -32,7 +27,7 @@ def test_margins_set_by_another_process_change_the_constraint(
     assert not refused["ok"]
     assert applied["ok"], applied["reason"]
     receiver = start_receiver(CONSTRAINT)
-    start(str(SENDER), str(frames_file), "tf")
+    start(SENDER, str(frames_file), "tf")
     message = {"state": 3}
     while message["state"] == 3:
         message = receiver.take(1)[0]["message"]
@@ -85,7 +80,7 @@ def test_live_session_goes_through_its_lifecycle_and_ends_on_hold(
     config.write_text(yaml.safe_dump(values))
     options = ("--lifecycle", "--tip-only", "--constraint-hz", "100", "--config", str(config))
     live = start("-m", "app.cli", "live", *options)
-    start(str(SENDER), str(frames_file), "tf", "again")
+    start(SENDER, str(frames_file), "tf", "again")
     # Configure twice to detect resources that the first configuration did not release.
     cycle = ("configure", "activate", "deactivate", "cleanup", "state")
     assert request(start_receiver, *cycle) == [True, True, True, True, "unconfigured"]

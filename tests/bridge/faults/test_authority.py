@@ -16,8 +16,8 @@ def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(
     audit = tmp_path / "audit.jsonl"
     options = ("--constraint-hz", "100", "--config", config, "--audit", str(audit))
     live = start("-m", "app.cli", "live", *options)
-    start(str(SENDER), str(frames_file), "tf", "again")
-    peer = start(str(PEER))
+    start(SENDER, str(frames_file), "tf", "again")
+    peer = start(PEER)
 
     def reported():
         return json.loads(peer.line(lambda line: line.startswith("{")))

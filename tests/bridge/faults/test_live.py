@@ -140,8 +140,8 @@ def start_session(
         live = start("-m", "app.cli", *command)
         # Wait before the other processes load the machine.
         live.line(lambda line: line.startswith("UNKNOWN"))
-        hostile = start(str(HOSTILE), f"{topic}={message_type}", "--flood", FLOOD_S)
-        start(str(SENDER), str(frames_file), kind, "again")
+        hostile = start(HOSTILE, f"{topic}={message_type}", "--flood", FLOOD_S)
+        start(SENDER, str(frames_file), kind, "again")
         receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
         hostile.line(lambda line: line == "ready\n")
         session = SessionUnderAttack(live, receiver, hostile, topic)
@@ -189,7 +189,7 @@ def test_hostile_commands_give_no_motion_and_clock_is_ignored(
 ) -> None:
     session = start_session("tf")
     topic = "/marginguard/desired_twist"
-    hostile = start(str(HOSTILE), f"{topic}=geometry_msgs/msg/TwistStamped", "--flood", FLOOD_S)
+    hostile = start(HOSTILE, f"{topic}=geometry_msgs/msg/TwistStamped", "--flood", FLOOD_S)
     hostile.line(lambda line: line == "ready\n")
     session = replace(session, hostile=hostile, topic=topic)
     answers: list[TwistStamped] = []

@@ -12,7 +12,6 @@ from app.case import CauteryState, CauteryTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
 from tests.bridge.live.test_image_input import until
-from tests.ros_domain import domain_id as domain_id
 
 TOPIC = Topic("/generator/active", Bool, STREAM)
 LIMIT_NS = 1000

@@ -82,7 +82,7 @@ def test_poses_from_tf_give_the_distances_of_a_replay(
     live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(live_yaml(TF)))
     live.line(lambda line: line.startswith("UNKNOWN"))  # printed before anything is tracked
     receiver = start_receiver(f"{CONSTRAINT}:1000000")
-    sender = start(str(SENDER), str(frames_file), "tf")
+    sender = start(SENDER, str(frames_file), "tf")
     check_distances(constraints_until(receiver, inside), shift_of(sender), distances)
     live.line(lambda line: line.startswith("POSITIVE"))
     assert live.end(signal.SIGINT) == 130
@@ -99,7 +99,7 @@ def test_missing_frame_is_logged_once_with_the_received_ones(
     live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(config))
     live.line(lambda line: line.startswith("UNKNOWN"))
     receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start(SENDER, str(frames_file), "tracked", "again")
     problem = "tool.frame is 'cautary': not among what the tracker sends so far, cautery, needle"
     message = ""
     while problem not in message:
@@ -120,7 +120,7 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     )
     live.line(lambda line: line.startswith("UNKNOWN"))
     receiver = start_receiver(f"{CONSTRAINT}:1000000")
-    sender = start(str(SENDER), str(frames_file), "tracked")
+    sender = start(SENDER, str(frames_file), "tracked")
     received = constraints_until(receiver, inside)
     check_distances(received, shift_of(sender), distances)
     before = received[-1]
@@ -138,14 +138,14 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     early = start("-m", "app.cli", "rearm", "--yes")
     early.line(lambda line: line.startswith("  on hold since"))
     assert "UNKNOWN" in early.line(lambda line: line.startswith("refused: "))
-    assert early.process.wait() == 1
+    assert early.wait() == 1
 
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start(SENDER, str(frames_file), "tracked", "again")
     held = constraints_until(receiver, lambda message: message["state"] != UNKNOWN)[-1]
     assert held["hold"] is True
     assert "latched" in held["reasons"]
     request = {"seq": before["seq"], "nonce": held["rearm_nonce"]}
-    caller = start(str(CALLER), f"{REARM}:{json.dumps(request)}")
+    caller = start(CALLER, f"{REARM}:{json.dumps(request)}")
     caller.line()
     refused = json.loads(caller.line())
     assert refused["success"] is False
@@ -155,7 +155,7 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     operator = start("-m", "app.cli", "rearm", "--yes")
     operator.line(lambda line: line.strip() == f"guard          {held['instance_id']}")
     operator.line(lambda line: line == "re-armed\n")
-    assert operator.process.wait() == 0
+    assert operator.wait() == 0
     free = constraints_until(receiver, lambda message: not message["hold"])[-1]
     assert "latched" not in free["reasons"]
 

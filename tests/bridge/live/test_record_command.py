@@ -39,7 +39,7 @@ def recorded(start, live_yaml, frames_file, tmp_path):
     case = tmp_path / "case"
     config = live_yaml(TRACKED)
     recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", str(config))
-    sender = start(str(SENDER), str(frames_file), "tracked")
+    sender = start(SENDER, str(frames_file), "tracked")
     recorder.line(lambda line: line == "recording /tracked_transforms\n")
     shift_ns = int(sender.line(lambda line: line.startswith("shift")).split()[1])
     sender.line(lambda line: line == "sent\n")
@@ -134,7 +134,7 @@ def test_recording_survives_a_kill(recorded, breach, tmp_path):
 def test_existing_recording_is_not_overwritten(start, tmp_path):
     (tmp_path / "case").mkdir()
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "case"))
-    assert recorder.process.wait() == 2
+    assert recorder.wait() == 2
     assert "already exists; refusing to overwrite it" in recorder.log.read_text()
     assert list((tmp_path / "case").iterdir()) == []
 
@@ -199,7 +199,7 @@ def test_two_simultaneous_sessions_are_reported_and_are_one_change(start, domain
             first.publish(FixtureConstraint(instance_id="1", model_id="one"))
             pause.wait(0.12)
     assert recorder.end(signal.SIGINT) == 130
-    assert recorder.process.stdout.read().count("were replaced") == 1
+    assert "".join(recorder.lines()).count("were replaced") == 1
     (change,) = yaml.safe_load((tmp_path / "x" / "tracking" / "changes.yaml").read_text())[
         "changes"
     ]
@@ -236,7 +236,7 @@ def test_replaced_tumour_is_noted_in_the_recording(
     session_options = ("--config", config, "--namespace", "site_1")
     recorder = start("-m", "app.cli", "record", "-o", str(case), *session_options)
     start("-m", "app.cli", "live", "--constraint-hz", "100", *session_options)
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start(SENDER, str(frames_file), "tracked", "again")
     recorder.line(lambda line: line == "recording /site_1/marginguard/constraint\n")
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/site_1/marginguard/set_tumor")

@@ -55,10 +55,8 @@ def test_depth_that_a_session_notes_is_that_of_the_replay(start: Start, tmp_path
     recorder.send(json.dumps({"image_depth": [60.0, chosen_ns]}))
     recorder.line(lambda line: line == "depth of the images: 60 mm\n")
     wait_for_images(case / "tracking")
-    assert recorder.process.stdin is not None
-    recorder.process.stdin.close()
-    recorder.extend_deadline()
-    assert recorder.process.wait() == 0
+    recorder.end_input()
+    assert recorder.wait() == 0
     images = open_case_images(open_case(case))
     assert isinstance(images, BagImages)
     depths = {40.0: 0, 60.0: 0}

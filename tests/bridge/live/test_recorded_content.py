@@ -97,7 +97,7 @@ def session(start, live_yaml, frames_file, tmp_path):
     ) as node:
         margins = Margins(node)
         try:
-            start(str(SENDER), str(frames_file), "tracked", "again")
+            start(SENDER, str(frames_file), "tracked", "again")
             margins.wait_for_breach_after(0)
             yield node.commands, margins
         finally:

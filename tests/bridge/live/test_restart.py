@@ -32,7 +32,7 @@ def test_killed_guard_restarts_on_hold_with_the_reason_until_an_operator_rearms(
     guard = start(*live(config))
     guard.line(lambda line: line.startswith("UNKNOWN"))
     receiver = start_receiver(CONSTRAINT)
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start(SENDER, str(frames_file), "tracked", "again")
     free = first(receiver, lambda message: not message["hold"])
     guard.end(signal.SIGKILL)
 

@@ -84,7 +84,7 @@ def test_guards_of_two_namespaces_that_publish_planes_are_no_second_senders(
         guard.line(lambda line: line.startswith("UNKNOWN"))
     kind = "tf" if "tf" in source else "tracked"
     with monitored(domain_id) as monitor:
-        start(str(SENDER), str(frames_file), kind, "again")
+        start(SENDER, str(frames_file), kind, "again")
         guards[1].line(lambda line: not line.startswith("UNKNOWN"))
         monitor.make_permissive()
         for guard in guards:

@@ -38,7 +38,7 @@ def test_session_is_recorded_between_two_requests(
         refused = request(True)
         assert not refused.success and "one is running" in refused.message
         # The recorder subscribes to the topic once it has a publisher, and then needs all of it.
-        sender = start(str(SENDER), str(frames_file), "tracked", "again")
+        sender = start(SENDER, str(frames_file), "tracked", "again")
         shift_ns = int(sender.line(lambda line: line.startswith("shift")).split()[1])
         live.line(lambda line: "mm" in line)
         recorded = case / "tracking" / "tracking_0.mcap"

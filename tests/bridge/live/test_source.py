@@ -190,7 +190,7 @@ def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
             EVERY_SENDER.accepts_joints,
             lambda names: True,
         )
-        sender = start(str(SENDER), str(frames_file), kind, "again", "best_effort")
+        sender = start(SENDER, str(frames_file), kind, "again", "best_effort")
         sender.line(lambda line: line.startswith("shift"))
         sample = poses.wait_until(bool)[0]
         sent_m = [
@@ -218,7 +218,7 @@ def test_lost_sample_delays_a_lookup_and_not_a_session(domain_id, start, monkeyp
     with RosNode("session", domain_id=domain_id) as session:
         TfSource(session, inbox.take, EVERY_SENDER)
         TfListener(session, buffer)
-        tracker = start(str(CYCLONE_TRACKER))
+        tracker = start(CYCLONE_TRACKER)
         assert tracker.line() == "ready"
         for number in range(LOOKUPS):
             tracker.send("next")

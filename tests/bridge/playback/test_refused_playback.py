@@ -65,7 +65,7 @@ def test_playback_is_not_recorded_as_a_patient(start, playing, config, tmp_path)
     playing()
     case = tmp_path / "case"
     recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", config)
-    assert recorder.process.wait() == 2
+    assert recorder.wait() == 2
     assert "a recording is played on this graph" in recorder.log.read_text()
 
 
@@ -77,7 +77,7 @@ def test_session_of_a_patient_uses_no_pose_of_a_replay(start, start_receiver, co
     replay = start("-m", "app.cli", "replay", case, "--rate", "1", "--loop")
     start_receiver(CONSTRAINT)  # returns when the replay publishes it
     beside = start("-m", "app.cli", "live", "--config", config)
-    assert beside.process.wait() == 2  # the replay publishes the same constraint
+    assert beside.wait() == 2  # the replay publishes the same constraint
     assert "node /marginguard publishes the constraint already" in beside.log.read_text()
     session = start("-m", "app.cli", "live", "--config", config, "--namespace", "patient")
     session.line(is_refused)

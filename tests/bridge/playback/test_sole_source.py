@@ -21,7 +21,7 @@ ALONE = "expected no publisher besides the playback"
 
 def error_of(child):
     """The line with which the process ends; its exit status is that of bad input."""
-    assert child.process.wait() == 2
+    assert child.wait() == 2
     (error,) = [line for line in child.log.read_text().splitlines() if "error" in line]
     return error
 

@@ -15,7 +15,6 @@ from app.bridge.tf.wire import TfMessageReader
 from app.bridge.world_editor import TRUTH, WorldEditor
 from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.simulation import World, open_world
-from tests.ros_domain import domain_id as domain_id
 
 WAIT_S = 60.0
 CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)

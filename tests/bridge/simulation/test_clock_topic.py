@@ -10,8 +10,6 @@ from app.bridge.qos import INCOMING, Topic
 from app.bridge.simulation import NODE_NAME, SimulationNode
 from app.cli.main import main
 from app.simulation import World, open_world
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
 
 GUARD = ("-m", "benchmarks.closed_loop.open_guard")
 """A test double: publishes constraints."""

@@ -7,10 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 
-from tests.bridge.live.conftest import start as start
 from tests.bridge.simulation.stepped_world import ROUNDS
 from tests.bridge.simulation.stepped_world import simulated as simulated
-from tests.ros_domain import domain_id as domain_id
 
 
 def fault_of(seen):

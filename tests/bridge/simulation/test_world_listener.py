@@ -11,7 +11,6 @@ from app.geometry import Transform
 from app.runtime import BodyKind, RequestOutcome, SimulatedWorld
 from app.simulation import open_world
 from tests.bridge.simulation.test_body_edits import Edited, cube, now
-from tests.ros_domain import domain_id as domain_id
 
 KINDS = {
     "chest_wall": BodyKind.FIXED,

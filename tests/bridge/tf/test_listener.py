@@ -1,8 +1,7 @@
 """`TfListener` with publishers of rclpy, within a process and between processes."""
 
 import json
-import subprocess
-import sys
+import signal
 import threading
 from pathlib import Path
 
@@ -131,21 +130,14 @@ def test_clock_jump_back_clears_the_buffer(ros, other):
     assert buffer.parent("a") is None
 
 
-def test_restarted_sender_is_received_again(ros, domain_id):
+def test_restarted_sender_is_received_again(ros, start):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     for stamp_ns in (7_000_000_000, 3_000_000_000):
-        process = subprocess.Popen(
-            [sys.executable, str(SENDER), json.dumps(["world", "tool", stamp_ns])],
-            stdin=subprocess.PIPE,
-        )
-        try:
-            found = buffer.wait("world", "tool", stamp_ns, timeout_s=DEADLINE_S)
-            assert found.stamp_ns == stamp_ns
-        finally:
-            process.kill()
-            process.wait()
-            process.stdin.close()
+        sender = start(SENDER, json.dumps(["world", "tool", stamp_ns]))
+        found = buffer.wait("world", "tool", stamp_ns, timeout_s=DEADLINE_S)
+        assert found.stamp_ns == stamp_ns
+        sender.end(signal.SIGKILL)
     assert buffer.restarts == 1
 
 
