@@ -10,6 +10,7 @@ standard streams, runs its program as ``__main__`` and ends as an interpreter do
 import atexit
 import contextlib
 import ctypes
+import gc
 import importlib
 import io
 import json
@@ -30,8 +31,8 @@ from types import ModuleType
 from typing import IO, Any
 
 _MESSAGES = {
-    "msg": "action builtin_interfaces diagnostic geometry marginguard sensor std tf2 visualization",
-    "srv": "marginguard std_srvs",
+    "msg": "action builtin_interfaces diagnostic geometry marginguard sensor shape std tf2",
+    "srv": "lifecycle marginguard rcl_interfaces std_srvs",
     "action": "marginguard tf2",
 }
 PLAIN = (
@@ -44,7 +45,11 @@ PLAIN = (
 )
 """Modules of peers with plain rclpy; they do not import the project."""
 
-COMMAND = ("app.cli.main", "app.bridge.live", "app.bridge.calls", "app.runtime", "yaml")
+COMMAND = (
+    *("app.cli.main", "app.cli.replay_report", "app.analysis", "app.report", "app.runtime"),
+    *("app.bridge.calls", "app.bridge.control", "app.bridge.live", "app.case.readers.mrml"),
+    *("app.robot.kinematics.link_kernel", "yaml", "tests.loaded_kernels"),
+)
 """Modules of the commands of this project."""
 
 CYCLONE = ("cyclonedds.domain", "cyclonedds.idl", "cyclonedds.pub", "cyclonedds.sub")
@@ -129,7 +134,7 @@ class WarmParent:
         stdout: IO[Any] | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> ForkedProcess:
-        """Start ``script.py ARGUMENT ...`` or ``-m module ARGUMENT ...`` in this environment.
+        """Start ``script.py ...``, ``-m module ...`` or ``-c program ...`` in this environment.
 
         Its standard input is a pipe, and its standard output too unless ``stdout`` is a file.
         """
@@ -175,7 +180,7 @@ def warm_parent(modules: Sequence[str]) -> WarmParent:
 
 def parent_of(arguments: Sequence[str]) -> WarmParent:
     """The parent for these arguments: modules are those of the project, scripts are peers."""
-    if arguments[0] == "-m":
+    if arguments[0] in ("-m", "-c"):
         return warm_parent(COMMAND)
     return warm_parent(CYCLONE if Path(arguments[0]).name.startswith("cyclone") else PLAIN)
 
@@ -261,12 +266,16 @@ def _run(request: dict[str, Any]) -> None:
     os.environ.update(request["environment"])
     os.chdir(request["folder"])
     first, *arguments = request["arguments"]
+    if first == "-c":
+        sys.argv = [first, *arguments[1:]]
+        exec(arguments[0], {"__name__": "__main__"})
+        return
     if first == "-m":
         sys.path[0] = request["folder"]
         sys.argv = arguments
         runpy.run_module(arguments[0], run_name="__main__", alter_sys=True)
         return
-    sys.path[0] = str(Path(first).parent)
+    sys.path.insert(0, str(Path(first).parent))
     sys.argv = [first, *arguments]
     # Not `runpy.run_path`: the module has to stay, for threads and for functions that run at exit.
     main = sys.modules["__main__"] = ModuleType("__main__")
@@ -286,6 +295,8 @@ def main() -> None:
         threads = sum(1 for _ in Path("/proc/self/task").iterdir()) - 1
         if threads > _LTTNG_THREADS:
             sys.exit(f"{modules} have started {threads} threads, which a fork would lose")
+        gc.collect()
+        gc.freeze()  # no collection of a forked process scans what it shares with this one
         request = _Server(requests).serve()
     if request is not None:
         _run(request)

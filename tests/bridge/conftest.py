@@ -57,6 +57,24 @@ def shared_fields(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def ros(domain_id: int) -> Iterator[Any]:
+    """The node ``marginguard``."""
+    from app.bridge.node import RosNode  # loads ROS
+
+    with RosNode("marginguard", domain_id=domain_id) as node:
+        yield node
+
+
+@pytest.fixture
+def other(domain_id: int) -> Iterator[Any]:
+    """A second node of this process."""
+    from app.bridge.node import RosNode
+
+    with RosNode("other", domain_id=domain_id) as node:
+        yield node
+
+
 @contextmanager
 def started_in(folder: Path) -> Iterator[Callable[..., Any]]:
     """Start processes of a kind, with their logs in ``folder``; kill them at the end."""

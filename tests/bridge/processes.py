@@ -37,7 +37,7 @@ class Child:
                 texts, stderr=errors, environment={**os.environ, **(environment or {})}
             )
         self._output = b""
-        self._is_command = texts[0] == "-m"
+        self._is_command = texts[0] in ("-m", "-c")
 
     def line(self, accept: Callable[[str], bool] = lambda line: True) -> str:
         """Wait for the next line that ``accept`` accepts; skip the lines before it.

@@ -1,7 +1,5 @@
 """`RosNode`: delivery to other processes, callbacks and release of resources on close."""
 
-import subprocess
-import sys
 import threading
 
 import pytest
@@ -126,12 +124,11 @@ nodes.append(RosNode("unclosed"))
 """
 
 
-def test_open_node_is_closed_at_exit(domain_id):
+def test_open_node_is_closed_at_exit(start):
     # An open node's thread would abort the program, but not always, so check `is_open` instead.
-    ended = subprocess.run(
-        [sys.executable, "-c", WITHOUT_CLOSE], capture_output=True, text=True, timeout=60.0
-    )
-    assert (ended.returncode, ended.stdout) == (0, "False\n"), ended.stderr
+    ended = start("-c", WITHOUT_CLOSE)
+    assert ended.line() == "False"
+    assert ended.wait() == 0
 
 
 def test_default_context_is_not_used(domain_id):

@@ -1,14 +1,13 @@
 """A service server replies to another process even when its handler fails."""
 
 import threading
-from pathlib import Path
 
 import pytest
 
 from app.bridge.calls import CallError, ServiceClient, ServiceServer
 from app.geometry import InputError
+from tests.bridge.service_calls import CALLER
 
-CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 TRIGGER = "std_srvs/srv/Trigger"
 
 

@@ -17,6 +17,8 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from tests.bridge.peers import spin
+
 TIP = np.array([5.0, 12.6, 103.3])
 FIXED = np.array([100.0, -50.0, 20.0])
 
@@ -66,7 +68,7 @@ def main(motion):
 
     node.create_timer(0.005, send)
     print("ready", flush=True)
-    rclpy.spin(node)
+    spin(node)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from app.bridge.convert import (
     UnknownTypeError,
     qos_profile,
 )
-from app.bridge.node import RosNode
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 
 CYCLONE = Path(__file__).resolve().parents[1] / "cyclone_publisher.py"
@@ -21,12 +20,6 @@ PUBLISHER = Path(__file__).resolve().parent / "repeating_publisher.py"
 POSE = "geometry_msgs/msg/PoseStamped"
 NOTHING = {"x": 0.0, "y": 0.0, "z": 0.0}
 ONE_METRE = "{'pose': {'position': {'x': 1.0, 'z': -0.25}}, 'header': {'frame_id': 'reference'}}"
-
-
-@pytest.fixture
-def ros(domain_id):
-    with RosNode("marginguard", domain_id=domain_id) as node:
-        yield node
 
 
 @pytest.fixture

@@ -19,17 +19,17 @@ import json
 import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from marginguard_msgs.msg import FixtureConstraint, TrackedTransform
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
+
+from tests.bridge.peers import spin
 
 PERIOD_S = 1 / 60
 TOPICS = {
@@ -91,11 +91,7 @@ def main():
         event_callbacks=PublisherEventCallbacks(matched=lambda _: matched.set()),
     )
 
-    def spin():
-        with suppress(ExternalShutdownException):
-            rclpy.spin(node)
-
-    spinner = threading.Thread(target=spin, daemon=True)
+    spinner = threading.Thread(target=spin, args=(node,), daemon=True)
     spinner.start()
     while not matched.is_set():
         time.sleep(0.005)

@@ -2,10 +2,9 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
@@ -70,22 +69,12 @@ def until(condition: Callable[[], bool], act: Callable[[], None] = lambda: None)
         time.sleep(0.01)
 
 
-@pytest.fixture
-def nodes(domain_id: int) -> Iterator[tuple[RosNode, RosNode]]:
-    with (
-        RosNode("session", domain_id=domain_id) as session,
-        RosNode("probe", domain_id=domain_id) as probe,
-    ):
-        yield session, probe
-
-
 def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
-    nodes: tuple[RosNode, RosNode],
+    ros: RosNode, other: RosNode
 ) -> None:
-    session, probe = nodes
     reported = Reported()
-    publisher = probe.publisher(TOPIC)
-    topic = TopicImages(session, TOPIC.name, "UF", reported.images)
+    publisher = other.publisher(TOPIC)
+    topic = TopicImages(ros, TOPIC.name, "UF", reported.images)
     stamps = iter(range(10**9, 10**12, 10**6))
 
     def send(pixels: np.ndarray = PIXELS[0], encoding: str = "mono8") -> int:
@@ -107,11 +96,10 @@ def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
     topic.close()
 
 
-def test_images_of_two_publishers_are_refused(nodes: tuple[RosNode, RosNode]) -> None:
-    session, probe = nodes
+def test_images_of_two_publishers_are_refused(ros: RosNode, other: RosNode) -> None:
     reported = Reported()
-    publishers = [probe.publisher(TOPIC), session.publisher(TOPIC)]
-    topic = TopicImages(session, TOPIC.name, "MF", reported.images)
+    publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
+    topic = TopicImages(ros, TOPIC.name, "MF", reported.images)
     stamps = iter(range(10**9, 10**12, 10**6))
 
     def send() -> None:

@@ -10,8 +10,8 @@ import yaml
 
 from app.case import open_live
 from app.session import Session, setup_from_case
+from tests.bridge.service_calls import CALLER
 
-CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 SENDER = Path(__file__).resolve().parent / "sender.py"
 
 CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint"

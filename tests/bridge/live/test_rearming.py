@@ -19,8 +19,8 @@ from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.runtime import OperatorCommands
 from tests.bridge.conftest import DEADLINE_S
+from tests.bridge.service_calls import CALLER
 
-CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 FLOOD = Path(__file__).with_name("rearm_flood.py")
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 REASONS = ["latched"]

@@ -2,8 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
 import threading
 from collections import Counter
 from pathlib import Path
@@ -27,7 +25,7 @@ from app.bridge.convert import qos_profile
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.case import open_case
-from tests.bridge.control.operator_caller import tumor
+from tests.bridge.service_calls import tumor
 
 SENDER = Path(__file__).resolve().parent / "sender.py"
 TRACKED = {"tracked_transforms": {}, "clock": "host"}
@@ -54,18 +52,15 @@ def samples_of(frames, shift_ns=0):
     }
 
 
-def replay(case):
-    """Summary of the case by ``marginguard replay --json``."""
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros", "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
+@pytest.fixture
+def replay(start):
+    """``replay(case)``: summary of the case by ``marginguard replay --json``."""
+    return lambda case: json.loads(
+        "".join(start("-m", "app.cli", "replay", case, "--no-ros", "--json").lines())
     )
-    return json.loads(done.stdout)
 
 
-def test_recording_is_a_case_and_a_bag(recorded, breach):
+def test_recording_is_a_case_and_a_bag(recorded, breach, replay):
     recorder, case, shift_ns = recorded
     assert recorder.end(signal.SIGINT) == 130
     assert "Traceback" not in recorder.log.read_text()
@@ -104,7 +99,7 @@ def test_recording_is_a_case_and_a_bag(recorded, breach):
     assert by_topic == counts
 
 
-def test_recording_survives_a_kill(recorded, breach, tmp_path):
+def test_recording_survives_a_kill(recorded, breach, replay, start, tmp_path):
     recorder, case, shift_ns = recorded
     recorder.end(signal.SIGKILL)
     assert not (case / "tracking" / "metadata.yaml").exists()
@@ -122,10 +117,7 @@ def test_recording_survives_a_kill(recorded, breach, tmp_path):
     assert messages >= len(found) >= 0.5 * len(sent)
     assert replay(case)["valid_frames"] > 0
     # Conversion makes a complete file, which some players require.
-    subprocess.run(
-        [sys.executable, "-m", "app.cli", "convert", str(case), str(tmp_path / "complete")],
-        check=True,
-    )
+    assert start("-m", "app.cli", "convert", case, tmp_path / "complete").wait() == 0
     with (tmp_path / "complete" / "tracking.mcap").open("rb") as file:
         topics = Counter(channel.topic for _, channel, _ in make_reader(file).iter_messages())
     assert topics["/tracked_transforms"] == len(found)
@@ -240,7 +232,7 @@ def test_replaced_tumour_is_noted_in_the_recording(
     recorder.line(lambda line: line == "recording /site_1/marginguard/constraint\n")
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/site_1/marginguard/set_tumor")
-        reply = client.call(tumor(0.02, "needle", is_open=False), 60.0)
+        reply = client.call(tumor(0.02), 60.0)
     assert reply.success, reply.message
     recorder.line(lambda line: line == "tumour or registration of the session were replaced\n")
     recorder.line(lambda line: line == "recording /site_1/marginguard/markers\n")

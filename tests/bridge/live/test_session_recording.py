@@ -9,8 +9,8 @@ from std_srvs.srv import SetBool
 from app.bridge.calls import ServiceClient
 from app.bridge.node import RosNode
 from app.case import open_case
-from tests.bridge.control.operator_caller import tumor
 from tests.bridge.live.test_record_command import SENDER, TRACKED, samples_of
+from tests.bridge.service_calls import tumor
 
 TIMEOUT_S = 90.0
 
@@ -77,7 +77,7 @@ def test_end_of_the_session_finishes_its_recording_which_contains_an_earlier_tum
     live.line(lambda line: line.startswith("UNKNOWN"))
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/marginguard/set_tumor")
-        replaced = client.call(tumor(0.02, "needle", is_open=False), TIMEOUT_S)
+        replaced = client.call(tumor(0.02), TIMEOUT_S)
         assert replaced.success, replaced.message
         record = ServiceClient(ros, SetBool, "/marginguard/record")
         assert record.call(SetBool.Request(data=True), timeout_s=TIMEOUT_S).success

@@ -4,7 +4,6 @@ The position of the joint is ``rate * (stamp - start)``, so that the expected po
 a stamp. Each line on stdin is a new description.
 """
 
-import contextlib
 import json
 import math
 import sys
@@ -13,12 +12,13 @@ import threading
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
+
+from tests.bridge.peers import spin
 
 settings = json.loads(sys.argv[1])
 rclpy.init()
@@ -60,5 +60,4 @@ def redescribe():
 
 threading.Thread(target=redescribe, daemon=True).start()
 node.create_timer(0.01, move)
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(node)
+spin(node)

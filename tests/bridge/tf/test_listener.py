@@ -10,7 +10,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
-from app.bridge import RosNode, topics
+from app.bridge import topics
 from app.bridge.qos import LATCHED, STREAM, Topic
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.broadcaster import StaticTfBroadcaster, TfBroadcaster, tf_message
@@ -20,18 +20,6 @@ from app.geometry import Stamp, Transform
 
 DEADLINE_S = 60.0
 SENDER = Path(__file__).parent / "sender.py"
-
-
-@pytest.fixture
-def ros(domain_id):
-    with RosNode("listening", domain_id=domain_id) as node:
-        yield node
-
-
-@pytest.fixture
-def other(domain_id):
-    with RosNode("sending", domain_id=domain_id) as node:
-        yield node
 
 
 def shifted(child, x_mm, parent="world"):
