@@ -24,14 +24,7 @@ from app.fixture import (
     Reason,
     Witnesses,
 )
-from app.geometry import (
-    NS_PER_MS,
-    NS_PER_S,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import SessionContent
 from app.session import StepResult
 from tests import shipped_case
@@ -43,6 +36,10 @@ from tests.session_content import ONE_LINK_URDF, one_link_content
 HERE = Path(__file__).resolve().parent
 CALLER, RECEIVER = HERE / "caller.py", HERE / "receiver.py"
 SENDER = HERE / "live" / "sender.py"
+LIVE = ("-m", "app.cli", "live", "--constraint-hz", "100", "--config")
+CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000"
+TRACKED = {"tracked_transforms": {}, "clock": "host"}
+TF = {"tf": {}, "clock": "host"}
 
 Start = Callable[..., Child]
 StartReceiver = Callable[..., Receiver]
@@ -95,6 +92,24 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
     """``start("-m", "app.cli", ...)``; killed after the test."""
     with started_in(tmp_path) as begin:
         yield lambda *arguments: begin(Child, *arguments)
+
+
+@pytest.fixture
+def start_live(start: Start) -> Start:
+    """``start_live(config, *options)`` starts a session and waits for its first line."""
+
+    def begin(config: object, *options: object) -> Child:
+        live = start(*LIVE, config, *options)
+        live.line(lambda line: line.startswith("UNKNOWN"))  # printed before anything is tracked
+        return live
+
+    return begin
+
+
+@pytest.fixture
+def start_sender(start: Start, frames_file: Path) -> Start:
+    """``start_sender("tf", "again")`` starts a tracker that sends the frames."""
+    return partial(start, SENDER, frames_file)
 
 
 @pytest.fixture
@@ -231,9 +246,7 @@ def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -
         if lost
         else TrackedTransform(cautery, now, TrackingStatus.OK),
         TrackedTransform(
-            Transform("reference", "needle", np.eye(3), [0.0, 50.0, 0.0]),
-            oldest,
-            TrackingStatus.OK,
+            Transform("reference", "needle", np.eye(3), [0.0, 50.0, 0.0]), oldest, TrackingStatus.OK
         ),
     )
     joints = JointSample(("waist", "slide"), np.array([0.5, 0.01]), Stamp(now.ns - 5_000_000))

@@ -78,9 +78,7 @@ class Action:
             qos=LATCHED,
         )
         self._feedback = DataReader(
-            participant,
-            Topic(participant, f"rt/{name}/feedback", types.feedback, qos=QOS),
-            qos=QOS,
+            participant, Topic(participant, f"rt/{name}/feedback", types.feedback, qos=QOS), qos=QOS
         )
         self._goal = Service(participant, f"{name}/send_goal", *types.send_goal)
         self._cancel = Service(

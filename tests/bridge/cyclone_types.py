@@ -102,13 +102,7 @@ ACTIONS = {
     ),
     "Calibrate": action(
         "Calibrate",
-        {
-            "method": uint8,
-            "frame": str,
-            "parent_frame": str,
-            "samples": uint32,
-            "timeout": float64,
-        },
+        {"method": uint8, "frame": str, "parent_frame": str, "samples": uint32, "timeout": float64},
         {
             "success": bool,
             "message": str,

@@ -84,9 +84,12 @@ class Child:
         self.process.send_signal(number)
         return self.wait()
 
-    def go_on(self) -> None:
-        """Let a process go on that waits for SIGUSR1."""
-        self.process.send_signal(signal.SIGUSR1)
+    def stop(self, number: int = signal.SIGINT) -> str:
+        """End a command by a signal, which is no error of it; return its log."""
+        assert self.end(number) == 128 + number
+        log = self.log.read_text()
+        assert "Traceback" not in log
+        return log
 
     @contextmanager
     def held(self) -> Iterator[None]:

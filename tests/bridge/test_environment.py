@@ -53,10 +53,7 @@ def test_discovery_stays_on_this_machine_by_udp(given):
 
 @pytest.mark.parametrize("choice", ["SUBNET", "OFF", "SYSTEM_DEFAULT", "LOCALHOST"])
 def test_user_choice_is_kept(choice):
-    variables = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": choice,
-        "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT",
-    }
+    variables = {"ROS_AUTOMATIC_DISCOVERY_RANGE": choice, "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
     given = dict(variables)
     prepare_environment(variables)
     assert variables == given

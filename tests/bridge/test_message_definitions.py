@@ -278,9 +278,7 @@ def test_request_of_a_client_with_our_definition_is_served_and_one_beside_anothe
         monkeypatch.setattr(
             guard.node,
             "get_publishers_info_by_topic",
-            lambda *_, **__: [
-                request_endpoint(OTHER, "old", kind=listed[0].topic_type),
-            ],
+            lambda *_, **__: [request_endpoint(OTHER, "old", kind=listed[0].topic_type)],
         )
         reply = client.call(Register.Request(), 30.0)
         assert not reply.success

@@ -48,7 +48,4 @@ def test_cyclone_dds_calls_a_service_and_reads_a_parameter(domain_id, start_rece
         caller = start_receiver(*arguments, script=CALLER, environment=CYCLONE_ON_THIS_MACHINE)
         replies = caller.messages()
     double = 3  # rcl_interfaces/ParameterType
-    assert replies == [
-        {"success": True, "message": "pong"},
-        {"type": double, "value": 1.25},
-    ]
+    assert replies == [{"success": True, "message": "pong"}, {"type": double, "value": 1.25}]

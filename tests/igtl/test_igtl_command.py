@@ -3,7 +3,6 @@
 import math
 import queue
 import re
-import signal
 import socket
 from collections.abc import Callable
 from itertools import count
@@ -83,7 +82,7 @@ def test_received_transforms_are_published_on_ros(
     assert "'Nonsense'" in values["last refusal"]
     assert values["OpenIGTLink: connections"] == "1"
 
-    assert command.end(signal.SIGINT) == 130
+    command.stop()
     assert f"connected to 127.0.0.1:{server.port}" in command.log.read_text()
     assert "Traceback" not in command.log.read_text()
 
@@ -138,4 +137,4 @@ def test_images_of_a_server_are_published_with_their_stamps(
             damaged = packet(last)
             server.sendall(damaged[:-1] + bytes([damaged[-1] ^ 1]))
             wait_until(lambda: re.search("image not published.*checksum", command.log.read_text()))
-    assert command.end(signal.SIGINT) == 130
+    command.stop()

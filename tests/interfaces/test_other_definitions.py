@@ -6,20 +6,19 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tests.bridge.live.conftest import breach as breach
-from tests.bridge.live.conftest import frames_file as frames_file
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.bridge.live.conftest import start as start
-from tests.bridge.live.conftest import start_receiver as start_receiver
-from tests.bridge.live.test_live_command import SENDER, TRACKED
-from tests.ros_domain import domain_id as domain_id
+from tests.bridge.conftest import breach as breach
+from tests.bridge.conftest import frames_file as frames_file
+from tests.bridge.conftest import live_yaml as live_yaml
+from tests.bridge.conftest import start_live as start_live
+from tests.bridge.conftest import start_sender as start_sender
+from tests.bridge.live.test_live_command import TRACKED
+from tests.waiting import wait_until
 
 PEER = Path(__file__).with_name("other_peer.py")
 pytestmark = pytest.mark.timeout(1200)  # compiling the package takes minutes on a busy machine
@@ -66,23 +65,12 @@ def next_status(receiver, name, accept):
             return parts.get(name)
 
 
-def wait_for_log(child, pattern):
-    """Wait until a line of the log of the process matches ``pattern``."""
-    pause = threading.Event()
-    for _ in range(600):
-        if re.search(pattern, child.log.read_text()):
-            return
-        pause.wait(0.1)
-    pytest.fail(f"{pattern!r} is not in {child.log.read_text()!r}")
-
-
 def test_messages_of_another_version_are_not_used_and_named(
-    other_site, start, start_receiver, live_yaml, frames_file, tmp_path
+    start_sender, start_live, other_site, start, start_receiver, live_yaml, tmp_path
 ):
     config = str(live_yaml(TRACKED))
-    live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", config)
-    live.line(lambda line: line.startswith("UNKNOWN"))
-    start(SENDER, str(frames_file), "tracked", "again")
+    live = start_live(config)
+    start_sender("tracked", "again")
     live.line(lambda line: line.startswith("POSITIVE"))
 
     receiver = start_receiver(DIAGNOSTICS)
@@ -115,13 +103,14 @@ def test_messages_of_another_version_are_not_used_and_named(
 
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "recorded"))
     # The recorder names the other version when it starts the topic, or later if it did not know it.
-    wait_for_log(recorder, r"/tracked_transforms.*: /other_version.* has another definition")
-    assert recorder.end(signal.SIGINT) == 130
+    named = "/tracked_transforms.*: /other_version.* has another definition"
+    wait_until(lambda: re.search(named, recorder.log.read_text()))
+    recorder.stop()
 
     # Without the other publisher the samples are used again.
     other.end(signal.SIGKILL)
     live.line(lambda line: "latched" in line and not line.startswith("UNKNOWN"))
-    assert live.end(signal.SIGINT) == 130
+    live.stop()
     log = live.log.read_text()
     assert log.count("its messages are not used") == 1
     assert log.count("misreads our messages") == 1

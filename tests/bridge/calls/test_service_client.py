@@ -14,8 +14,16 @@ from app.bridge.calls import (
     ServiceClient,
 )
 from app.bridge.convert import ConversionError, UnknownTypeError
+from app.bridge.node import RosNode
 
 TRIGGER = "std_srvs/srv/Trigger"
+
+
+@pytest.fixture
+def slow(ros, peer):
+    client = ServiceClient(ros, TRIGGER, "/peer/slow")
+    client.wait(30.0)
+    return client
 
 
 def test_call_returns_the_reply_of_another_process(ros, peer):
@@ -51,9 +59,7 @@ def test_missing_server_raises(ros):
         ServiceClient(ros, TRIGGER, "/missing").call(Trigger.Request(), timeout_s=0.05)
 
 
-def test_late_reply_is_counted_and_logged(ros, peer, capfd):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_late_reply_is_counted_and_logged(slow, ros, peer, capfd):
     with pytest.raises(CallTimeoutError, match=r"/peer/slow: no reply within 0\.\d+ s"):
         slow.call(Trigger.Request(), timeout_s=0.2)
     assert peer.take(1) == [{"slow": "waits"}]
@@ -68,9 +74,7 @@ def test_late_reply_is_counted_and_logged(ros, peer, capfd):
     assert "a reply arrived after the caller's timeout" in capfd.readouterr().err
 
 
-def test_call_is_cancelled_from_another_thread(ros, peer):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_call_is_cancelled_from_another_thread(slow, peer):
     cancel = threading.Event()
     ended = []
 
@@ -88,9 +92,7 @@ def test_call_is_cancelled_from_another_thread(ros, peer):
     assert ended == ["service /peer/slow was cancelled by the caller"]
 
 
-def test_cancelled_call_does_not_call_back(ros, peer):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_cancelled_call_does_not_call_back(slow, ros, peer):
     replies = []
     pending = slow.start(Trigger.Request())
     pending.when_done(replies.append)
@@ -111,8 +113,6 @@ def test_killed_server_ends_the_call(ros, peer):
 
 
 def test_destroyed_server_is_detected_at_once(ros, domain_id):
-    from app.bridge.node import RosNode
-
     requested, proceed = threading.Event(), threading.Event()
     with RosNode("other", domain_id=domain_id) as other:
 
@@ -153,8 +153,6 @@ def test_call_in_the_nodes_own_thread_is_refused(ros, peer):
 
 
 def test_call_on_a_closed_node_is_refused(domain_id):
-    from app.bridge.node import RosNode
-
     ros = RosNode("brief", domain_id=domain_id)
     client = ServiceClient(ros, TRIGGER, "/missing")
     ros.close()
@@ -182,9 +180,7 @@ def test_request_of_wrong_type_is_refused(ros):
         ServiceClient(ros, TRIGGER, "/x").start(SetBool.Request())
 
 
-def test_abandoned_calls_are_limited(ros, peer):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_abandoned_calls_are_limited(slow):
     for _ in range(150):
         slow.start(Trigger.Request()).cancel()
     assert slow.forgotten == 50

@@ -267,7 +267,7 @@ def test_frame_between_two_known_ones_and_lost_frames_give_no_motion(
     buffer.insert("tumor", "far", 0, straight, static=True)
     limiter.allow(robot_step(make_step), LONG_NS)
     found = replies(
-        *(command(0.0, 0.0, 0.01, frame=name) for name in ("world", "lost", "far", "reference")),
+        *(command(0.0, 0.0, 0.01, frame=name) for name in ("world", "lost", "far", "reference"))
     )
     assert [is_zero(reply) for reply in found[:4]] == [True, True, False, False]
     assert limiter.refused["frame of a command"] == 2
@@ -281,8 +281,7 @@ def test_old_pose_on_the_way_to_a_frame_gives_no_motion(limiter, make_step, repl
     edges = replace(step.edges, measured={**step.edges.measured, edge: sample_of_old})
     limiter.allow(replace(step, edges=edges), LONG_NS)
     found = replies(
-        command(0.0, 0.0, 0.01, frame="robot_base"),
-        command(0.0, 0.0, 0.01, frame="needle"),
+        command(0.0, 0.0, 0.01, frame="robot_base"), command(0.0, 0.0, 0.01, frame="needle")
     )
     assert [is_zero(reply) for reply in found[:2]] == [True, False]
     assert limiter.refused["the constraint is stale"] == 1
@@ -372,10 +371,7 @@ def test_reply_is_limited_to_the_maximum_speed(ros, buffer, make_step, replies):
     limits = LimiterParameters(most_mm_s=100.0, most_rad_s=0.5)
     limiter = TwistLimiter(ros, buffer, parameters=limits, timeout_ns=TIMEOUT_NS)
     limiter.allow(make_step(0), LONG_NS)
-    found = replies(
-        command(0.0, 0.0, 1e9),
-        command(0.0, 0.0, 0.01, angular=(0.0, 0.0, 1.0)),
-    )
+    found = replies(command(0.0, 0.0, 1e9), command(0.0, 0.0, 0.01, angular=(0.0, 0.0, 1.0)))
     assert found[0]["linear"] == pytest.approx([0.0, 0.0, 0.1])
     assert found[1]["linear"] == pytest.approx([0.0, 0.0, 0.005])
     assert found[1]["angular"] == pytest.approx([0.0, 0.0, 0.5])

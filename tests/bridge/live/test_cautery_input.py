@@ -8,7 +8,7 @@ from app.bridge.qos import STREAM, Topic
 from app.case import CauteryState, CauteryTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
-from tests.bridge.live.test_image_input import until
+from tests.waiting import wait_until
 
 TOPIC = Topic("/generator/active", Bool, STREAM)
 LIMIT_NS = 1000
@@ -20,7 +20,7 @@ def test_topic_says_on_and_off_until_it_is_too_old(ros: RosNode, other: RosNode)
     publisher = other.publisher(TOPIC)
     assert cautery.state() is CauteryState.UNKNOWN
     for on, state in ((True, CauteryState.ON), (False, CauteryState.OFF)):
-        until(
+        wait_until(
             lambda state=state: cautery.state() is state,  # type: ignore[misc]
             lambda on=on: publisher.publish(Bool(data=on)),  # type: ignore[misc]
         )
@@ -37,7 +37,7 @@ def test_two_publishers_make_the_state_unknown(ros: RosNode, other: RosNode) -> 
         for publisher in publishers:
             publisher.publish(Bool(data=True))
 
-    until(lambda: cautery.counts().get(f"{TOPIC.name}: of two publishers", 0) > 2, send)
+    wait_until(lambda: cautery.counts().get(f"{TOPIC.name}: of two publishers", 0) > 2, send)
     assert cautery.state() is CauteryState.UNKNOWN
 
 

@@ -1,7 +1,6 @@
 """``marginguard record`` keeps images, and the case that it writes shows them again."""
 
 import json
-import signal
 import time
 from pathlib import Path
 
@@ -13,17 +12,15 @@ from app.case import open_case, open_case_images
 from app.case.images.bag_images import BagImages
 from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, TOPIC, write_session
-from tests.bridge.live.conftest import DEADLINE_S, Start
+from tests.bridge.conftest import Start
+from tests.waiting import wait_until
 
 ENOUGH_BYTES = 3_000_000
 
 
 def wait_for_images(folder: Path) -> None:
     """Wait until the recording holds some ten images, which do not compress."""
-    end_s = time.monotonic() + DEADLINE_S
-    while sum(path.stat().st_size for path in folder.glob("*.mcap")) < ENOUGH_BYTES:
-        assert time.monotonic() < end_s
-        time.sleep(0.1)
+    wait_until(lambda: sum(path.stat().st_size for path in folder.glob("*.mcap")) > ENOUGH_BYTES)
 
 
 @pytest.fixture
@@ -34,7 +31,7 @@ def recorded(start: Start, tmp_path: Path) -> Path:
     start("-m", "benchmarks.images.sender")
     recorder.line(lambda line: line == f"recording {TOPIC}\n")
     wait_for_images(case / "tracking")
-    assert recorder.end(signal.SIGINT) == 130
+    recorder.stop()
     return case
 
 

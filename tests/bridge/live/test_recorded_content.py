@@ -19,7 +19,7 @@ from app.geometry import SurfaceMesh, Transform
 from app.registration import register_points
 from app.runtime import prepare_live
 from tests.bridge.live.replayed_margins import plain
-from tests.bridge.live.test_record_command import SENDER, TRACKED
+from tests.bridge.live.test_record_command import TRACKED
 
 REPLAY = Path(__file__).resolve().parent / "replayed_margins.py"
 MAX_ERROR_MM = 1e-9
@@ -86,7 +86,7 @@ def slightly_other_registration(known: Transform):
 
 
 @pytest.fixture
-def session(start, live_yaml, frames_file, tmp_path):
+def session(start_sender, live_yaml, tmp_path):
     """A running session with a tracker, its margins and the folder of its recordings."""
     with live_node(
         prepare_live(live_yaml(TRACKED)),
@@ -97,7 +97,7 @@ def session(start, live_yaml, frames_file, tmp_path):
     ) as node:
         margins = Margins(node)
         try:
-            start(SENDER, str(frames_file), "tracked", "again")
+            start_sender("tracked", "again")
             margins.wait_for_breach_after(0)
             yield node.commands, margins
         finally:

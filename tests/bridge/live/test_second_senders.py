@@ -7,25 +7,21 @@ from pathlib import Path
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
 
+from tests.bridge.conftest import TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
 
 HERE = Path(__file__).resolve().parent
 SENDER, RIVAL = HERE / "sender.py", HERE / "rival.py"
-TF = {"tf": {}, "clock": "host"}
 UNKNOWN = FixtureConstraint.UNKNOWN
-TRACKED = {"tracked_transforms": {}, "clock": "host"}
 
 
 @pytest.fixture
-def guarded(start, live_yaml, frames_file, domain_id):
+def guarded(start_live, start_sender, live_yaml, domain_id):
     """``guarded(kind)`` starts a guard and a tracker; returns the guard and the tracker."""
 
     def begin(kind):
         config = live_yaml(TF if kind == "tf" else TRACKED)
-        command = ("live", "--constraint-hz", "100", "--config", str(config))
-        guard = start("-m", "app.cli", *command)
-        guard.line(lambda line: line.startswith("UNKNOWN"))
-        return guard, start(SENDER, str(frames_file), kind, "again")
+        return start_live(config), start_sender(kind, "again")
 
     return begin
 
@@ -70,14 +66,14 @@ def test_second_sender_is_a_fault_until_it_has_ended(
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "interrupted"])
-def test_restarted_tracker_is_no_second_sender(guarded, start, frames_file, domain_id, number):
+def test_restarted_tracker_is_no_second_sender(start_sender, guarded, domain_id, number):
     _, tracker = guarded("tf")
     with monitored(domain_id) as monitor:
         for _ in range(3):
             monitor.make_permissive()
             tracker.end(number)
             stale = monitor.until(lambda each: "stale" in each.message.reasons)
-            tracker = start(SENDER, str(frames_file), "tf", "again")
+            tracker = start_sender("tf", "again")
             monitor.until(lambda each: "stale" not in each.message.reasons, stale.at_ns)
         monitor.make_permissive()
         assert not any(each.has_second_sender for each in monitor.received)

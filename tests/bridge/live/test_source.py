@@ -161,7 +161,7 @@ def test_non_finite_joints_and_those_of_other_devices_are_skipped(ros, other):
 
 
 @pytest.mark.parametrize("kind", ["tf", "tracked"])
-def test_best_effort_drivers_are_received(ros, start, frames_file, kind):
+def test_best_effort_drivers_are_received(start_sender, ros, frames_file, kind):
     """Messages of another process with the QoS of sensor data arrive."""
     poses, joints = Inbox(), Inbox()
     if kind == "tf":
@@ -176,7 +176,7 @@ def test_best_effort_drivers_are_received(ros, start, frames_file, kind):
         EVERY_SENDER.accepts_joints,
         lambda names: True,
     )
-    sender = start(SENDER, str(frames_file), kind, "again", "best_effort")
+    sender = start_sender(kind, "again", "best_effort")
     sender.line(lambda line: line.startswith("shift"))
     sample = poses.wait_until(bool)[0]
     sent_m = [
