@@ -12,11 +12,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tests.bridge.conftest import breach as breach
-from tests.bridge.conftest import frames_file as frames_file
-from tests.bridge.conftest import live_yaml as live_yaml
-from tests.bridge.conftest import start_live as start_live
-from tests.bridge.conftest import start_sender as start_sender
 from tests.bridge.live.test_live_command import TRACKED
 from tests.waiting import wait_until
 
