@@ -107,86 +107,68 @@ class Peer:
 
     def command(self, what, name, frame):
         twist = self.twist
-        if what == "nan":
-            return self.send(name, twist(frame, NAN), twist(frame, angular=NAN))
-        if what == "huge":
-            return self.send(name, twist(frame, HUGE), twist(frame, [math.inf] * 3))
-        if what == "names":
-            names = ["", " ", "/", "nowhere", "ä", "%s%n", "x" * 5000, "x" * TEN_MEGABYTES]
-            return self.send(name, *map(twist, names))
-        if what == "stamps":
-            lates_s = (3600.0, 1.0, -1.0, -3600.0, time.time())
-            return self.send(name, *(twist(frame, late_s=late_s) for late_s in lates_s))
         if what == "flood":
             return self.flood(name, [twist(frame, HUGE), twist("nowhere"), twist(frame)])
-        raise ValueError(what)
+        names = ["", " ", "/", "nowhere", "ä", "%s%n", "x" * 5000, "x" * TEN_MEGABYTES]
+        lates_s = (3600.0, 1.0, -1.0, -3600.0, time.time())
+        attacks = {
+            "nan": lambda: [twist(frame, NAN), twist(frame, angular=NAN)],
+            "huge": lambda: [twist(frame, HUGE), twist(frame, [math.inf] * 3)],
+            "names": lambda: map(twist, names),
+            "stamps": lambda: (twist(frame, late_s=late_s) for late_s in lates_s),
+        }
+        return self.send(name, *attacks[what]())
 
     def attack(self, what, name, parent, child):
         if self.types[name] is TwistStamped:
             return self.command(what, name, parent)
-        pose = self.pose
-        if what == "nan":
-            return self.send(
-                name,
-                pose(name, parent, child, move=NAN),
-                pose(name, parent, child, turn=(*NAN, 1.0)),
-                pose(name, parent, child, turn=(0, 0, 0, 0)),
-                pose(name, parent, child, turn=[*HUGE, 1.0]),
-            )
-        if what == "lost":
-            return self.repeat(name, lambda: pose(name, parent, child, move=NAN))
-        if what == "skew":
-            return self.repeat(name, lambda: pose(name, parent, child, turn=(0, 0, 0, 2)))
-        if what == "future":
-            later = (time.time_ns() // 10**9 + 3600, 0)
-            return self.repeat(name, lambda: pose(name, parent, child, later))
-        if what == "huge":
-            return self.send(name, pose(name, parent, child, move=HUGE))
-        if what == "names":
-            names = ["", " ", "/", "a b", "a//b", "\n", "ä", "../../etc", "%s%n"]
-            names += ["x" * 500, "x" * 5000]
-            return self.send(name, *(pose(name, parent, bad) for bad in names)) + self.send(
-                name, *(pose(name, bad, child) for bad in names)
-            )
-        if what == "loops":
-            return self.send(
-                name,
-                pose(name, parent, parent),
-                pose(name, child, parent),
-                pose(name, "l1", "l2"),
-                pose(name, "l2", "l3"),
-                pose(name, "l3", "l1"),
-            )
-        if what == "stamps":
-            now_s = time.time_ns() // 10**9
-            stamps = [
-                (0, 0),
-                (now_s + 3600, 0),
-                (LAST_SECOND, 2**32 - 1),
-                (-LAST_SECOND - 1, 0),
-                (now_s - 10, 0),
-                (now_s - 20, 2**32 - 1),
-            ]
-            return self.send(name, *(pose(name, parent, child, stamp) for stamp in stamps))
-        if what == "bytes":
-            return self.send(name, *self.damaged_bytes(name))
-        if what == "long":
-            # Serialised once, because it is slow. The middleware loses most of the longest, because
-            # a socket buffer holds a few fragments; of the others some arrive.
-            longest, longer = (
-                serialize_message(pose(name, parent, "x" * size))
-                for size in (TEN_MEGABYTES, LONGER_THAN_ACCEPTED)
-            )
-            return self.send(name, *[longest] * 60, *[longer] * 60)
+        now_s = time.time_ns() // 10**9
+
+        def pose(parent=parent, child=child, *arguments, **values):
+            return self.pose(name, parent, child, *arguments, **values)
+
+        repeated = {
+            "lost": lambda: pose(move=NAN),
+            "skew": lambda: pose(turn=(0, 0, 0, 2)),
+            "future": lambda: pose(stamp=(now_s + 3600, 0)),
+        }
+        if what in repeated:
+            return self.repeat(name, repeated[what])
         if what == "flood":
-            return self.flood(name, [pose(name, parent, child)])
+            return self.flood(name, [pose()])
         if what == "frames":
-            return self.flood(name, [pose(name, parent, f"evil_{i}") for i in range(5000)])
-        if what == "good":
-            return self.send(name, pose(name, parent, child))
-        if what in ("urdf", "texts", "joints", "clock"):
-            return self.send(name, *(self.types[name](**each) for each in getattr(self, what)()))
-        raise ValueError(what)
+            return self.flood(name, [pose(parent, f"evil_{i}") for i in range(5000)])
+        names = ["", " ", "/", "a b", "a//b", "\n", "ä", "../../etc", "%s%n"]
+        names += ["x" * 500, "x" * 5000]
+        loops = [(parent, parent), (child, parent), ("l1", "l2"), ("l2", "l3"), ("l3", "l1")]
+        stamps = [(0, 0), (now_s + 3600, 0), (LAST_SECOND, 2**32 - 1), (-LAST_SECOND - 1, 0)]
+        stamps += [(now_s - 10, 0), (now_s - 20, 2**32 - 1)]
+        turns = [(*NAN, 1.0), (0, 0, 0, 0), [*HUGE, 1.0]]
+        attacks = {
+            "nan": lambda: [pose(move=NAN), *(pose(turn=turn) for turn in turns)],
+            "huge": lambda: [pose(move=HUGE)],
+            "names": lambda: (
+                *(pose(parent, bad) for bad in names),
+                *(pose(bad, child) for bad in names),
+            ),
+            "loops": lambda: (pose(*edge) for edge in loops),
+            "stamps": lambda: (pose(stamp=stamp) for stamp in stamps),
+            "bytes": lambda: self.damaged_bytes(name),
+            "long": lambda: self.long(name, parent),
+            "good": lambda: [pose()],
+        }
+        if what in attacks:
+            return self.send(name, *attacks[what]())
+        return self.send(name, *(self.types[name](**each) for each in getattr(self, what)()))
+
+    def long(self, name, parent):
+        """Serialised once, because it is slow.
+
+        The middleware loses most of the longest, because a socket buffer holds a few fragments; of
+        the others some arrive.
+        """
+        for size in (TEN_MEGABYTES, LONGER_THAN_ACCEPTED):
+            yield from [serialize_message(self.pose(name, parent, "x" * size))] * 60
 
     def urdf(self):
         yield {"data": "<robot name='arm'><link name='good_base'/></robot>"}
