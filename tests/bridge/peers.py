@@ -41,6 +41,21 @@ def filled(message, fields):
     return message
 
 
+def stamped(message, ns):
+    """``message`` with the stamp ``ns``."""
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(ns, 10**9)
+    return message
+
+
+def edge_message(message, parent, child, translation_m, quaternion, ns):
+    """``message``, a transform with a header, with these values."""
+    message.header.frame_id, message.child_frame_id = parent, child
+    move, turn = message.transform.translation, message.transform.rotation
+    move.x, move.y, move.z = translation_m
+    turn.x, turn.y, turn.z, turn.w = map(float, quaternion)
+    return stamped(message, ns)
+
+
 def spin(node):
     """Spin until the context is shut down, by SIGTERM or by the process."""
     with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):

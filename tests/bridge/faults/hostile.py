@@ -20,7 +20,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 
-from tests.bridge.peers import interface
+from tests.bridge.peers import edge_message, interface, stamped
 
 TEN_MEGABYTES = 10_000_000
 LONGER_THAN_ACCEPTED = 1_100_000
@@ -66,12 +66,9 @@ class Peer:
         """One transform in a message of the topic's type."""
         kind = self.types[name]
         message = TransformStamped() if hasattr(kind, "transforms") else kind()
-        sec, nanosec = divmod(time.time_ns(), 10**9) if stamp is None else stamp
-        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-        message.header.frame_id, message.child_frame_id = parent, child
-        to, by = message.transform.translation, message.transform.rotation
-        to.x, to.y, to.z = move
-        by.x, by.y, by.z, by.w = map(float, turn)
+        edge_message(message, parent, child, move, turn, time.time_ns())
+        if stamp is not None:
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
         return kind(transforms=[message]) if hasattr(kind, "transforms") else message
 
     def send(self, name, *messages):
@@ -98,8 +95,7 @@ class Peer:
         """Velocity command in m/s and rad/s along the axes of ``frame``."""
         message = TwistStamped()
         message.header.frame_id = frame
-        sec, nanosec = divmod(time.time_ns() - round(late_s * 1e9), 10**9)
-        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        stamped(message, time.time_ns() - round(late_s * 1e9))
         to, by = message.twist.linear, message.twist.angular
         to.x, to.y, to.z = linear
         by.x, by.y, by.z = angular
