@@ -13,9 +13,9 @@ from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.topics import TF
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
+from tests.waiting import DEADLINE_S
 
 WORDS = Topic("/words", String, STREAM)
-DEADLINE_S = 30.0
 
 
 class Collector:

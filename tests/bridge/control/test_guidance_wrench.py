@@ -9,6 +9,7 @@ from app.bridge import topics
 from app.bridge.control import GuidancePublisher
 from app.fixture import GuidanceParameters
 from app.geometry import Transform
+from tests.waiting import DEADLINE_S
 
 QUICK = GuidanceParameters(
     force_n=4.0, range_mm=10.0, rate_n_s=1e6, period_s=0.02, delay_s=0.0, damping_n_s_m=10.0
@@ -27,7 +28,7 @@ def listening(ros, start_receiver, count):
     receiver = start_receiver(
         f"/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:{count}"
     )
-    assert ros.wait_for_subscribers(topics.GUIDANCE_WRENCH, 1, timeout_s=30.0)
+    assert ros.wait_for_subscribers(topics.GUIDANCE_WRENCH, 1, timeout_s=DEADLINE_S)
     return receiver
 
 

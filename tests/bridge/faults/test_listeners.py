@@ -49,6 +49,7 @@ def attacked(start: Start, *attacks: str) -> dict[str, Any]:
         for what in attacks:
             attack(what, topic)
     attack("clock", "/clock")
+    attack("long_joints", "/joint_states")
     # Repeat the attack: best effort does not resend what a full socket dropped.
     while not all_joints_counted(until(bool)):
         attack("joints", "/joint_states")

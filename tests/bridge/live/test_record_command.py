@@ -27,7 +27,7 @@ from app.case import open_case
 from tests.bridge.conftest import SENDER as SENDER
 from tests.bridge.conftest import TRACKED as TRACKED
 from tests.bridge.service_calls import tumor
-from tests.waiting import wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 
 @pytest.fixture
@@ -148,17 +148,18 @@ def test_late_best_effort_publishers_are_recorded_without_duplicates(start, doma
             "-m", "app.cli", "record", "-o", str(tmp_path / "x"), "--topics", "/changes"
         )
         recorder.line(lambda line: line == "recording /changes\n")
-        assert ros.wait_for_subscribers(reliable_topic, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(reliable_topic, 1, timeout_s=DEADLINE_S)
         for number in range(100):
             reliable.publish(String(data=f"first {number}"))
         best_effort = ros.publisher(best_effort_topic)
-        assert ros.wait_for_subscribers(best_effort_topic, 1, timeout_s=30.0)
-        assert ros.wait_for_subscribers(reliable_topic, 2, timeout_s=30.0)
+        assert ros.wait_for_subscribers(best_effort_topic, 1, timeout_s=DEADLINE_S)
+        assert ros.wait_for_subscribers(reliable_topic, 2, timeout_s=DEADLINE_S)
         pause = threading.Event()
         for number in range(100):
             reliable.publish(String(data=f"second {number}"))
             best_effort.publish(String(data=f"weak {number}"))
-            pause.wait(0.005)  # best effort repeats nothing that a full buffer dropped
+            # Best effort repeats nothing that a full buffer dropped.
+            ros.flush() if number == 50 else pause.wait(0.005)
     recorder.stop()
     counts = Counter(message.data for message in messages_of(tmp_path / "x", "/changes"))
     assert set(counts.values()) == {1}
@@ -175,14 +176,14 @@ def test_two_simultaneous_sessions_are_reported_and_are_one_change(start, domain
     with RosNode("one", domain_id=domain_id) as one, RosNode("two", domain_id=domain_id) as two:
         first = one.publisher(topic)
         recorder.line(lambda line: line == f"recording {name}\n")
-        assert one.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        assert one.wait_for_subscribers(topic, 1, timeout_s=DEADLINE_S)
         first.publish(FixtureConstraint(instance_id="1", model_id="one"))
         pause = threading.Event()
         # The first session must be recorded before the second starts.
         wait_until(lambda: any(each == name for each, _ in recorded_sizes(tmp_path / "x")))
         second = two.publisher(topic)
         recorder.line(lambda line: line.startswith(f"{name} has 2 publishers; several sessions"))
-        assert two.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        assert two.wait_for_subscribers(topic, 1, timeout_s=DEADLINE_S)
         for _ in range(10):
             second.publish(FixtureConstraint(instance_id="2", model_id="two"))
             pause.wait(0.12)  # the recorder checks every 0.1 s
@@ -230,7 +231,7 @@ def test_replaced_tumour_is_noted_in_the_recording(
     recorder.line(lambda line: line == "recording /site_1/marginguard/constraint\n")
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/site_1/marginguard/set_tumor")
-        reply = client.call(tumor(0.02), 60.0)
+        reply = client.call(tumor(0.02), DEADLINE_S)
     assert reply.success, reply.message
     recorder.line(lambda line: line == "tumour or registration of the session were replaced\n")
     recorder.line(lambda line: line == "recording /site_1/marginguard/markers\n")

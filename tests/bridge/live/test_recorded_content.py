@@ -20,11 +20,11 @@ from app.registration import register_points
 from app.runtime import prepare_live
 from tests.bridge.live.replayed_margins import plain
 from tests.bridge.live.test_record_command import TRACKED
+from tests.waiting import DEADLINE_S
 
 REPLAY = Path(__file__).resolve().parent / "replayed_margins.py"
 MAX_ERROR_MM = 1e-9
 FRAMES = 60
-TIMEOUT_S = 90.0
 
 
 class Margins:
@@ -60,10 +60,10 @@ class Margins:
             return len(late) >= FRAMES and min(late) < 0.0 < max(late)
 
         with self._changed:
-            assert self._changed.wait_for(is_known, TIMEOUT_S)
+            assert self._changed.wait_for(is_known, DEADLINE_S)
 
     def join(self):
-        self._thread.join(TIMEOUT_S)
+        self._thread.join(DEADLINE_S)
         assert not self._thread.is_alive()
 
 

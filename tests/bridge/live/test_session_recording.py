@@ -10,9 +10,7 @@ from app.bridge.node import RosNode
 from app.case import open_case
 from tests.bridge.live.test_record_command import TRACKED, samples_of
 from tests.bridge.service_calls import tumor
-from tests.waiting import wait_until
-
-TIMEOUT_S = 90.0
+from tests.waiting import DEADLINE_S, wait_until
 
 
 def test_session_is_recorded_between_two_requests(
@@ -26,7 +24,7 @@ def test_session_is_recorded_between_two_requests(
         record = ServiceClient(ros, SetBool, "/marginguard/record")
 
         def request(data: bool) -> SetBool.Response:
-            return record.call(SetBool.Request(data=data), timeout_s=TIMEOUT_S)
+            return record.call(SetBool.Request(data=data), timeout_s=DEADLINE_S)
 
         refused = request(False)
         assert not refused.success
@@ -74,10 +72,10 @@ def test_end_of_the_session_finishes_its_recording_which_contains_an_earlier_tum
     live.line(lambda line: line.startswith("UNKNOWN"))
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/marginguard/set_tumor")
-        replaced = client.call(tumor(0.02), TIMEOUT_S)
+        replaced = client.call(tumor(0.02), DEADLINE_S)
         assert replaced.success, replaced.message
         record = ServiceClient(ros, SetBool, "/marginguard/record")
-        assert record.call(SetBool.Request(data=True), timeout_s=TIMEOUT_S).success
+        assert record.call(SetBool.Request(data=True), timeout_s=DEADLINE_S).success
     live.stop()
     (case,) = cases.iterdir()
     assert (case / "tracking" / "metadata.yaml").exists()

@@ -20,9 +20,9 @@ from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.geometry import TrackingStatus
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
+from tests.waiting import DEADLINE_S
 
 TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
-WAIT_S = 30.0
 HELLO = "hello"
 LOOKUPS = 30
 SENDER = Path(__file__).with_name("sender.py")
@@ -60,7 +60,7 @@ class Inbox:
     def wait_until(self, accept):
         """Wait until ``accept`` accepts the list of samples without ``HELLO``; return the list."""
         with self.changed:
-            assert self.changed.wait_for(lambda: accept(self._without_hello()), WAIT_S)
+            assert self.changed.wait_for(lambda: accept(self._without_hello()), DEADLINE_S)
             return self._without_hello()
 
     def _without_hello(self):
@@ -207,7 +207,7 @@ def test_lost_sample_delays_a_lookup_and_not_a_session(ros, start, monkeypatch):
     assert tracker.line() == "ready"
     for number in range(LOOKUPS):
         tracker.send("next")
-        assert buffer.wait("tracker", f"sent_{number}", timeout_s=WAIT_S).stamp_ns == number
+        assert buffer.wait("tracker", f"sent_{number}", timeout_s=DEADLINE_S).stamp_ns == number
     received_ns = [sample.stamp.ns for sample in inbox.samples]
     assert 0 < len(received_ns) < LOOKUPS
     assert all(earlier < later for earlier, later in pairwise(received_ns))

@@ -12,6 +12,7 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from rclpy.serialization import deserialize_message, serialize_message
 
 from app.bridge.publishing.constraint_stream import ConstraintStream, RawConstraint
+from tests.waiting import DEADLINE_S
 
 
 class Sent:
@@ -28,7 +29,7 @@ class Sent:
 
     def wait_until(self, condition):
         with self._changed:
-            assert self._changed.wait_for(lambda: condition(self.messages), 30.0)
+            assert self._changed.wait_for(lambda: condition(self.messages), DEADLINE_S)
 
 
 def streaming(hz=None, **options):

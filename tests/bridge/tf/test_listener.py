@@ -17,8 +17,8 @@ from app.bridge.tf.broadcaster import StaticTfBroadcaster, TfBroadcaster, tf_mes
 from app.bridge.tf.listener import TfListener
 from app.bridge.tf.wire import TfSample, write_tf_message
 from app.geometry import Stamp, Transform
+from tests.waiting import DEADLINE_S
 
-DEADLINE_S = 60.0
 SENDER = Path(__file__).parent / "sender.py"
 
 
