@@ -187,6 +187,9 @@ class Peer:
         yield {"name": names, "position": [math.inf, -math.inf]}
 
     def long_joints(self):
+        yield {"name": ["x" * LONGER_THAN_ACCEPTED], "position": [0.0]}
+
+    def longest_joints(self):
         yield {"name": ["x" * TEN_MEGABYTES], "position": [0.0]}
 
     def clock(self):
