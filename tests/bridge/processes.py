@@ -18,7 +18,7 @@ from tests.forking import parent_of
 DEADLINE_S = 90.0
 """Timeout of a wait; none takes more than a few seconds if it succeeds."""
 
-LEAVING_S = 5.0
+LEAVING_S = 0.5
 """After it a peer that does not react to SIGTERM is killed."""
 
 LOCAL_TIME = re.compile(r"^\d{4}-\d\d-\d\dT[\d:.]+[+-]\d\d:\d\d ")
