@@ -2,38 +2,48 @@
 
     caller.py NAME:TYPE:{"field": value} ...
 
-Prints ``ready``, then each reply as a line of JSON. It does not import the project.
+Prints ``ready``, then each reply as a line of JSON. It uses plain rclpy, not the project.
+
+A server drops a reply to a client that it has not discovered, and a client cannot see when it has.
+Endpoints are discovered in the order of their creation: so the last client calls a harmless service
+of the same node until a reply arrives.
 """
 
 import json
 import sys
-from importlib import import_module
 
 import rclpy
+from rcl_interfaces.srv import GetParameters
+
+from tests.bridge.peers import as_plain, filled, interface
+
+DEADLINE_S = 90.0
 
 
-def main() -> int:
+def main():
     rclpy.init()
     node = rclpy.create_node("caller")
+    calls = [argument.split(":", 2) for argument in sys.argv[1:]]
+    kinds = {name: interface(kind) for name, kind, _ in calls}
+    clients = {name: node.create_client(kind, name) for name, kind in kinds.items()}
+    servers = {name.rpartition("/")[0] for name in kinds}
+    harmless = [node.create_client(GetParameters, f"{each}/get_parameters") for each in servers]
+    for client in (*clients.values(), *harmless):
+        assert client.wait_for_service(DEADLINE_S), client.srv_name
+    for client in harmless:
+        future = None
+        while future is None or not future.done():
+            future = client.call_async(GetParameters.Request())
+            rclpy.spin_until_future_complete(node, future, timeout_sec=1.0)
     print("ready", flush=True)
-    for argument in sys.argv[1:]:
-        name, kind, fields = argument.split(":", 2)
-        package, folder, type_name = kind.split("/")
-        service = getattr(import_module(f"{package}.{folder}"), type_name)
-        client = node.create_client(service, name)
-        if not client.wait_for_service(timeout_sec=30.0):
-            print(f"no service {name}", file=sys.stderr)
-            return 1
-        future = client.call_async(service.Request(**json.loads(fields)))
-        rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
-        if not future.done():
-            print(f"no reply from {name}", file=sys.stderr)
-            return 1
-        reply = future.result()
-        print(json.dumps({key: getattr(reply, key) for key in reply.get_fields_and_field_types()}))
+    for name, _, fields in calls:
+        future = clients[name].call_async(filled(kinds[name].Request(), json.loads(fields)))
+        rclpy.spin_until_future_complete(node, future, timeout_sec=DEADLINE_S)
+        assert future.done(), f"no reply from {name}"
+        print(json.dumps(as_plain(future.result())), flush=True)
+    node.destroy_node()
     rclpy.shutdown()
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,20 +1,19 @@
-"""ROS fixtures: a separate domain on this machine, peer processes, steps to publish."""
+"""Fixtures of ROS: other processes, a tracker's frames, contents and steps to publish."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import threading
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import islice
+from functools import partial
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
+from app.case import open_case
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
@@ -25,126 +24,108 @@ from app.fixture import (
     Reason,
     Witnesses,
 )
-from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import SessionContent
 from app.session import StepResult
+from tests import shipped_case
+from tests.bridge.processes import DEADLINE_S as DEADLINE_S
+from tests.bridge.processes import Child, Receiver
 from tests.ros_domain import domain_id as domain_id
 from tests.session_content import ONE_LINK_URDF, one_link_content
 
 HERE = Path(__file__).resolve().parent
-RECEIVER = HERE / "receiver.py"
-DEADLINE_S = 90.0
-"""Timeout of a wait; none takes more than a few seconds if it succeeds."""
+CALLER, RECEIVER = HERE / "caller.py", HERE / "receiver.py"
+SENDER = HERE / "live" / "sender.py"
+LIVE = ("-m", "app.cli", "live", "--constraint-hz", "100", "--config")
+CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000"
+TRACKED = {"tracked_transforms": {}, "clock": "host"}
+TF = {"tf": {}, "clock": "host"}
 
-
-class Receiver:
-    """Process that prints each message it receives as a line of JSON."""
-
-    def __init__(
-        self, script: Path, arguments: list[str], environment: dict[str, str], log: Path
-    ) -> None:
-        self._log = log
-        with log.open("w") as errors:
-            self._process = subprocess.Popen(
-                [sys.executable, str(script), *arguments],
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                env={**os.environ, **environment},
-            )
-        # Ends a read that would otherwise block indefinitely.
-        self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
-        self._deadline.start()
-        self._early: list[str] = []
-
-    def wait_until_ready(self) -> None:
-        """Wait until the process has discovered a publisher for each of its topics."""
-        early = []
-        for line in self._lines():
-            if line.strip() == "ready":
-                self._early = early
-                return
-            early.append(line)  # latched message, received before the other publishers were found
-        pytest.fail(f"the receiving process found no publisher: {self._result()}")
-
-    def take(self, count: int) -> list[dict[str, Any]]:
-        """Wait for the next ``count`` messages."""
-        self._restart_deadline()
-        lines = list(islice(self._lines(), count))
-        if len(lines) < count:
-            pytest.fail(f"received {len(lines)} messages; expected {count}: {self._result()}")
-        return [json.loads(line) for line in lines]
-
-    def messages(self) -> list[dict[str, Any]]:
-        """All further messages until the process has received its counts and exits."""
-        self._restart_deadline()
-        lines = [line for line in self._lines() if line.strip() != "ready"]
-        if self._process.wait() != 0:
-            pytest.fail(f"the receiving process did not get all messages: {self._result()}")
-        return [json.loads(line) for line in lines]
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Suspend the process in the ``with`` block."""
-        self._process.send_signal(signal.SIGSTOP)
-        try:
-            yield
-        finally:
-            self._process.send_signal(signal.SIGCONT)
-
-    def go_on(self) -> None:
-        """Let a process go on that waits for SIGUSR1."""
-        self._process.send_signal(signal.SIGUSR1)
-
-    def close(self) -> None:
-        self._deadline.cancel()
-        if self._process.poll() is None:
-            self._process.kill()
-        self._process.wait()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-
-    def _restart_deadline(self) -> None:
-        self._deadline.cancel()
-        self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
-        self._deadline.start()
-
-    def _lines(self) -> Iterator[str]:
-        assert self._process.stdout is not None
-        while self._early:
-            yield self._early.pop(0)
-        yield from iter(self._process.stdout.readline, "")
-
-    def _result(self) -> str:
-        self._process.kill()
-        return f"status {self._process.wait()}, {self._log.read_text()!r}"
-
-
+Start = Callable[..., Child]
 StartReceiver = Callable[..., Receiver]
+
+
+@pytest.fixture(autouse=True, scope="package")
+def shared_fields(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The field of a surface is computed once for all tests of this folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MARGINGUARD_FIELD_CACHE", raising=False)
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("fields")))
+        yield
+
+
+@pytest.fixture
+def ros(domain_id: int) -> Iterator[Any]:
+    """The node ``marginguard``."""
+    from app.bridge.node import RosNode  # loads ROS
+
+    with RosNode("marginguard", domain_id=domain_id) as node:
+        yield node
+
+
+@pytest.fixture
+def other(domain_id: int) -> Iterator[Any]:
+    """A second node of this process."""
+    from app.bridge.node import RosNode
+
+    with RosNode("other", domain_id=domain_id) as node:
+        yield node
+
+
+@contextmanager
+def started_in(folder: Path) -> Iterator[Callable[..., Any]]:
+    """Start processes of a kind, with their logs in ``folder``; kill them at the end."""
+    started: list[Child] = []
+
+    def start(kind: type[Child], *arguments: object, **options: Any) -> Child:
+        log = folder / f"{kind.__name__.lower()}_{len(started)}.log"
+        started.append(kind(arguments, log, **options))
+        return started[-1]
+
+    yield start
+    for child in started:
+        child.close()
+
+
+@pytest.fixture
+def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
+    """``start("-m", "app.cli", ...)``; killed after the test."""
+    with started_in(tmp_path) as begin:
+        yield lambda *arguments: begin(Child, *arguments)
+
+
+@pytest.fixture
+def start_live(start: Start) -> Start:
+    """``start_live(config, *options)`` starts a session and waits for its first line."""
+
+    def begin(config: object, *options: object) -> Child:
+        live = start(*LIVE, config, *options)
+        live.line(lambda line: line.startswith("UNKNOWN"))  # printed before anything is tracked
+        return live
+
+    return begin
+
+
+@pytest.fixture
+def start_sender(start: Start, frames_file: Path) -> Start:
+    """``start_sender("tf", "again")`` starts a tracker that sends the frames."""
+    return partial(start, SENDER, frames_file)
 
 
 @pytest.fixture
 def start_receiver(domain_id: int, tmp_path: Path) -> Iterator[StartReceiver]:
     """``start_receiver("/tf:tf2_msgs/msg/TFMessage:10", ...)``; killed after the test."""
-    started: list[Receiver] = []
 
-    def start(
-        *arguments: str,
-        script: Path = RECEIVER,
-        environment: dict[str, str] | None = None,
-        wait: bool = True,
+    def receive(
+        *arguments: str, script: Path = RECEIVER, wait: bool = True, **options: Any
     ) -> Receiver:
-        receiver = Receiver(
-            script, list(arguments), environment or {}, tmp_path / f"receiver_{len(started)}.log"
-        )
-        started.append(receiver)
+        receiver: Receiver = begin(Receiver, script, *arguments, **options)
         if wait:
             receiver.wait_until_ready()
         return receiver
 
-    yield start
-    for receiver in started:
-        receiver.close()
+    with started_in(tmp_path) as begin:
+        yield receive
 
 
 CYCLONE = HERE / "cyclone_listener.py"
@@ -164,13 +145,71 @@ CYCLONE_ON_THIS_MACHINE = {
 @pytest.fixture
 def start_cyclone(start_receiver: StartReceiver) -> StartReceiver:
     """``start_cyclone("virtual_fixture", "10")`` starts a ``/tf`` listener without ROS."""
+    return partial(start_receiver, script=CYCLONE, environment=CYCLONE_ON_THIS_MACHINE)
 
-    def start(*arguments: str, wait: bool = True) -> Receiver:
-        return start_receiver(
-            *arguments, script=CYCLONE, environment=CYCLONE_ON_THIS_MACHINE, wait=wait
-        )
 
-    return start
+@pytest.fixture(scope="session")
+def breach(project_root: Path) -> list[TrackingFrame]:
+    """1.6 s of the shipped case around its first breach; every pose is tracked."""
+    frames = open_case(project_root / "data" / "recorded_case").recorded_frames()
+    first_ns = next(frames).stamp.ns
+    start_ns = first_ns + round((shipped_case.DEEP["start_s"] - 0.5) * NS_PER_S)
+    end_ns = start_ns + round(1.6 * NS_PER_S)
+    from_start = dropwhile(lambda frame: frame.stamp.ns < start_ns, frames)
+    found = list(takewhile(lambda frame: frame.stamp.ns < end_ns, from_start))
+    assert all(sample.transform is not None for f in found for sample in f.poses)
+    return found
+
+
+@pytest.fixture
+def frames_file(breach: list[TrackingFrame], tmp_path: Path) -> Path:
+    """The frames as a file for ``sender.py``; joint states have the stamps of another clock."""
+    path = tmp_path / "frames.json"
+    path.write_text(json.dumps([_plain(frame) for frame in breach]))
+    return path
+
+
+@pytest.fixture
+def live_yaml(project_root: Path, tmp_path: Path) -> Callable[..., Path]:
+    """``live_yaml(source)`` writes the example's configuration with another source."""
+
+    def write(source: dict[str, Any], stale_after_ms: float = 400.0) -> Path:
+        values = yaml.safe_load((project_root / "data/live_example/live.yaml").read_text())
+        values["source"] = source
+        values["margins"]["stale_after_ms"] = stale_after_ms
+        path = tmp_path / "live.yaml"
+        path.write_text(yaml.safe_dump(values))
+        return path
+
+    return write
+
+
+def _plain(frame: TrackingFrame) -> dict[str, Any]:
+    return {
+        "ns": frame.stamp.ns,
+        "edges": [_edge(sample) for sample in frame.poses],
+        "joints": [
+            {
+                "names": list(sample.names),
+                "positions": list(sample.positions),
+                "ns": sample.stamp.ns - round(shipped_case.CLOCK_OFFSET_MS * NS_PER_MS),
+            }
+            for sample in frame.joints
+        ],
+    }
+
+
+def _edge(sample: TrackedTransform) -> dict[str, Any]:
+    pose = sample.transform
+    return {
+        "parent": sample.target,
+        "child": sample.source,
+        "status": int(sample.status),
+        "translation_m": [math.nan] * 3
+        if pose is None
+        else (pose.translation_mm / 1000.0).tolist(),
+        "quaternion": [math.nan] * 4 if pose is None else pose.quaternion_xyzw.tolist(),
+    }
 
 
 START_NS = 1_700_000_000_000_000_001
@@ -207,9 +246,7 @@ def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -
         if lost
         else TrackedTransform(cautery, now, TrackingStatus.OK),
         TrackedTransform(
-            Transform("reference", "needle", np.eye(3), [0.0, 50.0, 0.0]),
-            oldest,
-            TrackingStatus.OK,
+            Transform("reference", "needle", np.eye(3), [0.0, 50.0, 0.0]), oldest, TrackingStatus.OK
         ),
     )
     joints = JointSample(("waist", "slide"), np.array([0.5, 0.01]), Stamp(now.ns - 5_000_000))

@@ -4,29 +4,23 @@ Prints ``ready`` when it has two readers. For each line of standard input it pub
 edge (``tracker -> sent_N``, stamp N ns) once, reliably. It does not import ROS.
 """
 
-import os
 import sys
 import time
 
+from cyclone_peers import RELIABLE, participant, writer
 from cyclone_types import Header, Quaternion, TFMessage, Time, Transform, TransformStamped, Vector3
 from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.pub import DataWriter
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
 
 
 def main():
-    participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-    qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepAll)
-    writer = DataWriter(participant, Topic(participant, "rt/tf", TFMessage, qos=qos), qos=qos)
-    while len(writer.get_matched_subscriptions()) < 2:
+    sent = writer(participant(), "rt/tf", TFMessage, Qos(RELIABLE, Policy.History.KeepAll))
+    while len(sent.get_matched_subscriptions()) < 2:
         time.sleep(0.01)
     print("ready", flush=True)
     identity = Transform(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     for number, _ in enumerate(sys.stdin):
         header = Header(Time(0, number), "tracker")
-        writer.write(TFMessage([TransformStamped(header, f"sent_{number}", identity)]))
+        sent.write(TFMessage([TransformStamped(header, f"sent_{number}", identity)]))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Independent ROS process that prints the messages it receives. It does not import the project.
+"""Independent ROS process that prints the messages it receives; plain rclpy, not the project.
 
     receiver.py TOPIC:TYPE:COUNT[:latched] ...
 
@@ -10,21 +10,12 @@ status 0 when every topic has received its COUNT of messages, with 1 after a min
 import json
 import sys
 import time
-from importlib import import_module
 
 import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-
-def as_plain(value):
-    if hasattr(value, "get_fields_and_field_types"):
-        return {name: as_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
-    if isinstance(value, bytes):
-        return value[0] if len(value) == 1 else list(value)
-    if isinstance(value, str | int | float | bool):
-        return value
-    return [as_plain(item) for item in value]
+from tests.bridge.peers import as_plain, interface
 
 
 def main() -> int:
@@ -51,7 +42,6 @@ def main() -> int:
 
     for argument in sys.argv[1:]:
         topic, kind, count, *latched = argument.split(":")
-        package, folder, name = kind.split("/")
         waiting[topic] = int(count)
         unmatched.add(topic)
         qos = QoSProfile(
@@ -60,7 +50,7 @@ def main() -> int:
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
         node.create_subscription(
-            getattr(import_module(f"{package}.{folder}"), name),
+            interface(kind),
             topic,
             lambda message, topic=topic: on_message(topic, message),
             qos,

@@ -7,8 +7,8 @@ from std_msgs.msg import String
 
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, LATCHED, STREAM, Topic
+from tests.waiting import DEADLINE_S
 
-DEADLINE_S = 30.0
 WORDS = [Topic(f"/words_{number}", String, STREAM) for number in range(4)]
 
 

@@ -11,6 +11,7 @@ import pytest
 from app.bridge import RosNode
 from app.bridge.environment import UDP_ON_THIS_MACHINE, prepare_environment, without_bootstrap
 from app.bridge.open_ports import listens_to_other_machines
+from tests.bridge.processes import Child
 
 LOCALHOST = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 WITHOUT_HOOK_VARIABLES = without_bootstrap(os.environ)
@@ -52,10 +53,7 @@ def test_discovery_stays_on_this_machine_by_udp(given):
 
 @pytest.mark.parametrize("choice", ["SUBNET", "OFF", "SYSTEM_DEFAULT", "LOCALHOST"])
 def test_user_choice_is_kept(choice):
-    variables = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": choice,
-        "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT",
-    }
+    variables = {"ROS_AUTOMATIC_DISCOVERY_RANGE": choice, "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
     given = dict(variables)
     prepare_environment(variables)
     assert variables == given
@@ -150,19 +148,19 @@ WHOLE_NETWORK = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def started(domain: int, **environment: str) -> str:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **environment}
-    program = [sys.executable, "-c", STARTED, str(domain)]
-    return subprocess.run(
-        program, capture_output=True, text=True, check=True, env=environment
-    ).stdout.strip()
+def started(tmp_path: Path, domain: int, **environment: str) -> str:
+    child = Child(["-c", STARTED, domain], tmp_path / "started.log", environment)
+    output = "".join(child.lines())
+    assert child.wait() == 0, child.log.read_text()
+    child.close()
+    return output.strip()
 
 
 def test_node_visible_to_other_machines_is_refused(domain_id, tmp_path):
     # A profile without our settings simulates a Fast DDS that does not read ours.
     unread = tmp_path / UDP_ON_THIS_MACHINE.name
     unread.write_text(WHOLE_NETWORK)
-    line = started(domain_id, FASTRTPS_DEFAULT_PROFILES_FILE=str(unread))
+    line = started(tmp_path, domain_id, FASTRTPS_DEFAULT_PROFILES_FILE=str(unread))
     assert "'alone' would be visible to other machines" in line
     assert "\n" not in line
 
@@ -174,7 +172,7 @@ def test_subnet_range_opens_discovery(domain_id, tmp_path):
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
     }
-    assert started(domain_id, **environment) == "True"
+    assert started(tmp_path, domain_id, **environment) == "True"
 
 
 def test_start_up_hook_keeps_process_arguments_and_streams():

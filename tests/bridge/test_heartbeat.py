@@ -7,6 +7,7 @@ import pytest
 from app.bridge.errors import BridgeError
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.steady_clock import steady_ns
+from tests.waiting import DEADLINE_S
 
 
 class Sent:
@@ -34,7 +35,7 @@ def test_newest_message_is_repeated_with_consecutive_seq():
     sent = Sent(20)
     heartbeat = Heartbeat(sent, 1000.0)
     heartbeat.update("a")
-    assert sent.enough.wait(30.0)
+    assert sent.enough.wait(DEADLINE_S)
     heartbeat.update("b")
     heartbeat.close()
     assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))
@@ -73,7 +74,7 @@ def test_error_in_the_thread_is_raised_on_close():
 
     heartbeat = Heartbeat(send, 1000.0)
     heartbeat.update("a")
-    assert failed.wait(30.0)
+    assert failed.wait(DEADLINE_S)
     with pytest.raises(BridgeError, match="heartbeat ended: no such publisher"):
         heartbeat.close()
 
@@ -115,7 +116,7 @@ def test_late_beat_does_not_delay_the_next_beats(monkeypatch):
 
     heartbeat = Heartbeat(send, 1000.0)
     heartbeat.update("a")
-    assert enough.wait(30.0)
+    assert enough.wait(DEADLINE_S)
     heartbeat.close()
     assert heartbeat.missed == 0
     after_ms = [ms - sent_ms[0] for ms in sent_ms]
@@ -130,15 +131,15 @@ def test_missed_beats_are_skipped_and_counted():
         sent(message, seq)
         if seq == 1:
             held.set()
-            go_on.wait(30.0)
+            go_on.wait(DEADLINE_S)
 
     heartbeat = Heartbeat(send, 1000.0)
     heartbeat.update("a")
-    assert held.wait(30.0)
+    assert held.wait(DEADLINE_S)
     # The beats that are due while one is blocked are missed.
     threading.Event().wait(0.05)
     go_on.set()
-    assert sent.enough.wait(30.0)
+    assert sent.enough.wait(DEADLINE_S)
     heartbeat.close()
     assert heartbeat.missed >= 40
     assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))

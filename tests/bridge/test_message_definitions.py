@@ -29,6 +29,7 @@ from app.bridge.message_definitions import (
     foreign_endpoints,
 )
 from app.bridge.node import RosNode
+from tests.waiting import DEADLINE_S
 
 OURS = EXPECTED["msg/FixtureConstraint"]
 OTHER = "ab" * 32
@@ -270,7 +271,7 @@ def test_request_of_a_client_with_our_definition_is_served_and_one_beside_anothe
     ):
         server = ServiceServer(guard, Register, "~/register", serve, in_thread=True)
         client = ServiceClient(operator, Register, server.name)
-        assert client.call(Register.Request(), 30.0).success
+        assert client.call(Register.Request(), DEADLINE_S).success
         topic = f"rq{server.name}Request"
         listed = guard.node.get_publishers_info_by_topic(topic, no_mangle=True)
         assert [str(each.node_name) for each in listed] == ["operator"]
@@ -278,10 +279,8 @@ def test_request_of_a_client_with_our_definition_is_served_and_one_beside_anothe
         monkeypatch.setattr(
             guard.node,
             "get_publishers_info_by_topic",
-            lambda *_, **__: [
-                request_endpoint(OTHER, "old", kind=listed[0].topic_type),
-            ],
+            lambda *_, **__: [request_endpoint(OTHER, "old", kind=listed[0].topic_type)],
         )
-        reply = client.call(Register.Request(), 30.0)
+        reply = client.call(Register.Request(), DEADLINE_S)
         assert not reply.success
         assert "/left/old has another definition of the request" in reply.message

@@ -13,10 +13,9 @@ from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.topics import TF
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
-from tests.bridge.live.conftest import start as start
+from tests.waiting import DEADLINE_S
 
 WORDS = Topic("/words", String, STREAM)
-DEADLINE_S = 30.0
 
 
 class Collector:
@@ -162,8 +161,7 @@ def test_large_and_empty_messages_arrive_unchanged(domain_id):
 def test_receiver_accepts_the_mapping_of_rclpy():
     found = []
     receiver(lambda data, origin: found.append((data, origin)))(
-        b"data",
-        {"publication_sequence_number": 7, "source_timestamp": 5, "received_timestamp": 6},
+        b"data", {"publication_sequence_number": 7, "source_timestamp": 5, "received_timestamp": 6}
     )
     assert found == [(b"data", Origin(None, 7, 5, 6))]
 

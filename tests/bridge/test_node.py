@@ -1,7 +1,5 @@
 """`RosNode`: delivery to other processes, callbacks and release of resources on close."""
 
-import subprocess
-import sys
 import threading
 
 import pytest
@@ -11,6 +9,7 @@ from std_msgs.msg import String
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.qos import LATCHED, STREAM, Topic
+from tests.waiting import DEADLINE_S
 
 CHANGES = Topic("~/changes", String, STREAM)
 STATUS = Topic("~/status", String, LATCHED)
@@ -21,7 +20,7 @@ def test_matched_subscriber_gets_every_message(domain_id, start_receiver):
     with RosNode("sender", domain_id=domain_id) as ros:
         publisher = ros.publisher(CHANGES)
         receiver = start_receiver(f"/sender/changes:{STRING}:50")
-        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=DEADLINE_S)
         for number in range(50):
             publisher.publish(String(data=str(number)))
         received = receiver.messages()
@@ -41,7 +40,7 @@ def test_messages_published_before_close_arrive(domain_id, start_receiver):
     with RosNode("sender", domain_id=domain_id) as ros:
         publisher = ros.publisher(CHANGES)
         receiver = start_receiver(f"/sender/changes:{STRING}:100")
-        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=DEADLINE_S)
         for number in range(100):
             publisher.publish(String(data=f"{number} {'x' * 10_000}"))
     assert len(receiver.messages()) == 100
@@ -52,7 +51,7 @@ def test_messages_dropped_by_a_full_socket_are_resent_before_close(domain_id, st
     with RosNode("sender", domain_id=domain_id) as ros:
         publisher = ros.publisher(CHANGES)
         receiver = start_receiver(f"/sender/changes:{STRING}:100")
-        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=DEADLINE_S)
         with receiver.held():
             for _ in range(100):
                 publisher.publish(String(data="x" * 20_000))
@@ -88,7 +87,7 @@ def test_callback_cannot_close_its_own_node(domain_id):
             done.set()
 
         ros.call_soon(close)
-        assert done.wait(30.0)
+        assert done.wait(DEADLINE_S)
         assert "'sender'" in refused[0]
         assert ros.is_open
     assert not ros.is_open
@@ -126,12 +125,11 @@ nodes.append(RosNode("unclosed"))
 """
 
 
-def test_open_node_is_closed_at_exit(domain_id):
+def test_open_node_is_closed_at_exit(start):
     # An open node's thread would abort the program, but not always, so check `is_open` instead.
-    ended = subprocess.run(
-        [sys.executable, "-c", WITHOUT_CLOSE], capture_output=True, text=True, timeout=60.0
-    )
-    assert (ended.returncode, ended.stdout) == (0, "False\n"), ended.stderr
+    ended = start("-c", WITHOUT_CLOSE)
+    assert ended.line() == "False"
+    assert ended.wait() == 0
 
 
 def test_default_context_is_not_used(domain_id):

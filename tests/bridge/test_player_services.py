@@ -1,7 +1,6 @@
 """Player services called by another process."""
 
 import math
-from pathlib import Path
 
 import pytest
 
@@ -10,8 +9,8 @@ from app.bridge.player_services import PlayerServices
 from app.case import Player
 from app.case.frames.samples import TrackingFrame
 from app.geometry import Stamp
+from tests.bridge.service_calls import CALLER
 
-CALLER = Path(__file__).resolve().parent / "caller.py"
 TRIGGER = "std_srvs/srv/Trigger"
 SEEK = "marginguard_msgs/srv/Seek"
 SET_RATE = "marginguard_msgs/srv/SetRate"

@@ -1,8 +1,6 @@
 """``marginguard replay`` in real time, received by another DDS implementation."""
 
-import os
-import subprocess
-import sys
+import signal
 
 import pytest
 
@@ -14,24 +12,6 @@ SAMPLES = 100
 @pytest.fixture
 def case_folder(project_root):
     return project_root / "data" / "recorded_case"
-
-
-@pytest.fixture
-def replay(domain_id, case_folder, project_root, tmp_path):
-    """The command, playing at the rate of the recording; killed after the test."""
-    log_file = tmp_path / "replay.log"
-    with log_file.open("w") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", "replay", str(case_folder), "--rate", "1"],
-            cwd=project_root,
-            stdout=log,
-            stderr=log,
-            env=dict(os.environ),
-        )
-    yield process
-    process.kill()
-    process.wait()
-    print(log_file.read_text())  # displayed if the test fails
 
 
 def recorded_stamps(case_folder):
@@ -46,13 +26,12 @@ def recorded_stamps(case_folder):
 
 
 def test_cyclone_dds_receives_the_virtual_fixture_with_source_stamps(
-    replay, case_folder, start_cyclone, tmp_path
+    start, case_folder, start_cyclone
 ):
+    replay = start("-m", "app.cli", "replay", case_folder, "--rate", "1")
     lines = start_cyclone("virtual_fixture", str(SAMPLES), wait=False).messages()
-    assert replay.poll() is None, "the replay was still running"
-    replay.terminate()
-    assert replay.wait(60) == 143
-    assert "Traceback" not in (tmp_path / "replay.log").read_text()
+    assert replay.process.poll() is None, "the replay was still running"
+    replay.stop(signal.SIGTERM)
 
     recorded = recorded_stamps(case_folder)
     all_stamps = set().union(*recorded.values())

@@ -11,6 +11,7 @@ from app.bridge.node import RosNode
 from app.bridge.topics import TF
 from app.geometry import Stamp, Transform
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
+from tests.waiting import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parent / "cyclone_caller.py"
 
@@ -23,7 +24,7 @@ def test_cyclone_dds_receives_tf_field_by_field(domain_id, start_cyclone):
     with RosNode("sender", domain_id=domain_id) as ros:
         publisher = ros.publisher(TF)
         listener = start_cyclone("virtual_fixture", "20")
-        assert ros.wait_for_subscribers(TF, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(TF, 1, timeout_s=DEADLINE_S)
         for number in range(20):
             stamp = Stamp(START_NS + number)
             publisher.publish(TFMessage(transforms=[messages.transform_message(transform, stamp)]))
@@ -48,7 +49,4 @@ def test_cyclone_dds_calls_a_service_and_reads_a_parameter(domain_id, start_rece
         caller = start_receiver(*arguments, script=CALLER, environment=CYCLONE_ON_THIS_MACHINE)
         replies = caller.messages()
     double = 3  # rcl_interfaces/ParameterType
-    assert replies == [
-        {"success": True, "message": "pong"},
-        {"type": double, "value": 1.25},
-    ]
+    assert replies == [{"success": True, "message": "pong"}, {"type": double, "value": 1.25}]

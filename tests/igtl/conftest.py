@@ -1,66 +1,55 @@
 """A pyigtl server in another process, and a plain socket for invalid data."""
 
 import json
-import re
+import signal
 import socket
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.bridge.conftest import shared_fields as shared_fields
+from tests.bridge.conftest import start as start
 from tests.bridge.conftest import start_receiver as start_receiver
+from tests.bridge.conftest import started_in
+from tests.bridge.processes import DEADLINE_S as DEADLINE_S
+from tests.bridge.processes import Child
 from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).resolve().parents[1] / "oracles" / "pyigtl_peer.py"
-DEADLINE_S = 60.0
 
 
-class PyigtlServer:
-    """pyigtl server in another process; ``send`` makes it send a message."""
+class PyigtlServer(Child):
+    """pyigtl server in another process."""
 
-    def __init__(self, port: int = 0) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, str(PEER), str(port)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
-        self._deadline.start()
-        assert self._process.stdout is not None
-        found = re.match(r"port (\d+)", self._process.stdout.readline())
-        assert found is not None, "the pyigtl server did not start"
-        self.port = int(found[1])
+    @cached_property
+    def port(self) -> int:
+        """The port, which is the first line that the process prints."""
+        return int(self.line().removeprefix("port "))
 
-    def send(self, **message: Any) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(message) + "\n")
-        self._process.stdin.flush()
+    def send(self, **message: Any) -> None:  # type: ignore[override]
+        """Let the server send a message."""
+        super().send(json.dumps(message))
 
     def kill(self) -> None:
-        self._deadline.cancel()
-        self._process.kill()
-        self._process.communicate()
+        """Kill the process."""
+        self.end(signal.SIGKILL)
 
 
 @pytest.fixture
-def start_pyigtl() -> Iterator[Callable[..., PyigtlServer]]:
+def start_pyigtl(tmp_path: Path) -> Iterator[Callable[..., PyigtlServer]]:
     """``start_pyigtl(port=0)`` starts a server, which is killed after the test."""
-    started: list[PyigtlServer] = []
+    with started_in(tmp_path) as begin:
 
-    def start(port: int = 0) -> PyigtlServer:
-        started.append(PyigtlServer(port))
-        return started[-1]
+        def start(port: int = 0) -> PyigtlServer:
+            server: PyigtlServer = begin(PyigtlServer, PEER, port)
+            assert server.port
+            return server
 
-    yield start
-    for server in started:
-        server.kill()
+        yield start
 
 
 @pytest.fixture

@@ -2,20 +2,20 @@
 
 import math
 import queue
-import signal
+import re
 import socket
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
 import pyigtl
 import pytest
 
-from tests.bridge.conftest import StartReceiver
-from tests.igtl.conftest import DEADLINE_S, PyigtlServer, pose
+from tests.bridge.conftest import Start, StartReceiver
+from tests.bridge.processes import Child
+from tests.igtl.conftest import PyigtlServer, pose
+from tests.waiting import wait_until
 
 TIME_S = 1_700_000_000.5
 STAMP = {"sec": 1_700_000_000, "nanosec": 500_000_000}
@@ -23,25 +23,17 @@ OUT_OF_VIEW = {"TransformStatus": "OUT_OF_VIEW"}
 
 
 @pytest.fixture
-def start_command(domain_id: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    started: list[subprocess.Popen[str]] = []
-
-    def start(port: int, *options: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "app.cli", "igtl", "--host", "127.0.0.1"]
-        command += ["--port", str(port), *options]
-        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
-        return started[-1]
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+def start_command(start: Start) -> Callable[..., Child]:
+    """``start_command(port, *options)``."""
+    return lambda port, *options: start(
+        "-m", "app.cli", "igtl", "--host", "127.0.0.1", "--port", port, *options
+    )
 
 
 def test_received_transforms_are_published_on_ros(
     start_pyigtl: Callable[..., PyigtlServer],
     start_receiver: StartReceiver,
-    start_command: Callable[[int], subprocess.Popen[str]],
+    start_command: Callable[..., Child],
 ) -> None:
     server = start_pyigtl()
     receiver = start_receiver(
@@ -90,29 +82,23 @@ def test_received_transforms_are_published_on_ros(
     assert "'Nonsense'" in values["last refusal"]
     assert values["OpenIGTLink: connections"] == "1"
 
-    command.send_signal(signal.SIGINT)
-    _, stderr = command.communicate(timeout=30.0)
-    assert command.returncode == 130, stderr
-    assert f"connected to 127.0.0.1:{server.port}" in stderr
-    assert "Traceback" not in stderr
+    command.stop()
+    assert f"connected to 127.0.0.1:{server.port}" in command.log.read_text()
+    assert "Traceback" not in command.log.read_text()
 
 
-def test_invalid_address_is_a_one_line_error(domain_id: int) -> None:
-    ended = subprocess.run(
-        [sys.executable, "-m", "app.cli", "igtl", "--port", "0"],
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-        check=False,
-    )
-    assert ended.returncode == 2
-    assert ended.stderr.splitlines()[-1].startswith(
-        "marginguard: error: server is 'localhost' port 0; expected "
+def test_invalid_address_is_a_one_line_error(start: Start) -> None:
+    ended = start("-m", "app.cli", "igtl", "--port", "0")
+    assert ended.wait() == 2
+    assert (
+        ended.log.read_text()
+        .splitlines()[-1]
+        .startswith("marginguard: error: server is 'localhost' port 0; expected ")
     )
 
 
 def test_images_of_a_server_are_published_with_their_stamps(
-    listening: socket.socket, domain_id: int, start_command: Callable[..., subprocess.Popen[str]]
+    listening: socket.socket, domain_id: int, start_command: Callable[..., Child]
 ) -> None:
     from sensor_msgs.msg import Image
 
@@ -127,23 +113,28 @@ def test_images_of_a_server_are_published_with_their_stamps(
         command = start_command(listening.getsockname()[1], "--images", "/us/image")
         server, _ = listening.accept()
         with server:
-            number, end_s = 0, time.monotonic() + DEADLINE_S
-            while images.empty():  # the subscriber is discovered at some time
-                number += 1
-                packet = pyigtl.ImageMessage(
+            numbers = count(1)
+
+            def packet(number: int) -> bytes:
+                packed: bytes = pyigtl.ImageMessage(
                     values, np.eye(4), timestamp=TIME_S + number, device_name="Probe"
                 ).pack()
-                server.sendall(packet)
-                time.sleep(0.05)
-                assert command.poll() is None and time.monotonic() < end_s
+                return packed
+
+            # The subscriber is discovered at some time.
+            wait_until(
+                lambda: not images.empty(),
+                lambda: server.sendall(packet(next(numbers))),
+                pause_s=0.05,
+                describe=command.log.read_text,
+            )
             found = images.get()
             np.testing.assert_array_equal(image_array(found), values[0])
             assert (found.encoding, found.header.frame_id) == ("mono16", "image")
             assert found.header.stamp.nanosec == STAMP["nanosec"]
-            assert STAMP["sec"] < found.header.stamp.sec <= STAMP["sec"] + number
-            server.sendall(packet[:-1] + bytes([packet[-1] ^ 1]))
-            assert command.stderr is not None
-            line = next(line for line in command.stderr if "image not published" in line)
-    assert "checksum" in line
-    command.send_signal(signal.SIGINT)
-    assert command.wait(timeout=DEADLINE_S) == 130
+            last = next(numbers)
+            assert STAMP["sec"] < found.header.stamp.sec < STAMP["sec"] + last
+            damaged = packet(last)
+            server.sendall(damaged[:-1] + bytes([damaged[-1] ^ 1]))
+            wait_until(lambda: re.search("image not published.*checksum", command.log.read_text()))
+    command.stop()

@@ -1,10 +1,6 @@
 """``marginguard live`` with a pyigtl server measures the same distances as a replay."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -17,13 +13,14 @@ import yaml
 from app.case import open_case
 from app.geometry import join_transform_name
 from app.session import Session, setup_from_case
-from tests.igtl.conftest import DEADLINE_S, PyigtlServer
+from tests.bridge.conftest import Start
+from tests.igtl.conftest import PyigtlServer
 
 STEP_S = 0.02
 
 
 def test_live_session_measures_the_same_distance_as_a_replay(
-    start_pyigtl: Callable[..., PyigtlServer], domain_id: int, project_root: Path, tmp_path: Path
+    start_pyigtl: Callable[..., PyigtlServer], start: Start, project_root: Path, tmp_path: Path
 ) -> None:
     server = start_pyigtl()
     values = yaml.safe_load((project_root / "data/live_example/live.yaml").read_text())
@@ -34,15 +31,7 @@ def test_live_session_measures_the_same_distance_as_a_replay(
     frame = next(islice(case.recorded_frames(), 100, None))
     expected = Session(setup_from_case(case)).step(frame).decision.proximity
     assert expected is not None
-    live = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "live", "--config", str(config)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=dict(os.environ),
-    )
-    deadline = threading.Timer(DEADLINE_S, live.kill)
-    deadline.start()
+    live = start("-m", "app.cli", "live", "--config", config)
     stop = threading.Event()
 
     def track() -> None:
@@ -59,19 +48,11 @@ def test_live_session_measures_the_same_distance_as_a_replay(
     tracker = threading.Thread(target=track)
     tracker.start()
     try:
-        assert live.stdout is not None
-        found = None
-        for line in live.stdout:
-            found = re.search(r"(-?\d+\.\d+) mm", line)
-            if found:
-                break
+        found = re.search(r"(-?\d+\.\d+) mm", live.line(lambda line: " mm" in line))
     finally:
         stop.set()
         tracker.join()
-        live.send_signal(signal.SIGINT)
-        _, stderr = live.communicate()
-        deadline.cancel()
-    assert found is not None, stderr
+    assert found is not None
     assert float(found[1]) == pytest.approx(expected.signed_distance_mm, abs=0.02)
-    assert live.returncode == 130
-    assert "connected to 127.0.0.1" in stderr
+    live.stop()
+    assert "connected to 127.0.0.1" in live.log.read_text()

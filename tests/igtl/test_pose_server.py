@@ -2,7 +2,6 @@
 
 import queue
 import socket
-import time
 
 import numpy as np
 import pyigtl
@@ -12,7 +11,7 @@ from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.igtl import IgtlSource, PoseServer
 from app.igtl.errors import IgtlError
 from app.igtl.pose_server import MAX_CLIENTS, transform_message
-from tests.igtl.conftest import DEADLINE_S
+from tests.waiting import wait_until
 
 STAMP = Stamp(1_700_000_000_123_456_789)
 POSE = Transform.from_rotation_vector((0.1, -0.2, 0.3), (1, 2, 3), target="tracker", source="tip")
@@ -26,14 +25,6 @@ def server():
         yield found
 
 
-def until(condition, action=lambda: None):
-    end_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        action()
-        time.sleep(0.01)
-
-
 def test_our_client_receives_poses_status_and_time(server):
     received = queue.Queue()
     with IgtlSource("127.0.0.1", server.port, received.put):
@@ -44,7 +35,7 @@ def test_our_client_receives_poses_status_and_time(server):
             while not received.empty():
                 samples.extend(received.get())
 
-        until(lambda: {s.status for s in samples} >= {GOOD.status, LOST.status}, exchange)
+        wait_until(lambda: {s.status for s in samples} >= {GOOD.status, LOST.status}, exchange)
     good = next(s for s in samples if s.status is TrackingStatus.OK)
     lost = next(s for s in samples if s.source == "needle")
     assert (good.target, good.source) == ("tracker", "tip")
@@ -62,7 +53,7 @@ def test_client_of_pyigtl_receives_poses(server):
             server.send([GOOD, LOST])
             found.extend(client.get_latest_messages())
 
-        until(lambda: found, exchange)
+        wait_until(lambda: found, exchange)
     finally:
         client.stop()
     assert {each.device_name for each in found} == {"TipToTracker"}, "version 1 has no status"
@@ -72,14 +63,14 @@ def test_client_of_pyigtl_receives_poses(server):
 
 def test_client_that_does_not_read_is_disconnected_without_waiting(server):
     with socket.create_connection(("127.0.0.1", server.port)):
-        until(lambda: server.clients == 1)
-        until(lambda: server.clients == 0, lambda: server.send([GOOD] * 1000))
+        wait_until(lambda: server.clients == 1)
+        wait_until(lambda: server.clients == 0, lambda: server.send([GOOD] * 1000))
 
 
 def test_client_that_leaves_is_forgotten_and_others_are_limited(server):
     with socket.create_connection(("127.0.0.1", server.port)):
-        until(lambda: server.clients == 1)
-    until(lambda: server.clients == 0, lambda: server.send([GOOD]))
+        wait_until(lambda: server.clients == 1)
+    wait_until(lambda: server.clients == 0, lambda: server.send([GOOD]))
     connections = [
         socket.create_connection(("127.0.0.1", server.port)) for _ in range(MAX_CLIENTS + 1)
     ]

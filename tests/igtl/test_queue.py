@@ -5,6 +5,7 @@ import threading
 from app.geometry import Stamp, TrackedTransform, TrackingStatus
 from app.igtl.backoff import Backoff
 from app.igtl.queue import SampleQueue
+from tests.waiting import DEADLINE_S
 
 
 def sample(source: str, ns: int) -> TrackedTransform:
@@ -50,5 +51,5 @@ def test_clear_discards_samples_and_close_wakes_the_reader() -> None:
     reader = threading.Thread(target=lambda: taken.append(queue.take(60.0)))
     reader.start()
     queue.close()
-    reader.join(60.0)
+    reader.join(DEADLINE_S)
     assert taken == [None]

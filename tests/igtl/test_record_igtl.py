@@ -1,11 +1,7 @@
 """``marginguard record`` of a session whose source is an OpenIGTLink server, images included."""
 
 import json
-import os
-import signal
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,9 +14,9 @@ import yaml
 from app.case import CauteryState, open_case, open_case_images
 from app.geometry import TrackingStatus, join_transform_name
 from benchmarks.images.session import POSES_MM, TOPIC, write_session
+from tests.bridge.conftest import Start
 from tests.igtl.conftest import DEADLINE_S
 from tests.oracles.pyigtl_peer import message
-from tests.ros_domain import domain_id as domain_id
 
 FRAMES = 6
 FIRST_S, STEP_S = 1_700_000_000.0, 0.125
@@ -75,7 +71,7 @@ def server() -> Iterator[int]:
 
 
 def test_igtl_source_is_recorded_with_status_stamps_and_images(
-    server: int, domain_id: int, tmp_path: Path
+    server: int, start: Start, tmp_path: Path
 ) -> None:
     config = write_session(tmp_path / "session")
     values = yaml.safe_load(config.read_text())
@@ -85,26 +81,12 @@ def test_igtl_source_is_recorded_with_status_stamps_and_images(
     config.write_text(yaml.safe_dump(values))
     case = tmp_path / "case"
     arguments = ["record", "--json", "-o", str(case), "--config", str(config)]
-    recorder = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=dict(os.environ),
-    )
-    deadline = threading.Timer(DEADLINE_S, recorder.kill)
-    deadline.start()
-    assert recorder.stdout is not None
+    recorder = start("-m", "app.cli", *arguments)
     count = FRAMES * (len(POSES_MM) + 2)
-    status = {}
-    for line in recorder.stdout:
-        status = json.loads(line).get("status", status)
-        if status and status["messages"] >= count:
-            break
-    recorder.send_signal(signal.SIGINT)
-    _, errors = recorder.communicate()
-    deadline.cancel()
-    assert recorder.returncode == 130, errors
+    status = {"messages": 0}
+    while status["messages"] < count:
+        status = json.loads(recorder.line()).get("status", status)
+    recorder.stop()
     assert status["topics"]["/tracked_transforms"] == FRAMES * len(POSES_MM)
     assert status["topics"]["/marginguard/images"] == FRAMES
     assert status["topics"]["/marginguard/cautery"] == FRAMES

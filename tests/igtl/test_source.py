@@ -17,8 +17,8 @@ from app.igtl.errors import IgtlChecksumError
 from app.igtl.wire import start_tracking_request
 from tests.igtl.conftest import PyigtlServer, pose
 from tests.oracles.pyigtl_peer import message
+from tests.waiting import DEADLINE_S
 
-WAIT_S = 30.0
 StartPyigtl = Callable[..., PyigtlServer]
 
 
@@ -38,10 +38,10 @@ class SourceListener:
         )
 
     def sample(self) -> TrackedTransform:
-        return self._samples.get(timeout=WAIT_S)
+        return self._samples.get(timeout=DEADLINE_S)
 
     def status(self, beginning: str) -> str:
-        while not (status := self._statuses.get(timeout=WAIT_S)).startswith(beginning):
+        while not (status := self._statuses.get(timeout=DEADLINE_S)).startswith(beginning):
             pass
         return status
 
@@ -121,7 +121,7 @@ def test_killed_server_is_reconnected(start_pyigtl: StartPyigtl, listen: Listen)
 
 def accepted(listening: socket.socket) -> socket.socket:
     server, _ = listening.accept()
-    server.settimeout(WAIT_S)
+    server.settimeout(DEADLINE_S)
     request = start_tracking_request()
     assert server.recv(len(request), socket.MSG_WAITALL) == request
     return server
@@ -203,10 +203,10 @@ def test_problem_names_the_server_and_what_to_do_until_it_is_connected(
     with IgtlSource(
         "127.0.0.1", server.port, lambda samples: None, changed=statuses.put, backoff=backoff
     ) as source:
-        assert statuses.get(timeout=WAIT_S).startswith("connected")
+        assert statuses.get(timeout=DEADLINE_S).startswith("connected")
         assert source.problem == ""
         server.kill()
-        while not statuses.get(timeout=WAIT_S).startswith("lost"):
+        while not statuses.get(timeout=DEADLINE_S).startswith("lost"):
             pass
         assert source.problem.startswith(f"OpenIGTLink server 127.0.0.1:{server.port}: lost")
         assert "expected a running server: start it" in source.problem
@@ -215,7 +215,7 @@ def test_problem_names_the_server_and_what_to_do_until_it_is_connected(
 def test_unknown_host_is_reported(listen: Listen) -> None:
     statuses: queue.Queue[str] = queue.Queue()
     with IgtlSource("x" * 70, 18944, lambda samples: None, changed=statuses.put):
-        assert statuses.get(timeout=WAIT_S).startswith("cannot reach")
+        assert statuses.get(timeout=DEADLINE_S).startswith("cannot reach")
 
 
 def test_images_are_passed_on_unread_and_poses_are_read_beside_them(
@@ -230,9 +230,9 @@ def test_images_are_passed_on_unread_and_poses_are_read_beside_them(
     with server:
         server.sendall(damaged + packet + message(matrix=pose(1, 2, 3), time_s=1.0).pack())
         assert source.sample().source == "stylus"
-        header, body = images.get(timeout=WAIT_S)
+        header, body = images.get(timeout=DEADLINE_S)
         with pytest.raises(IgtlChecksumError):
             read_image(header, body)
-        found = read_image(*images.get(timeout=WAIT_S)).image
+        found = read_image(*images.get(timeout=DEADLINE_S)).image
     assert found.stamp == Stamp(2_500_000_000)
     np.testing.assert_array_equal(found.pixels, values[0])

@@ -1,6 +1,7 @@
 """Compiled interface types compared with rosbags, which parses and hashes definitions itself."""
 
 import json
+import math
 import sys
 from collections.abc import Iterator
 from importlib import import_module
@@ -95,12 +96,23 @@ def test_tracking_status_has_the_constants_of_the_message() -> None:
     }
 
 
-def test_discovered_publisher_has_the_same_hash(jazzy: Typestore, node: Any) -> None:
+def test_discovered_publisher_has_the_same_hash(jazzy: Typestore, ros: Any) -> None:
     from tf2_msgs.msg import TFMessage
 
-    node.create_publisher(TFMessage, "edges", 1)
-    (info,) = node.get_publishers_info_by_topic("/edges")
+    ros.node.create_publisher(TFMessage, "edges", 1)
+    (info,) = ros.node.get_publishers_info_by_topic("/edges")
     found = info.topic_type_hash
     assert f"RIHS{found.version:02}_{bytes(found.value).hex()}" == jazzy.hash_rihs01(
         "tf2_msgs/msg/TFMessage"
     )
+
+
+def test_serialised_lost_pose_keeps_its_nan() -> None:
+    from marginguard_msgs.msg import TrackedTransform
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    lost = TrackedTransform(child_frame_id="cautery", status=TrackedTransform.OUT_OF_VIEW)
+    lost.transform.rotation.w = float("nan")
+    back = deserialize_message(serialize_message(lost), TrackedTransform)
+    assert back.status == TrackedTransform.OUT_OF_VIEW
+    assert math.isnan(back.transform.rotation.w)

@@ -6,20 +6,14 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tests.bridge.live.conftest import breach as breach
-from tests.bridge.live.conftest import frames_file as frames_file
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.bridge.live.conftest import start as start
-from tests.bridge.live.conftest import start_receiver as start_receiver
-from tests.bridge.live.test_live_command import SENDER, TRACKED
-from tests.ros_domain import domain_id as domain_id
+from tests.bridge.live.test_live_command import TRACKED
+from tests.waiting import wait_until
 
 PEER = Path(__file__).with_name("other_peer.py")
 pytestmark = pytest.mark.timeout(1200)  # compiling the package takes minutes on a busy machine
@@ -66,28 +60,17 @@ def next_status(receiver, name, accept):
             return parts.get(name)
 
 
-def wait_for_log(child, pattern):
-    """Wait until a line of the log of the process matches ``pattern``."""
-    pause = threading.Event()
-    for _ in range(600):
-        if re.search(pattern, child.log.read_text()):
-            return
-        pause.wait(0.1)
-    pytest.fail(f"{pattern!r} is not in {child.log.read_text()!r}")
-
-
 def test_messages_of_another_version_are_not_used_and_named(
-    other_site, start, start_receiver, live_yaml, frames_file, tmp_path
+    start_sender, start_live, other_site, start, start_receiver, live_yaml, tmp_path
 ):
     config = str(live_yaml(TRACKED))
-    live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", config)
-    live.line(lambda line: line.startswith("UNKNOWN"))
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    live = start_live(config)
+    start_sender("tracked", "again")
     live.line(lambda line: line.startswith("POSITIVE"))
 
     receiver = start_receiver(DIAGNOSTICS)
     tracked = ("/tracked_transforms", "TrackedTransform")
-    other = start(str(PEER), str(other_site), "publish", *tracked)
+    other = start(PEER, str(other_site), "publish", *tracked)
     other.line(lambda line: line.startswith("matched"))
     live.line(lambda line: line.startswith("UNKNOWN") and "stale" in line)
     # The name of a node may be known later than its publisher.
@@ -105,7 +88,7 @@ def test_messages_of_another_version_are_not_used_and_named(
 
     # A subscriber of another version cannot read our constraint, and is named too.
     constraint = ("/marginguard/constraint", "FixtureConstraint")
-    reader = start(str(PEER), str(other_site), "subscribe", *constraint)
+    reader = start(PEER, str(other_site), "subscribe", *constraint)
     reader.line(lambda line: line.startswith("matched"))
     next_status(
         receiver,
@@ -115,13 +98,14 @@ def test_messages_of_another_version_are_not_used_and_named(
 
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "recorded"))
     # The recorder names the other version when it starts the topic, or later if it did not know it.
-    wait_for_log(recorder, r"/tracked_transforms.*: /other_version.* has another definition")
-    assert recorder.end(signal.SIGINT) == 130
+    named = "/tracked_transforms.*: /other_version.* has another definition"
+    wait_until(lambda: re.search(named, recorder.log.read_text()))
+    recorder.stop()
 
     # Without the other publisher the samples are used again.
     other.end(signal.SIGKILL)
     live.line(lambda line: "latched" in line and not line.startswith("UNKNOWN"))
-    assert live.end(signal.SIGINT) == 130
+    live.stop()
     log = live.log.read_text()
     assert log.count("its messages are not used") == 1
     assert log.count("misreads our messages") == 1
@@ -130,9 +114,9 @@ def test_messages_of_another_version_are_not_used_and_named(
 
 def test_guard_of_another_version_is_not_rearmed(other_site, start):
     constraint = ("/marginguard/constraint", "FixtureConstraint")
-    start(str(PEER), str(other_site), "publish", *constraint)
+    start(PEER, str(other_site), "publish", *constraint)
     operator = start("-m", "app.cli", "rearm", "--yes")
-    assert operator.process.wait() == 2
+    assert operator.wait() == 2
     log = operator.log.read_text()
     assert "/other_version (RIHS01_" in log
     assert REMEDY in log

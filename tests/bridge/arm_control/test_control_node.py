@@ -19,7 +19,6 @@ from app.bridge.qos import NEWEST, STREAM, Topic
 from app.cli.main import main
 from app.control import control_schema_text, open_control
 from app.geometry import NS_PER_S, InputError
-from tests.ros_domain import domain_id as domain_id
 
 STEPS = 4000
 FAR_M = 10.0

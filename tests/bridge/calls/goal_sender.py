@@ -9,11 +9,12 @@ after which the goal is cancelled. Prints ``ready``, then a line of JSON for eac
 
 import json
 import sys
-from importlib import import_module
 
 import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+
+from tests.bridge.peers import as_plain, interface
 
 STATUS = {
     GoalStatus.STATUS_SUCCEEDED: "succeeded",
@@ -22,17 +23,10 @@ STATUS = {
 }
 
 
-def as_plain(value):
-    if hasattr(value, "get_fields_and_field_types"):
-        return {name: as_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
-    return value
-
-
 def main() -> int:
     rclpy.init()
     node = rclpy.create_node("goal_sender")
-    package, folder, name = sys.argv[2].split("/")
-    kind = getattr(import_module(f"{package}.{folder}"), name)
+    kind = interface(sys.argv[2])
     client = ActionClient(node, kind, sys.argv[1])
     print("ready", flush=True)
     if not client.wait_for_server(30.0):

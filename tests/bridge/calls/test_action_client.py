@@ -19,6 +19,7 @@ from app.bridge.calls import (
     ServiceClient,
 )
 from app.bridge.convert import UnknownTypeError
+from tests.waiting import DEADLINE_S
 
 LOOKUP = "tf2_msgs/action/LookupTransform"
 
@@ -26,7 +27,7 @@ LOOKUP = "tf2_msgs/action/LookupTransform"
 @pytest.fixture
 def lookup(ros, peer):
     client = ActionClient(ros, LOOKUP, "/peer/lookup")
-    client.wait(30.0)
+    client.wait(DEADLINE_S)
     assert peer.take(1) == [{"lookup": "found"}]
     return client
 
@@ -44,16 +45,16 @@ def test_goal_gets_result_and_feedback(lookup):
 
 def test_rejected_aborted_and_cancelled_goals_raise(lookup, peer):
     with pytest.raises(GoalRejectedError, match="/peer/lookup"):
-        lookup.start(goal("reject"), 30.0)
+        lookup.start(goal("reject"), DEADLINE_S)
     with pytest.raises(GoalAbortedError) as aborted:
-        lookup.call(goal("abort"), 30.0)
+        lookup.call(goal("abort"), DEADLINE_S)
     assert aborted.value.result.transform.child_frame_id == "abort"
-    started = lookup.start(goal("cancel"), 30.0)
+    started = lookup.start(goal("cancel"), DEADLINE_S)
     assert peer.take(1) == [{"goal": "waits"}]
     assert not started.is_done
-    started.cancel(30.0)
+    started.cancel(DEADLINE_S)
     with pytest.raises(GoalCancelledError) as cancelled:
-        started.result(30.0)
+        started.result(DEADLINE_S)
     assert cancelled.value.result.transform.child_frame_id == "cancel"
     assert peer.take(1) == [{"goal": "cancelled"}]
 
@@ -70,7 +71,7 @@ class Slow(dict):
 def test_reply_faster_than_its_registration_is_not_lost(lookup, requests):
     # Sent from another thread, the reply would arrive before the request is registered.
     setattr(lookup._client, requests, Slow())
-    assert lookup.call(goal("fine"), 5.0).transform.child_frame_id == "fine"
+    assert lookup.call(goal("fine"), DEADLINE_S).transform.child_frame_id == "fine"
 
 
 def test_closing_the_node_ends_a_call_with_a_reason(ros, lookup, peer):
@@ -78,7 +79,7 @@ def test_closing_the_node_ends_a_call_with_a_reason(ros, lookup, peer):
 
     def call():
         try:
-            lookup.call(goal("cancel"), 60.0)
+            lookup.call(goal("cancel"), DEADLINE_S)
         except CallError as error:
             ended.append(error)
 
@@ -86,7 +87,7 @@ def test_closing_the_node_ends_a_call_with_a_reason(ros, lookup, peer):
     caller.start()
     assert peer.take(1) == [{"goal": "waits"}]
     ros.close()
-    caller.join(30.0)
+    caller.join(DEADLINE_S)
     assert len(ended) == 1
     with pytest.raises(CallError, match="the node is closed"):
         lookup.start(goal("fine"), 1.0)
@@ -103,7 +104,7 @@ def test_call_is_cancelled_from_another_thread(lookup, peer):
 
     def call():
         try:
-            lookup.call(goal("cancel"), 60.0, cancel)
+            lookup.call(goal("cancel"), DEADLINE_S, cancel)
         except CallCancelledError as error:
             ended.append(error)
 
@@ -111,17 +112,17 @@ def test_call_is_cancelled_from_another_thread(lookup, peer):
     caller.start()
     assert peer.take(1) == [{"goal": "waits"}]
     cancel.set()
-    caller.join(30.0)
+    caller.join(DEADLINE_S)
     assert len(ended) == 1
     assert peer.take(1) == [{"goal": "cancelled"}]
 
 
 def test_server_can_refuse_to_cancel(lookup, ros):
-    started = lookup.start(goal("stubborn"), 30.0)
+    started = lookup.start(goal("stubborn"), DEADLINE_S)
     with pytest.raises(RefusedError, match="the server refused to cancel the goal"):
-        started.cancel(30.0)
-    ServiceClient(ros, Trigger, "/peer/go").call({}, timeout_s=30.0, repeat_s=1.0)
-    assert started.result(30.0).transform.child_frame_id == "stubborn"
+        started.cancel(DEADLINE_S)
+    ServiceClient(ros, Trigger, "/peer/go").call({}, timeout_s=DEADLINE_S, repeat_s=1.0)
+    assert started.result(DEADLINE_S).transform.child_frame_id == "stubborn"
     started.cancel()  # the goal has already ended
 
 

@@ -14,6 +14,7 @@ from app.bridge.calls import ActionClient, ActionServer, CallError, GoalCancelle
 from app.bridge.node import RosNode
 from app.bridge.qos import LATCHED, Topic
 from app.geometry import NS_PER_S, InputError
+from tests.waiting import DEADLINE_S
 
 SENDER = Path(__file__).resolve().parent / "goal_sender.py"
 LOOKUP = "tf2_msgs/action/LookupTransform"
@@ -31,7 +32,7 @@ def work(served):
         return String(data=3), GoalOutcome.SUCCEEDED
     if outcome == "wait":
         served.feedback(LookupTransform.Feedback())
-        served.cancelled.wait(60.0)
+        served.cancelled.wait(DEADLINE_S)
         return result, GoalOutcome.CANCELLED
     return result, GoalOutcome.SUCCEEDED
 
@@ -77,11 +78,11 @@ def test_goal_is_cancelled_by_another_process(server, start_receiver, after):
 
 def test_second_goal_is_rejected_and_node_stays_responsive(server, ros, start_receiver):
     client = ActionClient(ros, LOOKUP, "~/lookup")
-    first = client.start(LookupTransform.Goal(source_frame="wait"), 30.0)
+    first = client.start(LookupTransform.Goal(source_frame="wait"), DEADLINE_S)
     assert send(start_receiver, '{"source_frame": "fine"}') == [{"status": "rejected"}]
-    first.cancel(30.0)
+    first.cancel(DEADLINE_S)
     with pytest.raises(GoalCancelledError):
-        first.result(30.0)
+        first.result(DEADLINE_S)
     assert send(start_receiver, '{"source_frame": "fine"}')[0]["status"] == "succeeded"
 
 
@@ -92,7 +93,7 @@ def until_cancelled(domain_id):
 
     def wait(served):
         active.set()
-        served.cancelled.wait(60.0)
+        served.cancelled.wait(DEADLINE_S)
         return LookupTransform.Result(), GoalOutcome.CANCELLED
 
     def on_statuses(message):
@@ -118,14 +119,14 @@ def test_closing_node_waits_for_client_to_receive_result(
     monkeypatch.setattr("app.bridge.calls.action_server._REQUEST_TIMEOUT_S", 60.0)
     ros, active, ended = until_cancelled
     sender = start_receiver("/marginguard/lookup", LOOKUP, "{}", script=SENDER)
-    assert active.wait(30.0)
+    assert active.wait(DEADLINE_S)
     with ThreadPoolExecutor() as workers:
         with sender.held():
             closed = workers.submit(ros.close)
-            assert ended.wait(30.0)
+            assert ended.wait(DEADLINE_S)
             with pytest.raises(TimeoutError):  # the client is suspended
                 closed.result(0.3)
-        closed.result(60.0)
+        closed.result(DEADLINE_S)
     # Without a cancel request ROS does not allow the outcome "cancelled".
     assert [reply["status"] for reply in sender.messages()] == ["aborted"]
 
@@ -137,15 +138,15 @@ def test_closing_node_sends_result_that_is_requested_after_the_end(
     ros, active, ended = until_cancelled
     with RosNode("sender", domain_id=domain_id) as sending, ThreadPoolExecutor() as workers:
         client = RosActionClient(sending.node, LookupTransform, "/marginguard/lookup")
-        assert client.wait_for_server(30.0)
+        assert client.wait_for_server(DEADLINE_S)
         handle = reply_of(client.send_goal_async(LookupTransform.Goal()))
-        assert active.wait(30.0)
+        assert active.wait(DEADLINE_S)
         closed = workers.submit(ros.close)
-        assert ended.wait(30.0)
+        assert ended.wait(DEADLINE_S)
         with pytest.raises(TimeoutError):
             closed.result(0.3)
         assert reply_of(handle.get_result_async()).status == GoalStatus.STATUS_ABORTED
-        closed.result(30.0)
+        closed.result(DEADLINE_S)
 
 
 def test_closing_node_does_not_wait_forever_for_request_of_result(
@@ -155,9 +156,9 @@ def test_closing_node_does_not_wait_forever_for_request_of_result(
     ros, active, _ = until_cancelled
     with RosNode("sender", domain_id=domain_id) as sending:
         client = RosActionClient(sending.node, LookupTransform, "/marginguard/lookup")
-        assert client.wait_for_server(30.0)
+        assert client.wait_for_server(DEADLINE_S)
         reply_of(client.send_goal_async(LookupTransform.Goal()))
-        assert active.wait(30.0)
+        assert active.wait(DEADLINE_S)
         ros.close()
         assert not ros.is_open
 
@@ -166,7 +167,7 @@ def reply_of(future):
     """The result of a future that another thread completes."""
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
-    assert done.wait(30.0)
+    assert done.wait(DEADLINE_S)
     return future.result()
 
 

@@ -13,6 +13,7 @@ from app.bridge.calls import (
     ServerUnavailableError,
 )
 from app.bridge.convert import ConversionError
+from tests.waiting import DEADLINE_S
 
 
 @pytest.fixture
@@ -21,7 +22,9 @@ def client(ros, peer):
 
 
 def test_parameters_are_listed_read_and_described(client):
-    assert {"gain", "names", "table", "arm.reach", "level"} <= set(client.names(timeout_s=30.0))
+    assert {"gain", "names", "table", "arm.reach", "level"} <= set(
+        client.names(timeout_s=DEADLINE_S)
+    )
     assert client.names("arm") == ("arm.reach",)
     assert client.get_many(("gain", "names", "table", "level")) == {
         "gain": 1.5,
@@ -38,7 +41,7 @@ def test_parameters_are_listed_read_and_described(client):
 def test_unset_parameter_raises(client):
     for name in ("nothing", "blank"):
         with pytest.raises(ParameterUnsetError, match=f"/peer .*'{name}'"):
-            client.get(name, timeout_s=30.0)
+            client.get(name, timeout_s=DEADLINE_S)
         assert not client.is_set(name)
     assert client.is_set("gain")
     with pytest.raises(ParameterUnsetError, match="'gain', 'nothing'"):
@@ -48,7 +51,9 @@ def test_unset_parameter_raises(client):
 
 
 def test_refused_values_have_the_nodes_reason(client):
-    client.set({"gain": 2.5, "names": ["x"], "table": np.array([], dtype=np.int64)}, timeout_s=30.0)
+    client.set(
+        {"gain": 2.5, "names": ["x"], "table": np.array([], dtype=np.int64)}, timeout_s=DEADLINE_S
+    )
     assert client.get("gain") == 2.5
     assert client.get("names") == ("x",)
     assert client.get("table") == ()
@@ -63,7 +68,7 @@ def test_refused_values_have_the_nodes_reason(client):
 
 def test_set_atomically_sets_all_or_none(client):
     with pytest.raises(RefusedError, match=r"'names', 'gain': .*out of range"):
-        client.set_atomically({"names": ["y"], "gain": 11.0}, timeout_s=30.0)
+        client.set_atomically({"names": ["y"], "gain": 11.0}, timeout_s=DEADLINE_S)
     assert client.get("names") == ("a", "b")
     client.set_atomically({"names": ["y"], "gain": 3.0})
     assert client.get_many(("names", "gain")) == {"names": ("y",), "gain": 3.0}
@@ -72,7 +77,7 @@ def test_set_atomically_sets_all_or_none(client):
 def test_parameter_changes_are_received(client, ros):
     changes = queue.Queue()
     client.watch(changes.put)
-    client.get("gain", timeout_s=30.0)
+    client.get("gain", timeout_s=DEADLINE_S)
     # The other node may not have discovered the subscription yet.
     for value in range(1000):
         client.set({"arm.reach": float(value)})

@@ -1,14 +1,14 @@
 """Parameters set by another process: all values of a request are applied, or none."""
 
-from pathlib import Path
+import math
 
 import pytest
 
 from app.bridge.calls import CallError, ParameterDeclaration, ParameterServer
 from app.bridge.node import RosNode
 from app.geometry import InputError
+from tests.bridge.service_calls import CALLER, asking, setting
 
-SETTER = Path(__file__).resolve().parent / "parameter_setter.py"
 DECLARED = (
     ParameterDeclaration("stop_mm", 1.0, "where motion stops", "mm", 0.0, 50.0),
     ParameterDeclaration("warn_mm", 5.0, "where the colour turns", "mm", 0.0, 100.0),
@@ -27,31 +27,30 @@ def in_order(values):
 
 def test_parameters_are_set_from_another_process(ros, start_receiver):
     server = ParameterServer(ros, DECLARED, in_order)
-    replies = start_receiver(
-        "/marginguard",
-        '"stop_mm"',
-        '"count"',
-        '{"stop_mm": 2.0, "warn_mm": 8.0, "name": "arm"}',
-        '{"stop_mm": 9.0, "count": 4}',
-        '{"name": "other", "count": 0}',
-        '{"stop_mm": NaN}',
-        '{"stop_mm": "near"}',
-        '{"nothing": 1}',
-        '{"box_mm": [1.0, 11.0]}',
-        '{"box_mm": [3.0]}',
-        script=SETTER,
+    requests = (
+        {"stop_mm": 2.0, "warn_mm": 8.0, "name": "arm"},
+        {"stop_mm": 9.0, "count": 4},
+        {"name": "other", "count": 0},
+        {"stop_mm": math.nan},
+        {"stop_mm": "near"},
+        {"nothing": 1},
+        {"box_mm": [1.0, 11.0]},
+        {"box_mm": [3.0]},
+    )
+    value, stop, _, count, *replies = start_receiver(
+        *asking("stop_mm"), *asking("count"), *map(setting, requests), script=CALLER
     ).messages()
-    assert replies[0] == {
-        "value": 1.0,
-        "text": "where motion stops",
-        "unit": "unit: mm",
-        "range": [[0.0, 50.0]],
-    }
-    assert replies[1]["range"] == [[1, 100]]
-    assert replies[2] == {"ok": True, "reason": ""}
-    assert replies[3] == {"ok": False, "reason": "stop 9 mm, warn 8 mm: stop < warn"}
-    assert [reply["ok"] for reply in replies[4:]] == [False] * 5 + [True]
-    assert all(reply["reason"] for reply in replies[4:9])
+    assert value["values"][0]["double_value"] == 1.0
+    (stop,) = stop["descriptors"]
+    assert stop["description"] == "where motion stops"
+    assert stop["additional_constraints"] == "unit: mm"
+    assert stop["floating_point_range"] == [{"from_value": 0.0, "to_value": 50.0, "step": 0.0}]
+    (limits,) = count["descriptors"][0]["integer_range"]
+    assert (limits["from_value"], limits["to_value"]) == (1, 100)
+    results = [(each["result"]["successful"], each["result"]["reason"]) for each in replies]
+    assert results[:2] == [(True, ""), (False, "stop 9 mm, warn 8 mm: stop < warn")]
+    assert [succeeded for succeeded, _ in results[2:]] == [False] * 5 + [True]
+    assert all(reason for _, reason in results[2:7])
     assert server.values == {
         "stop_mm": 2.0,
         "warn_mm": 8.0,
@@ -70,8 +69,9 @@ def test_exception_in_accept_refuses_the_values(ros, start_receiver):
             raise ZeroDivisionError("of mine")
 
     server = ParameterServer(ros, DECLARED, accept)
-    (reply,) = start_receiver("/marginguard", '{"stop_mm": 2.0}', script=SETTER).messages()
-    assert reply == {"ok": False, "reason": "the server failed: ZeroDivisionError: of mine"}
+    (reply,) = start_receiver(setting({"stop_mm": 2.0}), script=CALLER).messages()
+    assert reply["result"]["reason"] == "the server failed: ZeroDivisionError: of mine"
+    assert not reply["result"]["successful"]
     assert server.values["stop_mm"] == 1.0
     assert server.refused == 1
 

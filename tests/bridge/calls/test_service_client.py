@@ -14,35 +14,44 @@ from app.bridge.calls import (
     ServiceClient,
 )
 from app.bridge.convert import ConversionError, UnknownTypeError
+from app.bridge.node import RosNode
+from tests.waiting import DEADLINE_S
 
 TRIGGER = "std_srvs/srv/Trigger"
+
+
+@pytest.fixture
+def slow(ros, peer):
+    client = ServiceClient(ros, TRIGGER, "/peer/slow")
+    client.wait(DEADLINE_S)
+    return client
 
 
 def test_call_returns_the_reply_of_another_process(ros, peer):
     echo = ServiceClient(ros, "std_srvs/SetBool", "/peer/echo")
     for value in (True, False):
-        reply = echo.call(SetBool.Request(data=value), timeout_s=30.0, repeat_s=1.0)
+        reply = echo.call(SetBool.Request(data=value), timeout_s=DEADLINE_S, repeat_s=1.0)
         assert (reply.success, reply.message) == (value, "echoed")
 
 
 def test_plain_values_are_checked_and_sent(ros, peer):
     echo = ServiceClient(ros, SetBool, "/peer/echo")
-    assert echo.call({"data": True}, timeout_s=30.0, repeat_s=1.0).success
+    assert echo.call({"data": True}, timeout_s=DEADLINE_S, repeat_s=1.0).success
     with pytest.raises(
         ConversionError, match=r"SetBool_Request\.data is 1; expected true or false"
     ):
-        echo.call({"data": 1}, timeout_s=30.0)
+        echo.call({"data": 1}, timeout_s=DEADLINE_S)
 
 
 def test_started_call_passes_its_reply_to_a_callback(ros, peer):
     echo = ServiceClient(ros, SetBool, "/peer/echo")
-    echo.wait(30.0)
+    echo.wait(DEADLINE_S)
     replies, arrived = [], threading.Event()
-    echo.call({}, timeout_s=30.0, repeat_s=1.0)  # afterwards both have discovered each other
+    echo.call({}, timeout_s=DEADLINE_S, repeat_s=1.0)  # afterwards both have discovered each other
     pending = echo.start(SetBool.Request(data=True))
     pending.when_done(lambda reply: (replies.append(reply), arrived.set()))
-    assert pending.result(30.0).success
-    assert arrived.wait(30.0)
+    assert pending.result(DEADLINE_S).success
+    assert arrived.wait(DEADLINE_S)
     assert replies[0] is pending.result(0.0)
 
 
@@ -51,32 +60,28 @@ def test_missing_server_raises(ros):
         ServiceClient(ros, TRIGGER, "/missing").call(Trigger.Request(), timeout_s=0.05)
 
 
-def test_late_reply_is_counted_and_logged(ros, peer, capfd):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_late_reply_is_counted_and_logged(slow, ros, peer, capfd):
     with pytest.raises(CallTimeoutError, match=r"/peer/slow: no reply within 0\.\d+ s"):
         slow.call(Trigger.Request(), timeout_s=0.2)
     assert peer.take(1) == [{"slow": "waits"}]
     again = slow.start(Trigger.Request())
-    ServiceClient(ros, TRIGGER, "/peer/go").call({}, timeout_s=30.0, repeat_s=1.0)
-    assert again.result(30.0).message == "at last"
+    ServiceClient(ros, TRIGGER, "/peer/go").call({}, timeout_s=DEADLINE_S, repeat_s=1.0)
+    assert again.result(DEADLINE_S).message == "at last"
     for _ in range(100):  # the threads of the other process reply in any order
         if slow.late_replies:
             break
-        slow.call(Trigger.Request(), timeout_s=30.0)
+        slow.call(Trigger.Request(), timeout_s=DEADLINE_S)
     assert slow.late_replies == 1
     assert "a reply arrived after the caller's timeout" in capfd.readouterr().err
 
 
-def test_call_is_cancelled_from_another_thread(ros, peer):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_call_is_cancelled_from_another_thread(slow, peer):
     cancel = threading.Event()
     ended = []
 
     def call():
         try:
-            slow.call(Trigger.Request(), timeout_s=60.0, cancel=cancel)
+            slow.call(Trigger.Request(), timeout_s=DEADLINE_S, cancel=cancel)
         except CallCancelledError as error:
             ended.append(str(error))
 
@@ -84,58 +89,54 @@ def test_call_is_cancelled_from_another_thread(ros, peer):
     caller.start()
     peer.take(1)
     cancel.set()
-    caller.join(30.0)
+    caller.join(DEADLINE_S)
     assert ended == ["service /peer/slow was cancelled by the caller"]
 
 
-def test_cancelled_call_does_not_call_back(ros, peer):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_cancelled_call_does_not_call_back(slow, ros, peer):
     replies = []
     pending = slow.start(Trigger.Request())
     pending.when_done(replies.append)
     pending.cancel()
     with pytest.raises(CallCancelledError):
         pending.result(1.0)
-    ServiceClient(ros, TRIGGER, "/peer/go").call({}, timeout_s=30.0, repeat_s=1.0)
-    slow.call(Trigger.Request(), timeout_s=30.0)
+    ServiceClient(ros, TRIGGER, "/peer/go").call({}, timeout_s=DEADLINE_S, repeat_s=1.0)
+    slow.call(Trigger.Request(), timeout_s=DEADLINE_S)
     assert replies == []
 
 
 def test_killed_server_ends_the_call(ros, peer):
     leave = ServiceClient(ros, TRIGGER, "/peer/leave")
-    leave.wait(30.0)
+    leave.wait(DEADLINE_S)
     # A killed server counts as available until its discovery lease expires.
     with pytest.raises((ServerGoneError, CallTimeoutError)):
         leave.call(Trigger.Request(), timeout_s=1.0)
 
 
 def test_destroyed_server_is_detected_at_once(ros, domain_id):
-    from app.bridge.node import RosNode
-
     requested, proceed = threading.Event(), threading.Event()
     with RosNode("other", domain_id=domain_id) as other:
 
         def hang(_, response):
             requested.set()
-            proceed.wait(60.0)
+            proceed.wait(DEADLINE_S)
             return response
 
         service = other.node.create_service(Trigger, "/other/hang", hang)
         client = ServiceClient(ros, TRIGGER, "/other/hang")
-        client.wait(30.0)
+        client.wait(DEADLINE_S)
         pending = client.start(Trigger.Request())
-        assert requested.wait(30.0)
+        assert requested.wait(DEADLINE_S)
         other.node.destroy_service(service)
         proceed.set()
         with pytest.raises((ServerGoneError, CallTimeoutError)) as caught:
-            pending.result(30.0)
+            pending.result(DEADLINE_S)
     assert isinstance(caught.value, ServerGoneError)
 
 
 def test_call_in_the_nodes_own_thread_is_refused(ros, peer):
     echo = ServiceClient(ros, SetBool, "/peer/echo")
-    echo.wait(30.0)
+    echo.wait(DEADLINE_S)
     refused, done = [], threading.Event()
 
     def inside(_):
@@ -153,13 +154,11 @@ def test_call_in_the_nodes_own_thread_is_refused(ros, peer):
 
 
 def test_call_on_a_closed_node_is_refused(domain_id):
-    from app.bridge.node import RosNode
-
     ros = RosNode("brief", domain_id=domain_id)
     client = ServiceClient(ros, TRIGGER, "/missing")
     ros.close()
     with pytest.raises(CallError, match="the node is closed"):
-        client.call(Trigger.Request(), timeout_s=60.0)
+        client.call(Trigger.Request(), timeout_s=DEADLINE_S)
 
 
 @pytest.mark.parametrize(
@@ -182,9 +181,7 @@ def test_request_of_wrong_type_is_refused(ros):
         ServiceClient(ros, TRIGGER, "/x").start(SetBool.Request())
 
 
-def test_abandoned_calls_are_limited(ros, peer):
-    slow = ServiceClient(ros, TRIGGER, "/peer/slow")
-    slow.wait(30.0)
+def test_abandoned_calls_are_limited(slow):
     for _ in range(150):
         slow.start(Trigger.Request()).cancel()
     assert slow.forgotten == 50
@@ -192,7 +189,7 @@ def test_abandoned_calls_are_limited(ros, peer):
 
 def test_closed_client_sends_nothing(ros, peer):
     client = ServiceClient(ros, "std_srvs/srv/SetBool", "/peer/echo")
-    client.wait(30.0)
+    client.wait(DEADLINE_S)
     client.close()
     client.close()
     assert not client.is_available

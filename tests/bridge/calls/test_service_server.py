@@ -1,14 +1,14 @@
 """A service server replies to another process even when its handler fails."""
 
 import threading
-from pathlib import Path
 
 import pytest
 
 from app.bridge.calls import CallError, ServiceClient, ServiceServer
 from app.geometry import InputError
+from tests.bridge.service_calls import CALLER
+from tests.waiting import DEADLINE_S
 
-CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 TRIGGER = "std_srvs/srv/Trigger"
 
 
@@ -53,22 +53,26 @@ def test_slow_handler_in_thread_does_not_block_the_node(ros, peer):
 
     def slow(_, response):
         requested.set()
-        proceed.wait(60.0)
+        proceed.wait(DEADLINE_S)
         response.success = True
 
     ServiceServer(ros, TRIGGER, "~/slow", slow, in_thread=True)
     client = ServiceClient(ros, TRIGGER, "~/slow")
-    client.wait(30.0)
+    client.wait(DEADLINE_S)
     pending = client.start({})
-    assert requested.wait(30.0)
+    assert requested.wait(DEADLINE_S)
     # Meanwhile the node receives replies and refuses further requests.
-    assert ServiceClient(ros, "std_srvs/SetBool", "/peer/echo").call({"data": True}, 30.0).success
-    busy = client.call({}, 30.0)
+    assert (
+        ServiceClient(ros, "std_srvs/SetBool", "/peer/echo")
+        .call({"data": True}, DEADLINE_S)
+        .success
+    )
+    busy = client.call({}, DEADLINE_S)
     assert not busy.success
     assert "busy with an earlier request" in busy.message
     proceed.set()
-    assert pending.result(30.0).success
-    assert client.call({}, 30.0).success
+    assert pending.result(DEADLINE_S).success
+    assert client.call({}, DEADLINE_S).success
 
 
 def test_invalid_name_is_a_one_line_error(ros):

@@ -10,12 +10,15 @@ ends when it is killed.
 
 import random
 import sys
+import time
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
+
+from tests.bridge.peers import edge_message, spin
 
 TIP = np.array([5.0, 12.6, 103.3])
 FIXED = np.array([100.0, -50.0, 20.0])
@@ -29,14 +32,10 @@ def rotation_about(axis, angle):
     return (*(np.sin(angle / 2) * axis), np.cos(angle / 2)), matrix
 
 
-def message(parent, child, stamp, quaternion, translation_mm):
-    transform = TransformStamped(child_frame_id=child)
-    transform.header.frame_id = parent
-    transform.header.stamp = stamp
-    vector, rotation = transform.transform.translation, transform.transform.rotation
-    vector.x, vector.y, vector.z = (float(value) / 1000.0 for value in translation_mm)
-    rotation.x, rotation.y, rotation.z, rotation.w = map(float, quaternion)
-    return TFMessage(transforms=[transform])
+def message(parent, child, ns, quaternion, translation_mm):
+    translation_m = [float(value) / 1000.0 for value in translation_mm]
+    edge = edge_message(TransformStamped(), parent, child, translation_m, quaternion, ns)
+    return TFMessage(transforms=[edge])
 
 
 def main(motion):
@@ -45,9 +44,8 @@ def main(motion):
     publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     static = node.create_publisher(TFMessage, "/tf_static", latched)
-    now = node.get_clock().now
     if motion != "pivot":
-        static.publish(message("stylus", "stylus_tip", now().to_msg(), (0, 0, 0, 1), TIP))
+        static.publish(message("stylus", "stylus_tip", time.time_ns(), (0, 0, 0, 1), TIP))
     chance = random.Random(7)
 
     def send():
@@ -62,11 +60,11 @@ def main(motion):
             quaternion, matrix = rotation_about([0, 0, 1], 0.0)
         noise = [chance.gauss(0, 0.05) for _ in range(3)]
         position = FIXED - matrix @ TIP + noise
-        publisher.publish(message("reference", "stylus", now().to_msg(), quaternion, position))
+        publisher.publish(message("reference", "stylus", time.time_ns(), quaternion, position))
 
     node.create_timer(0.005, send)
     print("ready", flush=True)
-    rclpy.spin(node)
+    spin(node)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from app.bridge import topics
 from app.bridge.control import GuidancePublisher
 from app.fixture import GuidanceParameters
 from app.geometry import Transform
+from tests.waiting import DEADLINE_S
 
 QUICK = GuidanceParameters(
     force_n=4.0, range_mm=10.0, rate_n_s=1e6, period_s=0.02, delay_s=0.0, damping_n_s_m=10.0
@@ -27,7 +28,7 @@ def listening(ros, start_receiver, count):
     receiver = start_receiver(
         f"/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:{count}"
     )
-    assert ros.wait_for_subscribers(topics.GUIDANCE_WRENCH, 1, timeout_s=30.0)
+    assert ros.wait_for_subscribers(topics.GUIDANCE_WRENCH, 1, timeout_s=DEADLINE_S)
     return receiver
 
 
@@ -36,7 +37,7 @@ def test_half_the_range_gives_half_the_force_along_the_tips_axes(ros, make_step,
     receiver = listening(ros, start_receiver, 1)
     step = rotated(make_step(0))
     guidance.publish(step)
-    message = receiver.take(1)[0]["message"]
+    message = receiver.messages()[0]["message"]
     assert message["header"]["frame_id"] == "cautery_tip"
     stamp = message["header"]["stamp"]
     assert stamp["sec"] * 10**9 + stamp["nanosec"] == step.decision.stamp.ns
@@ -50,7 +51,7 @@ def test_force_beside_the_tip_gives_a_torque(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, QUICK)
     receiver = listening(ros, start_receiver, 1)
     guidance.publish(make_step(0))
-    torque = receiver.take(1)[0]["message"]["wrench"]["torque"]
+    torque = receiver.messages()[0]["message"]["wrench"]["torque"]
     # r x f with r = (1, 2, 17.5) mm and f = (0, 0, 2) N.
     assert [torque[axis] for axis in "xyz"] == pytest.approx([0.004, -0.002, 0.0])
 
@@ -63,7 +64,7 @@ def test_force_fades_at_its_rate_when_the_tool_is_lost(ros, make_step, start_rec
         guidance.publish(make_step(index))
     for index in (3, 50, 51):
         guidance.publish(make_step(index, lost=True))
-    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(5)]
+    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
     # 1 N per period of 20 ms, also after a gap of 47 periods.
     assert forces == pytest.approx([1.0, 2.0, 1.0, 0.0, 0.0])
 
@@ -76,7 +77,7 @@ def test_force_fades_with_planes_of_an_earlier_pose(ros, make_step, start_receiv
     step = make_step(3)
     earlier = replace(step.decision, constraint_is_current=False)
     guidance.publish(replace(step, decision=earlier))
-    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(3)]
+    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
     assert forces == pytest.approx([1.0, 2.0, 1.0])
 
 
@@ -88,5 +89,5 @@ def test_rest_publishes_zero_force_and_restarts_the_ramp(ros, make_step, start_r
         guidance.publish(make_step(index))
     guidance.stop()
     guidance.publish(make_step(3))
-    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(4)]
+    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
     assert forces == pytest.approx([1.0, 2.0, 0.0, 1.0])

@@ -1,7 +1,7 @@
 """Lifecycle transitions requested by another process; only an active node publishes."""
 
 import threading
-from pathlib import Path
+from functools import partial
 
 import pytest
 from std_srvs.srv import Trigger
@@ -11,8 +11,7 @@ from app.bridge.errors import BridgeError
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.topics import CONSTRAINT
 from tests.bridge.publishing.test_constraint_stream import constraint
-
-CLIENT = Path(__file__).resolve().parent / "lifecycle_client.py"
+from tests.bridge.service_calls import transitions
 
 
 class StreamingNode:
@@ -58,70 +57,69 @@ def ros(domain_id, streaming):
         yield node
 
 
-def request(start_receiver, *requests):
-    client = start_receiver("marginguard", *requests, script=CLIENT)
-    return [next(iter(reply.values())) for reply in client.take(len(requests))]
+@pytest.fixture
+def request_of(start_receiver):
+    """``request_of("configure", "state")``: the results of another process's requests."""
+    return partial(transitions, start_receiver)
 
 
-def test_all_lifecycle_transitions(ros, streaming, start_receiver):
-    assert request(start_receiver, "state") == ["unconfigured"]
+def test_all_lifecycle_transitions(ros, streaming, start_receiver, request_of):
+    assert request_of("state") == ["unconfigured"]
     assert ros.node.count_publishers("/marginguard/constraint") == 0
     listener = start_receiver(
         "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000", wait=False
     )
-    found = request(start_receiver, "configure", "state", "activate", "state")
+    found = request_of("configure", "state", "activate", "state")
     assert found == [True, "inactive", True, "active"]
     listener.wait_until_ready()
     listener.take(3)
-    assert request(start_receiver, "deactivate", "state") == [True, "inactive"]
-    last = listener.take(1)[0]["message"]
-    while not last["hold"]:
-        last = listener.take(1)[0]["message"]
+    assert request_of("deactivate", "state") == [True, "inactive"]
+    last = listener.until(lambda message: message["hold"])
     assert (last["state"], last["reasons"]) == (3, ["inactive"])
     assert last["seq"] == streaming.stream.seq - 1  # it is the last message
-    assert request(start_receiver, "cleanup", "state") == [True, "unconfigured"]
+    assert request_of("cleanup", "state") == [True, "unconfigured"]
     assert ros.node.count_publishers("/marginguard/constraint") == 0
     assert streaming.calls == ["configure", "activate", "deactivate", "clean_up"]
 
 
-def test_invalid_transition_gets_a_reply(ros, streaming, start_receiver):
+def test_invalid_transition_gets_a_reply(ros, streaming, request_of):
     requests = ("activate", "200", "nonsense", "state")
-    assert request(start_receiver, *requests) == [False, False, False, "unconfigured"]
+    assert request_of(*requests) == [False, False, False, "unconfigured"]
     assert streaming.calls == []
 
 
 def test_refused_transition_keeps_the_state_and_failure_returns_to_unconfigured(
-    ros, streaming, start_receiver
+    ros, streaming, request_of
 ):
     streaming.fails = {
         "configure": BridgeError("the case is not there"),
         "activate": ZeroDivisionError("a mistake"),
     }
     requests = ("configure", "state", "configure", "activate", "state")
-    found = request(start_receiver, *requests)
+    found = request_of(*requests)
     assert found == [False, "unconfigured", True, False, "unconfigured"]
     assert streaming.calls == ["configure", "configure", "activate", "clean_up"]
 
 
-def test_shutdown_of_an_active_node_deactivates_and_cleans_up(ros, streaming, start_receiver):
-    found = request(start_receiver, "configure", "activate", "shutdown", "state")
+def test_shutdown_of_an_active_node_deactivates_and_cleans_up(ros, streaming, request_of):
+    found = request_of("configure", "activate", "shutdown", "state")
     assert found == [True, True, True, "finalized"]
     assert streaming.calls == ["configure", "activate", "deactivate", "clean_up"]
 
 
-def test_closing_an_active_node_publishes_hold_first(domain_id, streaming, start_receiver):
+def test_closing_an_active_node_publishes_hold_first(
+    domain_id, streaming, start_receiver, request_of
+):
     ros = LifecycleRosNode("marginguard", streaming, domain_id=domain_id)
     listener = start_receiver(
         "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000", wait=False
     )
-    assert request(start_receiver, "configure", "activate") == [True, True]
+    assert request_of("configure", "activate") == [True, True]
     listener.wait_until_ready()
     listener.take(3)
     ros.close()
     ros.close()
-    last = listener.take(1)[0]["message"]
-    while not last["hold"]:
-        last = listener.take(1)[0]["message"]
+    last = listener.until(lambda message: message["hold"])
     assert (last["state"], last["reasons"]) == (3, ["inactive"])
     assert last["seq"] == streaming.stream.seq - 1
     assert streaming.calls == ["configure", "activate", "deactivate", "clean_up"]
@@ -139,7 +137,7 @@ class FailingNode(StreamingNode):
         raise BridgeError("configuration failed")
 
 
-def test_failed_configuration_destroys_its_endpoints(domain_id, start_receiver):
+def test_failed_configuration_destroys_its_endpoints(domain_id, request_of):
     with LifecycleRosNode("marginguard", FailingNode(), domain_id=domain_id) as ros:
         node = ros.node
 
@@ -148,5 +146,5 @@ def test_failed_configuration_destroys_its_endpoints(domain_id, start_receiver):
             return [len(list(each)) for each in kinds]
 
         before = endpoints()
-        assert request(start_receiver, "configure", "state") == [False, "unconfigured"]
+        assert request_of("configure", "state") == [False, "unconfigured"]
         assert endpoints() == before

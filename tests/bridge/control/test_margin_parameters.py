@@ -1,7 +1,6 @@
 """Margins set by another process: a set is applied or refused as a whole, with the reason."""
 
-import json
-from pathlib import Path
+import math
 
 import pytest
 from hypothesis import given
@@ -12,8 +11,7 @@ from app.bridge.control import MarginParameterServer
 from app.bridge.control.margin_parameters import margins_of
 from app.bridge.node import RosNode
 from app.fixture import MarginParameterError, MarginParameters
-
-SETTER = Path(__file__).resolve().parents[1] / "calls" / "parameter_setter.py"
+from tests.bridge.service_calls import CALLER, asking, setting
 
 
 def appending_to(used):
@@ -23,44 +21,48 @@ def appending_to(used):
 
 def test_margin_parameters_have_unit_and_range(ros, content, start_receiver):
     MarginParameterServer(ros, content.margins, lambda margins, origin: None)
-    requests = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
-    setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
-    found = dict(zip(requests, setter.take(len(requests)), strict=True))
-    assert found["stop_mm"]["value"] == 1.0
-    assert (found["stop_mm"]["unit"], found["stop_mm"]["range"]) == ("unit: mm", [[0.0, 100.0]])
-    assert found["stale_after_ms"]["value"] == 200.0
-    assert found["stale_after_ms"]["unit"] == "unit: ms"
-    assert found["stale_after_ms"]["range"][0][1] == 10_000.0
-    assert (found["release_samples"]["value"], found["release_samples"]["range"]) == (
-        3,
-        [[1, 1000]],
-    )
-    assert found["k_tre"]["value"] == 2.0
+    names = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
+    calls = [call for name in names for call in asking(name)]
+    replies = start_receiver(*calls, script=CALLER).messages()
+    values = dict(zip(names, (each["values"][0] for each in replies[::2]), strict=True))
+    about = dict(zip(names, (each["descriptors"][0] for each in replies[1::2]), strict=True))
+    assert values["stop_mm"]["double_value"] == 1.0
+    assert about["stop_mm"]["additional_constraints"] == "unit: mm"
+    (stop,) = about["stop_mm"]["floating_point_range"]
+    assert (stop["from_value"], stop["to_value"]) == (0.0, 100.0)
+    assert values["stale_after_ms"]["double_value"] == 200.0
+    assert about["stale_after_ms"]["additional_constraints"] == "unit: ms"
+    assert about["stale_after_ms"]["floating_point_range"][0]["to_value"] == 10_000.0
+    assert values["release_samples"]["integer_value"] == 3
+    (samples,) = about["release_samples"]["integer_range"]
+    assert (samples["from_value"], samples["to_value"]) == (1, 1000)
+    assert values["k_tre"]["double_value"] == 2.0
+
+
+def results_of(start_receiver, *values):
+    """Whether each set of these values succeeded, and why not."""
+    replies = start_receiver(*map(setting, values), script=CALLER).messages()
+    return [(each["result"]["successful"], each["result"]["reason"]) for each in replies]
 
 
 def test_margins_are_applied_or_refused_as_a_whole(ros, content, start_receiver):
     used = []
     server = MarginParameterServer(ros, content.margins, appending_to(used))
-    setter = start_receiver(
-        "marginguard",
-        json.dumps({"stop_mm": 6.0, "warn_mm": 9.0}),
-        json.dumps({"stop_mm": 8.0, "warn_mm": 7.0}),
-        json.dumps({"stop_mm": 2.0, "k_tre": 11.0}),
-        json.dumps({"stop_mm": float("nan")}),
-        json.dumps({"release_samples": 0}),
-        json.dumps({"stop_mm": "wide"}),
-        json.dumps({"stale_after_ms": 50.5}),
-        json.dumps("stop_mm"),
-        script=SETTER,
+    first, crossed, *refused, stale = results_of(
+        start_receiver,
+        {"stop_mm": 6.0, "warn_mm": 9.0},
+        {"stop_mm": 8.0, "warn_mm": 7.0},
+        {"stop_mm": 2.0, "k_tre": 11.0},
+        {"stop_mm": math.nan},
+        {"release_samples": 0},
+        {"stop_mm": "wide"},
+        {"stale_after_ms": 50.5},
     )
-    first, crossed, far, nan, none, text, stale, stop = setter.take(8)
-    assert first["ok"]
-    assert stale["ok"]
-    for refused in (crossed, far, nan, none, text):
-        assert not refused["ok"]
-        assert refused["reason"]
-    assert "warn_mm is 7; expected more than stop_mm 8" in crossed["reason"]
-    assert stop["value"] == 6.0
+    assert first[0] and stale[0]
+    for succeeded, reason in (crossed, *refused):
+        assert not succeeded and reason
+    assert "warn_mm is 7; expected more than stop_mm 8" in crossed[1]
+    assert ros.node.get_parameter("stop_mm").value == 6.0
     first_set = content.margins.replaced(stop_mm=6.0, warn_mm=9.0)
     assert used == [first_set, first_set.replaced(stale_after_ns=50_500_000)]
     assert server.margins == used[-1]
@@ -83,15 +85,9 @@ def test_initial_margins_are_validated_and_applied(domain_id, content):
 def test_parameters_of_ros_itself_cannot_be_set(ros, content, start_receiver):
     used = []
     MarginParameterServer(ros, content.margins, appending_to(used))
-    requests = [
-        {"use_sim_time": True},
-        {"stop_mm": 2.0, "use_sim_time": True},
-        {"nonsense": 1.0},
-    ]
-    setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
-    for refused in setter.take(3):
-        assert not refused["ok"]
-        assert refused["reason"]
+    requests = {"use_sim_time": True}, {"stop_mm": 2.0, "use_sim_time": True}, {"nonsense": 1.0}
+    for succeeded, reason in results_of(start_receiver, *requests):
+        assert not succeeded and reason
     assert used == []
     assert ros.node.get_parameter("use_sim_time").value is False
 
@@ -136,9 +132,7 @@ def test_origin_of_a_set_and_reasons_of_refusals_are_passed_on(ros, content, sta
     )
     server.set(stop_mm=2.0)
     # The second one is refused by ROS, which checks the declared range itself.
-    requests = [{"stop_mm": 1.5}, {"stop_mm": 4000.0}, {"warn_mm": 0.5}]
-    setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
-    setter.take(3)
+    results_of(start_receiver, {"stop_mm": 1.5}, {"stop_mm": 4000.0}, {"warn_mm": 0.5})
     assert origins == ["this process", "ROS"]
     (reason,) = reasons
     assert "warn_mm is 0.5; expected more than stop_mm 1.5" in reason

@@ -1,9 +1,9 @@
 """A tumour or registration set by another process is applied as a whole or refused."""
 
+import math
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -15,8 +15,7 @@ from app.geometry import SurfaceMesh
 from app.runtime import OperatorCommands, PassiveOutput, StepHolds, content_of
 from app.session import Session, setup_from_case
 from tests.bridge.conftest import DEADLINE_S
-
-CALLER = Path(__file__).resolve().parent / "operator_caller.py"
+from tests.bridge.service_calls import CALLER, call_of, pairs, tumor
 
 
 class RecordingOutput(PassiveOutput):
@@ -103,18 +102,17 @@ def test_valid_tumor_is_used_and_invalid_ones_change_nothing(
     commands, session, setup, output, start_receiver
 ):
     before = commands.content
-    elsewhere, is_open = ("0.03", "nowhere", "closed"), ("0.03", "needle", "open")
-    nan, good = ("nan", "needle", "closed"), ("0.03", "needle", "closed")
-    caller = start_receiver(*elsewhere, *is_open, *nan, *good, script=CALLER)
+    sent = tumor(0.03, "nowhere"), tumor(0.03, is_open=True), tumor(math.nan), tumor(0.03)
+    caller = start_receiver(*map(call_of, sent), script=CALLER)
     elsewhere, is_open, nan = caller.take(3)
     for reply in (elsewhere, is_open, nan):
-        assert (reply["success"], reply["id"]) == (False, "")
+        assert (reply["success"], reply["model_id"]) == (False, "")
     assert "'nowhere'" in elsewhere["message"]
     assert "finite" in nan["message"]
     assert is_open["message"]
     (applied,) = caller.take(1)
     assert (applied["success"], applied["message"]) == (True, "")
-    assert applied["id"] == commands.content.model_id != before.model_id
+    assert applied["model_id"] == commands.content.model_id != before.model_id
     assert len(output.contents) == 1
     content = output.contents[0]
     assert content.tumor.vertices_mm.max() == pytest.approx(30.0)
@@ -140,7 +138,7 @@ def test_node_stays_responsive_while_a_change_waits_for_a_step(
     called = threading.Event()
     with stepping:
         stepping.requested.clear()
-        caller = start_receiver("register", "0.00001", script=CALLER)
+        caller = start_receiver(call_of(pairs(0.00001)), script=CALLER)
         assert stepping.requested.wait(DEADLINE_S)
         ros.call_soon(called.set)
         assert called.wait(DEADLINE_S)
@@ -150,14 +148,14 @@ def test_node_stays_responsive_while_a_change_waits_for_a_step(
 def test_accepted_registration_is_used_and_refused_one_changes_nothing(
     commands, session, setup, output, start_receiver
 ):
-    caller = start_receiver("register", "0.05", "0.00001", script=CALLER)
+    caller = start_receiver(call_of(pairs(0.05)), call_of(pairs(0.00001)), script=CALLER)
     bad, good = caller.take(2)
-    assert (bad["success"], bad["id"]) == (False, "")
+    assert (bad["success"], bad["registration_id"]) == (False, "")
     assert "not accepted" in bad["message"]
     assert (good["success"], good["message"]) == (True, "")
-    assert good["x"] == pytest.approx(0.5, abs=1e-3)
+    assert good["transform"]["translation"]["x"] == pytest.approx(0.5, abs=1e-3)
     assert 0.0 < good["fre"] < 2e-5
-    assert good["id"] == commands.content.registration_id
+    assert good["registration_id"] == commands.content.registration_id
     assert len(output.contents) == 1
     registration = session.setup.robot.registration
     assert registration.transform.translation_mm[0] == pytest.approx(500.0, abs=1.0)

@@ -8,39 +8,30 @@ ends when it is killed.
 
 import ast
 import sys
-from importlib import import_module
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-
-def fill(message, fields):
-    for name, value in fields.items():
-        if isinstance(value, dict):
-            fill(getattr(message, name), value)
-        else:
-            setattr(message, name, value)
-    return message
+from tests.bridge.peers import filled, interface, spin
 
 
 def main(topic, kind, period_s, fields, delivery=""):
     rclpy.init()
     node = rclpy.create_node("repeating_publisher")
-    package, folder, name = kind.split("/")
-    found = getattr(import_module(f"{package}.{folder}"), name)
+    found = interface(kind)
     qos = QoSProfile(depth=10)
     if delivery == "best_effort":
         qos.reliability = ReliabilityPolicy.BEST_EFFORT
     if delivery == "latched":
         qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
     publisher = node.create_publisher(found, topic, qos)
-    message = fill(found(), ast.literal_eval(fields))
+    message = filled(found(), ast.literal_eval(fields))
     if delivery == "latched":
         publisher.publish(message)
     else:
         node.create_timer(float(period_s), lambda: publisher.publish(message))
     print("ready", flush=True)
-    rclpy.spin(node)
+    spin(node)
 
 
 if __name__ == "__main__":

@@ -3,15 +3,8 @@
 import pytest
 
 from app.bridge.convert import ConversionError, TopicQueue, qos_profile
-from app.bridge.node import RosNode
 
 STRING = "std_msgs/msg/String"
-
-
-@pytest.fixture
-def ros(domain_id):
-    with RosNode("marginguard", domain_id=domain_id) as node:
-        yield node
 
 
 def test_full_queue_drops_the_oldest_and_counts_them(ros):

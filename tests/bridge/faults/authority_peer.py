@@ -11,17 +11,15 @@ import sys
 import time
 
 import rclpy
-from geometry_msgs.msg import Point
 from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import Rearm, SetTumor
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from shape_msgs.msg import MeshTriangle
+
+from tests.bridge.service_calls import tumor
 
 UNKNOWN = FixtureConstraint.UNKNOWN
-CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 DEADLINE_S = 60.0
 
 
@@ -89,15 +87,6 @@ class Peer:
         print(json.dumps(values), flush=True)
 
 
-def ball(size_m):
-    request = SetTumor.Request()
-    request.header.frame_id = "needle"
-    request.pose.orientation.w = 1.0
-    request.mesh.vertices = [Point(x=size_m * x, y=size_m * y, z=size_m * z) for x, y, z in CORNERS]
-    request.mesh.triangles = [MeshTriangle(vertex_indices=list(face)) for face in FACES]
-    return request
-
-
 def main() -> int:
     peer = Peer()
     known = peer.until(lambda message: message.state != UNKNOWN)
@@ -119,8 +108,8 @@ def main() -> int:
         reply = peer.rearm(seq, nonce)
         peer.report(success=reply.success, message=reply.message)
     old = peer.held("stop_mm lowered")
-    tumor = peer.call("set_tumor", ball(0.0012))
-    peer.report(tumor=tumor.success, message=tumor.message)
+    replaced = peer.call("set_tumor", tumor(0.0012))
+    peer.report(tumor=replaced.success, message=replaced.message)
     reply = peer.rearm(old.seq, old.rearm_nonce)
     peer.report(success=reply.success, message=reply.message)
     held = peer.held("tumour replaced")

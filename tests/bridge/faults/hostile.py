@@ -12,7 +12,6 @@ import struct
 import sys
 import threading
 import time
-from importlib import import_module
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -20,6 +19,8 @@ from geometry_msgs.msg import TransformStamped, TwistStamped
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+
+from tests.bridge.peers import edge_message, interface, stamped
 
 TEN_MEGABYTES = 10_000_000
 LONGER_THAN_ACCEPTED = 1_100_000
@@ -39,8 +40,7 @@ class Peer:
         self.unmatched = set(topics)
         self.matched = threading.Event()
         for name, kind in topics.items():
-            package, folder, type_name = kind.split("/")
-            self.types[name] = getattr(import_module(f"{package}.{folder}"), type_name)
+            self.types[name] = interface(kind)
             qos = QoSProfile(depth=100)
             if name in LATCHED:
                 qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -66,12 +66,9 @@ class Peer:
         """One transform in a message of the topic's type."""
         kind = self.types[name]
         message = TransformStamped() if hasattr(kind, "transforms") else kind()
-        sec, nanosec = divmod(time.time_ns(), 10**9) if stamp is None else stamp
-        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-        message.header.frame_id, message.child_frame_id = parent, child
-        to, by = message.transform.translation, message.transform.rotation
-        to.x, to.y, to.z = move
-        by.x, by.y, by.z, by.w = map(float, turn)
+        edge_message(message, parent, child, move, turn, time.time_ns())
+        if stamp is not None:
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
         return kind(transforms=[message]) if hasattr(kind, "transforms") else message
 
     def send(self, name, *messages):
@@ -98,8 +95,7 @@ class Peer:
         """Velocity command in m/s and rad/s along the axes of ``frame``."""
         message = TwistStamped()
         message.header.frame_id = frame
-        sec, nanosec = divmod(time.time_ns() - round(late_s * 1e9), 10**9)
-        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        stamped(message, time.time_ns() - round(late_s * 1e9))
         to, by = message.twist.linear, message.twist.angular
         to.x, to.y, to.z = linear
         by.x, by.y, by.z = angular
@@ -107,97 +103,68 @@ class Peer:
 
     def command(self, what, name, frame):
         twist = self.twist
-        if what == "nan":
-            return self.send(name, twist(frame, NAN), twist(frame, angular=NAN))
-        if what == "huge":
-            return self.send(name, twist(frame, HUGE), twist(frame, [math.inf] * 3))
-        if what == "names":
-            names = ["", " ", "/", "nowhere", "ä", "%s%n", "x" * 5000, "x" * TEN_MEGABYTES]
-            return self.send(name, *map(twist, names))
-        if what == "stamps":
-            lates_s = (3600.0, 1.0, -1.0, -3600.0, time.time())
-            return self.send(name, *(twist(frame, late_s=late_s) for late_s in lates_s))
         if what == "flood":
             return self.flood(name, [twist(frame, HUGE), twist("nowhere"), twist(frame)])
-        raise ValueError(what)
+        names = ["", " ", "/", "nowhere", "ä", "%s%n", "x" * 5000, "x" * TEN_MEGABYTES]
+        lates_s = (3600.0, 1.0, -1.0, -3600.0, time.time())
+        attacks = {
+            "nan": lambda: [twist(frame, NAN), twist(frame, angular=NAN)],
+            "huge": lambda: [twist(frame, HUGE), twist(frame, [math.inf] * 3)],
+            "names": lambda: map(twist, names),
+            "stamps": lambda: (twist(frame, late_s=late_s) for late_s in lates_s),
+        }
+        return self.send(name, *attacks[what]())
 
     def attack(self, what, name, parent, child):
         if self.types[name] is TwistStamped:
             return self.command(what, name, parent)
-        pose = self.pose
-        if what == "nan":
-            return self.send(
-                name,
-                pose(name, parent, child, move=NAN),
-                pose(name, parent, child, turn=(*NAN, 1.0)),
-                pose(name, parent, child, turn=(0, 0, 0, 0)),
-                pose(name, parent, child, turn=[*HUGE, 1.0]),
-            )
-        if what == "lost":
-            return self.repeat(name, lambda: pose(name, parent, child, move=NAN))
-        if what == "skew":
-            return self.repeat(name, lambda: pose(name, parent, child, turn=(0, 0, 0, 2)))
-        if what == "future":
-            later = (time.time_ns() // 10**9 + 3600, 0)
-            return self.repeat(name, lambda: pose(name, parent, child, later))
-        if what == "huge":
-            return self.send(name, pose(name, parent, child, move=HUGE))
-        if what == "names":
-            names = [
-                "",
-                " ",
-                "/",
-                "a b",
-                "a//b",
-                "\n",
-                "ä",
-                "../../etc",
-                "%s%n",
-                "x" * 500,
-                "x" * 5000,
-            ]
-            return self.send(name, *(pose(name, parent, bad) for bad in names)) + self.send(
-                name, *(pose(name, bad, child) for bad in names)
-            )
-        if what == "loops":
-            return self.send(
-                name,
-                pose(name, parent, parent),
-                pose(name, child, parent),
-                pose(name, "l1", "l2"),
-                pose(name, "l2", "l3"),
-                pose(name, "l3", "l1"),
-            )
-        if what == "stamps":
-            now_s = time.time_ns() // 10**9
-            stamps = [
-                (0, 0),
-                (now_s + 3600, 0),
-                (LAST_SECOND, 2**32 - 1),
-                (-LAST_SECOND - 1, 0),
-                (now_s - 10, 0),
-                (now_s - 20, 2**32 - 1),
-            ]
-            return self.send(name, *(pose(name, parent, child, stamp) for stamp in stamps))
-        if what == "bytes":
-            return self.send(name, *self.damaged_bytes(name))
-        if what == "long":
-            # Serialised once, because it is slow. The middleware loses most of the longest, because
-            # a socket buffer holds a few fragments; of the others some arrive.
-            longest, longer = (
-                serialize_message(pose(name, parent, "x" * size))
-                for size in (TEN_MEGABYTES, LONGER_THAN_ACCEPTED)
-            )
-            return self.send(name, *[longest] * 60, *[longer] * 60)
+        now_s = time.time_ns() // 10**9
+
+        def pose(parent=parent, child=child, *arguments, **values):
+            return self.pose(name, parent, child, *arguments, **values)
+
+        repeated = {
+            "lost": lambda: pose(move=NAN),
+            "skew": lambda: pose(turn=(0, 0, 0, 2)),
+            "future": lambda: pose(stamp=(now_s + 3600, 0)),
+        }
+        if what in repeated:
+            return self.repeat(name, repeated[what])
         if what == "flood":
-            return self.flood(name, [pose(name, parent, child)])
+            return self.flood(name, [pose()])
         if what == "frames":
-            return self.flood(name, [pose(name, parent, f"evil_{i}") for i in range(5000)])
-        if what == "good":
-            return self.send(name, pose(name, parent, child))
-        if what in ("urdf", "texts", "joints", "clock"):
-            return self.send(name, *(self.types[name](**each) for each in getattr(self, what)()))
-        raise ValueError(what)
+            return self.flood(name, [pose(parent, f"evil_{i}") for i in range(5000)])
+        names = ["", " ", "/", "a b", "a//b", "\n", "ä", "../../etc", "%s%n"]
+        names += ["x" * 500, "x" * 5000]
+        loops = [(parent, parent), (child, parent), ("l1", "l2"), ("l2", "l3"), ("l3", "l1")]
+        stamps = [(0, 0), (now_s + 3600, 0), (LAST_SECOND, 2**32 - 1), (-LAST_SECOND - 1, 0)]
+        stamps += [(now_s - 10, 0), (now_s - 20, 2**32 - 1)]
+        turns = [(*NAN, 1.0), (0, 0, 0, 0), [*HUGE, 1.0]]
+        attacks = {
+            "nan": lambda: [pose(move=NAN), *(pose(turn=turn) for turn in turns)],
+            "huge": lambda: [pose(move=HUGE)],
+            "names": lambda: (
+                *(pose(parent, bad) for bad in names),
+                *(pose(bad, child) for bad in names),
+            ),
+            "loops": lambda: (pose(*edge) for edge in loops),
+            "stamps": lambda: (pose(stamp=stamp) for stamp in stamps),
+            "bytes": lambda: self.damaged_bytes(name),
+            "long": lambda: self.long(name, parent),
+            "good": lambda: [pose()],
+        }
+        if what in attacks:
+            return self.send(name, *attacks[what]())
+        return self.send(name, *(self.types[name](**each) for each in getattr(self, what)()))
+
+    def long(self, name, parent):
+        """Serialised once, because it is slow.
+
+        The middleware loses most of the longest, because a socket buffer holds a few fragments; of
+        the others some arrive.
+        """
+        for size in (TEN_MEGABYTES, LONGER_THAN_ACCEPTED):
+            yield from [serialize_message(self.pose(name, parent, "x" * size))] * 60
 
     def urdf(self):
         yield {"data": "<robot name='arm'><link name='good_base'/></robot>"}
@@ -217,8 +184,13 @@ class Peer:
         yield {"name": names, "position": [math.nan, 2.0]}
         yield {"name": names, "position": [1.0]}
         yield {"name": ["a", "a"], "position": [1.0, 2.0]}
-        yield {"name": ["x" * TEN_MEGABYTES], "position": [0.0]}
         yield {"name": names, "position": [math.inf, -math.inf]}
+
+    def long_joints(self):
+        yield {"name": ["x" * LONGER_THAN_ACCEPTED], "position": [0.0]}
+
+    def longest_joints(self):
+        yield {"name": ["x" * TEN_MEGABYTES], "position": [0.0]}
 
     def clock(self):
         for sec in (100, 0, LAST_SECOND, -LAST_SECOND, 5):

@@ -1,8 +1,9 @@
 """A peer that loosens a live session gets no permission before an operator's re-arm."""
 
 import json
-import signal
 from pathlib import Path
+
+from tests.bridge.conftest import TF
 
 HERE = Path(__file__).resolve().parent
 PEER = HERE / "authority_peer.py"
@@ -10,14 +11,14 @@ SENDER = HERE.parent / "live" / "sender.py"
 
 
 def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(
-    start, frames_file, live_yaml, tmp_path
+    start_sender, start, live_yaml, tmp_path
 ):
-    config = str(live_yaml({"tf": {}, "clock": "host"}, stale_after_ms=5_000.0))
+    config = str(live_yaml(TF, stale_after_ms=5_000.0))
     audit = tmp_path / "audit.jsonl"
     options = ("--constraint-hz", "100", "--config", config, "--audit", str(audit))
     live = start("-m", "app.cli", "live", *options)
-    start(str(SENDER), str(frames_file), "tf", "again")
-    peer = start(str(PEER))
+    start_sender("tf", "again")
+    peer = start(PEER)
 
     def reported():
         return json.loads(peer.line(lambda line: line.startswith("{")))
@@ -40,7 +41,7 @@ def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(
         "tumour replaced: THE VOLUME DIFFERS BY MORE THAN A FACTOR OF 2; "
     )
     assert reported() == {"freed": True}
-    assert live.end(signal.SIGINT) == 130
+    live.stop()
     lines = [json.loads(line) for line in audit.read_text().splitlines()]
     requests = [(line["kind"], line["accepted"]) for line in lines if line["event"] == "request"]
     assert ("set_margins", True) in requests

@@ -12,8 +12,8 @@ from marginguard_msgs.msg import FixtureConstraint
 from app.bridge.live import RearmClient
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
+from tests.waiting import DEADLINE_S
 
-DEADLINE_S = 60.0
 REARM_S = 30.0
 
 

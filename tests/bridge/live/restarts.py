@@ -4,14 +4,15 @@ from pathlib import Path
 
 import yaml
 
-CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000"
-TRACKED = {"tracked_transforms": {}, "clock": "host"}
+from tests.bridge.conftest import LIVE
+from tests.bridge.conftest import TRACKED as TRACKED
+
 REARM = ("-m", "app.cli", "rearm", "--yes")
 
 
 def live(config, *options):
     """Arguments of ``marginguard live``."""
-    return ("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(config), *options)
+    return (*LIVE, config, *options)
 
 
 def other_arm(config: Path) -> Path:
@@ -32,18 +33,9 @@ def no_arm(config: Path) -> Path:
     return path
 
 
-def first(receiver, accept):
-    """The first constraint that ``accept`` accepts."""
-    while True:
-        message = receiver.take(1)[0]["message"]
-        if accept(message):
-            return message
-
-
 def refusal(child):
     """Wait for the end of a refused guard and return its error line."""
-    child.extend_deadline()
-    assert child.process.wait() == 2
+    assert child.wait() == 2
     (line,) = [
         line for line in child.log.read_text().splitlines() if line.startswith("marginguard: error")
     ]

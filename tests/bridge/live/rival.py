@@ -19,17 +19,17 @@ import json
 import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from marginguard_msgs.msg import FixtureConstraint, TrackedTransform
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
+
+from tests.bridge.peers import edge_message, spin, stamped
 
 PERIOD_S = 1 / 60
 TOPICS = {
@@ -41,10 +41,6 @@ TOPICS = {
 }
 
 
-def stamp(header):
-    header.stamp.sec, header.stamp.nanosec = divmod(time.time_ns(), 10**9)
-
-
 def main():
     frames = json.loads(Path(sys.argv[1]).read_text())
     what = sys.argv[2]
@@ -53,25 +49,18 @@ def main():
     edge = next(each for each in frames[0]["edges"] if each["child"] == "cautery")
     joints = next(joints for frame in frames for joints in frame["joints"])
 
+    parent, child = ("reference", "robot_base") if latched else (edge["parent"], "cautery")
+    place_m = [edge["translation_m"][0] + 0.1, *edge["translation_m"][1:]]
+
     def pose(message):
-        stamp(message.header)
-        parent_and_child = ("reference", "robot_base") if latched else (edge["parent"], "cautery")
-        message.header.frame_id, message.child_frame_id = parent_and_child
-        move, turn = message.transform.translation, message.transform.rotation
-        x, y, z = edge["translation_m"]
-        move.x, move.y, move.z = x + 0.1, y, z
-        turn.x, turn.y, turn.z, turn.w = edge["quaternion"]
-        return message
+        return edge_message(message, parent, child, place_m, edge["quaternion"], time.time_ns())
 
     def message():
         if message_type is JointState:
-            found = JointState(
-                name=joints["names"], position=[each + 0.5 for each in joints["positions"]]
-            )
+            names, positions = joints["names"], [each + 0.5 for each in joints["positions"]]
             if what == "gripper":
-                found = JointState(name=["finger"], position=[0.01])
-            stamp(found.header)
-            return found
+                names, positions = ["finger"], [0.01]
+            return stamped(JointState(name=names, position=positions), time.time_ns())
         if message_type is FixtureConstraint:
             return FixtureConstraint(state=FixtureConstraint.POSITIVE)
         if message_type is TrackedTransform:
@@ -91,11 +80,7 @@ def main():
         event_callbacks=PublisherEventCallbacks(matched=lambda _: matched.set()),
     )
 
-    def spin():
-        with suppress(ExternalShutdownException):
-            rclpy.spin(node)
-
-    spinner = threading.Thread(target=spin, daemon=True)
+    spinner = threading.Thread(target=spin, args=(node,), daemon=True)
     spinner.start()
     while not matched.is_set():
         time.sleep(0.005)

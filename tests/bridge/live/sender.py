@@ -22,14 +22,12 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
+from tests.bridge.peers import edge_message, stamped
 
-def fill(message, edge, ns):
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(ns, 10**9)
-    message.header.frame_id, message.child_frame_id = edge["parent"], edge["child"]
-    move, turn = message.transform.translation, message.transform.rotation
-    move.x, move.y, move.z = edge["translation_m"]
-    turn.x, turn.y, turn.z, turn.w = edge["quaternion"]
-    return message
+
+def filled(message, edge, ns):
+    values = (edge[key] for key in ("parent", "child", "translation_m", "quaternion"))
+    return edge_message(message, *values, ns)
 
 
 def main() -> None:
@@ -61,16 +59,16 @@ def main() -> None:
             time.sleep(max(0, ns - time.time_ns()) / 1e9)
             for sample in frame["joints"]:
                 message = JointState(name=sample["names"], position=sample["positions"])
-                sec, nanosec = divmod(sample["ns"] + shift_ns, 10**9)
-                message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-                joints.publish(message)
+                joints.publish(stamped(message, sample["ns"] + shift_ns))
             edges = frame["edges"]
             if kind == "tf":
                 good = [edge for edge in edges if edge["status"] == 0]
-                poses.publish(TFMessage(transforms=[fill(TransformStamped(), e, ns) for e in good]))
+                poses.publish(
+                    TFMessage(transforms=[filled(TransformStamped(), e, ns) for e in good])
+                )
             else:
                 for edge in edges:
-                    poses.publish(fill(TrackedTransform(status=edge["status"]), edge, ns))
+                    poses.publish(filled(TrackedTransform(status=edge["status"]), edge, ns))
         if not again:
             break
         shift_ns += frames[-1]["ns"] - frames[0]["ns"] + 20_000_000

@@ -1,8 +1,5 @@
 """The state of the cautery from a ROS topic and from OpenIGTLink STRING messages."""
 
-from collections.abc import Iterator
-
-import pytest
 from std_msgs.msg import Bool
 
 from app.bridge import RosNode
@@ -11,30 +8,19 @@ from app.bridge.qos import STREAM, Topic
 from app.case import CauteryState, CauteryTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
-from tests.bridge.live.test_image_input import until
-from tests.ros_domain import domain_id as domain_id
+from tests.waiting import wait_until
 
 TOPIC = Topic("/generator/active", Bool, STREAM)
 LIMIT_NS = 1000
 
 
-@pytest.fixture
-def nodes(domain_id: int) -> Iterator[tuple[RosNode, RosNode]]:
-    with (
-        RosNode("session", domain_id=domain_id) as session,
-        RosNode("generator", domain_id=domain_id) as generator,
-    ):
-        yield session, generator
-
-
-def test_topic_says_on_and_off_until_it_is_too_old(nodes: tuple[RosNode, RosNode]) -> None:
-    session, generator = nodes
+def test_topic_says_on_and_off_until_it_is_too_old(ros: RosNode, other: RosNode) -> None:
     now = [0]
-    cautery = TopicCautery(session, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: now[0])
-    publisher = generator.publisher(TOPIC)
+    cautery = TopicCautery(ros, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: now[0])
+    publisher = other.publisher(TOPIC)
     assert cautery.state() is CauteryState.UNKNOWN
     for on, state in ((True, CauteryState.ON), (False, CauteryState.OFF)):
-        until(
+        wait_until(
             lambda state=state: cautery.state() is state,  # type: ignore[misc]
             lambda on=on: publisher.publish(Bool(data=on)),  # type: ignore[misc]
         )
@@ -43,16 +29,15 @@ def test_topic_says_on_and_off_until_it_is_too_old(nodes: tuple[RosNode, RosNode
     assert cautery.counts()[f"{TOPIC.name}: messages"] >= 2
 
 
-def test_two_publishers_make_the_state_unknown(nodes: tuple[RosNode, RosNode]) -> None:
-    session, generator = nodes
-    cautery = TopicCautery(session, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: 0)
-    publishers = [generator.publisher(TOPIC), session.publisher(TOPIC)]
+def test_two_publishers_make_the_state_unknown(ros: RosNode, other: RosNode) -> None:
+    cautery = TopicCautery(ros, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: 0)
+    publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
 
     def send() -> None:
         for publisher in publishers:
             publisher.publish(Bool(data=True))
 
-    until(lambda: cautery.counts().get(f"{TOPIC.name}: of two publishers", 0) > 2, send)
+    wait_until(lambda: cautery.counts().get(f"{TOPIC.name}: of two publishers", 0) > 2, send)
     assert cautery.state() is CauteryState.UNKNOWN
 
 

@@ -9,13 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from app.bridge.live.depth_recorder import DepthRecorder
-from app.case import (
-    IMAGE_DEPTH_TOPIC,
-    BagTopic,
-    BagWriter,
-    DepthCalibration,
-    ImageDepths,
-)
+from app.case import IMAGE_DEPTH_TOPIC, BagTopic, BagWriter, DepthCalibration, ImageDepths
 from app.case.images.recorded_depths import RecordedDepth, recorded_depths
 from app.geometry import ImageCalibration, ImageSample, ImageStatus, InputError, Stamp
 

@@ -1,11 +1,8 @@
 """Images of a live session from a ROS topic and from OpenIGTLink messages."""
 
 import threading
-import time
-from collections.abc import Callable, Iterator
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
@@ -26,8 +23,8 @@ from app.igtl.images import image_message as igtl_message
 from app.igtl.wire import HEADER_BYTES, read_header
 from app.session import LiveImages
 from tests.case.images.sequences import some_pixels
+from tests.waiting import DEADLINE_S, wait_until
 
-DEADLINE_S = 60.0
 TOPIC = Topic("/us/image", Image, NEWEST)
 PIXELS = some_pixels(8, 6, 5)
 LIMIT_NS = 10**9
@@ -62,30 +59,12 @@ def shown(reported: Reported, ns: int) -> np.ndarray | None:
     return reported.images.image(found.number).pixels
 
 
-def until(condition: Callable[[], bool], act: Callable[[], None] = lambda: None) -> None:
-    end_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        act()
-        time.sleep(0.01)
-
-
-@pytest.fixture
-def nodes(domain_id: int) -> Iterator[tuple[RosNode, RosNode]]:
-    with (
-        RosNode("session", domain_id=domain_id) as session,
-        RosNode("probe", domain_id=domain_id) as probe,
-    ):
-        yield session, probe
-
-
 def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
-    nodes: tuple[RosNode, RosNode],
+    ros: RosNode, other: RosNode
 ) -> None:
-    session, probe = nodes
     reported = Reported()
-    publisher = probe.publisher(TOPIC)
-    topic = TopicImages(session, TOPIC.name, "UF", reported.images)
+    publisher = other.publisher(TOPIC)
+    topic = TopicImages(ros, TOPIC.name, "UF", reported.images)
     stamps = iter(range(10**9, 10**12, 10**6))
 
     def send(pixels: np.ndarray = PIXELS[0], encoding: str = "mono8") -> int:
@@ -93,11 +72,11 @@ def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
         publisher.publish(image_message(pixels, encoding, "image", Stamp(ns)))
         return ns
 
-    until(lambda: topic.counts().get("images: received", 0) > 0, send)
+    wait_until(lambda: topic.counts().get("images: received", 0) > 0, send)
     held = topic.counts()["images: received"]
     last_ns = send(PIXELS[3])
-    until(lambda: topic.counts()["images: received"] > held)
-    until(lambda: np.array_equal(shown(reported, last_ns), PIXELS[3][:, ::-1]))
+    wait_until(lambda: topic.counts()["images: received"] > held)
+    wait_until(lambda: np.array_equal(shown(reported, last_ns), PIXELS[3][:, ::-1]))
     send(np.zeros((6, 5, 3), np.uint8), "bgr8")
     assert reported.event.wait(DEADLINE_S)
     assert reported.problems == [
@@ -107,18 +86,17 @@ def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
     topic.close()
 
 
-def test_images_of_two_publishers_are_refused(nodes: tuple[RosNode, RosNode]) -> None:
-    session, probe = nodes
+def test_images_of_two_publishers_are_refused(ros: RosNode, other: RosNode) -> None:
     reported = Reported()
-    publishers = [probe.publisher(TOPIC), session.publisher(TOPIC)]
-    topic = TopicImages(session, TOPIC.name, "MF", reported.images)
+    publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
+    topic = TopicImages(ros, TOPIC.name, "MF", reported.images)
     stamps = iter(range(10**9, 10**12, 10**6))
 
     def send() -> None:
         for each in publishers:
             each.publish(image_message(PIXELS[0], "mono8", "image", Stamp(next(stamps))))
 
-    until(reported.event.is_set, send)
+    wait_until(reported.event.is_set, send)
     assert reported.problems[0] == "/us/image has 2 publishers of images; expected 1"
     topic.close()
 
@@ -135,14 +113,14 @@ def test_igtl_images_of_one_device_are_shown() -> None:
     reported = Reported()
     igtl = IgtlImages(None, "MF", reported.images)
     igtl.receive(*packet("Image_Probe", 0))
-    until(lambda: igtl.counts().get("images: received", 0) == 1)
+    wait_until(lambda: igtl.counts().get("images: received", 0) == 1)
     igtl.receive(*packet("Other", 5))
     header, body = packet("Image_Probe", 1)
     igtl.receive(header, body[:-1] + bytes([body[-1] ^ 1]))
     assert reported.event.wait(DEADLINE_S)
     assert "checksum" in reported.problems[0]
     igtl.receive(header, body)
-    until(lambda: igtl.counts().get("images: received", 0) == 2)
+    wait_until(lambda: igtl.counts().get("images: received", 0) == 2)
     np.testing.assert_array_equal(shown(reported, 2 * 10**9), PIXELS[1])
     igtl.close()
 
@@ -152,7 +130,7 @@ def test_image_of_another_depth_has_no_place_until_the_first_depth_returns() -> 
     reported = Reported()
     device = IgtlImages("Image", "MF", reported.images)
     device.receive(*packet("Image", 0, 0.2))
-    until(lambda: device.counts().get("images: received") == 1)
+    wait_until(lambda: device.counts().get("images: received") == 1)
     device.receive(*packet("Image", 1, 0.25))
     assert reported.event.wait(DEADLINE_S)
     assert reported.problems == [
@@ -161,7 +139,7 @@ def test_image_of_another_depth_has_no_place_until_the_first_depth_returns() -> 
     ]
     assert shown(reported, 2 * 10**9) is None
     device.receive(*packet("Image", 2, 0.2))
-    until(lambda: device.counts().get("images: received") == 2)
+    wait_until(lambda: device.counts().get("images: received") == 2)
     assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
     device.close()
 
@@ -180,7 +158,7 @@ def test_image_of_another_listed_depth_names_the_depth_to_choose() -> None:
     reported.images.report = reported._report
     device = IgtlImages("Image", "MF", reported.images)
     device.receive(*packet("Image", 0, 0.2))
-    until(lambda: device.counts().get("images: received") == 1)
+    wait_until(lambda: device.counts().get("images: received") == 1)
     device.receive(*packet("Image", 1, 0.25))
     assert reported.event.wait(DEADLINE_S)
     assert reported.problems == [
@@ -190,7 +168,7 @@ def test_image_of_another_listed_depth_names_the_depth_to_choose() -> None:
     assert shown(reported, 2 * 10**9) is None
     reported.images.choose_depth(50.0)
     device.receive(*packet("Image", 2, 0.25))
-    until(lambda: device.counts().get("images: received") == 2)
+    wait_until(lambda: device.counts().get("images: received") == 2)
     assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
     found = reported.images.at(3 * 10**9, "reference")
     assert found.depth_mm == 50.0

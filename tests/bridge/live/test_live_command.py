@@ -3,22 +3,19 @@
 import json
 import re
 import signal
-from pathlib import Path
 
 import pytest
 import yaml
 
 from app.case import open_live
 from app.session import Session, setup_from_case
+from tests.bridge.conftest import CONSTRAINT, TF
+from tests.bridge.conftest import SENDER as SENDER
+from tests.bridge.conftest import TRACKED as TRACKED
+from tests.bridge.service_calls import CALLER
 
-CALLER = Path(__file__).resolve().parents[1] / "caller.py"
-SENDER = Path(__file__).resolve().parent / "sender.py"
-
-CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint"
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 POSITIVE, UNKNOWN = 2, 3
-TRACKED = {"tracked_transforms": {}, "clock": "host"}
-TF = {"tf": {}, "clock": "host"}
 
 
 def ns(time):
@@ -77,29 +74,26 @@ def inside(message):
 
 
 def test_poses_from_tf_give_the_distances_of_a_replay(
-    start, start_receiver, live_yaml, frames_file, distances
+    start_sender, start_live, start_receiver, live_yaml, distances
 ):
-    live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(live_yaml(TF)))
-    live.line(lambda line: line.startswith("UNKNOWN"))  # printed before anything is tracked
-    receiver = start_receiver(f"{CONSTRAINT}:1000000")
-    sender = start(str(SENDER), str(frames_file), "tf")
+    live = start_live(live_yaml(TF))
+    receiver = start_receiver(CONSTRAINT)
+    sender = start_sender("tf")
     check_distances(constraints_until(receiver, inside), shift_of(sender), distances)
     live.line(lambda line: line.startswith("POSITIVE"))
-    assert live.end(signal.SIGINT) == 130
-    assert "Traceback" not in live.log.read_text()
+    live.stop()
 
 
 def test_missing_frame_is_logged_once_with_the_received_ones(
-    start, start_receiver, live_yaml, frames_file
+    start_sender, start_live, start_receiver, live_yaml
 ):
     config = live_yaml(TRACKED)
     values = yaml.safe_load(config.read_text())
     values["tool"]["frame"] = "cautary"
     config.write_text(yaml.safe_dump(values))
-    live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(config))
-    live.line(lambda line: line.startswith("UNKNOWN"))
+    live = start_live(config)
     receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start_sender("tracked", "again")
     problem = "tool.frame is 'cautary': not among what the tracker sends so far, cautery, needle"
     message = ""
     while problem not in message:
@@ -108,19 +102,16 @@ def test_missing_frame_is_logged_once_with_the_received_ones(
         margin = {each["key"]: each["value"] for each in parts["marginguard: margin"]["values"]}
         assert margin["state"] == "UNKNOWN"
     receiver.take(3)  # time in which the problem could be logged again
-    assert live.end(signal.SIGINT) == 130
+    live.stop()
     assert live.log.read_text().count(problem) == 1
 
 
 def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
-    start, start_receiver, live_yaml, frames_file, distances
+    start_sender, start_live, start, start_receiver, live_yaml, distances
 ):
-    live = start(
-        "-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(live_yaml(TRACKED))
-    )
-    live.line(lambda line: line.startswith("UNKNOWN"))
-    receiver = start_receiver(f"{CONSTRAINT}:1000000")
-    sender = start(str(SENDER), str(frames_file), "tracked")
+    live = start_live(live_yaml(TRACKED))
+    receiver = start_receiver(CONSTRAINT)
+    sender = start_sender("tracked")
     received = constraints_until(receiver, inside)
     check_distances(received, shift_of(sender), distances)
     before = received[-1]
@@ -138,14 +129,14 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     early = start("-m", "app.cli", "rearm", "--yes")
     early.line(lambda line: line.startswith("  on hold since"))
     assert "UNKNOWN" in early.line(lambda line: line.startswith("refused: "))
-    assert early.process.wait() == 1
+    assert early.wait() == 1
 
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start_sender("tracked", "again")
     held = constraints_until(receiver, lambda message: message["state"] != UNKNOWN)[-1]
     assert held["hold"] is True
     assert "latched" in held["reasons"]
     request = {"seq": before["seq"], "nonce": held["rearm_nonce"]}
-    caller = start(str(CALLER), f"{REARM}:{json.dumps(request)}")
+    caller = start(CALLER, f"{REARM}:{json.dumps(request)}")
     caller.line()
     refused = json.loads(caller.line())
     assert refused["success"] is False
@@ -155,10 +146,9 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     operator = start("-m", "app.cli", "rearm", "--yes")
     operator.line(lambda line: line.strip() == f"guard          {held['instance_id']}")
     operator.line(lambda line: line == "re-armed\n")
-    assert operator.process.wait() == 0
+    assert operator.wait() == 0
     free = constraints_until(receiver, lambda message: not message["hold"])[-1]
     assert "latched" not in free["reasons"]
 
     # End while messages are being sent in both directions.
-    assert live.end(signal.SIGTERM) == 143
-    assert "Traceback" not in live.log.read_text()
+    live.stop(signal.SIGTERM)

@@ -11,6 +11,7 @@ from app.runtime import LiveRun, PassiveOutput, StepTiming
 from tests.doubles import PARAMETERS
 from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
+from tests.waiting import DEADLINE_S
 
 
 class Failing(PassiveOutput):
@@ -39,7 +40,7 @@ def test_error_of_a_step_ends_the_outputs_and_is_passed_to_the_error_callback():
     managed = LiveNodeLifecycle(lambda ros: nullcontext(node), list, on_error)
     managed.configure(None)
     managed.activate()
-    assert failed.wait(30.0)
+    assert failed.wait(DEADLINE_S)
     assert errors == [("connection lost", 1)]
     managed.deactivate()
     managed.clean_up()

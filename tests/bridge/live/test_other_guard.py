@@ -9,8 +9,8 @@ from app.bridge.errors import BridgeError
 from app.bridge.live import other_guard
 from app.bridge.live.other_guard import find_silent_publishers
 from app.fixture import Reason
+from tests.waiting import wait_until
 
-DEADLINE_S = 30.0
 TOPIC = "/marginguard/constraint"
 
 
@@ -29,17 +29,6 @@ def silent(domain_id):
         yield node
 
 
-def faults_until(publishers, ros, expected):
-    """The faults as soon as there are some (``expected``) or none."""
-    late = threading.Event()
-    timer = threading.Timer(DEADLINE_S, late.set)
-    timer.start()
-    while bool(faults := publishers.faults(ros)) is not expected:
-        assert not late.wait(0.01)
-    timer.cancel()
-    return faults
-
-
 def test_no_publisher_is_no_fault(domain_id, ros):
     found = find_silent_publishers("marginguard", "/", domain_id)
     assert (found.topic, found.gids) == (TOPIC, frozenset())
@@ -49,10 +38,9 @@ def test_no_publisher_is_no_fault(domain_id, ros):
 def test_publisher_that_sends_nothing_is_a_fault_until_it_is_gone(domain_id, ros, silent):
     found = find_silent_publishers("marginguard", "/", domain_id)
     assert len(found.gids) == 1
-    faults = faults_until(found, ros, True)
-    assert faults.keys() == {Reason.SECOND_SENDER}
+    assert wait_until(lambda: found.faults(ros)).keys() == {Reason.SECOND_SENDER}
     silent.close()
-    assert faults_until(found, ros, False) == {}
+    wait_until(lambda: not found.faults(ros))
 
 
 def test_publisher_that_stays_longer_than_the_lease_is_an_error(

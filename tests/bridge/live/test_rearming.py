@@ -19,8 +19,8 @@ from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.runtime import OperatorCommands
 from tests.bridge.conftest import DEADLINE_S
+from tests.bridge.service_calls import CALLER
 
-CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 FLOOD = Path(__file__).with_name("rearm_flood.py")
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 REASONS = ["latched"]
@@ -99,7 +99,7 @@ def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(world, start, 
     stream.publish(held("stale"))
     request = json.dumps({"seq": stream.seq - 1, "nonce": stream.rearm_nonce})
     with world.stepping:
-        caller = start(str(CALLER), f"{REARM}:{request}")
+        caller = start(CALLER, f"{REARM}:{request}")
         assert world.requested.wait(DEADLINE_S)
         stream.publish(held("stale"))
         if what == "new tumour":
@@ -131,7 +131,7 @@ def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(world, s
         ({"seq": seq, "nonce": nonce}, None),
         ({"seq": seq, "nonce": nonce}, "no hold is latched"),
     ]
-    caller = start(str(CALLER), *(f"{REARM}:{json.dumps(each)}" for each, _ in requests))
+    caller = start(CALLER, *(f"{REARM}:{json.dumps(each)}" for each, _ in requests))
     caller.line()
     for _, refusal in requests:
         reply = json.loads(caller.line())
@@ -146,7 +146,7 @@ def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(world, s
 def test_invalid_request_takes_no_thread_and_does_not_wait_for_a_step(world, start):
     world.stream.publish(KNOWN)
     with world.stepping:  # a step that does not end
-        caller = start(str(CALLER), f'{REARM}:{{"seq": 0, "nonce": 1}}')
+        caller = start(CALLER, f'{REARM}:{{"seq": 0, "nonce": 1}}')
         caller.line()
         assert "not that of the present hold" in json.loads(caller.line())["message"]
     assert not world.requested.is_set()
@@ -155,11 +155,11 @@ def test_invalid_request_takes_no_thread_and_does_not_wait_for_a_step(world, sta
 
 def test_first_valid_request_counts_in_a_flood_of_invalid_ones(world, start):
     world.stream.publish(KNOWN)
-    flood = start(str(FLOOD), "300")
+    flood = start(FLOOD, "300")
     flood.line()
     seq, nonce = world.stream.seq - 1, world.stream.rearm_nonce
     before = world.commands.requests.last
-    caller = start(str(CALLER), f'{REARM}:{{"seq": {seq}, "nonce": {nonce}}}')
+    caller = start(CALLER, f'{REARM}:{{"seq": {seq}, "nonce": {nonce}}}')
     caller.line()
     assert json.loads(caller.line())["success"]
     assert world.session.rearmed == 1

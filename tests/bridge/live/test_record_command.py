@@ -2,11 +2,8 @@
 
 import json
 import signal
-import subprocess
-import sys
 import threading
 from collections import Counter
-from pathlib import Path
 
 import pytest
 import yaml
@@ -27,19 +24,19 @@ from app.bridge.convert import qos_profile
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.case import open_case
-from tests.bridge.control.operator_caller import tumor
-
-SENDER = Path(__file__).resolve().parent / "sender.py"
-TRACKED = {"tracked_transforms": {}, "clock": "host"}
+from tests.bridge.conftest import SENDER as SENDER
+from tests.bridge.conftest import TRACKED as TRACKED
+from tests.bridge.service_calls import tumor
+from tests.waiting import DEADLINE_S, wait_until
 
 
 @pytest.fixture
-def recorded(start, live_yaml, frames_file, tmp_path):
+def recorded(start_sender, start, live_yaml, tmp_path):
     """Recorder after the tracker has sent all frames, its case, and the shift of the stamps."""
     case = tmp_path / "case"
     config = live_yaml(TRACKED)
     recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", str(config))
-    sender = start(str(SENDER), str(frames_file), "tracked")
+    sender = start_sender("tracked")
     recorder.line(lambda line: line == "recording /tracked_transforms\n")
     shift_ns = int(sender.line(lambda line: line.startswith("shift")).split()[1])
     sender.line(lambda line: line == "sent\n")
@@ -54,21 +51,17 @@ def samples_of(frames, shift_ns=0):
     }
 
 
-def replay(case):
-    """Summary of the case by ``marginguard replay --json``."""
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros", "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
+@pytest.fixture
+def replay(start):
+    """``replay(case)``: summary of the case by ``marginguard replay --json``."""
+    return lambda case: json.loads(
+        "".join(start("-m", "app.cli", "replay", case, "--no-ros", "--json").lines())
     )
-    return json.loads(done.stdout)
 
 
-def test_recording_is_a_case_and_a_bag(recorded, breach):
+def test_recording_is_a_case_and_a_bag(recorded, breach, replay):
     recorder, case, shift_ns = recorded
-    assert recorder.end(signal.SIGINT) == 130
-    assert "Traceback" not in recorder.log.read_text()
+    recorder.stop()
 
     sent = samples_of(breach)
     found = samples_of(open_case(case).recorded_frames(), shift_ns)
@@ -104,7 +97,7 @@ def test_recording_is_a_case_and_a_bag(recorded, breach):
     assert by_topic == counts
 
 
-def test_recording_survives_a_kill(recorded, breach, tmp_path):
+def test_recording_survives_a_kill(recorded, breach, replay, start, tmp_path):
     recorder, case, shift_ns = recorded
     recorder.end(signal.SIGKILL)
     assert not (case / "tracking" / "metadata.yaml").exists()
@@ -122,10 +115,7 @@ def test_recording_survives_a_kill(recorded, breach, tmp_path):
     assert messages >= len(found) >= 0.5 * len(sent)
     assert replay(case)["valid_frames"] > 0
     # Conversion makes a complete file, which some players require.
-    subprocess.run(
-        [sys.executable, "-m", "app.cli", "convert", str(case), str(tmp_path / "complete")],
-        check=True,
-    )
+    assert start("-m", "app.cli", "convert", case, tmp_path / "complete").wait() == 0
     with (tmp_path / "complete" / "tracking.mcap").open("rb") as file:
         topics = Counter(channel.topic for _, channel, _ in make_reader(file).iter_messages())
     assert topics["/tracked_transforms"] == len(found)
@@ -134,7 +124,7 @@ def test_recording_survives_a_kill(recorded, breach, tmp_path):
 def test_existing_recording_is_not_overwritten(start, tmp_path):
     (tmp_path / "case").mkdir()
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "case"))
-    assert recorder.process.wait() == 2
+    assert recorder.wait() == 2
     assert "already exists; refusing to overwrite it" in recorder.log.read_text()
     assert list((tmp_path / "case").iterdir()) == []
 
@@ -158,18 +148,19 @@ def test_late_best_effort_publishers_are_recorded_without_duplicates(start, doma
             "-m", "app.cli", "record", "-o", str(tmp_path / "x"), "--topics", "/changes"
         )
         recorder.line(lambda line: line == "recording /changes\n")
-        assert ros.wait_for_subscribers(reliable_topic, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(reliable_topic, 1, timeout_s=DEADLINE_S)
         for number in range(100):
             reliable.publish(String(data=f"first {number}"))
         best_effort = ros.publisher(best_effort_topic)
-        assert ros.wait_for_subscribers(best_effort_topic, 1, timeout_s=30.0)
-        assert ros.wait_for_subscribers(reliable_topic, 2, timeout_s=30.0)
+        assert ros.wait_for_subscribers(best_effort_topic, 1, timeout_s=DEADLINE_S)
+        assert ros.wait_for_subscribers(reliable_topic, 2, timeout_s=DEADLINE_S)
         pause = threading.Event()
         for number in range(100):
             reliable.publish(String(data=f"second {number}"))
             best_effort.publish(String(data=f"weak {number}"))
-            pause.wait(0.005)  # best effort repeats nothing that a full buffer dropped
-    assert recorder.end(signal.SIGINT) == 130
+            # Best effort repeats nothing that a full buffer dropped.
+            ros.flush() if number == 50 else pause.wait(0.005)
+    recorder.stop()
     counts = Counter(message.data for message in messages_of(tmp_path / "x", "/changes"))
     assert set(counts.values()) == {1}
     for kind in ("first", "second"):
@@ -185,21 +176,21 @@ def test_two_simultaneous_sessions_are_reported_and_are_one_change(start, domain
     with RosNode("one", domain_id=domain_id) as one, RosNode("two", domain_id=domain_id) as two:
         first = one.publisher(topic)
         recorder.line(lambda line: line == f"recording {name}\n")
-        assert one.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        assert one.wait_for_subscribers(topic, 1, timeout_s=DEADLINE_S)
         first.publish(FixtureConstraint(instance_id="1", model_id="one"))
         pause = threading.Event()
-        while not any(recorded == name for recorded, _ in recorded_sizes(tmp_path / "x")):
-            pause.wait(0.1)  # the first session must be recorded before the second starts
+        # The first session must be recorded before the second starts.
+        wait_until(lambda: any(each == name for each, _ in recorded_sizes(tmp_path / "x")))
         second = two.publisher(topic)
         recorder.line(lambda line: line.startswith(f"{name} has 2 publishers; several sessions"))
-        assert two.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        assert two.wait_for_subscribers(topic, 1, timeout_s=DEADLINE_S)
         for _ in range(10):
             second.publish(FixtureConstraint(instance_id="2", model_id="two"))
             pause.wait(0.12)  # the recorder checks every 0.1 s
             first.publish(FixtureConstraint(instance_id="1", model_id="one"))
             pause.wait(0.12)
-    assert recorder.end(signal.SIGINT) == 130
-    assert recorder.process.stdout.read().count("were replaced") == 1
+    recorder.stop()
+    assert "".join(recorder.lines()).count("were replaced") == 1
     (change,) = yaml.safe_load((tmp_path / "x" / "tracking" / "changes.yaml").read_text())[
         "changes"
     ]
@@ -229,26 +220,23 @@ def has_surface_and_samples(case):
 
 
 def test_replaced_tumour_is_noted_in_the_recording(
-    start, live_yaml, frames_file, domain_id, tmp_path
+    start_sender, start, live_yaml, domain_id, tmp_path
 ):
     config = str(live_yaml(TRACKED))
     case = tmp_path / "case"
     session_options = ("--config", config, "--namespace", "site_1")
     recorder = start("-m", "app.cli", "record", "-o", str(case), *session_options)
     start("-m", "app.cli", "live", "--constraint-hz", "100", *session_options)
-    start(str(SENDER), str(frames_file), "tracked", "again")
+    start_sender("tracked", "again")
     recorder.line(lambda line: line == "recording /site_1/marginguard/constraint\n")
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/site_1/marginguard/set_tumor")
-        reply = client.call(tumor(0.02, "needle", is_open=False), 60.0)
+        reply = client.call(tumor(0.02), DEADLINE_S)
     assert reply.success, reply.message
     recorder.line(lambda line: line == "tumour or registration of the session were replaced\n")
     recorder.line(lambda line: line == "recording /site_1/marginguard/markers\n")
-    pause = threading.Event()
-    while not has_surface_and_samples(case):
-        assert recorder.process.poll() is None  # killed at its deadline, which bounds this loop
-        pause.wait(0.1)
-    assert recorder.end(signal.SIGINT) == 130
+    wait_until(lambda: has_surface_and_samples(case), describe=recorder.log.read_text)
+    recorder.stop()
 
     (change,) = yaml.safe_load((case / "tracking" / "changes.yaml").read_text())["changes"]
     assert change["model_id"] == reply.model_id

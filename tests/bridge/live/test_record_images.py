@@ -1,7 +1,6 @@
 """``marginguard record`` keeps images, and the case that it writes shows them again."""
 
 import json
-import signal
 import time
 from pathlib import Path
 
@@ -13,17 +12,15 @@ from app.case import open_case, open_case_images
 from app.case.images.bag_images import BagImages
 from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, TOPIC, write_session
-from tests.bridge.live.conftest import DEADLINE_S, Start
+from tests.bridge.conftest import Start
+from tests.waiting import wait_until
 
 ENOUGH_BYTES = 3_000_000
 
 
 def wait_for_images(folder: Path) -> None:
     """Wait until the recording holds some ten images, which do not compress."""
-    end_s = time.monotonic() + DEADLINE_S
-    while sum(path.stat().st_size for path in folder.glob("*.mcap")) < ENOUGH_BYTES:
-        assert time.monotonic() < end_s
-        time.sleep(0.1)
+    wait_until(lambda: sum(path.stat().st_size for path in folder.glob("*.mcap")) > ENOUGH_BYTES)
 
 
 @pytest.fixture
@@ -34,7 +31,7 @@ def recorded(start: Start, tmp_path: Path) -> Path:
     start("-m", "benchmarks.images.sender")
     recorder.line(lambda line: line == f"recording {TOPIC}\n")
     wait_for_images(case / "tracking")
-    assert recorder.end(signal.SIGINT) == 130
+    recorder.stop()
     return case
 
 
@@ -55,10 +52,8 @@ def test_depth_that_a_session_notes_is_that_of_the_replay(start: Start, tmp_path
     recorder.send(json.dumps({"image_depth": [60.0, chosen_ns]}))
     recorder.line(lambda line: line == "depth of the images: 60 mm\n")
     wait_for_images(case / "tracking")
-    assert recorder.process.stdin is not None
-    recorder.process.stdin.close()
-    recorder.extend_deadline()
-    assert recorder.process.wait() == 0
+    recorder.end_input()
+    assert recorder.wait() == 0
     images = open_case_images(open_case(case))
     assert isinstance(images, BagImages)
     depths = {40.0: 0, 60.0: 0}

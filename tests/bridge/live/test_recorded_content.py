@@ -19,12 +19,12 @@ from app.geometry import SurfaceMesh, Transform
 from app.registration import register_points
 from app.runtime import prepare_live
 from tests.bridge.live.replayed_margins import plain
-from tests.bridge.live.test_record_command import SENDER, TRACKED
+from tests.bridge.live.test_record_command import TRACKED
+from tests.waiting import DEADLINE_S
 
 REPLAY = Path(__file__).resolve().parent / "replayed_margins.py"
 MAX_ERROR_MM = 1e-9
 FRAMES = 60
-TIMEOUT_S = 90.0
 
 
 class Margins:
@@ -60,10 +60,10 @@ class Margins:
             return len(late) >= FRAMES and min(late) < 0.0 < max(late)
 
         with self._changed:
-            assert self._changed.wait_for(is_known, TIMEOUT_S)
+            assert self._changed.wait_for(is_known, DEADLINE_S)
 
     def join(self):
-        self._thread.join(TIMEOUT_S)
+        self._thread.join(DEADLINE_S)
         assert not self._thread.is_alive()
 
 
@@ -86,7 +86,7 @@ def slightly_other_registration(known: Transform):
 
 
 @pytest.fixture
-def session(start, live_yaml, frames_file, tmp_path):
+def session(start_sender, live_yaml, tmp_path):
     """A running session with a tracker, its margins and the folder of its recordings."""
     with live_node(
         prepare_live(live_yaml(TRACKED)),
@@ -97,7 +97,7 @@ def session(start, live_yaml, frames_file, tmp_path):
     ) as node:
         margins = Margins(node)
         try:
-            start(str(SENDER), str(frames_file), "tracked", "again")
+            start_sender("tracked", "again")
             margins.wait_for_breach_after(0)
             yield node.commands, margins
         finally:

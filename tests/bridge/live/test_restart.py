@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.bridge.live.restarts import CONSTRAINT, REARM, TRACKED, first, live, refusal
-from tests.bridge.live.test_live_command import SENDER
+from tests.bridge.conftest import CONSTRAINT, TRACKED
+from tests.bridge.live.restarts import REARM, live, refusal
 
 KILLED = re.compile(
     r"guard restarted: the last run \(process (\d+)\) ended without a stop at about "
@@ -27,21 +27,20 @@ def records():
 
 
 def test_killed_guard_restarts_on_hold_with_the_reason_until_an_operator_rearms(
-    start, start_receiver, config, frames_file
+    start_sender, start_live, start, start_receiver, config
 ):
-    guard = start(*live(config))
-    guard.line(lambda line: line.startswith("UNKNOWN"))
+    guard = start_live(config)
     receiver = start_receiver(CONSTRAINT)
-    start(str(SENDER), str(frames_file), "tracked", "again")
-    free = first(receiver, lambda message: not message["hold"])
+    start_sender("tracked", "again")
+    free = receiver.until(lambda message: not message["hold"])
     guard.end(signal.SIGKILL)
 
     second = start(*live(config, "--json"))
-    held = first(receiver, lambda message: message["instance_id"] != free["instance_id"])
+    held = receiver.until(lambda message: message["instance_id"] != free["instance_id"])
     assert held["hold"]
     (cause,) = [cause for cause in held["hold_causes"] if KILLED.match(cause)]
     assert KILLED.match(cause).group(1) == str(guard.process.pid)
-    known = first(receiver, lambda message: message["state"] != 3)
+    known = receiver.until(lambda message: message["state"] != 3)
     assert known["hold"]
     assert "latched" in known["reasons"]
     assert cause in known["hold_causes"]
@@ -49,29 +48,27 @@ def test_killed_guard_restarts_on_hold_with_the_reason_until_an_operator_rearms(
     assert f"HOLD: {cause}" in second.log.read_text()
     operator = start(*REARM)
     operator.line(lambda line: line == "re-armed\n")
-    rearmed = first(receiver, lambda message: not message["hold"])
+    rearmed = receiver.until(lambda message: not message["hold"])
     assert rearmed["instance_id"] == known["instance_id"]
     assert rearmed["hold_causes"] == []
 
     # An orderly end without hold allows the next one to start without.
-    assert second.end(signal.SIGTERM) == 143
+    second.stop(signal.SIGTERM)
     third = start(*live(config))
-    again = first(
-        receiver,
+    again = receiver.until(
         lambda message: (
             message["instance_id"] not in (free["instance_id"], rearmed["instance_id"])
             and message["state"] != 3
-        ),
+        )
     )
     assert not again["hold"]
     assert "HOLD" not in third.log.read_text()
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00random\xff", b'{"version": 2}'])
-def test_damaged_record_is_a_start_on_hold(start, config, content):
-    guard = start(*live(config))
-    guard.line(lambda line: line.startswith("UNKNOWN"))
-    assert guard.end(signal.SIGINT) == 130
+def test_damaged_record_is_a_start_on_hold(start_live, start, config, content):
+    guard = start_live(config)
+    guard.stop()
     for path in records():
         path.write_bytes(content)
     second = start(*live(config))

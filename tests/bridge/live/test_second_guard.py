@@ -2,22 +2,12 @@
 
 import re
 import signal
-from pathlib import Path
 
 import pytest
 
+from tests.bridge.conftest import CONSTRAINT, TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
-from tests.bridge.live.restarts import (
-    CONSTRAINT,
-    TRACKED,
-    first,
-    live,
-    no_arm,
-    other_arm,
-    refusal,
-)
-
-SENDER = Path(__file__).resolve().parent / "sender.py"
+from tests.bridge.live.restarts import live, no_arm, other_arm, refusal
 
 
 @pytest.fixture
@@ -26,10 +16,9 @@ def config(live_yaml):
 
 
 def test_second_guard_of_a_namespace_or_an_arm_is_refused(
-    start, start_receiver, config, project_root
+    start_live, start, start_receiver, config, project_root
 ):
-    guard = start(*live(config))
-    guard.line(lambda line: line.startswith("UNKNOWN"))
+    guard = start_live(config)
     receiver = start_receiver(CONSTRAINT)
     names_it = re.compile(
         rf"process {guard.process.pid} \(namespace '/', arm 'touch /joint_states'"
@@ -58,12 +47,13 @@ def test_second_guard_of_a_namespace_or_an_arm_is_refused(
     # The lock of a killed guard is free at once.
     guard.end(signal.SIGKILL)
     start(*live(config))
-    first(receiver, lambda message: message["instance_id"] not in ids)
+    receiver.until(lambda message: message["instance_id"] not in ids)
 
 
-def test_guard_elsewhere_that_sends_is_found_on_the_graph(start, config, monkeypatch, tmp_path):
-    guard = start(*live(config))
-    guard.line(lambda line: line.startswith("UNKNOWN"))
+def test_guard_elsewhere_that_sends_is_found_on_the_graph(
+    start_live, start, config, monkeypatch, tmp_path
+):
+    guard = start_live(config)
     # Another machine or user has another state folder.
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "elsewhere"))
     line = refusal(start(*live(config)))
@@ -71,20 +61,17 @@ def test_guard_elsewhere_that_sends_is_found_on_the_graph(start, config, monkeyp
     assert guard.process.poll() is None
 
 
-@pytest.mark.parametrize("source", [TRACKED, {"tf": {}, "clock": "host"}], ids=["tracked", "tf"])
+@pytest.mark.parametrize("source", [TRACKED, TF], ids=["tracked", "tf"])
 def test_guards_of_two_namespaces_that_publish_planes_are_no_second_senders(
-    start, live_yaml, frames_file, domain_id, source
+    start_sender, start, live_yaml, domain_id, source
 ):
     config = live_yaml(source)
-    guards = [
-        start(*live(config)),
-        start(*live(no_arm(config), "--namespace", "watch")),
-    ]
+    guards = [start(*live(config)), start(*live(no_arm(config), "--namespace", "watch"))]
     for guard in guards:
         guard.line(lambda line: line.startswith("UNKNOWN"))
     kind = "tf" if "tf" in source else "tracked"
     with monitored(domain_id) as monitor:
-        start(str(SENDER), str(frames_file), kind, "again")
+        start_sender(kind, "again")
         guards[1].line(lambda line: not line.startswith("UNKNOWN"))
         monitor.make_permissive()
         for guard in guards:

@@ -7,25 +7,21 @@ from pathlib import Path
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
 
+from tests.bridge.conftest import TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
 
 HERE = Path(__file__).resolve().parent
 SENDER, RIVAL = HERE / "sender.py", HERE / "rival.py"
-TF = {"tf": {}, "clock": "host"}
 UNKNOWN = FixtureConstraint.UNKNOWN
-TRACKED = {"tracked_transforms": {}, "clock": "host"}
 
 
 @pytest.fixture
-def guarded(start, live_yaml, frames_file, domain_id):
+def guarded(start_live, start_sender, live_yaml, domain_id):
     """``guarded(kind)`` starts a guard and a tracker; returns the guard and the tracker."""
 
     def begin(kind):
         config = live_yaml(TF if kind == "tf" else TRACKED)
-        command = ("live", "--constraint-hz", "100", "--config", str(config))
-        guard = start("-m", "app.cli", *command)
-        guard.line(lambda line: line.startswith("UNKNOWN"))
-        return guard, start(str(SENDER), str(frames_file), kind, "again")
+        return start_live(config), start_sender(kind, "again")
 
     return begin
 
@@ -55,12 +51,12 @@ def test_second_sender_is_a_fault_until_it_has_ended(
     with monitored(domain_id) as monitor:
         for what, text in rivals.items():
             monitor.make_permissive()
-            rival = start(str(RIVAL), str(frames_file), what)
+            rival = start(RIVAL, str(frames_file), what)
             rival.line(lambda line: line == "ready\n")
             fault = monitor.until(lambda each: each.has_second_sender, rival_begins(rival))
             monitor.until(partial(names_rival, text), fault.at_ns)
             rival.send("end")
-            assert rival.process.wait() == 0
+            assert rival.wait() == 0
             ended = monitor.until(lambda each: not each.has_second_sender)
             monitor.until(lambda each: each.message.state != UNKNOWN)
             assert not any(each.is_permissive for each in monitor.since(fault.at_ns))
@@ -70,14 +66,14 @@ def test_second_sender_is_a_fault_until_it_has_ended(
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "interrupted"])
-def test_restarted_tracker_is_no_second_sender(guarded, start, frames_file, domain_id, number):
+def test_restarted_tracker_is_no_second_sender(start_sender, guarded, domain_id, number):
     _, tracker = guarded("tf")
     with monitored(domain_id) as monitor:
         for _ in range(3):
             monitor.make_permissive()
             tracker.end(number)
             stale = monitor.until(lambda each: "stale" in each.message.reasons)
-            tracker = start(str(SENDER), str(frames_file), "tf", "again")
+            tracker = start_sender("tf", "again")
             monitor.until(lambda each: "stale" not in each.message.reasons, stale.at_ns)
         monitor.make_permissive()
         assert not any(each.has_second_sender for each in monitor.received)
@@ -88,7 +84,7 @@ def test_joints_of_another_device_on_the_robots_topic_are_no_fault(
 ):
     guarded("tracked")
     with monitored(domain_id) as monitor:
-        rival = start(str(RIVAL), str(frames_file), "gripper")
+        rival = start(RIVAL, str(frames_file), "gripper")
         rival.line(lambda line: line == "ready\n")
         begun_ns = rival_begins(rival)
         monitor.make_permissive()

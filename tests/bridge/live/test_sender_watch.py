@@ -20,11 +20,10 @@ from app.bridge.tf.broadcaster import tf_message
 from app.case.messages.values import JointValues, PoseValues
 from app.fixture import Reason
 from app.geometry import Stamp, Transform
+from tests.waiting import DEADLINE_S, wait_until
 
 EDGES = [("tracker", "cautery"), ("tracker", "reference"), ("reference", "needle")]
 BASE = Transform("reference", "robot_base", np.eye(3), [10.0, 0.0, 0.0])
-DEADLINE_S = 60.0
-POLL_S = 0.02
 A, B = Origin(b"a", 1), Origin(b"b", 1)
 
 
@@ -56,12 +55,8 @@ class Watched:
 
     def until(self, accept):
         """Wait until the text of the problem is accepted."""
-        pause = threading.Event()
-        for _ in range(round(DEADLINE_S / POLL_S)):
-            if accept(self.problem):
-                return self.problem
-            pause.wait(POLL_S)
-        return pytest.fail(f"the problem is {self.problem!r}")
+        wait_until(lambda: accept(self.problem), describe=lambda: self.problem)
+        return self.problem
 
     def pose(self, edge, origin, ns, x_m=0.0):
         values = PoseValues(*edge, ns, (x_m, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -69,17 +64,16 @@ class Watched:
 
 
 @pytest.fixture
-def watched(domain_id):
-    with RosNode("marginguard", domain_id=domain_id) as ros:
-        watched = Watched(ros)
-        yield watched
-        ros.call(watched.senders.close)
+def watched(ros):
+    watched = Watched(ros)
+    yield watched
+    ros.call(watched.senders.close)
 
 
 @pytest.fixture
 def rival(domain_id):
-    with RosNode("rival", domain_id=domain_id) as ros:
-        yield ros
+    with RosNode("rival", domain_id=domain_id) as node:
+        yield node
 
 
 @pytest.mark.parametrize("edge", [EDGES[0], ("odd", "cautery"), ("needle", "tracker")])
@@ -195,10 +189,7 @@ def test_own_static_frame_on_tf_is_a_fault(watched, rival):
     message.transforms[0].header.frame_id = "reference"
     message.transforms[0].child_frame_id = "robot_base"
     message.transforms[0].transform.rotation.w = 1.0
-    pause = threading.Event()
-    while not watched.problem:
-        publisher.publish(message)
-        pause.wait(POLL_S)
+    wait_until(lambda: watched.problem, lambda: publisher.publish(message))
     assert "reference -> robot_base on /tf" in watched.problem
 
 
@@ -228,16 +219,12 @@ def test_bag_player_that_publishes_an_input_is_a_playback(domain_id, name, servi
             player.node.create_service(Trigger, f"~/{service}", lambda _, response: response)
         player.publisher(topics.JOINT_STATES)
         other = player.publisher(topics.PLAYBACK) if not is_player else None
-        pause, found = threading.Event(), ""
-        while not found:
-            pause.wait(POLL_S)
-            found = watch.found()
+        found = wait_until(watch.found)
         if is_player:
             assert found == f"poses from a recording, played by the node /{name}"
         else:  # only the announcement is found
             other.publish(String(data="case 1"))
-            while "case 1" not in watch.found():
-                pause.wait(POLL_S)
+            wait_until(lambda: "case 1" in watch.found())
             assert "played by" not in watch.found()
         ros.call(watch.close)
 

@@ -1,7 +1,6 @@
 """A live session is recorded by its service ``~/record``, in a process of its own."""
 
 import json
-import signal
 
 from marginguard_msgs.srv import SetTumor
 from std_srvs.srv import SetBool
@@ -9,14 +8,13 @@ from std_srvs.srv import SetBool
 from app.bridge.calls import ServiceClient
 from app.bridge.node import RosNode
 from app.case import open_case
-from tests.bridge.control.operator_caller import tumor
-from tests.bridge.live.test_record_command import SENDER, TRACKED, samples_of
-
-TIMEOUT_S = 90.0
+from tests.bridge.live.test_record_command import TRACKED, samples_of
+from tests.bridge.service_calls import tumor
+from tests.waiting import DEADLINE_S, wait_until
 
 
 def test_session_is_recorded_between_two_requests(
-    start, live_yaml, frames_file, breach, domain_id, tmp_path
+    start_sender, start, live_yaml, breach, domain_id, tmp_path
 ):
     config, cases, audit = live_yaml(TRACKED), tmp_path / "cases", tmp_path / "audit.jsonl"
     arguments = ["--config", str(config), "--cases", str(cases), "--audit", str(audit)]
@@ -26,7 +24,7 @@ def test_session_is_recorded_between_two_requests(
         record = ServiceClient(ros, SetBool, "/marginguard/record")
 
         def request(data: bool) -> SetBool.Response:
-            return record.call(SetBool.Request(data=data), timeout_s=TIMEOUT_S)
+            return record.call(SetBool.Request(data=data), timeout_s=DEADLINE_S)
 
         refused = request(False)
         assert not refused.success
@@ -38,12 +36,10 @@ def test_session_is_recorded_between_two_requests(
         refused = request(True)
         assert not refused.success and "one is running" in refused.message
         # The recorder subscribes to the topic once it has a publisher, and then needs all of it.
-        sender = start(str(SENDER), str(frames_file), "tracked", "again")
+        sender = start_sender("tracked", "again")
         shift_ns = int(sender.line(lambda line: line.startswith("shift")).split()[1])
         live.line(lambda line: "mm" in line)
-        recorded = case / "tracking" / "tracking_0.mcap"
-        while not samples_of(open_case(case).recorded_frames()):
-            assert recorded.exists()
+        wait_until(lambda: samples_of(open_case(case).recorded_frames()))
         ended = request(False)
         assert ended.success, ended.message
         assert ended.message.startswith(f"recorded in {case}: ")
@@ -55,8 +51,7 @@ def test_session_is_recorded_between_two_requests(
     found = [key for key in samples_of(open_case(case).recorded_frames()) if key[1] in sources]
     assert {source for _, source in found} == sources
     assert min(ns for ns, _ in found) >= shift_ns + min(ns for ns, _ in sent)
-    assert live.end(signal.SIGINT) == 130
-    assert "Traceback" not in live.log.read_text()
+    live.stop()
     events = [json.loads(line) for line in audit.read_text().splitlines()]
     requests = [each for each in events if each["event"] == "request"]
     assert [(each["kind"], each["accepted"]) for each in requests] == [
@@ -68,7 +63,7 @@ def test_session_is_recorded_between_two_requests(
 
 
 def test_end_of_the_session_finishes_its_recording_which_contains_an_earlier_tumour(
-    start, live_yaml, frames_file, domain_id, tmp_path
+    start, live_yaml, domain_id, tmp_path
 ):
     cases = tmp_path / "cases"
     live = start(
@@ -77,11 +72,11 @@ def test_end_of_the_session_finishes_its_recording_which_contains_an_earlier_tum
     live.line(lambda line: line.startswith("UNKNOWN"))
     with RosNode("operator", domain_id=domain_id) as ros:
         client = ServiceClient(ros, SetTumor, "/marginguard/set_tumor")
-        replaced = client.call(tumor(0.02, "needle", is_open=False), TIMEOUT_S)
+        replaced = client.call(tumor(0.02), DEADLINE_S)
         assert replaced.success, replaced.message
         record = ServiceClient(ros, SetBool, "/marginguard/record")
-        assert record.call(SetBool.Request(data=True), timeout_s=TIMEOUT_S).success
-    assert live.end(signal.SIGINT) == 130
+        assert record.call(SetBool.Request(data=True), timeout_s=DEADLINE_S).success
+    live.stop()
     (case,) = cases.iterdir()
     assert (case / "tracking" / "metadata.yaml").exists()
     assert not (case / "tracking" / "changes.yaml").exists()

@@ -11,10 +11,7 @@ def changes_of(watch: SessionWatch, *samples: str) -> list[bool]:
     """`SessionWatch.has_changed` for constraints in sequence: an instance and a model id each."""
     return [
         watch.has_changed(
-            (
-                ns,
-                serialize_message(FixtureConstraint(instance_id=sample[0], model_id=sample[1])),
-            )
+            (ns, serialize_message(FixtureConstraint(instance_id=sample[0], model_id=sample[1])))
         )
         for ns, sample in enumerate(samples)
     ]

@@ -15,15 +15,14 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
 from app.bridge.live import TfSource, TrackedTransformSource, listen_to_joints
-from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.geometry import TrackingStatus
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
+from tests.waiting import DEADLINE_S
 
 TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
-WAIT_S = 30.0
 HELLO = "hello"
 LOOKUPS = 30
 SENDER = Path(__file__).with_name("sender.py")
@@ -61,20 +60,11 @@ class Inbox:
     def wait_until(self, accept):
         """Wait until ``accept`` accepts the list of samples without ``HELLO``; return the list."""
         with self.changed:
-            assert self.changed.wait_for(lambda: accept(self._without_hello()), WAIT_S)
+            assert self.changed.wait_for(lambda: accept(self._without_hello()), DEADLINE_S)
             return self._without_hello()
 
     def _without_hello(self):
         return [sample for sample in self.samples if getattr(sample, "source", "") != HELLO]
-
-
-@pytest.fixture
-def nodes(domain_id):
-    with (
-        RosNode("session", domain_id=domain_id) as session,
-        RosNode("tracker", domain_id=domain_id) as tracker,
-    ):
-        yield session, tracker
 
 
 def edge(child, x=0.1, parent="tracker", w=1.0, kind=TransformStamped, **values):
@@ -97,11 +87,10 @@ def has_ended(samples):
     return any(sample.source == "end" for sample in samples)
 
 
-def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
-    session, tracker = nodes
+def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(ros, other):
     inbox = Inbox()
-    source = TfSource(session, inbox.take, EVERY_SENDER)
-    publisher = tracker.publisher(topics.TF)
+    source = TfSource(ros, inbox.take, EVERY_SENDER)
+    publisher = other.publisher(topics.TF)
     publish_until_received(publisher, TFMessage(transforms=[edge(HELLO)]), inbox)
     publisher.publish(
         TFMessage(
@@ -130,14 +119,13 @@ def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
     assert counts["/tf: messages"] == hellos + 3
     assert counts["/tf: refused (longer than 1048576 bytes)"] == 1
     assert sum(n for name, n in counts.items() if "refused" in name) >= 2
-    assert session.failures == 0
+    assert ros.failures == 0
 
 
-def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
-    session, tracker = nodes
+def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(ros, other):
     inbox = Inbox()
-    source = TrackedTransformSource(session, TRACKED.name, inbox.take, EVERY_SENDER)
-    publisher = tracker.publisher(TRACKED)
+    source = TrackedTransformSource(ros, TRACKED.name, inbox.take, EVERY_SENDER)
+    publisher = other.publisher(TRACKED)
     publish_until_received(publisher, edge(HELLO, kind=TrackedTransform), inbox)
     publisher.publish(edge("cautery", kind=TrackedTransform, status=3))
     publisher.publish(edge("cautery", kind=TrackedTransform, status=250))
@@ -148,18 +136,17 @@ def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
     source.close()
 
 
-def test_non_finite_joints_and_those_of_other_devices_are_skipped(nodes):
-    session, tracker = nodes
+def test_non_finite_joints_and_those_of_other_devices_are_skipped(ros, other):
     inbox = Inbox()
     joints = listen_to_joints(
-        session,
+        ros,
         "/joint_states",
         5,
         lambda sample: inbox.take([sample]),
         EVERY_SENDER.accepts_joints,
         lambda names: "a" in names,
     )
-    publisher = tracker.publisher(topics.JOINT_STATES)
+    publisher = other.publisher(topics.JOINT_STATES)
     publish_until_received(publisher, JointState(name=["a"], position=[0.25]), inbox)
     publisher.publish(JointState(name=["gripper"], position=[9.0]))
     publisher.publish(JointState(name=["a", "b"], position=[1.0]))
@@ -170,42 +157,41 @@ def test_non_finite_joints_and_those_of_other_devices_are_skipped(nodes):
     assert samples[-1].stamp.ns == 5
     assert joints.counts()["/joint_states: refused (InputError)"] == 2
     assert joints.counts()["/joint_states: refused (JointError)"] == 1
-    assert session.failures == 0
+    assert ros.failures == 0
 
 
 @pytest.mark.parametrize("kind", ["tf", "tracked"])
-def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
+def test_best_effort_drivers_are_received(start_sender, ros, frames_file, kind):
     """Messages of another process with the QoS of sensor data arrive."""
     poses, joints = Inbox(), Inbox()
-    with RosNode("session", domain_id=domain_id) as session:
-        if kind == "tf":
-            TfSource(session, poses.take, EVERY_SENDER)
-        else:
-            TrackedTransformSource(session, TRACKED.name, poses.take, EVERY_SENDER)
-        listen_to_joints(
-            session,
-            "/joint_states",
-            0,
-            lambda sample: joints.take([sample]),
-            EVERY_SENDER.accepts_joints,
-            lambda names: True,
-        )
-        sender = start(str(SENDER), str(frames_file), kind, "again", "best_effort")
-        sender.line(lambda line: line.startswith("shift"))
-        sample = poses.wait_until(bool)[0]
-        sent_m = [
-            sent["translation_m"]
-            for frame in json.loads(frames_file.read_text())
-            for sent in frame["edges"]
-            if sent["child"] == sample.source
-        ]
-        off_m = np.abs(np.array(sent_m) - sample.transform.translation_mm / 1000.0)
-        assert off_m.max(axis=1).min() < 1e-9
-        assert joints.wait_until(bool)
-        assert session.incompatible == {}
+    if kind == "tf":
+        TfSource(ros, poses.take, EVERY_SENDER)
+    else:
+        TrackedTransformSource(ros, TRACKED.name, poses.take, EVERY_SENDER)
+    listen_to_joints(
+        ros,
+        "/joint_states",
+        0,
+        lambda sample: joints.take([sample]),
+        EVERY_SENDER.accepts_joints,
+        lambda names: True,
+    )
+    sender = start_sender(kind, "again", "best_effort")
+    sender.line(lambda line: line.startswith("shift"))
+    sample = poses.wait_until(bool)[0]
+    sent_m = [
+        sent["translation_m"]
+        for frame in json.loads(frames_file.read_text())
+        for sent in frame["edges"]
+        if sent["child"] == sample.source
+    ]
+    off_m = np.abs(np.array(sent_m) - sample.transform.translation_mm / 1000.0)
+    assert off_m.max(axis=1).min() < 1e-9
+    assert joints.wait_until(bool)
+    assert ros.incompatible == {}
 
 
-def test_lost_sample_delays_a_lookup_and_not_a_session(domain_id, start, monkeypatch):
+def test_lost_sample_delays_a_lookup_and_not_a_session(ros, start, monkeypatch):
     """Cyclone DDS drops 40 % of the packets of a reliable writer.
 
     The listener for lookups receives every edge, because the next one is sent only after the lookup
@@ -215,14 +201,13 @@ def test_lost_sample_delays_a_lookup_and_not_a_session(domain_id, start, monkeyp
     lossy = "<Internal><Test><XmitLossiness>400</XmitLossiness></Test></Internal></Domain>"
     monkeypatch.setenv("CYCLONEDDS_URI", uri.replace("</Domain>", lossy))
     inbox, buffer = Inbox(), TransformBuffer()
-    with RosNode("session", domain_id=domain_id) as session:
-        TfSource(session, inbox.take, EVERY_SENDER)
-        TfListener(session, buffer)
-        tracker = start(str(CYCLONE_TRACKER))
-        assert tracker.line() == "ready"
-        for number in range(LOOKUPS):
-            tracker.send("next")
-            assert buffer.wait("tracker", f"sent_{number}", timeout_s=WAIT_S).stamp_ns == number
+    TfSource(ros, inbox.take, EVERY_SENDER)
+    TfListener(ros, buffer)
+    tracker = start(CYCLONE_TRACKER)
+    assert tracker.line() == "ready"
+    for number in range(LOOKUPS):
+        tracker.send("next")
+        assert buffer.wait("tracker", f"sent_{number}", timeout_s=DEADLINE_S).stamp_ns == number
     received_ns = [sample.stamp.ns for sample in inbox.samples]
     assert 0 < len(received_ns) < LOOKUPS
     assert all(earlier < later for earlier, later in pairwise(received_ns))

@@ -2,11 +2,6 @@
 
 import pytest
 
-from tests.bridge.conftest import start_receiver as start_receiver
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
-
 
 @pytest.fixture
 def tracker(start, project_root):

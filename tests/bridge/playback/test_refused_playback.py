@@ -1,12 +1,12 @@
 """A playback on the graph of a session with provenance.kind ``recorded``."""
 
-import signal
 from pathlib import Path
 
 import pytest
 import yaml
 
-CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000"
+from tests.bridge.conftest import CONSTRAINT
+
 DIAGNOSTICS = "/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000"
 SOURCE = {"tracked_transforms": {}, "clock": "host"}
 UNKNOWN = 3
@@ -55,7 +55,7 @@ def test_session_of_a_patient_uses_no_sample_of_a_playback(start, playing, start
         assert source.startswith("PLAYBACK: poses from a recording, simulated lumpectomy 1")
     assert session.process.poll() is None
     assert player.process.poll() is None
-    assert session.end(signal.SIGINT) == 130
+    session.stop()
     log = session.log.read_text()
     assert log.count("PLAYBACK refused: poses from a recording") == 1
     assert "PLAYBACK: poses from a recording, simulated lumpectomy 1" in log
@@ -65,7 +65,7 @@ def test_playback_is_not_recorded_as_a_patient(start, playing, config, tmp_path)
     playing()
     case = tmp_path / "case"
     recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", config)
-    assert recorder.process.wait() == 2
+    assert recorder.wait() == 2
     assert "a recording is played on this graph" in recorder.log.read_text()
 
 
@@ -77,12 +77,12 @@ def test_session_of_a_patient_uses_no_pose_of_a_replay(start, start_receiver, co
     replay = start("-m", "app.cli", "replay", case, "--rate", "1", "--loop")
     start_receiver(CONSTRAINT)  # returns when the replay publishes it
     beside = start("-m", "app.cli", "live", "--config", config)
-    assert beside.process.wait() == 2  # the replay publishes the same constraint
+    assert beside.wait() == 2  # the replay publishes the same constraint
     assert "node /marginguard publishes the constraint already" in beside.log.read_text()
     session = start("-m", "app.cli", "live", "--config", config, "--namespace", "patient")
     session.line(is_refused)
     assert replay.process.poll() is None
-    assert session.end(signal.SIGINT) == 130
+    session.stop()
     log = session.log.read_text()
     # The name of the case may arrive after the first refusal.
     assert log.count("PLAYBACK refused: poses from a recording") == 1

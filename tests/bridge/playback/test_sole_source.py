@@ -15,13 +15,14 @@ from app.bridge.playback import SoleSource
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.bridge.qos import STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
+from tests.waiting import DEADLINE_S
 
 ALONE = "expected no publisher besides the playback"
 
 
 def error_of(child):
     """The line with which the process ends; its exit status is that of bad input."""
-    assert child.process.wait() == 2
+    assert child.wait() == 2
     (error,) = [line for line in child.log.read_text().splitlines() if "error" in line]
     return error
 
@@ -60,7 +61,7 @@ def test_tf_is_shared_except_for_the_poses_of_the_playback(playing, domain_id):
     pause = threading.Event()
     with RosNode("other", domain_id=domain_id) as other:
         tf = other.publisher(topics.TF)
-        assert other.wait_for_subscribers(topics.TF, 1, timeout_s=30.0)
+        assert other.wait_for_subscribers(topics.TF, 1, timeout_s=DEADLINE_S)
         for sec in range(20):
             tf.publish(transform("stylus", 1 + sec))
             pause.wait(0.02)

@@ -12,6 +12,7 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from rclpy.serialization import deserialize_message, serialize_message
 
 from app.bridge.publishing.constraint_stream import ConstraintStream, RawConstraint
+from tests.waiting import DEADLINE_S
 
 
 class Sent:
@@ -28,7 +29,19 @@ class Sent:
 
     def wait_until(self, condition):
         with self._changed:
-            assert self._changed.wait_for(lambda: condition(self.messages), 30.0)
+            assert self._changed.wait_for(lambda: condition(self.messages), DEADLINE_S)
+
+
+def streaming(hz=None, **options):
+    """A stream, and the publisher that stores its messages."""
+    sent = Sent()
+    return sent, ConstraintStream(sent, hz, **options)
+
+
+def seconds():
+    """Test double of a clock: 10 s, 11 s, ..."""
+    times = count(10 * 10**9, 10**9)
+    return lambda: next(times)
 
 
 def constraint(frame="tumor", planes=2):
@@ -66,8 +79,7 @@ def test_bytes_agree_with_rclpy(frame, planes, seq):
 
 
 def test_heartbeat_repeats_all_values_with_consecutive_seq():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     stream.publish(constraint())
     sent.wait_until(lambda messages: len(messages) >= 20)
     stream.close()
@@ -114,8 +126,7 @@ def test_instance_is_constant_and_differs_between_starts():
 
 
 def test_nonce_is_new_with_each_fault_and_zero_without_a_latched_hold():
-    sent = Sent()
-    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    sent, stream = streaming(random_bits=counted_bits())
     starting = constraint()
     starting.state, starting.hold, starting.reasons = FixtureConstraint.UNKNOWN, True, ["starting"]
     for message in (starting, constraint(), faulty(), faulty(), latched(), latched()):
@@ -137,8 +148,7 @@ def test_random_zero_is_never_a_nonce():
 
 
 def test_spent_nonce_is_replaced_by_the_next_hold():
-    sent = Sent()
-    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    sent, stream = streaming(random_bits=counted_bits())
     stream.publish(latched())
     nonce = stream.rearm_nonce
     stream.spend(nonce + 1)
@@ -150,8 +160,7 @@ def test_spent_nonce_is_replaced_by_the_next_hold():
 
 
 def test_nonce_of_the_stale_message_is_that_of_the_hold_that_follows():
-    sent = Sent()
-    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    sent, stream = streaming(random_bits=counted_bits())
     stream.publish(latched())
     stream.publish(latched(), valid_ns=0)  # expires at once: the stale message is published
     stream.publish(latched())
@@ -165,9 +174,7 @@ def test_nonce_of_the_stale_message_is_that_of_the_hold_that_follows():
 @pytest.mark.parametrize("before", [constraint, latched])
 @pytest.mark.parametrize("following", [faulty, latched, constraint])
 def test_hold_that_begins_stale_keeps_its_nonce_and_begin(before, following):
-    times = count(10 * 10**9, 10**9)
-    sent = Sent()
-    stream = ConstraintStream(sent, None, random_bits=counted_bits(), clock_ns=lambda: next(times))
+    sent, stream = streaming(random_bits=counted_bits(), clock_ns=seconds())
     stream.publish(before(), valid_ns=0)  # expires at once: the stale message is published
     assert not stream.publish(following())
     stream.publish(faulty())  # the session has latched the hold
@@ -183,8 +190,7 @@ def test_hold_that_begins_stale_keeps_its_nonce_and_begin(before, following):
 
 
 def test_spent_nonce_of_a_stale_message_is_not_used_again():
-    sent = Sent()
-    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    sent, stream = streaming(random_bits=counted_bits())
     for _ in range(2):
         stream.publish(constraint(), valid_ns=0)
         stream.publish(faulty())
@@ -201,9 +207,7 @@ def test_spent_nonce_of_a_stale_message_is_not_used_again():
 
 
 def test_last_message_after_a_stale_one_keeps_nonce_and_begin_of_the_hold():
-    times = count(10 * 10**9, 10**9)
-    sent = Sent()
-    stream = ConstraintStream(sent, None, random_bits=counted_bits(), clock_ns=lambda: next(times))
+    sent, stream = streaming(random_bits=counted_bits(), clock_ns=seconds())
     stream.publish(constraint(), valid_ns=0)
     stream.hold("inactive")
     stream.publish(faulty())
@@ -212,17 +216,14 @@ def test_last_message_after_a_stale_one_keeps_nonce_and_begin_of_the_hold():
 
 
 def test_hold_since_is_the_begin_of_the_hold():
-    times = count(10 * 10**9, 10**9)
-    sent = Sent()
-    stream = ConstraintStream(sent, None, clock_ns=lambda: next(times))
+    sent, stream = streaming(clock_ns=seconds())
     for message in (constraint(), latched(), faulty(), constraint(), latched()):
         stream.publish(message)
     assert [message.hold_since.sec for message in sent.messages] == [0, 10, 10, 0, 11]
 
 
 def test_expired_constraint_is_repeated_as_stale_on_hold():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     stream.publish(constraint(), valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     stream.close()
@@ -239,8 +240,7 @@ def test_expired_constraint_is_repeated_as_stale_on_hold():
 
 
 def test_constraint_after_a_stale_one_is_held_as_latched():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     assert stream.publish(constraint(), valid_ns=5_000_000)
     assert not stream.ended
     sent.wait_until(lambda messages: messages[-1].hold)
@@ -260,8 +260,7 @@ def test_constraint_after_a_stale_one_is_held_as_latched():
 
 
 def test_nonce_of_a_stale_message_does_not_cover_a_cause_that_comes_after_it():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     assert stream.publish(constraint(), valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     stale = next(message for message in sent.messages if message.hold)
@@ -277,8 +276,7 @@ def test_nonce_of_a_stale_message_does_not_cover_a_cause_that_comes_after_it():
 
 
 def test_fault_after_a_stale_constraint_is_the_same_fault():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     stream.publish(constraint(), valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     first = stream.fault_seq
@@ -291,8 +289,7 @@ def test_fault_after_a_stale_constraint_is_the_same_fault():
 
 
 def test_constraint_after_hold_is_held():
-    sent = Sent()
-    stream = ConstraintStream(sent, 100.0)
+    sent, stream = streaming(100.0)
     stream.publish(constraint())
     stream.hold("inactive")
     assert not stream.publish(constraint())
@@ -301,16 +298,14 @@ def test_constraint_after_hold_is_held():
 
 
 def test_expired_constraint_is_never_sent_as_fresh():
-    sent = Sent()
-    stream = ConstraintStream(sent, None)
+    sent, stream = streaming()
     stream.publish(constraint(), valid_ns=0)
     stream.close()
     assert [message.hold for message in sent.messages] == [True]
 
 
 def test_without_rate_nothing_is_repeated_and_nothing_expires():
-    sent = Sent()
-    stream = ConstraintStream(sent, None)
+    sent, stream = streaming()
     stream.publish(constraint())
     stream.publish(constraint())
     stream.close()
@@ -318,8 +313,7 @@ def test_without_rate_nothing_is_repeated_and_nothing_expires():
 
 
 def test_hold_publishes_a_last_constraint_on_hold():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     stream.publish(constraint())
     stream.hold("inactive")
     count = len(sent.messages)
@@ -331,16 +325,14 @@ def test_hold_publishes_a_last_constraint_on_hold():
 
 
 def test_hold_before_the_first_constraint_publishes_nothing():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     stream.hold("inactive")
     stream.close()
     assert sent.messages == []
 
 
 def test_fault_seq_is_that_of_the_latest_fault():
-    sent = Sent()
-    stream = ConstraintStream(sent, None)
+    _, stream = streaming()
     unknown = constraint()
     unknown.state = FixtureConstraint.UNKNOWN
     found = []
@@ -359,8 +351,7 @@ def test_close_restores_the_switch_interval(hz):
 
 
 def test_invalidate_replaces_the_planes_and_is_a_new_fault():
-    sent = Sent()
-    stream = ConstraintStream(sent, 1000.0)
+    sent, stream = streaming(1000.0)
     unknown = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)
     assert not stream.invalidate(unknown)  # nothing has been published yet
     # It is a new fault also after an earlier one that has been acknowledged.

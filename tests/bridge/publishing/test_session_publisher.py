@@ -16,6 +16,7 @@ from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
 from app.runtime import StepTiming
 from tests.session_content import registered
+from tests.waiting import DEADLINE_S
 
 TF = "/tf:tf2_msgs/msg/TFMessage"
 TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
@@ -47,7 +48,7 @@ def ns(time):
 
 def wait_for_one_subscriber(ros, *subscribed):
     for topic in subscribed:
-        assert ros.ros.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        assert ros.ros.wait_for_subscribers(topic, 1, timeout_s=DEADLINE_S)
 
 
 MESSAGES_AT_START = 3  # static frames, description, surfaces

@@ -2,7 +2,6 @@
 
 import pytest
 
-from app.bridge import RosNode
 from app.robot import robot_from_text
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
@@ -28,15 +27,3 @@ def urdf():
 @pytest.fixture
 def robot(urdf):
     return robot_from_text(urdf)
-
-
-@pytest.fixture
-def ros(domain_id):
-    with RosNode("following", domain_id=domain_id) as node:
-        yield node
-
-
-@pytest.fixture
-def other(domain_id):
-    with RosNode("moving", domain_id=domain_id) as node:
-        yield node

@@ -4,7 +4,6 @@ The position of the joint is ``rate * (stamp - start)``, so that the expected po
 a stamp. Each line on stdin is a new description.
 """
 
-import contextlib
 import json
 import math
 import sys
@@ -13,12 +12,13 @@ import threading
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
+
+from tests.bridge.peers import edge_message, spin
 
 settings = json.loads(sys.argv[1])
 rclpy.init()
@@ -40,12 +40,10 @@ def move():
     message = JointState(name=["turn"], position=[angle])
     message.header.stamp = now.to_msg()
     joints.publish(message)
-    edge = TransformStamped(child_frame_id=settings["prefix"] + "arm")
-    edge.header.frame_id = settings["prefix"] + "base"
-    edge.header.stamp = message.header.stamp
-    edge.transform.translation.x = 0.25
-    edge.transform.rotation.z = math.sin(angle / 2)
-    edge.transform.rotation.w = math.cos(angle / 2)
+    turn = (0.0, 0.0, math.sin(angle / 2), math.cos(angle / 2))
+    parent, child = settings["prefix"] + "base", settings["prefix"] + "arm"
+    ns = now.nanoseconds
+    edge = edge_message(TransformStamped(), parent, child, (0.25, 0.0, 0.0), turn, ns)
     tf.publish(TFMessage(transforms=[edge]))
 
 
@@ -60,5 +58,4 @@ def redescribe():
 
 threading.Thread(target=redescribe, daemon=True).start()
 node.create_timer(0.01, move)
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(node)
+spin(node)

@@ -3,10 +3,9 @@
 import json
 import math
 import queue
-import subprocess
-import sys
-import threading
+import signal
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +26,8 @@ from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.geometry import NS_PER_S
 from app.robot import robot_from_text
+from tests.waiting import DEADLINE_S, wait_until
 
-DEADLINE_S = 60.0
 PROCESS = Path(__file__).parent / "robot_process.py"
 
 
@@ -45,49 +44,25 @@ TOOL = """<link name="tool"/><joint name="end" type="fixed"><parent link="arm"/>
 class RobotProcess:
     """``robot_process.py``, running until the end of the test."""
 
-    def __init__(self, name, rate, by):
+    def __init__(self, start, name, rate, by):
         self.start_ns = time.time_ns()
         self.rate = rate
         settings = {
             "namespace": name, "prefix": f"{name}/", "rate": rate, "by": by,
             "start_ns": self.start_ns, "urdf": described(name),
         }  # fmt: skip
-        self._process = subprocess.Popen(
-            [sys.executable, str(PROCESS), json.dumps(settings)], stdin=subprocess.PIPE, text=True
-        )
+        self.process = start(PROCESS, json.dumps(settings))
 
     def angle_at(self, stamp_ns):
         return self.rate * (stamp_ns - self.start_ns) * 1e-9
 
     def describe(self, text):
-        self._process.stdin.write(json.dumps(text) + "\n")
-        self._process.stdin.flush()
-
-    def close(self):
-        self._process.kill()
-        self._process.wait()
-        self._process.stdin.close()
+        self.process.send(json.dumps(text))
 
 
 @pytest.fixture
-def start_robot(domain_id):
-    started = []
-
-    def start(*arguments):
-        started.append(RobotProcess(*arguments))
-        return started[-1]
-
-    yield start
-    for each in started:
-        each.close()
-
-
-def wait_until(condition):
-    """Poll ``condition``, because states are computed on request and there is no event."""
-    end_s, pause = time.monotonic() + DEADLINE_S, threading.Event()
-    while not condition():
-        assert time.monotonic() < end_s
-        pause.wait(0.02)
+def start_robot(start):
+    return partial(RobotProcess, start)
 
 
 def joint_angle(state):
@@ -124,7 +99,7 @@ def test_two_robots_move_independently(ros, start_robot, joint_states):
             error = joint_angle(state) - processes[name].angle_at(state.stamp_ns)
             assert math.remainder(error, math.tau) == pytest.approx(0.0, abs=1e-6)
             np.testing.assert_allclose(state.poses[1][:3, 3], [250.0, 0.0, 0.0], atol=1e-9)
-    processes["left"].close()
+    processes["left"].process.end(signal.SIGKILL)
     wait_until(lambda: robots["left"].state(time.time_ns()).is_stale)
     wait_until(lambda: not robots["right"].state(time.time_ns()).is_stale)
 

@@ -6,7 +6,6 @@ Sends it with the present stamp, and prints the newest message of each topic as 
 Leaves the graph at the end of the input. It does not import the project.
 """
 
-import contextlib
 import json
 import sys
 import threading
@@ -16,10 +15,11 @@ from crtk_msgs.msg import OperatingState, StringStamped
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from marginguard_msgs.msg import TrackedTransform
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
+
+from tests.bridge.peers import as_plain, spin
 
 
 def joints(command):
@@ -64,21 +64,6 @@ MESSAGES = {
     "move_jp": joints,
     "state_command": lambda command: StringStamped(string=command["values"]),
 }
-
-
-def plain(message):
-    fields = message.get_fields_and_field_types()
-    return {name: value_of(getattr(message, name)) for name in fields}
-
-
-def value_of(value):
-    if hasattr(value, "get_fields_and_field_types"):
-        return plain(value)
-    if isinstance(value, bytes):
-        return value[0]
-    if isinstance(value, str | int | float | bool):
-        return value
-    return [value_of(each) for each in value]
 
 
 def main() -> int:
@@ -132,16 +117,11 @@ def main() -> int:
             if topic not in publishers:
                 publishers[topic] = sender.create_publisher(type(message), f"/arm/{topic}", 1)
             publishers[topic].publish(message)
-        print(json.dumps({key: plain(value) for key, value in dict(newest).items()}), flush=True)
+        print(json.dumps({key: as_plain(value) for key, value in dict(newest).items()}), flush=True)
     rclpy.shutdown()
     spinning.join()
     node.destroy_node()
     return 0
-
-
-def spin(node):
-    with contextlib.suppress(ExternalShutdownException):
-        rclpy.spin(node)
 
 
 if __name__ == "__main__":

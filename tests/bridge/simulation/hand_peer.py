@@ -4,16 +4,16 @@ Reads a line of JSON for each round: ``{"axes": [...]}``, or ``{"handle_m": [...
 prints the newest ``/touch/servo_cf`` and how many have come. It does not import the project.
 """
 
-import contextlib
 import json
 import sys
 import threading
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Joy
+
+from tests.bridge.peers import spin
 
 
 def main() -> int:
@@ -51,11 +51,6 @@ def main() -> int:
             pose.publish(message)
         print(json.dumps(seen), flush=True)
     return 0
-
-
-def spin(node):
-    with contextlib.suppress(ExternalShutdownException):
-        rclpy.spin(node)
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ import pytest
 from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.simulation import World, open_world
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).with_name("arm_peer.py")
 ROUNDS = 3000
@@ -33,7 +31,7 @@ class Simulated:
 
     def add_peer(self, idle=False):
         """Start a peer; an ``idle`` one has no publisher before its first command."""
-        peer = self._start(str(PEER), *(["idle"] if idle else []))
+        peer = self._start(PEER, *(["idle"] if idle else []))
         peer.line()
         return peer
 

@@ -16,9 +16,8 @@ from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
 from app.files.meshes import write_mesh
 from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.simulation import World, open_world
-from tests.ros_domain import domain_id as domain_id
+from tests.waiting import wait_until
 
-WAIT_S = 60.0
 CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
 FACES = np.array(
     [
@@ -59,12 +58,14 @@ class Edited:
         self.until(lambda: TRUTH + body in self.truth)
 
     def until(self, condition):
-        end_s = time.monotonic() + WAIT_S
-        while not condition():
-            assert time.monotonic() < end_s, (self.refused, sorted(self.truth))
-            state = self.node.step(self.world, time.time_ns())
-            self.node.publish(state, time.time_ns())
-            time.sleep(0.001)
+        """Step the world until the condition holds."""
+        wait_until(
+            condition, self.step, pause_s=0.001, describe=lambda: (self.refused, sorted(self.truth))
+        )
+
+    def step(self):
+        state = self.node.step(self.world, time.time_ns())
+        self.node.publish(state, time.time_ns())
 
     def x(self, body):
         return self.world.state().bodies[body].translation_mm[0]

@@ -7,9 +7,7 @@ from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
 from app.bridge.simulation.controller_binding import ControllerBinding
-from tests.bridge.live.conftest import start as start
 from tests.bridge.simulation.stepped_world import simulated as simulated
-from tests.ros_domain import domain_id as domain_id
 
 OTHER = "another controller commands the arm (node"
 
@@ -50,8 +48,8 @@ def enable(simulated):
 
 def test_controller_that_follows_another_is_refused_until_the_operator_accepts_it(simulated):
     move(simulated)
-    simulated.peer.process.stdin.close()
-    simulated.peer.process.wait()
+    simulated.peer.end_input()
+    simulated.peer.wait()
     simulated.peer = simulated.add_peer(idle=True)
     count = simulated.ros.node.count_publishers
     simulated.round_until(lambda _: count("/arm/servo_jv") == 0)

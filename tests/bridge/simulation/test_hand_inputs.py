@@ -11,8 +11,6 @@ import pytest
 from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME, DeviceHand, JoyInput, SimulationNode
 from app.simulation import World, open_world
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).with_name("hand_peer.py")
 ROUNDS = 3000
@@ -31,7 +29,7 @@ def ros(domain_id):
 
 @pytest.fixture
 def peer(start):
-    found = start(str(PEER))
+    found = start(PEER)
     found.line()
     return found
 

@@ -7,10 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 
-from tests.bridge.live.conftest import start as start
 from tests.bridge.simulation.stepped_world import ROUNDS
 from tests.bridge.simulation.stepped_world import simulated as simulated
-from tests.ros_domain import domain_id as domain_id
 
 
 def fault_of(seen):
@@ -18,10 +16,14 @@ def fault_of(seen):
 
 
 def test_arm_follows_a_controller_and_stands_without_it(simulated):
+    # On a busy machine commands come too late for a while, and the arm slows down.
     simulated.round_until(
-        lambda seen: seen["measured_js"]["position"][0] > 0.05, simulated.velocity(0.4)
+        lambda seen: (
+            seen["measured_js"]["position"][0] > 0.05
+            and simulated.arm.velocities[0] == pytest.approx(0.4, abs=0.01)
+        ),
+        simulated.velocity(0.4),
     )
-    assert simulated.arm.velocities[0] == pytest.approx(0.4, abs=0.01)
     for _ in range(60):  # simulated ms without a command: 30 until the arm stops
         simulated.round(steps=1)
     assert np.abs(simulated.arm.velocities).max() < 1e-3

@@ -11,13 +11,8 @@ from app.geometry import Transform
 from app.runtime import BodyKind, RequestOutcome, SimulatedWorld
 from app.simulation import open_world
 from tests.bridge.simulation.test_body_edits import Edited, cube, now
-from tests.ros_domain import domain_id as domain_id
 
-KINDS = {
-    "chest_wall": BodyKind.FIXED,
-    "tumor": BodyKind.TISSUE,
-    "cautery": BodyKind.TOOL,
-}
+KINDS = {"chest_wall": BodyKind.FIXED, "tumor": BodyKind.TISSUE, "cautery": BodyKind.TOOL}
 
 
 @pytest.fixture
@@ -78,8 +73,7 @@ def test_added_body_has_a_surface_until_it_is_removed(edited, world):
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"),
-    [("tumor", "set_tumor alone"), ("cautery", "an arm moves it")],
+    ("name", "reason"), [("tumor", "set_tumor alone"), ("cautery", "an arm moves it")]
 )
 def test_refused_move_has_the_reason_of_the_simulation(edited, world, name, reason):
     def is_refused():

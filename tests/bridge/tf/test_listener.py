@@ -1,8 +1,7 @@
 """`TfListener` with publishers of rclpy, within a process and between processes."""
 
 import json
-import subprocess
-import sys
+import signal
 import threading
 from pathlib import Path
 
@@ -11,28 +10,16 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
-from app.bridge import RosNode, topics
+from app.bridge import topics
 from app.bridge.qos import LATCHED, STREAM, Topic
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.broadcaster import StaticTfBroadcaster, TfBroadcaster, tf_message
 from app.bridge.tf.listener import TfListener
 from app.bridge.tf.wire import TfSample, write_tf_message
 from app.geometry import Stamp, Transform
+from tests.waiting import DEADLINE_S
 
-DEADLINE_S = 60.0
 SENDER = Path(__file__).parent / "sender.py"
-
-
-@pytest.fixture
-def ros(domain_id):
-    with RosNode("listening", domain_id=domain_id) as node:
-        yield node
-
-
-@pytest.fixture
-def other(domain_id):
-    with RosNode("sending", domain_id=domain_id) as node:
-        yield node
 
 
 def shifted(child, x_mm, parent="world"):
@@ -131,21 +118,14 @@ def test_clock_jump_back_clears_the_buffer(ros, other):
     assert buffer.parent("a") is None
 
 
-def test_restarted_sender_is_received_again(ros, domain_id):
+def test_restarted_sender_is_received_again(ros, start):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     for stamp_ns in (7_000_000_000, 3_000_000_000):
-        process = subprocess.Popen(
-            [sys.executable, str(SENDER), json.dumps(["world", "tool", stamp_ns])],
-            stdin=subprocess.PIPE,
-        )
-        try:
-            found = buffer.wait("world", "tool", stamp_ns, timeout_s=DEADLINE_S)
-            assert found.stamp_ns == stamp_ns
-        finally:
-            process.kill()
-            process.wait()
-            process.stdin.close()
+        sender = start(SENDER, json.dumps(["world", "tool", stamp_ns]))
+        found = buffer.wait("world", "tool", stamp_ns, timeout_s=DEADLINE_S)
+        assert found.stamp_ns == stamp_ns
+        sender.end(signal.SIGKILL)
     assert buffer.restarts == 1
 
 

@@ -1,0 +1,306 @@
+"""Processes forked from a warm interpreter, which has imported what they need.
+
+A start of an interpreter costs 0.3 s of computing with rclpy, and 2 s with a command of this
+project; a fork costs 10 ms. A forked process has its own environment, arguments, folder and
+standard streams, runs its program as ``__main__`` and ends as an interpreter does.
+
+    forking.py FD MODULE ...   serves requests on the socket FD; imports the modules first
+"""
+
+import atexit
+import contextlib
+import ctypes
+import gc
+import importlib
+import io
+import json
+import os
+import re
+import runpy
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import IO, Any
+
+_MESSAGES = {
+    "msg": "action builtin_interfaces diagnostic geometry marginguard sensor shape std tf2",
+    "srv": "lifecycle marginguard rcl_interfaces std_srvs",
+    "action": "marginguard tf2",
+}
+PLAIN = (
+    *("numpy", "pyigtl", "rclpy.action", "rclpy.executors", "rclpy.serialization"),
+    *(
+        f"{name}.{folder}" if "_" in name else f"{name}_msgs.{folder}"
+        for folder, names in _MESSAGES.items()
+        for name in names.split()
+    ),
+)
+"""Modules of peers with plain rclpy; they do not import the project."""
+
+COMMAND = (
+    *("app.cli.main", "app.cli.replay_report", "app.analysis", "app.report", "app.runtime"),
+    *("app.bridge.calls", "app.bridge.control", "app.bridge.live", "app.case.readers.mrml"),
+    *("app.robot.kinematics.link_kernel", "yaml", "tests.loaded_kernels"),
+)
+"""Modules of the commands of this project."""
+
+CYCLONE = ("cyclonedds.domain", "cyclonedds.idl", "cyclonedds.pub", "cyclonedds.sub")
+"""Modules of peers without ROS."""
+
+_SIZE = struct.Struct("<I")
+_PID_OR_STATUS = struct.Struct("<i")
+_PR_SET_PDEATHSIG = 1
+_LTTNG_THREADS = 2
+"""Threads of the tracing library of ROS, which wait for a tracer."""
+
+
+class ForkedProcess:
+    """A process of a `WarmParent`, with the members of `subprocess.Popen` that tests use."""
+
+    def __init__(self, status: int, stdin: IO[str], stdout: IO[bytes] | None) -> None:
+        self._status = status
+        self.returncode: int | None = None
+        self.stdin, self.stdout = stdin, stdout
+        self.pid: int = _PID_OR_STATUS.unpack(os.read(status, _PID_OR_STATUS.size))[0]
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end; `TimeoutError` after ``timeout`` s."""
+        if self.returncode is None:
+            if not select.select([self._status], [], [], timeout)[0]:
+                raise TimeoutError(f"process {self.pid} still runs")
+            data = os.read(self._status, _PID_OR_STATUS.size)
+            # Without a parent there is no status: the process was killed with it.
+            killed = -int(signal.SIGKILL)
+            self.returncode = _PID_OR_STATUS.unpack(data)[0] if data else killed
+            os.close(self._status)
+        return self.returncode
+
+    def poll(self) -> int | None:
+        """The exit status, or None while the process runs."""
+        with contextlib.suppress(TimeoutError):
+            self.wait(0.0)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send the signal if the process still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """Send SIGKILL."""
+        self.send_signal(signal.SIGKILL)
+
+    def terminate(self) -> None:
+        """Send SIGTERM."""
+        self.send_signal(signal.SIGTERM)
+
+    def close(self) -> None:
+        """Close the streams."""
+        with contextlib.suppress(BrokenPipeError):
+            self.stdin.close()
+        if self.stdout is not None:
+            self.stdout.close()
+
+
+class WarmParent:
+    """An interpreter that has imported ``modules`` and forks processes on request."""
+
+    def __init__(self, modules: Sequence[str]) -> None:
+        self._socket, other = socket.socketpair()
+        # One thread: the threads of a BLAS would not exist in a forked process.
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        with other:
+            self._server = subprocess.Popen(
+                [sys.executable, __file__, str(other.fileno()), *modules],
+                pass_fds=[other.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                env=environment,
+            )
+
+    def start(
+        self,
+        arguments: Sequence[str],
+        *,
+        stderr: IO[Any],
+        stdout: IO[Any] | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> ForkedProcess:
+        """Start ``script.py ...``, ``-m module ...`` or ``-c program ...`` in this environment.
+
+        Its standard input is a pipe, and its standard output too unless ``stdout`` is a file.
+        """
+        read_in, write_in = os.pipe()
+        read_out, write_out = (None, stdout.fileno()) if stdout else os.pipe()
+        read_status, write_status = os.pipe()
+        request = {
+            "arguments": list(arguments),
+            "environment": dict(os.environ if environment is None else environment),
+            "folder": str(Path.cwd()),
+        }
+        payload = json.dumps(request).encode()
+        given = [read_in, write_out, stderr.fileno(), write_status]
+        socket.send_fds(self._socket, [_SIZE.pack(len(payload))], given)
+        self._socket.sendall(payload)
+        for descriptor in (read_in, write_status, *([] if stdout else [write_out])):
+            os.close(descriptor)
+        output = None if read_out is None else os.fdopen(read_out, "rb", buffering=0)
+        return ForkedProcess(read_status, os.fdopen(write_in, "w", encoding="utf-8"), output)
+
+    def run(self, *arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+        """Run a process to its end, as `subprocess.run` does; its output is kept in ``folder``."""
+        paths = [folder / f"forked_{time.monotonic_ns()}.{name}" for name in ("out", "err")]
+        with paths[0].open("w") as out, paths[1].open("w") as err:
+            process = self.start(arguments, stdout=out, stderr=err)
+            process.close()
+            status = process.wait()
+        return subprocess.CompletedProcess(arguments, status, *(path.read_text() for path in paths))
+
+    def close(self) -> None:
+        """End the parent; processes that still run are killed."""
+        self._socket.close()
+        self._server.wait()
+
+
+@cache
+def warm_parent(modules: Sequence[str]) -> WarmParent:
+    """The parent with these modules; one per test process, started at the first call."""
+    parent = WarmParent(modules)
+    atexit.register(parent.close)
+    return parent
+
+
+def parent_of(arguments: Sequence[str]) -> WarmParent:
+    """The parent for these arguments: modules are those of the project, scripts are peers."""
+    if arguments[0] in ("-m", "-c"):
+        return warm_parent(COMMAND)
+    return warm_parent(CYCLONE if Path(arguments[0]).name.startswith("cyclone") else PLAIN)
+
+
+class _Server:
+    """Forks on request, and reports process ids and exit statuses."""
+
+    def __init__(self, requests: socket.socket) -> None:
+        self._requests = requests
+        self._children: dict[int, tuple[int, int]] = {}
+        """Process id and descriptor for its status, by the descriptor of the process."""
+
+    def serve(self) -> dict[str, Any] | None:
+        """Serve until the socket is closed; in a forked process, return its request."""
+        while True:
+            ready, _, _ = select.select([self._requests, *self._children], [], [])
+            for each in ready:
+                if each is not self._requests:
+                    self._report(each)
+            if self._requests in ready:
+                size, descriptors, _, _ = socket.recv_fds(self._requests, _SIZE.size, 4)
+                if not size:
+                    return None
+                request = self._fork(json.loads(self._read(_SIZE.unpack(size)[0])), descriptors)
+                if request is not None:
+                    return request
+
+    def _read(self, count: int) -> bytes:
+        parts = []
+        while count:
+            parts.append(self._requests.recv(count))
+            count -= len(parts[-1])
+        return b"".join(parts)
+
+    def _fork(self, request: dict[str, Any], descriptors: Sequence[int]) -> dict[str, Any] | None:
+        parent, status = os.getpid(), descriptors[3]
+        if pid := _fork_with_tracing():
+            os.write(status, _PID_OR_STATUS.pack(pid))
+            self._children[os.pidfd_open(pid)] = (pid, status)
+            for descriptor in descriptors[:3]:
+                os.close(descriptor)
+            return None
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+        for target, descriptor in enumerate(descriptors[:3]):
+            os.dup2(descriptor, target)
+        statuses = [each for _, each in self._children.values()]
+        for descriptor in (*descriptors, *self._children, *statuses):
+            os.close(descriptor)
+        self._requests.close()
+        return request
+
+    def _report(self, process: int) -> None:
+        pid, status = self._children.pop(process)
+        _, ended = os.waitpid(pid, 0)
+        with contextlib.suppress(BrokenPipeError):
+            os.write(status, _PID_OR_STATUS.pack(os.waitstatus_to_exitcode(ended)))
+        os.close(status)
+        os.close(process)
+
+
+def _fork_with_tracing() -> int:
+    """`os.fork`; the tracing library of ROS, if it is loaded, restarts its threads in the child.
+
+    Without that, the end of the child would cancel threads that it does not have.
+    """
+    maps = Path("/proc/self/maps").read_text().split()
+    found = [path for path in maps if re.search(r"/liblttng-ust-[0-9a-f]+\.so[^/]*$", path)]
+    if not found:
+        return os.fork()
+    tracing, signals = ctypes.CDLL(found[0]), ctypes.create_string_buffer(128)
+    tracing.ust_before_fork(signals)
+    pid = os.fork()
+    (tracing.ust_after_fork_parent if pid else tracing.ust_after_fork_child)(signals)
+    return pid
+
+
+def _run(request: dict[str, Any]) -> None:
+    """Run the program of a request in this forked process."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.environ.clear()
+    os.environ.update(request["environment"])
+    os.chdir(request["folder"])
+    first, *arguments = request["arguments"]
+    if first == "-c":
+        sys.argv = [first, *arguments[1:]]
+        exec(arguments[0], {"__name__": "__main__"})
+        return
+    if first == "-m":
+        sys.path[0] = request["folder"]
+        sys.argv = arguments
+        runpy.run_module(arguments[0], run_name="__main__", alter_sys=True)
+        return
+    sys.path.insert(0, str(Path(first).parent))
+    sys.argv = [first, *arguments]
+    # Not `runpy.run_path`: the module has to stay, for threads and for functions that run at exit.
+    main = sys.modules["__main__"] = ModuleType("__main__")
+    main.__file__ = first
+    with io.open_code(first) as file:
+        exec(compile(file.read(), first, "exec"), main.__dict__)
+
+
+def main() -> None:
+    """Import the modules and serve; in a forked process, run its program."""
+    descriptor, *modules = sys.argv[1:]
+    sys.path[0] = str(Path(__file__).parents[1])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal; the tests end this process
+    with socket.socket(fileno=int(descriptor)) as requests:
+        for module in modules:
+            importlib.import_module(module)
+        threads = sum(1 for _ in Path("/proc/self/task").iterdir()) - 1
+        if threads > _LTTNG_THREADS:
+            sys.exit(f"{modules} have started {threads} threads, which a fork would lose")
+        gc.collect()
+        gc.freeze()  # no collection of a forked process scans what it shares with this one
+        request = _Server(requests).serve()
+    if request is not None:
+        _run(request)
+
+
+if __name__ == "__main__":
+    main()
