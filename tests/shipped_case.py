@@ -17,6 +17,8 @@ NAME: str = _MANIFEST["name"]
 FRAMES: int = _EXPECTED["frames"]
 """Of a replay: those of the recording, and one for each silence."""
 CLOCK_OFFSET_MS: float = _MANIFEST["clock"]["offset_robot_to_tracker_ms"]
+BASE: list[float] = _EXPECTED["registration"]["reference_from_base"]
+"""The robot's base, as the recording was made: ``reference_from_base``, row by row."""
 STALE_AFTER_S: float = _MANIFEST["margins"]["stale_after_ms"] / 1000.0
 BREACHES: list[dict[str, Any]] = _EXPECTED["breaches"]["intervals"]
 DEEP, BRIEF, SHAFT = BREACHES

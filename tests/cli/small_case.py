@@ -16,6 +16,10 @@ def identity() -> list[float]:
     return np.eye(4).ravel().tolist()
 
 
+def margins() -> dict[str, float]:
+    return {"stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50, "stale_after_ms": 200}
+
+
 def write_small_case(folder: Path, change: Change = lambda manifest: None) -> Path:
     """Write the case; ``change`` may alter the manifest before it is written."""
     folder.mkdir()
@@ -24,32 +28,31 @@ def write_small_case(folder: Path, change: Change = lambda manifest: None) -> Pa
     rod.apply_translation([0.0, 0.0, 30.0])
     rod.export(folder / "rod.stl")
     (folder / "tracking.igs.mha").write_text(recording())
+    mesh = {"path": "rod.stl", "units": "mm"}
     manifest = {
         "schema": 1,
         "name": "small",
         "provenance": {"kind": "simulated", "source": "written by a test", "licence": "none"},
         "recording": {"path": "tracking.igs.mha"},
-        "tool": {
-            "frame": "rod",
-            "mesh": {"path": "rod.stl", "units": "mm"},
-            "tip_from": {"matrix": identity()},
-        },
+        "tool": {"frame": "rod", "mesh": mesh, "tip_from": {"matrix": identity()}},
         "tumor": {
             "frame": "needle",
             "mesh": {"path": "tumor.stl", "units": "mm"},
             "pose": {"matrix": identity()},
         },
-        "margins": {
-            "stop_mm": 1.0,
-            "warn_mm": 5.0,
-            "k_tre": 2.0,
-            "v_max_mm_s": 50,
-            "stale_after_ms": 200,
-        },
+        "margins": margins(),
     }
     change(manifest)
     (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
     return folder
+
+
+def edit_manifest(case: Path, change: Change) -> Path:
+    """Alter the manifest of a case that exists."""
+    manifest = yaml.safe_load((case / "case.yaml").read_text())
+    change(manifest)
+    (case / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
+    return case
 
 
 def recording() -> str:

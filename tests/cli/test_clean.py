@@ -1,110 +1,77 @@
 """``marginguard clean`` removes the caches of this installation and nothing else."""
 
-import json
 import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from app.cli import caches
-from app.cli.main import main
+from tests.cli.command import refused, run, run_json
 
 FIELD = "0" * 64 + ".field"
 
 
 @pytest.fixture
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Home with a cache of fields; kernels are compiled into a folder without any."""
-    home = tmp_path / "home"
-    folder = home / ".cache" / "marginguard"
+def folder(tmp_path, monkeypatch):
+    """The cache of fields of a new user, with two files; no kernels are compiled."""
+    folder = tmp_path / "home" / ".cache" / "marginguard"
     folder.mkdir(parents=True)
     (folder / FIELD).write_bytes(b"x" * 1000)
     (folder / "abc.part").write_bytes(b"x" * 10)
-    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(caches, "_kernel_folders", lambda: iter(()))
-    return home
-
-
-def listed(capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
-    return json.loads(capsys.readouterr().out)
+    return folder
 
 
 @pytest.mark.parametrize("option", [[], ["--dry-run"]])
-def test_nothing_is_removed_without_yes(
-    home: Path, option: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = home / ".cache" / "marginguard"
-    assert main(["clean", "--json", *option]) == 0
-    (found,) = listed(capsys)
-    assert found == {
-        "kind": "distance fields",
-        "folder": str(folder),
-        "files": 2,
-        "bytes": 1010,
-        "problem": "",
-    }
+def test_nothing_is_removed_without_yes(folder, option):
+    (found,) = run_json("clean", *option)
+    sizes = {"files": 2, "bytes": 1010, "problem": ""}
+    assert found == {"kind": "distance fields", "folder": str(folder), **sizes}
     assert len(list(folder.iterdir())) == 2
 
 
-def test_yes_removes_the_files_and_the_empty_folder(
-    home: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["clean", "--yes"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].endswith(" 2 files  removed")
-    assert not (home / ".cache" / "marginguard").exists()
-    assert main(["clean"]) == 0
-    assert capsys.readouterr().out.split()[:3] == ["0.0", "MB", "0"]
+def test_yes_removes_the_files_and_the_empty_folder(folder):
+    assert run("clean", "--yes").out.splitlines()[-1].endswith(" 2 files  removed")
+    assert not folder.exists()
+    assert run("clean").out.split()[:3] == ["0.0", "MB", "0"]
 
 
-def test_other_files_folders_and_links_stay(
-    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, outside = home / ".cache" / "marginguard", tmp_path / "outside.field"
+def test_other_files_folders_and_links_stay(folder, tmp_path):
+    outside = tmp_path / "outside.field"
     outside.write_text("not ours")
     (folder / "notes.txt").write_text("a user's")
     (folder / "link.field").symlink_to(outside)
     (folder / "deep.field").mkdir()
     (folder / "deep.field" / FIELD).write_text("below a folder")
-    assert main(["clean", "--yes", "--json"]) == 0
-    assert [found["files"] for found in listed(capsys)] == [2]
-    names = {path.name for path in folder.iterdir()}
-    assert names == {"notes.txt", "link.field", "deep.field"}
+    assert [found["files"] for found in run_json("clean", "--yes")] == [2]
+    assert {path.name for path in folder.iterdir()} == {"notes.txt", "link.field", "deep.field"}
     assert outside.read_text() == "not ours"
     assert (folder / "deep.field" / FIELD).exists()
 
 
-def test_linked_cache_folder_is_reported_and_not_followed(
-    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, elsewhere = home / ".cache" / "marginguard", tmp_path / "elsewhere"
+def test_linked_cache_folder_is_reported_and_not_followed(folder, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
     shutil.move(folder, elsewhere)
     folder.symlink_to(elsewhere)
-    assert main(["clean", "--yes", "--json"]) == 1
-    (found,) = listed(capsys)
+    (found,) = run_json("clean", "--yes", status=1)
     assert (found["files"], found["problem"]) == (0, "a symbolic link, which is not followed")
     assert (elsewhere / FIELD).exists()
     assert folder.is_symlink()
 
 
-def test_folder_that_cannot_be_read_is_a_problem(
-    home: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = home / ".cache" / "marginguard"
+def test_folder_that_cannot_be_read_is_a_problem(folder):
     shutil.rmtree(folder)
     folder.write_text("a file instead of the folder")
-    assert main(["clean", "--yes", "--json"]) == 1
-    assert listed(capsys)[0]["problem"] == "Not a directory"
+    assert run_json("clean", "--yes", status=1)[0]["problem"] == "Not a directory"
     assert folder.exists()
 
 
-def test_yes_and_dry_run_contradict_each_other(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["clean", "--yes", "--dry-run"])
-    assert "not allowed with" in capsys.readouterr().err
+def test_yes_and_dry_run_contradict_each_other():
+    assert "not allowed with" in refused("clean", "--yes", "--dry-run")
 
 
 PROGRAM = """
@@ -121,7 +88,7 @@ print(max(remove(folder).count for folder in found))
 """
 
 
-def test_kernels_are_found_where_numba_writes_them(project_root: Path, tmp_path: Path) -> None:
+def test_kernels_are_found_where_numba_writes_them(project_root, tmp_path):
     done = subprocess.run(
         [sys.executable, "-P", "-c", PROGRAM, str(tmp_path)],
         env={**os.environ, "PYTHONPATH": str(project_root), "NUMBA_CACHE_DIR": str(tmp_path)},

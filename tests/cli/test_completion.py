@@ -5,59 +5,57 @@ import subprocess
 
 import pytest
 
-from app.cli.main import main
+from tests.cli.command import run
 
 COMPLETE = """
 source "$1"; shift
-words=("$@")
-COMP_WORDS=("${words[@]}"); COMP_CWORD=$((${#words[@]} - 1)); COMPREPLY=()
 name=$(complete -p marginguard | sed 's/.*-F \\([^ ]*\\).*/\\1/')
-"$name" marginguard "${words[-1]}" "${words[-2]}"
-printf '%s\\n' "${COMPREPLY[@]}"
+while read -ra words; do
+  COMP_WORDS=("${words[@]}"); COMP_CWORD=$((${#words[@]} - 1)); COMPREPLY=()
+  "$name" marginguard "${words[-1]}" "${words[-2]}"
+  echo "${COMPREPLY[@]}"
+done
 """
 
 
 @pytest.fixture
-def script(tmp_path, capsys):
+def script(tmp_path):
     """``script(shell)`` writes the completion script of a shell to a file."""
 
     def write(shell):
-        assert main(["completion", shell]) == 0
         path = tmp_path / f"completion.{shell}"
-        path.write_text(capsys.readouterr().out)
+        path.write_text(run("completion", shell).out)
         return path
 
     return write
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["repl"], {"replay"}),
-        (["replay", "--rep"], {"--report"}),
-        (["calibrate", "piv"], {"pivot"}),
-        (["bench", "lat"], {"latency"}),
-        (["info", "ca"], {"cases"}),
-        (["live", "--config", "live"], {"live.yaml"}),
-        (["replay", "x", "--package-dir", "mo"], {"movies"}),
-        (["replay", "x", "--movie", "mo"], {"movies", "movie.gif"}),
-        (["schema", "case", "--output", "mo"], {"movies", "movie.gif"}),
-    ],
-)
-def test_bash_completes(script, tmp_path, words, expected):
-    path = script("bash")
+def test_bash_completes(script, tmp_path):
     (tmp_path / "cases").mkdir()
     (tmp_path / "live.yaml").touch()
     (tmp_path / "movies").mkdir()
     (tmp_path / "movie.gif").touch()
+    expected = {
+        "repl": {"replay"},
+        "replay --rep": {"--report"},
+        "calibrate piv": {"pivot"},
+        "bench lat": {"latency"},
+        "info ca": {"cases"},
+        "live --config live": {"live.yaml"},
+        "replay x --package-dir mo": {"movies"},
+        "replay x --movie mo": {"movies", "movie.gif"},
+        "schema case --output mo": {"movies", "movie.gif"},
+    }
     done = subprocess.run(
-        ["bash", "-c", COMPLETE, "bash", str(path), "marginguard", *words],
+        ["bash", "-c", COMPLETE, "bash", str(script("bash"))],
+        input="".join(f"marginguard {words}\n" for words in expected),
         capture_output=True,
         text=True,
         check=True,
         cwd=tmp_path,
     )
-    assert set(done.stdout.split()) == expected
+    found = (set(line.split()) for line in done.stdout.splitlines())
+    assert dict(zip(expected, found, strict=True)) == expected
 
 
 @pytest.mark.parametrize("shell", ["zsh", "tcsh"])

@@ -9,7 +9,7 @@ import pytest
 from app.cli import doctor
 
 
-def test_each_remedy_belongs_to_something_missing() -> None:
+def test_each_remedy_belongs_to_something_missing():
     checks = doctor.check_environment(probe=lambda code: (True, sys.prefix))
     names = [check.name for check in checks]
     assert len(names) == len(set(names))
@@ -20,7 +20,7 @@ def test_each_remedy_belongs_to_something_missing() -> None:
         assert bool(check.remedy) is not check.ok
 
 
-def test_failed_probe_is_reported_with_its_output() -> None:
+def test_failed_probe_is_reported_with_its_output():
     checks = doctor.check_environment(probe=lambda code: (False, "ImportError: no such thing"))
     failed = {check.name: check for check in checks if check.found == "ImportError: no such thing"}
     assert set(failed) == {"rclpy imports", "ROS interfaces", "3D Slicer scene"}
@@ -29,36 +29,27 @@ def test_failed_probe_is_reported_with_its_output() -> None:
     assert "[scene]" in failed["3D Slicer scene"].remedy
 
 
-def test_probe_returns_last_line_of_error() -> None:
-    assert doctor.run_probe("raise ImportError('no such thing')") == (
-        False,
-        "ImportError: no such thing",
-    )
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("raise ImportError('no such thing')", "ImportError: no such thing"),
+        ("import os; os.abort()", "killed by signal 6"),
+    ],
+)
+def test_failed_or_crashed_probe_is_a_result(code, found):
+    assert doctor.run_probe(code) == (False, found)
 
 
-def test_crash_in_probe_is_a_result() -> None:
-    assert doctor.run_probe("import os; os.abort()") == (False, "killed by signal 6")
-
-
-def test_missing_distribution_is_named() -> None:
+def test_missing_distribution_is_named():
     (check,) = doctor.check_packages("no-such-distribution")
     assert not check.ok
     assert check.name == "no-such-distribution"
 
 
-def test_requirements_are_checked_without_those_of_tests(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(
-        doctor.metadata,
-        "requires",
-        lambda name: [
-            "numpy",
-            "no-such-core",
-            'no-such-ros[extra]==1; extra == "ros"',
-            'no-such-test<5; extra == "test"',
-        ],
-    )
+def test_requirements_are_checked_without_those_of_tests(monkeypatch):
+    required = ["numpy", "no-such-core", 'no-such-ros[extra]==1; extra == "ros"']
+    required.append('no-such-test<5; extra == "test"')
+    monkeypatch.setattr(doctor.metadata, "requires", lambda name: required)
     checks = {check.name: check for check in doctor.check_packages()}
     assert set(checks) == {"numpy", "no-such-core", "no-such-ros"}
     assert checks["numpy"].ok
@@ -66,15 +57,10 @@ def test_requirements_are_checked_without_those_of_tests(
     assert "'.[ros]'" in checks["no-such-ros"].remedy
 
 
-def test_tf2_msgs_that_is_earlier_on_path_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("tf2_msgs", reason="the ROS interfaces are not installed")
+def test_tf2_msgs_that_is_earlier_on_path_is_named(tmp_path, monkeypatch):
+    tf2_msgs = pytest.importorskip("tf2_msgs", reason="the ROS interfaces are not installed")
     assert doctor.check_interfaces(doctor.run_probe).found.endswith("by marginguard-interfaces")
-
     # As after sourcing a ROS 2 installation: a folder on PYTHONPATH with a tf2_msgs that works.
-    import tf2_msgs
-
     sourced = tmp_path / "tf2_msgs"
     shutil.copytree(Path(tf2_msgs.__file__).parent, sourced)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -1,23 +1,29 @@
-"""Garbage collection pauses while a command loads, and resumes afterwards."""
+"""Garbage collection pauses while a command loads; a process that has to react does not scan what
+it has loaded, and switches threads soon."""
 
 import gc
+import inspect
+import os
+import sys
 import weakref
+from contextlib import nullcontext
 
 import pytest
 
 from app.cli.gc_control import GcPause
+from app.cli.prompt_process import prompt_process
 
 
 class Cycle:
-    def __init__(self) -> None:
+    def __init__(self):
         self.itself = self
 
 
-def unreachable_cycle() -> "weakref.ref[Cycle]":
+def unreachable_cycle():
     return weakref.ref(Cycle())
 
 
-def test_loaded_objects_stay_and_later_ones_are_collected() -> None:
+def test_loaded_objects_stay_and_later_ones_are_collected():
     with GcPause() as memory:
         assert not gc.isenabled()
         loaded = unreachable_cycle()
@@ -30,9 +36,9 @@ def test_loaded_objects_stay_and_later_ones_are_collected() -> None:
     assert loaded() is None
 
 
-def test_blocks_of_frames_trigger_no_collection_and_thresholds_are_restored() -> None:
+def test_blocks_of_frames_trigger_no_collection_and_thresholds_are_restored():
     before = gc.get_threshold()
-    collections: list[dict[str, int]] = []
+    collections = []
     try:
         with GcPause() as memory:
             memory.settle()
@@ -44,13 +50,13 @@ def test_blocks_of_frames_trigger_no_collection_and_thresholds_are_restored() ->
         assert gc.get_threshold() == before
 
 
-def test_error_while_loading_leaves_collection_enabled() -> None:
+def test_error_while_loading_leaves_collection_enabled():
     with pytest.raises(ValueError, match="no such case"), GcPause():
         raise ValueError("no such case")
     assert gc.isenabled()
 
 
-def test_disabled_collection_stays_disabled() -> None:
+def test_disabled_collection_stays_disabled():
     gc.disable()
     try:
         with GcPause() as memory:
@@ -59,3 +65,45 @@ def test_disabled_collection_stays_disabled() -> None:
         assert not gc.isenabled()
     finally:
         gc.enable()
+
+
+def test_loaded_objects_of_a_prompt_process_are_not_scanned_and_later_ones_are():
+    with prompt_process():
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > 10_000
+        scanned = len(gc.get_objects())
+        later = unreachable_cycle()
+        gc.collect()
+        assert later() is None
+    assert gc.get_freeze_count() == 0
+    assert scanned < 1000 < len(gc.get_objects())
+
+
+def test_a_waiting_thread_gets_the_interpreter_ten_times_sooner():
+    before = sys.getswitchinterval()
+    with prompt_process():
+        assert sys.getswitchinterval() <= before / 10
+    assert sys.getswitchinterval() == before
+
+
+def test_settings_of_a_prompt_process_are_restored_after_an_error():
+    before = sys.getswitchinterval()
+    with pytest.raises(ValueError, match="no arm"), prompt_process():
+        raise ValueError("no arm")
+    assert (sys.getswitchinterval(), gc.get_freeze_count()) == (before, 0)
+
+
+def test_the_caller_of_a_log_message_is_found_without_a_look_at_all_modules(monkeypatch):
+    looks, realpath = [], os.path.realpath
+    monkeypatch.setattr(os.path, "realpath", lambda path: looks.append(path) or realpath(path))
+
+    def looks_of_a_message(context):
+        monkeypatch.setattr(inspect, "modulesbyfile", {})
+        monkeypatch.setattr(inspect, "_filesbymodname", {})
+        with context:
+            looks.clear()
+            inspect.getframeinfo(sys._getframe())
+            return len(looks)
+
+    assert looks_of_a_message(prompt_process()) < 10
+    assert looks_of_a_message(nullcontext()) > 100

@@ -5,6 +5,7 @@ import json
 import os
 import select
 import threading
+import time
 from contextlib import suppress
 from dataclasses import replace
 
@@ -15,15 +16,9 @@ from app.cli.live_lines import LinePrinter, as_json_line, as_line, local_time, u
 from app.fixture import MarginState
 from tests.bridge.conftest import content as content
 from tests.bridge.conftest import make_step as make_step
+from tests.cli.command import TerminalDouble
 
 STAMP_NS = 1_700_000_000_123_456_789
-
-
-class TerminalDouble(io.StringIO):
-    """Test double of a terminal."""
-
-    def isatty(self):
-        return True
 
 
 @pytest.mark.parametrize(
@@ -31,8 +26,6 @@ class TerminalDouble(io.StringIO):
     [(True, "2023-11-14T22:13:20.123+00:00"), (False, "2023-11-14T22:13:21.000+00:00")],
 )
 def test_time_is_stamp_or_system_time(stamps_of_host, expected, monkeypatch):
-    import time
-
     monkeypatch.setenv("TZ", "UTC")
     time.tzset()
     try:

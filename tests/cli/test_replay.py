@@ -1,17 +1,16 @@
 """``marginguard replay`` on a small case: results, errors and written files."""
 
-import json
 import re
-import shutil
 
 import numpy as np
 import pytest
 import trimesh
-import yaml
 
-from app.cli.main import main
 from app.report import REPORT_FILES
-from tests.cli.small_case import identity, write_small_case
+from tests.cli import command
+from tests.cli.small_case import edit_manifest, identity, write_small_case
+
+TABLE_LINES = 41
 
 
 @pytest.fixture
@@ -19,60 +18,60 @@ def case(tmp_path):
     return write_small_case(tmp_path / "case")
 
 
-def replay(case, *options):
-    return main(["replay", str(case), "--no-ros", *options])
+def replay(case, *options, status=0):
+    return command.run("replay", case, "--no-ros", *options, status=status)
 
 
-def test_breach_of_shaft_is_found_although_tip_is_far(case, capsys):
-    assert replay(case, "--json") == 0
-    summary = json.loads(capsys.readouterr().out)
+def replay_json(case, *options):
+    return command.run_json("replay", case, "--no-ros", *options)
+
+
+def refused(case, *options):
+    return command.refused("replay", case, "--no-ros", *options)
+
+
+def table_of(case, out, *options):
+    """The bytes of the table of margins that a replay writes."""
+    replay(case, "--report", out, *options)
+    table = (out / "margin.csv").read_bytes()
+    assert table.count(b"\n") == TABLE_LINES
+    return table
+
+
+def edit(file, old, new):
+    """Replace text in a file of a case."""
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+def test_breach_of_shaft_is_found_although_tip_is_far(case):
+    summary = replay_json(case)
     assert summary["frames"] == 40
     (breach,) = summary["breaches"]
     # A side that is 5 mm from the centre of a ball of 8 mm, at rod positions below 9.5 mm.
     assert breach["min_signed_distance_mm"] == pytest.approx(-3.0, abs=0.1)
     assert (breach["start_s"], breach["end_s"]) == (0.95, 1.05)
-    assert replay(case, "--json", "--tip-only") == 0
-    assert json.loads(capsys.readouterr().out)["breaches"] == []
+    assert replay_json(case, "--tip-only")["breaches"] == []
 
 
-def test_runs_at_any_rate_give_same_bytes(case, tmp_path):
-    contents = []
-    for number, options in enumerate([(), (), ("--rate", "20")]):
-        out = tmp_path / f"out{number}"
-        assert replay(case, "--report", str(out), *options) == 0
-        contents.append((out / "margin.csv").read_bytes())
-    assert contents[0] == contents[1] == contents[2]
-    assert contents[0].count(b"\n") == 41
+def test_runs_at_any_rate_and_with_a_needle_give_the_same_table(case, tmp_path):
+    first = table_of(case, tmp_path / "first")
+    assert table_of(case, tmp_path / "again") == first
+    assert table_of(case, tmp_path / "timed", "--rate", "20") == first
+    edit_manifest(case, lambda values: values.update(needle={"frame": "needle", "length_mm": 80}))
+    assert table_of(case, tmp_path / "needle") == first
 
 
-def test_a_needle_changes_no_byte_of_the_margins(case, tmp_path):
-    contents = []
-    for name, needle in (("without", {}), ("with", {"frame": "needle", "length_mm": 80})):
-        folder, out = tmp_path / name, tmp_path / f"report {name}"
-        shutil.copytree(case, folder)
-        manifest = yaml.safe_load((folder / "case.yaml").read_text())
-        manifest |= {"needle": needle} if needle else {}
-        (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
-        assert replay(folder, "--report", str(out)) == 0
-        contents.append((out / "margin.csv").read_bytes())
-    assert contents[0] == contents[1]
-    assert contents[0].count(b"\n") == 41
-
-
-def test_failed_expectations_give_status_1(tmp_path, capsys):
-    def expect(manifest):
-        manifest["expected"] = "expected.yaml"
-
-    case = tmp_path / "case"
-    write_small_case(case, expect)
+def test_failed_expectations_give_status_1(case):
+    edit_manifest(case, lambda manifest: manifest.update(expected="expected.yaml"))
     (case / "expected.yaml").write_text(
         "breaches: {tolerance_ms: 40, depth_tolerance_mm: 0.2, intervals: [\n"
         "  {start_s: 0.95, end_s: 1.05, min_signed_distance_mm: -3.0}]}\n"
     )
-    assert replay(case) == 0
+    replay(case)
     (case / "expected.yaml").write_text("frames: 41\n")
-    assert replay(case) == 1
-    assert "fail" in capsys.readouterr().out
+    assert "fail" in replay(case, status=1).out
 
 
 def drop_manifest(case):
@@ -80,14 +79,12 @@ def drop_manifest(case):
 
 
 def unknown_key(case):
-    manifest = (case / "case.yaml").read_text()
-    (case / "case.yaml").write_text(manifest.replace("stop_mm", "stop_mmm"))
+    edit(case / "case.yaml", "stop_mm", "stop_mmm")
 
 
 def leave_the_folder(case):
     (case / "tumor.stl").rename(case.parent / "tumor.stl")
-    manifest = (case / "case.yaml").read_text()
-    (case / "case.yaml").write_text(manifest.replace("tumor.stl", "../tumor.stl"))
+    edit(case / "case.yaml", "tumor.stl", "../tumor.stl")
 
 
 def link_out_of_the_folder(case):
@@ -96,11 +93,7 @@ def link_out_of_the_folder(case):
 
 
 def wrong_sha256(case):
-    manifest = (case / "case.yaml").read_text()
-    digest = "0" * 64
-    (case / "case.yaml").write_text(
-        manifest.replace("path: tracking.igs.mha", f"path: tracking.igs.mha\n  sha256: '{digest}'")
-    )
+    edit_manifest(case, lambda manifest: manifest["recording"].update(sha256="0" * 64))
 
 
 def open_mesh(case):
@@ -125,13 +118,24 @@ def bomb_as_robot(case):
     (case / "bomb.urdf").write_text(
         f'<!DOCTYPE robot [<!ENTITY e0 "x">{entities}]><robot name="&e12;"><link name="a"/></robot>'
     )
-    recording = case / "tracking.igs.mha"
-    recording.write_text(recording.read_text().replace("ToTracker", "ToReference"))
-    with (case / "case.yaml").open("a") as file:
-        file.write("robot: {urdf: bomb.urdf, base_frame: robot_base, tool_link: a}\n")
-        file.write(f"registration: {{method: given, matrix: {np.eye(4).ravel().tolist()}}}\n")
+    edit(case / "tracking.igs.mha", "ToTracker", "ToReference")
+    robot = {"urdf": "bomb.urdf", "base_frame": "robot_base", "tool_link": "a"}
+    given = {"method": "given", "matrix": identity()}
+    edit_manifest(case, lambda manifest: manifest.update(robot=robot, registration=given))
 
 
+def same_frame(case):
+    edit_manifest(case, lambda manifest: manifest["tumor"].update(frame="rod"))
+
+
+def frame_that_is_not_recorded(case):
+    edit_manifest(case, lambda manifest: manifest["tool"].update(frame="scalpel"))
+
+
+NO_SUCH_FRAME = (
+    "case.yaml: tool.frame is 'scalpel': no such frame is in the recording; expected one of "
+    "needle, rod, tracker"
+)
 BAD_INPUT = [
     (drop_manifest, "has no case.yaml"),
     (unknown_key, "margins.stop_mmm"),
@@ -142,86 +146,54 @@ BAD_INPUT = [
     (mesh_with_nan, "finite"),
     (cut_header, "tracking.igs.mha"),
     (bomb_as_robot, "bomb.urdf"),
+    (same_frame, "tumor.frame is 'rod'"),
+    (frame_that_is_not_recorded, NO_SUCH_FRAME),
 ]
 
 
 @pytest.mark.parametrize(
     ("spoil", "named"), BAD_INPUT, ids=[entry[0].__name__ for entry in BAD_INPUT]
 )
-def test_bad_input_is_one_line_and_overwrites_nothing(case, tmp_path, capsys, spoil, named):
+def test_bad_input_is_one_line_and_overwrites_nothing(case, tmp_path, spoil, named):
     out = tmp_path / "out"
     out.mkdir()
     for name in REPORT_FILES:
         (out / name).write_text("of an earlier replay")
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     spoil(case)
-    assert replay(case, "--report", str(out)) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1, captured.err
-    assert captured.err.startswith("marginguard: error: ")
-    assert named in captured.err
+    error = refused(case, "--report", out)
+    assert error.startswith("marginguard: error: ")
+    assert named in error
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    refused(case, "--report", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
 
 
-def test_unwritable_report_folder_is_reported_before_replay(case, tmp_path, capsys):
+def test_unwritable_report_folder_is_reported_before_replay(case, tmp_path):
     (tmp_path / "file").write_text("mine")
-    assert replay(case, "--report", str(tmp_path / "file" / "out")) == 2
-    assert "file" in capsys.readouterr().err
+    assert "file" in refused(case, "--report", tmp_path / "file" / "out")
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_loop_with_report_is_refused(case, tmp_path, capsys):
-    assert replay(case, "--loop", "--report", str(tmp_path / "out")) == 2
-    assert "--loop" in capsys.readouterr().err
+def test_loop_with_report_is_refused(case, tmp_path):
+    assert "--loop" in refused(case, "--loop", "--report", tmp_path / "out")
 
 
-def test_debug_prints_traceback_and_same_line(case, capsys):
-    drop_manifest(case)
-    assert replay(case, "--debug") == 2
-    error = capsys.readouterr().err
-    assert "Traceback" in error
-    assert error.splitlines()[-1].startswith("marginguard: error: ")
-
-
-def test_frame_that_recording_lacks_is_refused(tmp_path, capsys):
-    def other_tool(manifest):
-        manifest["tool"]["frame"] = "scalpel"
-
-    case = write_small_case(tmp_path / "other", other_tool)
-    assert replay(case, "--report", str(tmp_path / "out")) == 2
-    assert capsys.readouterr().err == (
-        "marginguard: error: case.yaml: tool.frame is 'scalpel': no such frame is in the "
-        "recording; expected one of needle, rod, tracker\n"
-    )
-    assert not (tmp_path / "out").exists()
-
-
-def test_base_that_is_measured_late_is_in_notes(tmp_path, capsys):
-    def with_robot(manifest):
-        manifest["robot"] = {
-            "urdf": "package://marginguard/robots/touch/touch.urdf",
-            "base_frame": "robot_base",
-            "tool_link": "stylus",
-        }
-        manifest["registration"] = {"method": "given", "matrix": identity()}
-
-    case = write_small_case(tmp_path / "late", with_robot)
+def test_base_that_is_measured_late_is_in_notes(case):
+    urdf = "package://marginguard/robots/touch/touch.urdf"
+    robot = {"urdf": urdf, "base_frame": "robot_base", "tool_link": "stylus"}
+    given = {"method": "given", "matrix": identity()}
+    edit_manifest(case, lambda manifest: manifest.update(robot=robot, registration=given))
     recording = case / "tracking.igs.mha"
     pose = " ".join(map(str, identity()))
 
-    def measured(line):
-        at = re.match(r"Seq_Frame(\d+)_Timestamp", line)
-        if at is None:
-            return [line]
-        names = ["Reference"] + ["RobotBase"] * (int(at[1]) >= 5)
-        lines = [f"Seq_Frame{at[1]}_{name}ToTrackerTransform = {pose}" for name in names]
-        return [*lines, line]
+    def measured(found):
+        names = ["Reference"] + ["RobotBase"] * (int(found[1]) >= 5)
+        lines = [f"Seq_Frame{found[1]}_{name}ToTrackerTransform = {pose}\n" for name in names]
+        return "".join([*lines, found[0]])
 
-    lines = recording.read_text().splitlines()
-    recording.write_text("\n".join(more for line in lines for more in measured(line)) + "\n")
-    assert replay(case, "--json") == 0
-    summary = json.loads(capsys.readouterr().out)
+    recording.write_text(re.sub(r"Seq_Frame(\d+)_Timestamp", measured, recording.read_text()))
+    summary = replay_json(case)
     assert summary["valid_frames"] == 5
     assert (
         "robot.base_frame is 'robot_base'; expected a name of its own: the tracker measures it by "
@@ -229,49 +201,24 @@ def test_base_that_is_measured_late_is_in_notes(tmp_path, capsys):
     )
 
 
-def test_recording_without_valid_pose_reports_its_statuses(case, capsys):
-    recording = case / "tracking.igs.mha"
-    recording.write_text(recording.read_text().replace("= OK", "= INVALID"))
-    assert replay(case, "--json") == 0
-    summary = json.loads(capsys.readouterr().out)
+def test_recording_without_valid_pose_reports_its_statuses(case):
+    edit(case / "tracking.igs.mha", "= OK", "= INVALID")
+    summary = replay_json(case)
     assert summary["valid_frames"] == 0
-    assert (
-        "no frame was valid; the recording has the frames needle, rod, tracker" in summary["notes"]
-    )
+    notes = summary["notes"]
+    assert "no frame was valid; the recording has the frames needle, rod, tracker" in notes
 
 
-def test_tool_frame_equal_to_tumour_frame_is_refused(tmp_path, capsys):
-    def same_frame(manifest):
-        manifest["tumor"]["frame"] = "rod"
+def test_crossing_between_two_frames_is_a_breach(case):
+    def crossed(found):
+        side = 30.0 if int(found[2]) < 20 else -30.0
+        return f"{found[1]} = 1 0 0 {side + 0.01 * int(found[2])} 0 1 0 0 0 0 1 -30 0 0 0 1"
 
-    assert replay(write_small_case(tmp_path / "same", same_frame)) == 2
-    assert "tumor.frame is 'rod'" in capsys.readouterr().err
-
-
-def test_empty_name_of_report_folder_is_refused(case, capsys):
-    with pytest.raises(SystemExit) as stop:
-        replay(case, "--report", "")
-    assert stop.value.code == 2
-    assert "empty" in capsys.readouterr().err
-
-
-def test_crossing_between_two_frames_is_a_breach(tmp_path, capsys):
-    case = write_small_case(tmp_path / "crossed")
-    recording = (case / "tracking.igs.mha").read_text()
-    lines = []
-    for line in recording.splitlines():
-        if "_RodToTrackerTransform =" in line:
-            index = int(line[len("Seq_Frame") :][:4])
-            side = 30.0 if index < 20 else -30.0
-            pose = f"1 0 0 {side + 0.01 * index} 0 1 0 0 0 0 1 -30 0 0 0 1"
-            line = f"Seq_Frame{index:04}_RodToTrackerTransform = {pose}"
-        lines.append(line)
-    (case / "tracking.igs.mha").write_text("\n".join(lines) + "\n")
+    recording = case / "tracking.igs.mha"
+    poses = r"(Seq_Frame(\d+)_RodToTrackerTransform) =.*"
+    recording.write_text(re.sub(poses, crossed, recording.read_text()))
     # 60 mm within a frame: no hand is as fast, and such a pose is not used.
-    with (case / "case.yaml").open("a") as file:
-        file.write(
-            "plausibility: {motion: {max_speed_mm_s: 100000, max_acceleration_mm_s2: 10000000}}\n"
-        )
-    assert replay(case, "--json") == 0
-    (breach,) = json.loads(capsys.readouterr().out)["breaches"]
+    motion = {"max_speed_mm_s": 100_000, "max_acceleration_mm_s2": 10_000_000}
+    edit_manifest(case, lambda manifest: manifest.update(plausibility={"motion": motion}))
+    (breach,) = replay_json(case)["breaches"]
     assert breach["start_s"] == breach["end_s"] == 1.0

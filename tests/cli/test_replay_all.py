@@ -1,7 +1,6 @@
 """``marginguard replay --report DIR --all``: all results of one replay in one folder."""
 
 import json
-from pathlib import Path
 
 import pyarrow.parquet as pq
 import pydicom
@@ -13,37 +12,37 @@ from rosbags.rosbag2 import Reader
 
 from app.cli.bag_writing import BagProcess
 from app.cli.complete_report import BAG, DICOM
-from app.cli.main import main
 from app.dicom.study import SEGMENTATION_FILE, STRUCTURE_SET_FILE
-from app.report import ANALYSIS_FILES, REPORT_FILES
+from app.report import ANALYSIS_FILES, REPORT_FILES, ReplayLog
 from app.report.analysis_files import CSV_FILES
+from tests.cli.command import refused, run
 from tests.cli.small_case import FRAMES, write_small_case
 
-PARTS = {"report.pdf", "frames.parquet", *CSV_FILES, DICOM, BAG}
+ALL = {*REPORT_FILES, *ANALYSIS_FILES, "report.pdf", "frames.parquet", *CSV_FILES, DICOM, BAG}
 
 
 @pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def case(tmp_path_factory):
     return write_small_case(tmp_path_factory.mktemp("all") / "case")
 
 
 @pytest.fixture(scope="module")
-def folder(case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(case, tmp_path_factory):
     folder = tmp_path_factory.mktemp("all") / "report"
-    assert main(["replay", str(case), "--no-ros", "--report", str(folder), "--all"]) == 0
+    run("replay", case, "--no-ros", "--report", folder, "--all")
     return folder
 
 
-def names(folder: Path) -> set[str]:
+def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
 def test_everything_is_in_the_folder_and_readable(folder):
-    assert names(folder) == {*REPORT_FILES, *ANALYSIS_FILES, *PARTS}
+    assert names(folder) == ALL
     assert pq.read_table(folder / "frames.parquet").num_rows == FRAMES
     text = "\n".join(page.extract_text() for page in PdfReader(folder / "report.pdf").pages)
     found = json.loads((folder / "analysis.json").read_text())
@@ -58,28 +57,21 @@ def test_everything_is_in_the_folder_and_readable(folder):
 
 def test_files_are_those_of_the_separate_commands(case, folder, tmp_path):
     report, pdf, bag = tmp_path / "report", tmp_path / "report.pdf", tmp_path / BAG
-    files = ["--report", str(report), "--pdf", str(pdf), "--mcap", str(bag)]
-    assert main(["replay", str(case), "--no-ros", *files]) == 0
+    run("replay", case, "--no-ros", "--report", report, "--pdf", pdf, "--mcap", bag)
     tables, dicom = tmp_path / "tables", tmp_path / DICOM
-    options = ["--json", str(tmp_path / "analysis.json"), "--dicom", str(dicom)]
-    options += ["--csv", str(tables), "--parquet", str(tables / "frames.parquet")]
     tables.mkdir()
-    assert main(["analyse", str(case), *options]) == 0
-    together = contents_of_files(folder)
-    for name, content in {**contents(report), **contents(tables)}.items():
+    files = ("--csv", tables, "--parquet", tables / "frames.parquet", "--dicom", dicom)
+    run("analyse", case, "--json", tmp_path / "analysis.json", *files)
+    together = contents(folder)
+    for name, content in {**contents(report), **contents(tables), **contents(tmp_path)}.items():
         if name not in ("summary.json", "report.html"):  # they have the time of a step
             assert together[name] == content, name
-    assert together["report.pdf"] == pdf.read_bytes()
-    assert together["analysis.json"] == (tmp_path / "analysis.json").read_bytes()
+    assert {"report.pdf", "analysis.json"} < names(tmp_path)
     assert contents(folder / DICOM) == contents(dicom)
     assert messages(folder / BAG) == messages(bag)
 
 
-def contents_of_files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
-def messages(bag: Path) -> list[tuple[str, int, int]]:
+def messages(bag):
     """Topic, time and length of each message; rclpy does not set the bytes between the values."""
     with next(bag.glob("*.mcap")).open("rb") as file:
         return [
@@ -88,61 +80,49 @@ def messages(bag: Path) -> list[tuple[str, int, int]]:
         ]
 
 
-def test_a_part_that_fails_is_left_out_with_its_reason(tmp_path, capsys):
-    case = write_small_case(tmp_path / "case")
+def test_parts_that_fail_are_left_out_with_their_reasons(tmp_path, monkeypatch):
+    case, folder = write_small_case(tmp_path / "case"), tmp_path / "report"
     # So small that its voxels have another volume.
     trimesh.creation.icosphere(subdivisions=2, radius=0.8).export(case / "tumor.stl")
-    folder = tmp_path / "report"
     (folder / DICOM).mkdir(parents=True)
     (folder / DICOM / SEGMENTATION_FILE).write_text("of an earlier report")
     (folder / "notes.txt").write_text("kept")
-    assert main(["replay", str(case), "--no-ros", "--report", str(folder), "--all"]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("no ")]
-    assert len(lines) == 1
-    assert lines[0].startswith("no dicom: structure 'tumor'")
-    expected = {*REPORT_FILES, *ANALYSIS_FILES, *PARTS, "notes.txt"} - {DICOM}
-    assert names(folder) == expected
-
-
-def test_a_bag_whose_process_ends_is_left_out(case, tmp_path, capsys, monkeypatch):
     begin = BagProcess.begin
 
-    def begin_and_kill(self: BagProcess, run: object, folder: Path) -> None:
+    def begin_and_kill(self, run, folder):
         begin(self, run, folder)
         self._process.kill()
 
     monkeypatch.setattr(BagProcess, "begin", begin_and_kill)
-    folder = tmp_path / "report"
-    assert main(["replay", str(case), "--no-ros", "--report", str(folder), "--all"]) == 2
-    assert "no results: bag: the process that writes it ended" in capsys.readouterr().err
-    assert names(folder) == {*REPORT_FILES, *ANALYSIS_FILES, *PARTS} - {BAG}
+    printed = run("replay", case, "--no-ros", "--report", folder, "--all", status=2)
+    dicom, bag = sorted(line for line in printed.err.splitlines() if line.startswith("no "))
+    assert dicom.startswith("no dicom: structure 'tumor'")
+    assert "no results: bag: the process that writes it ended" in bag
+    assert names(folder) == {*ALL, "notes.txt"} - {DICOM, BAG}
 
 
-def test_a_replay_that_fails_leaves_nothing(case, tmp_path, capsys, monkeypatch):
-    from app.report import ReplayLog
-
-    def fail(self: ReplayLog, step: object, timing: object) -> bool:
+def test_a_replay_that_fails_leaves_nothing(case, tmp_path, monkeypatch):
+    def fail(self, step, timing):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(ReplayLog, "publish", fail)
-    folder = tmp_path / "report"
-    assert main(["replay", str(case), "--no-ros", "--report", str(folder), "--all"]) == 2
-    assert "No space left on device" in capsys.readouterr().err
+    printed = run("replay", case, "--no-ros", "--report", tmp_path / "report", "--all", status=2)
+    assert "No space left on device" in printed.err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_with_other_files_is_not_replaced(case, tmp_path, capsys):
+def test_a_folder_with_other_files_is_not_replaced(case, tmp_path):
     (tmp_path / DICOM).mkdir()
     (tmp_path / DICOM / "patient.dcm").write_text("kept")
-    assert main(["replay", str(case), "--no-ros", "--report", str(tmp_path), "--all"]) == 2
-    assert "dicom in it is not of a report" in capsys.readouterr().err
+    error = refused("replay", case, "--no-ros", "--report", tmp_path, "--all")
+    assert "dicom in it is not of a report" in error
     assert (tmp_path / DICOM / "patient.dcm").read_text() == "kept"
     assert names(tmp_path) == {DICOM}
 
 
 @pytest.mark.parametrize("options", [["--all"], ["--all", "--report", "r", "--mcap", "m"]])
-def test_all_needs_a_report_and_no_other_bag(case, tmp_path, capsys, monkeypatch, options):
+def test_all_needs_a_report_and_no_other_bag(case, tmp_path, monkeypatch, options):
     monkeypatch.chdir(tmp_path)
-    assert main(["replay", str(case), "--no-ros", *options]) == 2
-    assert "--all: without --report or with --mcap" in capsys.readouterr().err
+    error = refused("replay", case, "--no-ros", *options)
+    assert "--all: without --report or with --mcap" in error
     assert list(tmp_path.iterdir()) == []

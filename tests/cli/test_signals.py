@@ -10,7 +10,10 @@ import pytest
 
 from app.cli.signals import SIGNALS, note_signals, raise_signals
 from tests.cli.small_case import write_small_case
+from tests.forked import Forked, run_forked
 from tests.ros_domain import domain_id as domain_id
+
+both_signals = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 
 PUBLISHER = """
 import sys
@@ -35,26 +38,13 @@ sys.exit(received.exit_status)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id, project_root, number):
-    process = subprocess.Popen(
-        [sys.executable, "-c", PUBLISHER],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=project_root,
-    )
-    try:
-        assert process.stdout is not None
+@both_signals
+def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id, number):
+    with Forked(PUBLISHER) as process:
         assert process.stdout.readline() == "up\n"
         process.send_signal(number)
-        assert process.stdout.read() == "left\n"
-        assert process.stderr is not None
-        assert process.stderr.read() == ""
-        assert process.wait(30) == 128 + number
-    finally:
-        process.kill()
-        process.wait()
+        assert process.communicate() == ("left\n", "")
+        assert process.wait() == 128 + number
 
 
 INTERRUPTED = """
@@ -68,16 +58,14 @@ class Interrupt:
     came = False
 
     def find_spec(self, name, path=None, target=None):
-        if name == "numpy.linalg":
-            sys.meta_path.remove(self)
-            Interrupt.came = True
-            try:
-                os.kill(os.getpid(), signal.SIGINT)
-            except BaseException:
-                pass
+        sys.meta_path.remove(self)
+        Interrupt.came = True
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except BaseException:
+            pass
 
 from app.cli.main import main
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" has it ignored
 sys.meta_path.insert(0, Interrupt())
 status = main(sys.argv[1:])
 print(Interrupt.came)
@@ -85,31 +73,21 @@ sys.exit(status)
 """
 
 
-@pytest.mark.parametrize("command", [["record", "-o", "new"], ["igtl"], ["serve"]])
-def test_signal_during_import_is_not_lost(domain_id, project_root, tmp_path, command):
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, *command],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(project_root)},
-        timeout=120,
-    )
-    assert done.returncode == (0 if command == ["serve"] else 130), done.stderr
+@pytest.mark.parametrize(
+    ("command", "status"),
+    [
+        (["record", "-o", "new"], 130),
+        (["igtl"], 130),
+        (["serve"], 0),
+        (["make-case", "new"], 130),  # which does not wait for a signal
+    ],
+)
+def test_signal_during_import_ends_the_command(domain_id, tmp_path, command, status):
+    done = run_forked(INTERRUPTED, *command, folder=tmp_path)
+    assert done.returncode == status, done.stderr
     assert done.stdout.endswith("True\n")
-
-
-def test_signal_during_import_ends_command_that_does_not_wait(project_root, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, "make-case", "new"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(project_root)},
-        timeout=120,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "True\n", "")
-    assert [*tmp_path.iterdir()] == []
+    if command[0] == "make-case":
+        assert (done.stdout, done.stderr, [*tmp_path.iterdir()]) == ("True\n", "", [])
 
 
 WRITING = """
@@ -129,12 +107,11 @@ def interrupted(*args, **kwargs):
 
 setattr(writing, name, interrupted)
 from app.cli.main import main
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" has it ignored
 sys.exit(main(arguments))
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@both_signals
 @pytest.mark.parametrize(
     ("place", "command"),
     [
@@ -143,32 +120,17 @@ sys.exit(main(arguments))
         ("pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
     ],
 )
-def test_signal_during_writing_leaves_no_partial_file(
-    project_root, tmp_path, number, place, command
-):
+def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, command):
     case, folder = write_small_case(tmp_path / "case"), tmp_path / "work"
     folder.mkdir()
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            WRITING,
-            str(int(number)),
-            place,
-            *command.format(case=case).split(),
-        ],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(project_root)},
-        timeout=120,
-    )
+    words = command.format(case=case).split()
+    done = run_forked(WRITING, int(number), place, *words, folder=folder)
     printed = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
     assert (done.returncode, printed) == (128 + number, [])
     assert [*folder.iterdir()] == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@both_signals
 @pytest.mark.parametrize(
     ("place", "command", "whole"),
     [
@@ -179,44 +141,32 @@ def test_signal_during_writing_leaves_no_partial_file(
 def test_recorded_signal_leaves_complete_file(
     domain_id, project_root, tmp_path, number, place, command, whole
 ):
-    case = write_small_case(tmp_path / "case")
     live = project_root / "data/live_example/live.yaml"
-    done = subprocess.run(
-        [
-            *(sys.executable, "-c", WRITING, str(int(number)), place),
-            *command.format(case=case, live=live).split(),
-        ],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(project_root)},
-        timeout=120,
-    )
+    words = command.format(case=write_small_case(tmp_path / "case"), live=live).split()
+    done = run_forked(WRITING, int(number), place, *words, folder=tmp_path)
     assert done.returncode == 128 + number, done.stderr
     assert (tmp_path / "new" / whole).is_file()
     assert [*tmp_path.rglob(".*")] == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@both_signals
 def test_signal_during_compilation_ends_at_once(project_root, tmp_path, number):
     case = write_small_case(tmp_path / "case")
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         cwd=project_root,
         env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "compiled")},
-    )
-    try:
-        assert process.stderr is not None
-        assert process.stderr.readline().startswith("compiling for this machine")
-        process.send_signal(number)
-        assert process.communicate(timeout=120) == ("", "")
-        assert process.returncode == 128 + number
-    finally:
-        process.kill()
-        process.wait()
+    ) as process:
+        try:
+            assert process.stderr.readline().startswith("compiling for this machine")
+            process.send_signal(number)
+            assert process.communicate(timeout=120) == ("", "")
+            assert process.returncode == 128 + number
+        finally:
+            process.kill()
     assert [*tmp_path.rglob("measure*.nbi")] == [], "the compiler was not waited for"
 
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,19 +11,38 @@ from app.cli import system_checks
 @pytest.mark.parametrize(
     ("version", "ok"), [((3, 10), False), ((3, 11), True), ((3, 13), True), ((3, 14), False)]
 )
-def test_python_versions(version: tuple[int, int], ok: bool) -> None:
+def test_python_versions(version, ok):
     check = system_checks.check_python(version)
     assert check.ok is ok
     assert ("3.11 to 3.13" in check.remedy) is not ok
 
 
-def test_platform_without_wheels_is_refused() -> None:
+def test_platform_without_wheels_is_refused():
     assert system_checks.check_platform("Linux", "x86_64").ok
     assert "Linux on x86_64" in system_checks.check_platform("Linux", "aarch64").remedy
     assert not system_checks.check_platform("Darwin", "x86_64").ok
 
 
-def test_missing_compiler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_library(name):
+    raise OSError(f"{name}: cannot open shared object file")
+
+
+@pytest.mark.parametrize(
+    ("place", "double", "check", "remedy"),
+    [
+        ("sysconfig.get_path", lambda name: "/none", "check_headers", "/none/Python.h"),
+        ("importlib.util.find_spec", lambda name: None, "check_venv", "python3-venv"),
+        ("ctypes.CDLL", no_library, "check_egl", "libegl1"),
+    ],
+)
+def test_missing_part_is_named(monkeypatch, place, double, check, remedy):
+    monkeypatch.setattr(f"app.cli.system_checks.{place}", double)
+    found = getattr(system_checks, check)()
+    assert not found.ok
+    assert remedy in found.remedy
+
+
+def test_missing_compiler_is_named(monkeypatch):
     monkeypatch.setenv("CXX", "no-such-compiler -O2")
     check = system_checks.check_compiler()
     assert not check.ok
@@ -32,29 +50,7 @@ def test_missing_compiler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "g++" in check.remedy
 
 
-def test_missing_headers_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(system_checks.sysconfig, "get_path", lambda name: str(tmp_path))
-    check = system_checks.check_headers()
-    assert not check.ok
-    assert str(tmp_path / "Python.h") in check.remedy
-
-
-def test_missing_venv_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(system_checks.importlib.util, "find_spec", lambda name: None)
-    assert "python3-venv" in system_checks.check_venv().remedy
-
-
-def test_missing_egl_library_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: str) -> None:
-        raise OSError(f"{name}: cannot open shared object file")
-
-    monkeypatch.setattr(system_checks.ctypes, "CDLL", refuse)
-    check = system_checks.check_egl()
-    assert not check.ok
-    assert "libegl1" in check.remedy
-
-
-def run_alone(**environment: str) -> subprocess.CompletedProcess[str]:
+def run_alone(**environment):
     """The file as `make` runs it: by itself, without this project on the path."""
     return subprocess.run(
         [sys.executable, "-I", str(system_checks.__file__)],
@@ -66,14 +62,14 @@ def run_alone(**environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_file_run_alone_prints_one_sentence_and_fails(tmp_path: Path) -> None:
+def test_file_run_alone_prints_one_sentence_and_fails(tmp_path):
     done = run_alone(PATH=str(tmp_path), CC="cc", CXX="c++")
     (line,) = [line for line in done.stderr.splitlines() if "compile" in line]
     assert done.returncode == 1
     assert line.startswith("marginguard: cc and c++ not found")
 
 
-def test_file_run_alone_finds_egl_without_drivers(tmp_path: Path) -> None:
+def test_file_run_alone_finds_egl_without_drivers(tmp_path):
     """Mesa's library without its drivers: VTK would crash, so loading the library is not enough."""
     if not system_checks.check_egl().ok:
         pytest.skip("no EGL on this system_checks, so none to take the drivers from")
