@@ -45,20 +45,22 @@ demo: $(run)
 	@echo 'The report is $(report)/report.html'
 
 # A crashed worker ends the run (--max-worker-restart 0): pytest-xdist can hang when it replaces one.
-pytest := $(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+# The times of all tests are kept for `python -m tools.durations`.
+pytest = $(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
+  --tier $(1) --junitxml out/tests/$(1).xml
 
 test: $(test)
-	@$(pytest) $(PYTEST_ARGS)
+	@$(call pytest,suite) $(PYTEST_ARGS)
 
-# tests/conftest.py lists the slow tests, with reasons.
+# Each test file names its tier: tests/tiers.py.
 test-fast: $(test)
-	@$(pytest) -m "not slow" $(PYTEST_ARGS)
+	@$(call pytest,fast) $(PYTEST_ARGS)
 
 test-long: $(test)
-	@$(python) -m pytest --long $(PYTEST_ARGS)
+	@$(call pytest,long) $(PYTEST_ARGS)
 
 test-exhaustive: $(test)
-	@$(python) -m pytest --exhaustive $(PYTEST_ARGS)
+	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)
 
 # About five minutes of processor time: two builds, 2 GB of packages, all kernels compiled.
 test-wheel: $(test)

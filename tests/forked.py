@@ -2,7 +2,8 @@
 
 The parent has imported the libraries of a replay, and has no thread. A child gets its own
 folder, variables and standard streams, executes Python code, and ends as an interpreter ends, so
-that what measures coverage writes its data. Use a real process where the start of an interpreter is what is tested.
+that what measures coverage writes its data. Use a real process where the start of an interpreter is
+what is tested.
 """
 
 import atexit

@@ -12,6 +12,8 @@ from app.analysis.breach_probability import (
 from app.geometry import InputError
 from tests.analysis.simulated_outcomes import predictions
 
+pytestmark = pytest.mark.slow
+
 RADIUS_MM = 12.0
 SIGMAS = {"registration": 0.9, "pivot": 0.4, "contour": 0.6}
 COVARIANCES = {name: sigma**2 * np.eye(3) for name, sigma in SIGMAS.items()}

@@ -14,6 +14,8 @@ from app.geometry import InputError
 from app.session import StepResult
 from tests.shipped_case import BREACHES
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def case() -> mg.PreparedCase:

@@ -5,6 +5,8 @@ from app.analysis import Jitter, estimate_depth
 from app.geometry import InputError
 from tests.analysis.simulated_breaches import DepthErrors
 
+pytestmark = pytest.mark.slow
+
 TIMES = np.arange(0.0, 2.0, 0.02)
 
 

@@ -13,6 +13,8 @@ from app.analysis import CaseSamples, analyse_case, case_insertion, insertion_me
 from app.geometry import InputError, SurfaceMesh
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
 
+pytestmark = pytest.mark.slow
+
 
 def rigid(matrices: np.ndarray) -> np.ndarray:
     """The printed matrices (n, 4, 4) with the nearest rotations."""

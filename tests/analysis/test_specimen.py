@@ -16,6 +16,8 @@ from app.analysis.swept_volume import MAX_POINTS, MAX_STEPS, cutting_points, sol
 from app.geometry import InputError, MeshError, SurfaceMesh
 from tests.analysis.case_samples import mesh, samples
 
+pytestmark = pytest.mark.slow
+
 STALE_NS = 100_000_000
 RADIUS_MM = 1.5
 

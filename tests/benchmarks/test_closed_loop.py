@@ -16,6 +16,8 @@ from benchmarks.closed_loop.hand import AWAY_MM, Phase
 from benchmarks.closed_loop.pushes import judged
 from benchmarks.closed_loop.truth import Surfaces, Truth
 
+pytestmark = pytest.mark.long
+
 STOP_MM = 1.0
 
 

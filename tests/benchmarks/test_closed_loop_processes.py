@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.exhaustive
+
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 

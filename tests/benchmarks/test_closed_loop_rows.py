@@ -11,6 +11,8 @@ from benchmarks.closed_loop.__main__ import parsed
 from benchmarks.closed_loop.base_error import drawn_registration
 from benchmarks.closed_loop.rows import lines_of, merged, read_rows
 
+pytestmark = pytest.mark.slow
+
 TUMOR_MM = np.array([205.0, 0.0, 80.0])
 
 

@@ -8,6 +8,8 @@ import pytest
 from benchmarks.cohort import __main__ as cohort
 from benchmarks.cohort.run import Run, growth_of
 
+pytestmark = pytest.mark.slow
+
 RUN = Run(1, 0, 100.0, 2.5, 2.6, (300.0, 310.0), 0.01, "abc", 4)
 KILLED = replace(RUN, workers=2, killed=2, wall_s=90.0)
 

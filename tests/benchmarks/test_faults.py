@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import pytest
+
 from benchmarks.faults.records import Constraint, Content, Twist, judge
 from benchmarks.faults.results import (
     RESIDUAL,
@@ -18,6 +20,8 @@ from benchmarks.faults.results import (
 )
 from benchmarks.faults.run import all_rows, selected
 from benchmarks.harness.peer import to_and_fro
+
+pytestmark = pytest.mark.slow
 
 MS = 1_000_000
 LIMIT_MS = 60

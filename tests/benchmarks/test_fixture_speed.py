@@ -15,6 +15,8 @@ from benchmarks.fixture.plot import write_plot
 from benchmarks.fixture.results import CaseResult, case_table, speed_goals
 from benchmarks.fixture.timing import EngineRun, Timing, measure_in_processes
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("coal")
 pytest.importorskip("vtkmodules")
 

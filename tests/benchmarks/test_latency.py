@@ -34,6 +34,8 @@ from benchmarks.latency.senders import SWEEP_RAD, TURN_RAD, angle_at, body_frame
 from benchmarks.latency.stops import STOP_KINDS, StopRun, delays_at
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.slow
+
 BODIES = 4
 SECONDS = 0.5
 BY_NAME = {kind.name: kind for kind in KINDS}

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from benchmarks.long_case import write_long_case
+from benchmarks.replay.long_case import write_long_case
 
 from app.case import Case, open_case
 from app.geometry import NS_PER_S, FloatArray, TrackedTransform
 from tests.shipped_case import SHIPPED_CASE as RECORDED
+
+pytestmark = pytest.mark.slow
 
 MORE_S = 2.7
 """How much longer the repeated case is than one round."""

@@ -8,6 +8,8 @@ from rclpy.serialization import serialize_message
 from benchmarks.harness.peer import seq_of
 from benchmarks.rate.__main__ import failures, figures
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 
 

@@ -4,6 +4,8 @@ import pytest
 
 from benchmarks.replay.__main__ import compared, summary
 
+pytestmark = pytest.mark.slow
+
 
 def a_run(wall_s: float) -> dict[str, Any]:
     phases = {

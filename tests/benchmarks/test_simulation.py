@@ -10,6 +10,8 @@ from app.geometry import NS_PER_MS, MarginGuardError
 from benchmarks.simulation.__main__ import GOAL_MS, main
 from benchmarks.simulation.pace import Pace
 
+pytestmark = pytest.mark.slow
+
 WORLD = """
 schema: 1
 name: small

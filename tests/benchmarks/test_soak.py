@@ -6,6 +6,8 @@ import pytest
 from benchmarks.soak.__main__ import failures, figures, slope_mb_h
 from benchmarks.soak.processes import BARE, GUARD, Stream, percentile_ms
 
+pytestmark = pytest.mark.slow
+
 
 def rows(live_mb):
     return [{"s": 5.0 * index, "live": mb, "record": 100.0} for index, mb in enumerate(live_mb)]

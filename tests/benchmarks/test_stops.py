@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.exhaustive
+
 
 @pytest.mark.parametrize("round_of_25", range(4))
 def test_nothing_is_permissive_after_a_stop(

@@ -9,6 +9,8 @@ from PIL import Image
 from benchmarks.view.results import failures, figures
 from benchmarks.view.stamps import BITS, SIDE, stamp
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("number", [0, 1, 3740, 65535])
 def test_number_survives_jpeg_compression(number):

@@ -2,12 +2,15 @@
 
 import threading
 
+import pytest
 from rclpy.event_handler import EventHandler
 from std_msgs.msg import String
 
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, LATCHED, STREAM, Topic
 from tests.waiting import DEADLINE_S
+
+pytestmark = pytest.mark.slow
 
 WORDS = [Topic(f"/words_{number}", String, STREAM) for number in range(4)]
 

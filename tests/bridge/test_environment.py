@@ -13,6 +13,8 @@ from app.bridge.environment import UDP_ON_THIS_MACHINE, prepare_environment, wit
 from app.bridge.open_ports import listens_to_other_machines
 from tests.bridge.processes import Child
 
+pytestmark = pytest.mark.slow
+
 LOCALHOST = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 WITHOUT_HOOK_VARIABLES = without_bootstrap(os.environ)
 

@@ -9,6 +9,8 @@ from app.bridge.heartbeat import Heartbeat
 from app.bridge.steady_clock import steady_ns
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 
 class Sent:
     def __init__(self, enough):

@@ -10,6 +10,8 @@ from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 from app.bridge.errors import BridgeError
 from app.bridge.marker_reader import read_marker_array
 
+pytestmark = pytest.mark.slow
+
 
 def marker(name, points, **more):
     found = Marker(header=Header(frame_id=f"truth/{name}"), ns=name, type=Marker.TRIANGLE_LIST)

@@ -31,6 +31,8 @@ from app.bridge.message_definitions import (
 from app.bridge.node import RosNode
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 OURS = EXPECTED["msg/FixtureConstraint"]
 OTHER = "ab" * 32
 

@@ -15,6 +15,8 @@ from app.bridge.topics import TF
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 WORDS = Topic("/words", String, STREAM)
 
 

@@ -13,6 +13,8 @@ from app.case.frames.samples import JointSample
 from app.geometry import Stamp, Transform
 from tests.bridge.peers import as_plain
 
+pytestmark = pytest.mark.slow
+
 LAST_NS = (2**31 - 1) * 10**9
 QUARTER_TURN_ABOUT_X = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
 

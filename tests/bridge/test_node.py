@@ -11,6 +11,8 @@ from app.bridge.node import RosNode
 from app.bridge.qos import LATCHED, STREAM, Topic
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 CHANGES = Topic("~/changes", String, STREAM)
 STATUS = Topic("~/status", String, LATCHED)
 STRING = "std_msgs/msg/String"

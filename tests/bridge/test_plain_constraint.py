@@ -3,11 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from marginguard_msgs.msg import FixtureConstraint
 
 from app.bridge.plain_constraint import plain_constraint
 from app.bridge.publishing.constraint import ConstraintBuilder
 from app.fixture import FixtureRule, RulePermission, RuleReason
+
+pytestmark = pytest.mark.slow
 
 
 def test_values_equal_those_of_the_decision(content, make_step):

@@ -11,6 +11,8 @@ from app.case.frames.samples import TrackingFrame
 from app.geometry import Stamp
 from tests.bridge.service_calls import CALLER
 
+pytestmark = pytest.mark.slow
+
 TRIGGER = "std_srvs/srv/Trigger"
 SEEK = "marginguard_msgs/srv/Seek"
 SET_RATE = "marginguard_msgs/srv/SetRate"

@@ -6,6 +6,8 @@ import pytest
 
 from app.case import open_case
 
+pytestmark = pytest.mark.slow
+
 SAMPLES = 100
 
 

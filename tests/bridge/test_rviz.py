@@ -17,6 +17,8 @@ from app.bridge.qos import Topic
 from app.cli.main import build_parser
 from app.fixture import MarginState
 
+pytestmark = pytest.mark.slow
+
 PUBLISHED = {
     topic.name.replace("~", f"/{NODE_NAME}"): topic
     for topic in vars(topics).values()

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -12,6 +13,8 @@ from app.bridge.topics import TF
 from app.geometry import Stamp, Transform
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.waiting import DEADLINE_S
+
+pytestmark = pytest.mark.slow
 
 CALLER = Path(__file__).resolve().parent / "cyclone_caller.py"
 

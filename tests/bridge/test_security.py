@@ -9,6 +9,8 @@ import pytest
 from app.bridge.security import SecurityError, check_security, library_without_security
 from app.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 ASKED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 

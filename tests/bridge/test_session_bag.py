@@ -17,6 +17,8 @@ from app.geometry import SurfaceMesh
 from app.runtime import ReplayRun, prepare_case
 from tests.cli.small_case import FRAMES, write_small_case
 
+pytestmark = pytest.mark.slow
+
 CONSTRAINT = "/marginguard/constraint"
 MARGIN_MM = "/marginguard/margin_mm"
 MARKERS = "/marginguard/markers"

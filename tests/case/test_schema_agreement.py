@@ -14,6 +14,8 @@ from tests.schema_agreement import difference, disagreement, refusal, validator
 from tests.schema_documents import documents, faulty, settled
 from tests.valid_documents import VALID, shipped
 
+pytestmark = pytest.mark.slow
+
 
 def check_valid_document(document: str, data: st.DataObject) -> None:
     """Except for the rules that a schema cannot state, which half of the examples obey."""

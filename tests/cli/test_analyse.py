@@ -10,6 +10,8 @@ import pytest
 from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.slow
+
 CUTTING = ("--cutting-mm", "4")
 ERRORS = ("--error", "contour=0.5", "--error", "pivot=0.2", "--stop", "0", "--stop", "2")
 

@@ -7,6 +7,8 @@ import pytest
 
 from tests.cli.command import run
 
+pytestmark = pytest.mark.slow
+
 COMPLETE = """
 source "$1"; shift
 name=$(complete -p marginguard | sed 's/.*-F \\([^ ]*\\).*/\\1/')

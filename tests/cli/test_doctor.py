@@ -8,6 +8,8 @@ import pytest
 
 from app.cli import doctor
 
+pytestmark = pytest.mark.slow
+
 
 def test_each_remedy_belongs_to_something_missing():
     checks = doctor.check_environment(probe=lambda code: (True, sys.prefix))

@@ -21,6 +21,8 @@ from tests.viewer.attacks.raw_page import cookie
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN, Server
 from tests.viewer.conftest import can_draw as can_draw
 
+pytestmark = pytest.mark.long
+
 WAIT_MS = 90_000
 SIZES = ((1280, 720), (1920, 1080), (390, 844))
 

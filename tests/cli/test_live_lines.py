@@ -18,6 +18,8 @@ from tests.bridge.conftest import content as content
 from tests.bridge.conftest import make_step as make_step
 from tests.cli.command import TerminalDouble
 
+pytestmark = pytest.mark.slow
+
 STAMP_NS = 1_700_000_000_123_456_789
 
 

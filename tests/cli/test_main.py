@@ -12,6 +12,8 @@ from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import write_small_case
 from tests.forked import COMMAND, run_forked
 
+pytestmark = pytest.mark.slow
+
 LOADED = """
 import contextlib, json, sys
 from app.cli.main import main

@@ -30,6 +30,8 @@ from tests.browser import browser as browser
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import can_draw as can_draw
 
+pytestmark = pytest.mark.long
+
 SIZE = {"width": 960, "height": 600}
 """A small page: two cores draw it, simulate and show it in a browser."""
 

@@ -30,6 +30,8 @@ from tests.page_rules import violations
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import can_draw as can_draw
 
+pytestmark = pytest.mark.long
+
 WORLD = "trame.state.get('world')"
 LIMIT_S = 120.0
 SHELF_Z_MM, SHELF_MM = 60.0, 40.0

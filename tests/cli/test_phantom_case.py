@@ -17,6 +17,8 @@ from app.analysis import find_breaches
 from app.report import ReportRow
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
 
+pytestmark = pytest.mark.slow
+
 RADIUS_MM = 10.0
 OUT_OF_REACH = 2
 """Frames in which the arm cannot follow the hand."""

@@ -29,6 +29,8 @@ from app.cli.main import main
 from app.runtime import RequestLog
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.slow
+
 
 def test_without_guard_the_exit_status_is_2(domain_id, monkeypatch, capsys):
     monkeypatch.setattr(rearm, "TIMEOUT_S", 0.2)

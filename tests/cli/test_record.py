@@ -5,6 +5,8 @@ import pytest
 from app.cli.main import main
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("topic", ["", "tf", "/", "/tf/", "/a b", "/1a", "/tf\n"])
 def test_invalid_topic_is_refused(tmp_path, capsys, topic):

@@ -10,6 +10,8 @@ from tests.cut_case import write_cut_case
 from tests.ros_domain import domain_id as domain_id
 from tests.shipped_case import SHAFT, SHIPPED_CASE
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):

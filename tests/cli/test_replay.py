@@ -10,6 +10,8 @@ from app.report import REPORT_FILES
 from tests.cli import command
 from tests.cli.small_case import edit_manifest, identity, write_small_case
 
+pytestmark = pytest.mark.slow
+
 TABLE_LINES = 41
 
 

@@ -25,6 +25,8 @@ from tests.cli.small_case import edit_manifest, write_small_case
 from tests.cut_case import write_cut_case
 from tests.shipped_case import BRIEF
 
+pytestmark = pytest.mark.slow
+
 
 def replay(case, *options):
     return command.run_json("replay", case, "--no-ros", *options)

@@ -15,6 +15,8 @@ from app.runtime import content_of
 from app.session import Session, setup_from_case
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.slow
+
 PROCESS = [sys.executable, "-m", "app.cli.scene_process"]
 PNG = b"\x89PNG and more"
 

@@ -17,6 +17,8 @@ from tests.cli.small_case import FRAMES, write_small_case
 from tests.forked import COMMAND, Forked
 from tests.ros_domain import environment_of, reserved_domain
 
+pytestmark = pytest.mark.slow
+
 BRIDGE = Path(__file__).resolve().parents[1] / "bridge"
 SENDER, CALLER = BRIDGE / "calls" / "goal_sender.py", BRIDGE / "caller.py"
 CYCLONE_SENDER = BRIDGE / "cyclone_goal_sender.py"

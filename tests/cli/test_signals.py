@@ -13,6 +13,8 @@ from tests.cli.small_case import write_small_case
 from tests.forked import Forked, run_forked
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.slow
+
 both_signals = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 
 PUBLISHER = """

@@ -15,6 +15,8 @@ from app.igtl import IgtlSource, SampleQueue
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.long
+
 
 def test_live_session_follows_the_tracker_of_a_simulated_world(start, domain_id, project_root):
     world = project_root / "data" / "worlds" / "lumpectomy"

@@ -26,6 +26,8 @@ from tests.bridge.live.conftest import DEADLINE_S
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.long
+
 STOP_MM = 1.0
 
 

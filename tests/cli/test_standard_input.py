@@ -7,6 +7,8 @@ import pytest
 from tests.forked import COMMAND, Forked
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.slow
+
 WAITS = """
 import sys, threading
 from app.cli.standard_input import standard_input

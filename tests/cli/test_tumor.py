@@ -11,6 +11,8 @@ import yaml
 
 from app.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def contour(tmp_path: Path) -> Path:

@@ -27,6 +27,8 @@ from tests.viewer.conftest import can_draw as can_draw
 from tests.viewer.conftest import viewed_case as viewed_case
 from tests.viewer.test_server_gone import check_lost
 
+pytestmark = pytest.mark.slow
+
 SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
 
 

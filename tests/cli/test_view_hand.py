@@ -23,6 +23,8 @@ from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server
 from tests.viewer.conftest import can_draw as can_draw
 
+pytestmark = pytest.mark.long
+
 TOPIC = "/arm/body/measured_cf"
 WAIT_S = 60.0
 

@@ -16,6 +16,8 @@ from app.cohort.columns import ANALYSIS, COLUMNS, INSERTION
 from app.geometry import InputError
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.long
+
 
 class HereAndNow:
     """Test double of the pool: runs jobs in this process, in reverse order, and counts them."""

@@ -16,6 +16,8 @@ from app.cli.cohort.dask_pool import DaskPool
 from app.cohort import Dataset
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.long
+
 SMALL_CASES = 12
 
 

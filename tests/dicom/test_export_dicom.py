@@ -13,6 +13,8 @@ from app.cli.main import main
 from app.geometry import SurfaceMesh
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:

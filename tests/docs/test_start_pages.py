@@ -8,7 +8,7 @@ from tests.docs.page_run import PageRun
 from tests.ros_domain import environment_of, reserved_domain
 
 # Longer than the waits of a page, which fail with the line of their block.
-pytestmark = pytest.mark.timeout(1200)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
 
 NOT_RUN: dict[str, list[str]] = {
     "start_controller.md": [],

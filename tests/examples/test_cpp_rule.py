@@ -12,6 +12,8 @@ from app.geometry import FloatArray
 from tests.examples.rule_cases import Allow, Event, Rearm, Receive, as_line, events
 from tests.oracles.twist_oracle import nearest_point
 
+pytestmark = pytest.mark.slow
+
 PARAMETERS = LimiterParameters()
 LEVER = np.array([1.0] * 3 + [1.0 / PARAMETERS.lever_mm] * 3)
 UNITS = np.array([1000.0] * 3 + [1.0] * 3)

@@ -19,6 +19,8 @@ from tests.bridge.live.conftest import start as start  # noqa: E402
 from tests.bridge.live.restarts import TRACKED, live  # noqa: E402
 from tests.ros_domain import domain_id as domain_id  # noqa: E402
 
+pytestmark = pytest.mark.long
+
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "controller" / "guard_bond.py"
 DEADLINE_S = 60.0
 NS_PER_MS = 1_000_000

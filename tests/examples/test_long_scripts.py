@@ -6,9 +6,12 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 
 from tests.examples.conftest import NUMBER, RunExample, numbers
+
+pytestmark = pytest.mark.long
 
 CASE = Path("data/recorded_case")
 

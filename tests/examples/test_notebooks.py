@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
+pytestmark = pytest.mark.long
+
 NOTEBOOKS = ("margin_over_time", "registration_error")
 
 

@@ -12,6 +12,8 @@ import pytest
 from tests.examples.conftest import EXAMPLES, ROOT, TIMEOUT_S
 from tests.ros_domain import reserved_domain
 
+pytestmark = pytest.mark.long
+
 LINES = 20
 
 Start = Callable[..., "subprocess.Popen[str]"]

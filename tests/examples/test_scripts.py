@@ -5,10 +5,13 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from tests.examples.conftest import NUMBER, RunExample, numbers
+
+pytestmark = pytest.mark.slow
 
 CASE = Path("data/recorded_case")
 

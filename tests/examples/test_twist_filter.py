@@ -20,6 +20,8 @@ from tests.bridge.live.conftest import start as start  # noqa: E402
 from tests.bridge.live.test_live_command import SENDER, TRACKED  # noqa: E402
 from tests.ros_domain import domain_id as domain_id  # noqa: E402
 
+pytestmark = pytest.mark.long
+
 DEADLINE_S = 60.0
 STEPS = 200
 PARAMETERS = LimiterParameters()

@@ -17,6 +17,8 @@ from tests.bridge.processes import Child
 from tests.igtl.conftest import PyigtlServer, pose
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 TIME_S = 1_700_000_000.5
 STAMP = {"sec": 1_700_000_000, "nanosec": 500_000_000}
 OUT_OF_VIEW = {"TransformStatus": "OUT_OF_VIEW"}

@@ -16,6 +16,8 @@ from app.session import Session, setup_from_case
 from tests.bridge.conftest import Start
 from tests.igtl.conftest import PyigtlServer
 
+pytestmark = pytest.mark.slow
+
 STEP_S = 0.02
 
 

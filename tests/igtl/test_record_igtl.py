@@ -18,6 +18,8 @@ from tests.bridge.conftest import Start
 from tests.igtl.conftest import DEADLINE_S
 from tests.oracles.pyigtl_peer import message
 
+pytestmark = pytest.mark.long
+
 FRAMES = 6
 FIRST_S, STEP_S = 1_700_000_000.0, 0.125
 SIZE = (4, 6)

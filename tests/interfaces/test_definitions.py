@@ -14,6 +14,8 @@ from rosbags.typesys.store import Typestore
 
 from app.geometry import TrackingStatus
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("marginguard_msgs", reason="the ROS interfaces are not installed")
 
 INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"

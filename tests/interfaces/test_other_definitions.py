@@ -16,7 +16,10 @@ from tests.bridge.live.test_live_command import TRACKED
 from tests.waiting import wait_until
 
 PEER = Path(__file__).with_name("other_peer.py")
-pytestmark = pytest.mark.timeout(1200)  # compiling the package takes minutes on a busy machine
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.timeout(1200),
+]  # Compiling the package takes minutes on a busy machine
 
 DIAGNOSTICS = "/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000"
 REMEDY = "install the same marginguard_msgs on both sides"

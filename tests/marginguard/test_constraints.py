@@ -13,6 +13,8 @@ from tests.bridge.conftest import content as content
 from tests.bridge.conftest import make_step as make_step
 from tests.ros_domain import domain_id as domain_id
 
+pytestmark = pytest.mark.slow
+
 MakeStep = Callable[..., StepResult]
 
 

@@ -8,6 +8,8 @@ import pytest
 
 import marginguard
 
+pytestmark = pytest.mark.long
+
 SHOWN_IN = dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint")
 """Names of the rule of a controller -> function whose example shows them together."""
 

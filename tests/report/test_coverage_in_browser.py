@@ -13,6 +13,8 @@ from tests.report.conftest import write
 from tests.report.opened_page import opened
 from tests.report.projected_coverage import Projection, View
 
+pytestmark = pytest.mark.long
+
 SIZES = {"phone": (390, 844), "laptop": (1280, 720), "desktop": (1920, 1080)}
 _PIXELS = """
 async (points) => {

@@ -11,6 +11,8 @@ from app.fixture import MarginState
 from app.report.margin_plot import margin_png
 from app.report.rows import played_seconds, state_bands
 
+pytestmark = pytest.mark.slow
+
 DISTANCES = [9.0] * 30 + [3.0] * 30 + [-2.0] * 30 + [None] * 30 + [9.0] * 30
 
 

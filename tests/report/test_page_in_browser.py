@@ -13,6 +13,8 @@ from tests.report.opened_page import opened
 from tests.report.test_cohort_html import page as cohort_page
 from tests.report.test_cohort_html import rows as cohort_rows
 
+pytestmark = pytest.mark.long
+
 DISTANCES = [12.0] * 100 + [-2.0] * 10 + [12.0] * 100
 
 

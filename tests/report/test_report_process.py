@@ -8,6 +8,8 @@ import pytest
 from app.geometry import InputError
 from app.report import ReportError, ReportProcess, draw_margin_plot
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def process():

@@ -18,6 +18,8 @@ from app.runtime import ComputeProcess
 from app.runtime.memory_file import read_object, write_object
 from benchmarks.fixture_shapes import tool, tumor
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def process():

@@ -6,7 +6,7 @@ from slicer import vtkMRMLScene
 
 from app.scene import Camera, ImagePlane, SceneApplication, offscreen_view
 
-pytestmark = pytest.mark.usefixtures("can_draw")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
 
 RED, GREEN, BLUE, WHITE = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)
 

@@ -18,6 +18,8 @@ from app.scene.scene import NEEDLE_COLOR
 from app.session.known_edges import KnownEdges
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def present(application, content):

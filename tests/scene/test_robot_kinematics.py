@@ -14,6 +14,8 @@ from app.scene import MarginGuardScene
 from app.scene.nodes.convert import world_matrix, world_points
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
 
 CONFIGURATIONS = 20

@@ -15,6 +15,8 @@ from app.scene.nodes.convert import numpy_array, world_points
 from app.scene.robot_model import STALE_COLOR
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 RAS_FROM_REFERENCE = posed("ras", "reference", [0.3, 0.2, 0.1], [7.0, 8.0, 9.0])
 REFERENCE_FROM_BASE = posed("reference", "robot_base", [0.0, 0.1, 0.4], [-90.0, 30.0, -20.0])
 

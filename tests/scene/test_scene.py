@@ -14,6 +14,8 @@ from app.scene import MarginGuardScene, SceneError
 from app.scene.nodes.convert import is_at, vtk_matrix, world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def shown(fill):

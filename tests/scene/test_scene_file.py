@@ -18,6 +18,8 @@ from app.scene import MarginGuardScene, SceneError, load_scene, save_scene
 from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 DIGITS = 1e-12
 

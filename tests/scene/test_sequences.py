@@ -11,6 +11,8 @@ from app.scene import MarginGuardScene, SceneApplication, SceneError, add_sequen
 from app.scene.nodes.convert import vtk_matrix, world_matrix
 from tests.scene.conftest import loaded, posed
 
+pytestmark = pytest.mark.slow
+
 COUNT = 40
 NOW = 25
 SIX_DIGITS_MM = 0.0005  # half a unit of the sixth digit, below 1000 mm

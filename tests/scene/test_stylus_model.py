@@ -14,6 +14,8 @@ from app.session.known_edges import KnownEdges
 from tests.scene.test_presenter import names
 from tests.scene.test_presenter import present as present
 
+pytestmark = pytest.mark.slow
+
 TIP = Transform("pointer", "pointer_tip", np.eye(3), [2.0, -3.0, 120.0])
 POSE = Transform("tracker", "pointer", np.eye(3), [40.0, 50.0, 60.0])
 

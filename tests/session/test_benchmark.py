@@ -14,6 +14,8 @@ from benchmarks.session import failures, measure
 from benchmarks.session_trajectory import Trajectory
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
+pytestmark = pytest.mark.slow
+
 RATE_HZ = 1000
 
 

@@ -18,6 +18,8 @@ from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
 from tests.doubles import frame, sample
 from tests.shipped_case import CLOCK_OFFSET_MS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def recorded(case, tmp_path):

@@ -10,6 +10,8 @@ from app.session.recent_samples import MAX_REMEMBERED, REMEMBERED_NS, RecentSamp
 from tests.doubles import sample
 from tests.session.test_live import HOST_MS, STALE_MS, SimulatedHost
 
+pytestmark = pytest.mark.slow
+
 LATENCY_MS = 3.0
 LATER_MS = 300
 FOUND_MS = 40

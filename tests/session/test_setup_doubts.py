@@ -13,6 +13,8 @@ from app.runtime import ReplayRun, prepare_case
 from app.session import ADVICE, SessionSetup, SetupDoubts, StepResult, advice_text
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.slow
+
 PERIOD_NS = 50 * NS_PER_MS
 
 

@@ -13,6 +13,8 @@ import pytest
 from app.cli.commands.slicer import HOOK_DONE, slicer_environment
 from app.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = [str(ROOT / "slicer_module" / name) for name in ("MarginGuard", "ROS2")]
 OURS = f"{sys.version_info.major}.{sys.version_info.minor}"

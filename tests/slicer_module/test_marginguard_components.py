@@ -16,6 +16,8 @@ from MarginGuardLib.alarm import REPEAT_NS, Alarm  # isort: skip
 from MarginGuardLib.jobs import Jobs  # isort: skip
 from MarginGuardLib.tumor_input import surface_of  # isort: skip
 
+pytestmark = pytest.mark.slow
+
 POSITIVE, WARNING = MarginState.POSITIVE, MarginState.WARNING
 
 

@@ -12,6 +12,8 @@ from tests.slicer_module.marginguard_module import CLEAR_S, node_of, show, spin_
 
 from MarginGuardLib.contour_points import NAME  # isort: skip
 
+pytestmark = pytest.mark.slow
+
 RADIUS_MM = 9.0
 ERROR_MM = 0.3
 

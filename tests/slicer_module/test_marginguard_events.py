@@ -10,6 +10,8 @@ from app.session import AxisDistances
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.marginguard_module import CASE, CLEAR_S, node_of, show, spin_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def panel_logic(replayed):

@@ -22,6 +22,8 @@ from tests.viewer.calibrated_tool import (
     Tool,
 )
 
+pytestmark = pytest.mark.slow
+
 MOTION_FRAMES = 250
 DWELLS = 8
 DWELLS_END_S = 19.0

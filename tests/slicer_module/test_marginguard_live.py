@@ -16,6 +16,8 @@ from tests.bridge.live.test_live_command import SENDER, TRACKED
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.marginguard_module import CASE, node_of, spin_until, tumor_color
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def panel_logic(unconnected, domain_id):

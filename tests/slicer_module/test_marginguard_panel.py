@@ -19,6 +19,8 @@ from tests.slicer_module.waiting import wait_until
 
 from MarginGuardLib.ultrasound import UltrasoundShown  # isort: skip
 
+pytestmark = pytest.mark.slow
+
 BUTTONS = sorted(
     element.get("name")
     for element in ElementTree.parse(UI).getroot().iter("widget")

@@ -35,6 +35,8 @@ from tests.slicer_module.waiting import wait_until
 
 from MarginGuardLib.jobs import one_line  # isort: skip
 
+pytestmark = pytest.mark.slow
+
 GREY, RED = MarginState.UNKNOWN.color, MarginState.POSITIVE.color
 BREACH_S, INVALID_S = middle_s(DEEP), middle_s(INVALID)
 NEAR_S = 5.0

@@ -23,6 +23,8 @@ from tests.case.images.ultrasound_case import (
 from tests.cli.small_case import FRAMES
 from tests.slicer_module.marginguard_module import RecordedCase, node_of, spin_until, step
 
+pytestmark = pytest.mark.slow
+
 FIRST = 2
 
 

@@ -16,6 +16,8 @@ from app.runtime.qt_spinner import QtSpinner, keeps_interpreter_lock
 from benchmarks.latency.qt_loops import LOOPS, quit_loop
 from tests.slicer_module.desktop import desktop_slicer
 
+pytestmark = pytest.mark.slow
+
 NEVER_MS = 3_600_000
 FEW_MS = 50
 

@@ -8,6 +8,8 @@ from std_srvs.srv import SetBool
 from app.geometry import MarginGuardError
 from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 LOOKUP = "tf2_msgs/action/LookupTransform"
 SET_BOOL = "std_srvs/srv/SetBool"
 

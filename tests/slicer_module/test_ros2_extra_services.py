@@ -4,6 +4,8 @@ import pytest
 
 from tests.slicer_module.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("rosbag2_interfaces", reason="pip install ./interfaces_extra")
 
 SERVED = {

@@ -11,6 +11,8 @@ from app.geometry import Stamp, Transform
 from app.scene.nodes.adopted_nodes import FRAME, mark
 from tests.slicer_module.ros2_values import matrix, shifted
 
+pytestmark = pytest.mark.slow
+
 
 class Other:
     """Another node, which receives tf and may broadcast."""

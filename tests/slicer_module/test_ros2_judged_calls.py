@@ -10,6 +10,8 @@ from app.bridge.calls import waiting
 from tests.slicer_module.ros2_values import shifted, x_mm
 from tests.slicer_module.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 
 def test_parameters_of_every_type(logic, node, peer, spin_until):
     parameters = logic.AddNewNodeByClass("vtkMRMLROS2ParameterNode")

@@ -9,6 +9,8 @@ import vtk
 from app.geometry import MarginGuardError
 from tests.slicer_module.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def namespace():

@@ -6,6 +6,8 @@ import vtk
 from app.geometry import MarginGuardError
 from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def made(logic):

@@ -13,6 +13,8 @@ from app.geometry import MarginGuardError, Transform
 from tests.slicer_module.ros2_values import matrix, shifted, translation
 from tests.slicer_module.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 moveit = pytest.importorskip("moveit_msgs", reason="pip install ./interfaces_extra")
 
 HASHES = {

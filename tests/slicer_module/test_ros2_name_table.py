@@ -10,6 +10,8 @@ import pytest
 
 from tests.slicer_module.test_ros2_names import NAMES
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parent
 PAGE = FOLDER.parents[1] / "docs" / "ros2_module.md"
 HEADING = "## Every name and its test"

@@ -11,6 +11,8 @@ from app.geometry import MarginGuardError
 from tests.slicer_module.ros2_values import translation
 from tests.slicer_module.test_ros2_topics import KINDS
 
+pytestmark = pytest.mark.slow
+
 NAMES = {
     "vtkMRMLROS2NodeNode": """
         Create Destroy Spin GetROS2NodeName GetSpinning WarnIfNotSpinning

@@ -9,6 +9,8 @@ from slicer import vtkMRMLScene
 from app.geometry import MarginGuardError
 from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def api(make_api):

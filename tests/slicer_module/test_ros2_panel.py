@@ -10,6 +10,8 @@ import slicer
 
 from tests.slicer_module.desktop import desktop_slicer
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "ROS2"
 BUTTONS = {
     element.get("name")

@@ -7,6 +7,8 @@ from tests.slicer_module.test_ros2_panel import make_panel as make_panel
 from tests.slicer_module.test_ros2_panel import module as module
 from tests.slicer_module.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def panel(make_panel):

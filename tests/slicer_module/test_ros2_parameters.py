@@ -4,6 +4,8 @@ import pytest
 
 from app.geometry import MarginGuardError
 
+pytestmark = pytest.mark.slow
+
 KINDS = {
     "flag": "bool",
     "count": "integer",

@@ -20,6 +20,8 @@ from tests.slicer_module.ros2_values import (
     x_mm,
 )
 
+pytestmark = pytest.mark.slow
+
 TURN = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
 ROUNDED = ((0.707, -0.707, 0), (0.707, 0.707, 0), (0, 0, 1))
 ROUNDED_30 = ((0.866, -0.5, 0), (0.5, 0.866, 0), (0, 0, 1))

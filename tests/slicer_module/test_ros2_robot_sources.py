@@ -6,6 +6,8 @@ import pytest
 from app.scene.nodes.convert import world_matrix, world_points
 from tests.slicer_module.ros2_values import URDF
 
+pytestmark = pytest.mark.slow
+
 JOINTS = {"topic": "/arm/joint_states", "type": "sensor_msgs/msg/JointState"}
 
 

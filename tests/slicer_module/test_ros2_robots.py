@@ -8,6 +8,8 @@ from app.scene import SceneError
 from app.scene.nodes.convert import world_matrix, world_points
 from tests.slicer_module.ros2_values import URDF, shifted, x_mm
 
+pytestmark = pytest.mark.slow
+
 WHERE = ("/robot_state_publisher", "robot_description")
 POSES = [["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]]
 PLACED_MM = np.array([[390, -10, 200], [410, 10, 300]])

@@ -8,6 +8,8 @@ from slicer import vtkMRMLScene
 from tests.slicer_module.ros2_values import shifted, x_mm
 from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 OF_SLICER_ROS2 = """<?xml version="1.0" encoding="UTF-8"?>
 <MRML version="Slicer4.4.0" userTags="">
  <ROS2Node id="vtkMRMLROS2NodeNode2" name="ros2:node:helper" ROS2NodeName="helper"

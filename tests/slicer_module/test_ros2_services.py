@@ -5,6 +5,8 @@ import pytest
 from app.geometry import MarginGuardError
 from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 
 def test_request_is_answered_with_one_event(node, peer, spin_until):
     client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")

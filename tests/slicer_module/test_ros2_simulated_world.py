@@ -16,6 +16,8 @@ from app.simulation import BodyEntry, World, WorldDescription
 from tests.slicer_module.ros2_values import shifted
 from tests.slicer_module.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
 FACES = np.array(
     [

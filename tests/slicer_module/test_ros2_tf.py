@@ -7,6 +7,8 @@ from app.geometry import MarginGuardError
 from tests.slicer_module.ros2_values import shifted, x_mm
 from tests.slicer_module.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 
 class Events:
     """The x translation in mm at each TransformModifiedEvent of ``node``."""

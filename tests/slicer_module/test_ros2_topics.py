@@ -12,6 +12,8 @@ from app.geometry import MarginGuardError
 from tests.slicer_module.ros2_values import columns, doubles, flat, ints, matrix, rows, table
 from tests.slicer_module.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 HALF = np.sqrt(0.5)
 POSE = {
     "position": {"x": 0.0125, "y": -1.0, "z": 2.0},

@@ -10,6 +10,8 @@ from app.case import open_case
 from app.cli.main import main
 from tests.shipped_case import BREACHES, SHIPPED_CASE
 
+pytestmark = pytest.mark.long
+
 README = SHIPPED_CASE / "README.md"
 
 

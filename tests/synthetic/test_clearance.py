@@ -7,6 +7,8 @@ from app.geometry import Transform
 from app.synthetic import CAUTERY_TIP_FRAME, TUMOR_FRAME, Clearance, Tumour, cautery_mesh
 from app.synthetic.clearance import dense_surface
 
+pytestmark = pytest.mark.slow
+
 
 def pose(random, spread_mm):
     rotation = Rotation.random(rng=random).as_matrix()

@@ -11,6 +11,8 @@ from app.synthetic.simulation import CAUTERY_FROM_TIP, HANDLE_END_MM, TRACKED_FR
 from tests.oracles.winding_number import any_point_inside
 from tests.synthetic.test_motion import assert_same
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def breaches(simulation):

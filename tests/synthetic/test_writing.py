@@ -8,6 +8,8 @@ from app.geometry import InputError, MarginGuardError
 from app.synthetic import simulate_case, simulate_unrecorded_case
 from app.synthetic.simulation import CAUTERY_FROM_TIP, NEEDLE_FROM_TUMOR
 
+pytestmark = pytest.mark.slow
+
 FILES = {"case.yaml", "tracking.mcap", "tumor.stl", "cautery.stl", "expected.yaml", "README.md"}
 
 

@@ -7,6 +7,8 @@ from playwright.sync_api import Browser
 
 from tools.check_site import browser_problems
 
+pytestmark = pytest.mark.slow
+
 HEAD = "<!doctype html><meta name='viewport' content='width=device-width, initial-scale=1'>"
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PACKAGES = {"app", "marginguard"}
 SHIPPED = {"benchmarks", "data", "examples", "foxglove", "launch", "rviz", "slicer_module"}
 

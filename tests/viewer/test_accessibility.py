@@ -8,6 +8,8 @@ from tests.viewer.conftest import watching
 from tests.viewer.page_actions import resize, show_frame
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
+pytestmark = pytest.mark.long
+
 DESKTOP, PHONE, TABLET = (1920, 1080), (390, 844), (768, 1024)
 
 

@@ -13,6 +13,8 @@ from tests.viewer.calibrated_tool import KNOWN_MM, SHAFT, TIP_MM, move, write_se
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import answer, confirm, download, resize
 
+pytestmark = pytest.mark.long
+
 SIZES = {"wide": (1280, 720), "phone": (390, 844)}
 
 

@@ -7,19 +7,20 @@ from app.viewer.calibration_controls import CalibrationControls
 from app.viewer.calibration_part import CalibrationPart
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from tests.runtime.test_operator_commands import CONTENT, World
-from tests.runtime.workflow.test_stylus_calibration import CONTENT as STYLUS_CONTENT
+from tests.runtime.workflow.guided import pivot_rotation
 from tests.runtime.workflow.test_stylus_calibration import TIP_MM as STYLUS_TIP_MM
-from tests.runtime.workflow.test_stylus_calibration import Guided as StylusGuided
-from tests.runtime.workflow.test_stylus_calibration import pivot
-from tests.runtime.workflow.test_tool_calibration import TIP_MM, Guided, pivot_rotation
+from tests.runtime.workflow.test_stylus_calibration import GuidedStylus
+from tests.runtime.workflow.test_tool_calibration import TIP_MM, GuidedTool
 from tests.viewer.guided_part import GuidedPart, must_not_be_used
 from tests.viewer.guided_part import operator as operator
 from tests.viewer.guided_part import workers as workers
 
+pytestmark = pytest.mark.slow
+
 
 def calibrating(use, guided=None):
     """A calibration part and the source of its poses."""
-    guided = guided or Guided(CONTENT)
+    guided = guided or GuidedTool(CONTENT)
     controls = CalibrationControls
     return guided, GuidedPart(
         "calibration", CalibrationPart, controls, guided.guide, guided.content, use
@@ -78,11 +79,11 @@ def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator, workers):
     world = World(content=STYLUS_CONTENT)
     setup = world.setup
     operator.connect(world.commands)
-    guided, part = calibrating(operator.set_tip, StylusGuided(STYLUS_CONTENT))
+    guided, part = calibrating(operator.set_tip, GuidedStylus())
     part.run("start", "pivot", "stylus")
     assert part.values["title"] == "pivot of the stylus: recording"
     for number in range(200):
-        guided.observe(pivot(number))
+        guided.observe(pivot_rotation(number))
     part.run("stop")
     part.finish()
     part.run("use")

@@ -26,6 +26,8 @@ from tests.viewer.page_actions import (
 )
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
+pytestmark = pytest.mark.long
+
 FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
 SHIPPED_CASE = shipped("data", "recorded_case")
 PHONE = (390, 844)

@@ -27,6 +27,8 @@ from tests.viewer.page_actions import (
     wait_for,
 )
 
+pytestmark = pytest.mark.long
+
 TO_SCREEN = """([column, row]) => {
   const svg = document.querySelector("#us-image");
   const { x, y } = new DOMPoint(column + 0.5, row + 0.5).matrixTransform(svg.getScreenCTM());

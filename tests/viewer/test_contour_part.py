@@ -21,6 +21,8 @@ from tests.viewer.guided_part import must_not_be_used
 from tests.viewer.guided_part import operator as operator
 from tests.viewer.guided_part import workers as workers
 
+pytestmark = pytest.mark.slow
+
 WITHOUT_SCENE = SimpleNamespace(scene=None)
 """Test double of a scene view before tool and tumour are known."""
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -13,6 +13,8 @@ from tests.page_rules import violations
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import download, resize
 
+pytestmark = pytest.mark.long
+
 NAMES = ["report.html", "report.pdf", "margin.csv", "scene.mrb", "movie.gif", "movie.mp4"]
 
 

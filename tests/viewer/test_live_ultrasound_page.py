@@ -17,6 +17,8 @@ from tests.viewer.page_actions import resize, wait_for
 from tests.viewer.test_operation_page import picture
 from tests.viewer.test_ultrasound_page import pixels_of
 
+pytestmark = pytest.mark.long
+
 SENDER = ("-m", "benchmarks.images.sender")
 
 

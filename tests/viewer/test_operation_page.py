@@ -24,6 +24,8 @@ from tests.viewer.page_actions import confirm, download, resize, wait_for, wait_
 from tests.viewer.test_contour_page import click, has_points
 from tests.viewer.test_ultrasound_page import pixels_of
 
+pytestmark = pytest.mark.long
+
 SIZES = {"1280": (1280, 720), "1920": (1920, 1080), "390": (390, 844)}
 PICTURES = os.environ.get("MARGINGUARD_WORKFLOW_PICTURES", "")
 """Folder for a picture of each step and size; none by default."""

@@ -23,6 +23,8 @@ from tests.viewer.page_actions import (
 )
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
+pytestmark = pytest.mark.slow
+
 MINUS = "\N{MINUS SIGN}"
 LABELS = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}
 STATES = {0: "NEGATIVE", BREACH_FRAME: "POSITIVE", LOST[0]: "UNKNOWN"}

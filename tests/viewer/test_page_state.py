@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
+import pytest
 from PIL import Image
 from trame_server import Server
 
@@ -14,6 +15,8 @@ from app.viewer.drawing.cameras import CameraPreset
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.page import Page
 from app.viewer.steps.view_state import ViewState
+
+pytestmark = pytest.mark.slow
 
 
 class FeedDouble:

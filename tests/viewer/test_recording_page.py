@@ -14,6 +14,8 @@ from tests.bridge.live.test_record_command import SENDER, TRACKED
 from tests.page_rules import violations
 from tests.viewer.conftest import watching
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def cases(tmp_path):

@@ -11,6 +11,8 @@ from tests.viewer.conftest import watching
 from tests.viewer.page_actions import confirm
 from tests.viewer.test_calibration_page import look
 
+pytestmark = pytest.mark.long
+
 CASE = "package://marginguard/recorded_case"
 POINTS = 8
 SHIFT_MM = 3.0

@@ -15,6 +15,8 @@ from tests.viewer.guided_part import GuidedPart, must_not_be_used
 from tests.viewer.guided_part import operator as operator
 from tests.viewer.guided_part import workers as workers
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 760
 """Up to the end of the last of 8 dwells of the shipped case."""
 

@@ -10,6 +10,8 @@ from app.fixture import MarginState
 from tests.viewer.conftest import SIZE, watching
 from tests.viewer.page_actions import wait_until_uncovered
 
+pytestmark = pytest.mark.slow
+
 GREY = f"rgb({', '.join(str(round(255 * part)) for part in MarginState.UNKNOWN.color)})"
 
 

@@ -13,6 +13,8 @@ from tests.viewer.page_actions import confirm
 from tests.viewer.test_calibration_page import look, saved_tip
 from tests.viewer.test_operation_page import picture
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.timeout(900)
 def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(

@@ -14,6 +14,8 @@ from tests.viewer.conftest import SIZE
 from tests.viewer.page_actions import show_frame, wait_until_uncovered
 from tests.viewer.test_server_gone import check_lost
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory):

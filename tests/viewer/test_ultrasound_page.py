@@ -14,6 +14,8 @@ from tests.cli.small_case import FRAMES
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import show_frame
 
+pytestmark = pytest.mark.long
+
 KINDS = ["Ultrasound", "Axial", "Sagittal", "Coronal", "Along the tool"]
 OUTLINE = re.compile(r"^M[\d.]+ [\d.]+L")
 _PIXELS = """async () => {

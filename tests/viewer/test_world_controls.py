@@ -25,6 +25,8 @@ from tests.runtime.test_simulated_world import world as world
 from tests.viewer.test_hand_part import event
 from tests.viewer.test_world_part import CORNERS, FACES, START_NS, Shown, body
 
+pytestmark = pytest.mark.slow
+
 MESH = SurfaceMesh("mesh", CORNERS, FACES)
 
 

@@ -14,6 +14,8 @@ from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.scene_view import Part
 from app.viewer.world_part import WorldPart
 
+pytestmark = pytest.mark.slow
+
 S = 1_000_000_000
 START_NS = 1000 * S
 CORNERS = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]], dtype=float)

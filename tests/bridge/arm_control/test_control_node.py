@@ -20,6 +20,8 @@ from app.cli.main import main
 from app.control import control_schema_text, open_control
 from app.geometry import NS_PER_S, InputError
 
+pytestmark = pytest.mark.slow
+
 STEPS = 4000
 FAR_M = 10.0
 VALID_NS = NS_PER_S

@@ -21,6 +21,8 @@ from app.bridge.calls import (
 from app.bridge.convert import UnknownTypeError
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 LOOKUP = "tf2_msgs/action/LookupTransform"
 
 

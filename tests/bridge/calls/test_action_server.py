@@ -16,6 +16,8 @@ from app.bridge.qos import LATCHED, Topic
 from app.geometry import NS_PER_S, InputError
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 SENDER = Path(__file__).resolve().parent / "goal_sender.py"
 LOOKUP = "tf2_msgs/action/LookupTransform"
 

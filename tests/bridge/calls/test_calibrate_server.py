@@ -11,6 +11,8 @@ from app.bridge.calls.calibrate_server import CalibrateServer
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).resolve().parent
 TOOL, SENDER = HERE / "tool_sender.py", HERE / "goal_sender.py"
 CALIBRATE = "marginguard_msgs/action/Calibrate"

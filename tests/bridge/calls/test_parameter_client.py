@@ -15,6 +15,8 @@ from app.bridge.calls import (
 from app.bridge.convert import ConversionError
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def client(ros, peer):

@@ -9,6 +9,8 @@ from app.bridge.node import RosNode
 from app.geometry import InputError
 from tests.bridge.service_calls import CALLER, asking, setting
 
+pytestmark = pytest.mark.slow
+
 DECLARED = (
     ParameterDeclaration("stop_mm", 1.0, "where motion stops", "mm", 0.0, 50.0),
     ParameterDeclaration("warn_mm", 5.0, "where the colour turns", "mm", 0.0, 100.0),

@@ -7,6 +7,8 @@ from rclpy.parameter import Parameter
 
 from app.bridge.calls.parameter_values import parameter_value, plain_value
 
+pytestmark = pytest.mark.slow
+
 INTEGERS = st.integers(-(2**63), 2**63 - 1)
 SCALARS = (st.booleans(), INTEGERS, st.floats(allow_nan=False), st.text())
 VALUES = st.one_of(

@@ -17,6 +17,8 @@ from app.bridge.convert import ConversionError, UnknownTypeError
 from app.bridge.node import RosNode
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 TRIGGER = "std_srvs/srv/Trigger"
 
 

@@ -9,6 +9,8 @@ from app.geometry import InputError
 from tests.bridge.service_calls import CALLER
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 TRIGGER = "std_srvs/srv/Trigger"
 
 

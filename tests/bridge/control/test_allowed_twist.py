@@ -22,6 +22,8 @@ from tests.bridge.conftest import DEADLINE_S, START_NS
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 SENDER = Path(__file__).resolve().parent / "twist_sender.py"
 LONG_NS = 10**11
 TIMEOUT_NS = 10**11

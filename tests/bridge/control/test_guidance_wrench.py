@@ -11,6 +11,8 @@ from app.fixture import GuidanceParameters
 from app.geometry import Transform
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 QUICK = GuidanceParameters(
     force_n=4.0, range_mm=10.0, rate_n_s=1e6, period_s=0.02, delay_s=0.0, damping_n_s_m=10.0
 )

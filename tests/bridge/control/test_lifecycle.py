@@ -13,6 +13,8 @@ from app.bridge.topics import CONSTRAINT
 from tests.bridge.publishing.test_constraint_stream import constraint
 from tests.bridge.service_calls import transitions
 
+pytestmark = pytest.mark.slow
+
 
 class StreamingNode:
     """Streams one constraint while active; raises the errors in `fails`."""

@@ -10,6 +10,8 @@ import yaml
 from tests.bridge.conftest import CONSTRAINT, TF
 from tests.bridge.service_calls import CALLER, setting, transitions
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).resolve().parent
 TWISTS = HERE / "twist_sender.py"
 SENDER = HERE.parent / "live" / "sender.py"

@@ -13,6 +13,8 @@ from app.bridge.node import RosNode
 from app.fixture import MarginParameterError, MarginParameters
 from tests.bridge.service_calls import CALLER, asking, setting
 
+pytestmark = pytest.mark.slow
+
 
 def appending_to(used):
     """Function that appends the margins that it is called with."""

@@ -17,6 +17,8 @@ from app.session import Session, setup_from_case
 from tests.bridge.conftest import DEADLINE_S
 from tests.bridge.service_calls import CALLER, call_of, pairs, tumor
 
+pytestmark = pytest.mark.slow
+
 
 class RecordingOutput(PassiveOutput):
     """Test double of a publisher: the contents that it prepared and the ones it switched to."""

@@ -9,6 +9,8 @@ from shape_msgs.msg import MeshTriangle
 
 from app.bridge.control.tumor_request import ArrayRequest, TumorRequest
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("frame", "triangles", "vertices"), [("", 0, 0), ("needle", 1, 0), ("näh\n", 500, 251)]

@@ -12,6 +12,8 @@ from sensor_msgs.msg import PointCloud2, PointField
 from app.bridge.convert import ConversionError, cloud_array, cloud_message, cloud_points_mm
 from app.geometry import Stamp
 
+pytestmark = pytest.mark.slow
+
 COORDINATES = st.floats(-1e4, 1e4)
 
 

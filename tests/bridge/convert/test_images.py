@@ -8,6 +8,8 @@ from app.bridge.convert import ConversionError, image_array, image_message
 from app.bridge.convert.images import ENCODINGS
 from app.geometry import Stamp
 
+pytestmark = pytest.mark.slow
+
 NOW = Stamp(5)
 
 

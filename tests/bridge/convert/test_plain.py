@@ -14,6 +14,8 @@ from rosidl_parser import definition as idl
 
 from app.bridge.convert import ConversionError, from_plain, message_type, to_plain, type_name
 
+pytestmark = pytest.mark.slow
+
 PACKAGES = (
     "diagnostic_msgs",
     "geometry_msgs",

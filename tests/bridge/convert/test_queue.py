@@ -4,6 +4,8 @@ import pytest
 
 from app.bridge.convert import ConversionError, TopicQueue, qos_profile
 
+pytestmark = pytest.mark.slow
+
 STRING = "std_msgs/msg/String"
 
 

@@ -16,6 +16,8 @@ from app.bridge.convert import (
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 CYCLONE = Path(__file__).resolve().parents[1] / "cyclone_publisher.py"
 PUBLISHER = Path(__file__).resolve().parent / "repeating_publisher.py"
 POSE = "geometry_msgs/msg/PoseStamped"

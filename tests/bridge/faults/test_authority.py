@@ -3,7 +3,11 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.bridge.conftest import TF
+
+pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).resolve().parent
 PEER = HERE / "authority_peer.py"

@@ -4,8 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.bridge.conftest import Start
 from tests.waiting import wait_until
+
+pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).resolve().parent
 TOPICS = {

@@ -25,6 +25,8 @@ from tests.bridge.conftest import Receiver, Start, StartReceiver
 from tests.bridge.faults.test_listeners import attacked
 from tests.bridge.processes import Child
 
+pytestmark = pytest.mark.long
+
 SENDER = Path(__file__).resolve().parents[1] / "live" / "sender.py"
 HOSTILE = Path(__file__).resolve().parent / "hostile.py"
 FLOOD_S = os.environ.get("MARGINGUARD_FLOOD_S", "0.5")

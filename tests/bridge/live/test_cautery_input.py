@@ -1,5 +1,6 @@
 """The state of the cautery from a ROS topic and from OpenIGTLink STRING messages."""
 
+import pytest
 from std_msgs.msg import Bool
 
 from app.bridge import RosNode
@@ -9,6 +10,8 @@ from app.case import CauteryState, CauteryTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
 from tests.waiting import wait_until
+
+pytestmark = pytest.mark.slow
 
 TOPIC = Topic("/generator/active", Bool, STREAM)
 LIMIT_NS = 1000

@@ -13,6 +13,8 @@ from app.case import IMAGE_DEPTH_TOPIC, BagTopic, BagWriter, DepthCalibration, I
 from app.case.images.recorded_depths import RecordedDepth, recorded_depths
 from app.geometry import ImageCalibration, ImageSample, ImageStatus, InputError, Stamp
 
+pytestmark = pytest.mark.slow
+
 PIXELS_MM = {40.0: 0.1, 60.0: 0.15}
 
 

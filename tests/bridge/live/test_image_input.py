@@ -3,6 +3,7 @@
 import threading
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
@@ -24,6 +25,8 @@ from app.igtl.wire import HEADER_BYTES, read_header
 from app.session import LiveImages
 from tests.case.images.sequences import some_pixels
 from tests.waiting import DEADLINE_S, wait_until
+
+pytestmark = pytest.mark.slow
 
 TOPIC = Topic("/us/image", Image, NEWEST)
 PIXELS = some_pixels(8, 6, 5)

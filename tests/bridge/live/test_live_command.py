@@ -14,6 +14,8 @@ from tests.bridge.conftest import SENDER as SENDER
 from tests.bridge.conftest import TRACKED as TRACKED
 from tests.bridge.service_calls import CALLER
 
+pytestmark = pytest.mark.slow
+
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 POSITIVE, UNKNOWN = 2, 3
 

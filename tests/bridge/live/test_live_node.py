@@ -4,6 +4,8 @@ import threading
 from contextlib import nullcontext
 from dataclasses import replace
 
+import pytest
+
 from app.bridge.live import LiveNode, LiveNodeLifecycle
 from app.bridge.live.outputs import TwistOutput
 from app.bridge.steady_clock import steady_ns
@@ -12,6 +14,8 @@ from tests.doubles import PARAMETERS
 from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
 from tests.waiting import DEADLINE_S
+
+pytestmark = pytest.mark.slow
 
 
 class Failing(PassiveOutput):

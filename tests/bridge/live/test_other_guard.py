@@ -11,6 +11,8 @@ from app.bridge.live.other_guard import find_silent_publishers
 from app.fixture import Reason
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 TOPIC = "/marginguard/constraint"
 
 

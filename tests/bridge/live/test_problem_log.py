@@ -10,6 +10,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from app.bridge.live.outputs import FramesProblemLog
 
+pytestmark = pytest.mark.slow
+
 UNCHECKED = "nothing checks the tracker: no joint positions"
 REFUSED = (
     "PLAYBACK refused: poses from a recording, case 1 (seed 1; no patient); expected a live one"

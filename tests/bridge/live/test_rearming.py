@@ -21,6 +21,8 @@ from app.runtime import OperatorCommands
 from tests.bridge.conftest import DEADLINE_S
 from tests.bridge.service_calls import CALLER
 
+pytestmark = pytest.mark.slow
+
 FLOOD = Path(__file__).with_name("rearm_flood.py")
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 REASONS = ["latched"]

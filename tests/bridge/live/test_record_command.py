@@ -29,6 +29,8 @@ from tests.bridge.conftest import TRACKED as TRACKED
 from tests.bridge.service_calls import tumor
 from tests.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def recorded(start_sender, start, live_yaml, tmp_path):

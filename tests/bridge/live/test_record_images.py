@@ -15,6 +15,8 @@ from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, TOPIC, wr
 from tests.bridge.conftest import Start
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 ENOUGH_BYTES = 3_000_000
 
 

@@ -22,6 +22,8 @@ from tests.bridge.live.replayed_margins import plain
 from tests.bridge.live.test_record_command import TRACKED
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.long
+
 REPLAY = Path(__file__).resolve().parent / "replayed_margins.py"
 MAX_ERROR_MM = 1e-9
 FRAMES = 60

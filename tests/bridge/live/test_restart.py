@@ -10,6 +10,8 @@ import pytest
 from tests.bridge.conftest import CONSTRAINT, TRACKED
 from tests.bridge.live.restarts import REARM, live, refusal
 
+pytestmark = pytest.mark.long
+
 KILLED = re.compile(
     r"guard restarted: the last run \(process (\d+)\) ended without a stop at about "
     r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d"

@@ -9,6 +9,8 @@ from tests.bridge.conftest import CONSTRAINT, TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
 from tests.bridge.live.restarts import live, no_arm, other_arm, refusal
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def config(live_yaml):

@@ -10,6 +10,8 @@ from marginguard_msgs.msg import FixtureConstraint
 from tests.bridge.conftest import TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
 
+pytestmark = pytest.mark.long
+
 HERE = Path(__file__).resolve().parent
 SENDER, RIVAL = HERE / "sender.py", HERE / "rival.py"
 UNKNOWN = FixtureConstraint.UNKNOWN

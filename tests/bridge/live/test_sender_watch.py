@@ -22,6 +22,8 @@ from app.fixture import Reason
 from app.geometry import Stamp, Transform
 from tests.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 EDGES = [("tracker", "cautery"), ("tracker", "reference"), ("reference", "needle")]
 BASE = Transform("reference", "robot_base", np.eye(3), [10.0, 0.0, 0.0])
 A, B = Origin(b"a", 1), Origin(b"b", 1)

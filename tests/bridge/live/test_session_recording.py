@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from marginguard_msgs.srv import SetTumor
 from std_srvs.srv import SetBool
 
@@ -11,6 +12,8 @@ from app.case import open_case
 from tests.bridge.live.test_record_command import TRACKED, samples_of
 from tests.bridge.service_calls import tumor
 from tests.waiting import DEADLINE_S, wait_until
+
+pytestmark = pytest.mark.long
 
 
 def test_session_is_recorded_between_two_requests(

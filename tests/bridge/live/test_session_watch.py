@@ -6,6 +6,8 @@ from rclpy.serialization import serialize_message
 
 from app.bridge.live import SessionWatch
 
+pytestmark = pytest.mark.slow
+
 
 def changes_of(watch: SessionWatch, *samples: str) -> list[bool]:
     """`SessionWatch.has_changed` for constraints in sequence: an instance and a model id each."""

@@ -22,6 +22,8 @@ from app.geometry import TrackingStatus
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
 HELLO = "hello"
 LOOKUPS = 30

@@ -7,6 +7,8 @@ import yaml
 
 from tests.bridge.conftest import CONSTRAINT
 
+pytestmark = pytest.mark.long
+
 DIAGNOSTICS = "/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000"
 SOURCE = {"tracked_transforms": {}, "clock": "host"}
 UNKNOWN = 3

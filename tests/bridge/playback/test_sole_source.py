@@ -17,6 +17,8 @@ from app.bridge.qos import STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 ALONE = "expected no publisher besides the playback"
 
 

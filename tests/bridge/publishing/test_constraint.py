@@ -8,6 +8,8 @@ import pytest
 from app.bridge.publishing.constraint import ConstraintBuilder
 from app.fixture import FixtureDecision, MarginState, Reason
 
+pytestmark = pytest.mark.slow
+
 
 def ns(time):
     return time.sec * 10**9 + time.nanosec

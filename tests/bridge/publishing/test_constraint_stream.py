@@ -14,6 +14,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from app.bridge.publishing.constraint_stream import ConstraintStream, RawConstraint
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 
 class Sent:
     """Publisher that deserialises and stores the messages."""

@@ -8,6 +8,8 @@ from app.bridge.publishing.diagnostics import Diagnostics
 from app.case import TrackingFrame
 from app.fixture import MarginState
 
+pytestmark = pytest.mark.slow
+
 STALE_NS = 200_000_000
 
 

@@ -13,6 +13,8 @@ from app.fixture import FixtureDecision, MarginState
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.session import StepResult
 
+pytestmark = pytest.mark.slow
+
 
 def stamps(edges):
     return {(edge.target, edge.source): stamp.ns for edge, stamp in edges}

@@ -16,6 +16,8 @@ from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.fixture import MarginState
 from benchmarks.fixture_shapes import lobed_tumor
 
+pytestmark = pytest.mark.slow
+
 
 def surfaces(content, state=MarginState.NEGATIVE):
     return deserialize_message(Markers(content).surfaces(state), MarkerArray)

@@ -24,6 +24,8 @@ from app.case.frames.samples import JointSample
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 
+pytestmark = pytest.mark.slow
+
 EDGES = (("reference", "needle"), ("reference", "cautery_of_the_robot"), ("base", "link/1"))
 
 

@@ -18,6 +18,8 @@ from app.runtime import StepTiming
 from tests.session_content import registered
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 TF = "/tf:tf2_msgs/msg/TFMessage"
 TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
 JOINTS = "/joint_states:sensor_msgs/msg/JointState"

@@ -15,6 +15,8 @@ from app.geometry import NS_PER_MS, NS_PER_S, Transform
 from app.robot import bodies_from_mesh_map, robot_from_text
 from tests.bridge.robots.conftest import URDF
 
+pytestmark = pytest.mark.slow
+
 NOW_NS = 1_700_000_000 * NS_PER_S
 ARM = RobotSettings("arm")
 

@@ -28,6 +28,8 @@ from app.geometry import NS_PER_S
 from app.robot import robot_from_text
 from tests.waiting import DEADLINE_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 PROCESS = Path(__file__).parent / "robot_process.py"
 
 

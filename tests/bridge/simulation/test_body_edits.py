@@ -18,6 +18,8 @@ from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.simulation import World, open_world
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
 FACES = np.array(
     [

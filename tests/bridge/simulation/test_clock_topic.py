@@ -12,6 +12,8 @@ from app.cli.main import main
 from app.simulation import World, open_world
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 GUARD = ("-m", "benchmarks.closed_loop.open_guard")
 """A test double: publishes constraints."""
 

@@ -3,11 +3,14 @@
 import math
 import signal
 
+import pytest
 from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
 from app.bridge.simulation.controller_binding import ControllerBinding
 from tests.bridge.simulation.stepped_world import simulated as simulated
+
+pytestmark = pytest.mark.slow
 
 OTHER = "another controller commands the arm (node"
 

@@ -12,6 +12,8 @@ from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME, DeviceHand, JoyInput, SimulationNode
 from app.simulation import World, open_world
 
+pytestmark = pytest.mark.slow
+
 PEER = Path(__file__).with_name("hand_peer.py")
 ROUNDS = 3000
 

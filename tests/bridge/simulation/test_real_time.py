@@ -9,6 +9,8 @@ from app.bridge.simulation.real_time import MAX_LAG_NS
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.simulation import ArmStatus, JointVelocityCommand, World, open_world
 
+pytestmark = pytest.mark.slow
+
 HOST_NS = 1_700_000_000 * NS_PER_S
 
 

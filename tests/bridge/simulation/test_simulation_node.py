@@ -10,6 +10,8 @@ from std_srvs.srv import Trigger
 from tests.bridge.simulation.stepped_world import ROUNDS
 from tests.bridge.simulation.stepped_world import simulated as simulated
 
+pytestmark = pytest.mark.slow
+
 
 def fault_of(seen):
     return next(s["message"] for s in seen["diagnostics"]["status"] if s["hardware_id"] == "arm")

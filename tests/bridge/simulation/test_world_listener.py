@@ -12,6 +12,8 @@ from app.runtime import BodyKind, RequestOutcome, SimulatedWorld
 from app.simulation import open_world
 from tests.bridge.simulation.test_body_edits import Edited, cube, now
 
+pytestmark = pytest.mark.slow
+
 KINDS = {"chest_wall": BodyKind.FIXED, "tumor": BodyKind.TISSUE, "cautery": BodyKind.TOOL}
 
 

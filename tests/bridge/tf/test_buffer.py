@@ -19,6 +19,8 @@ from app.bridge.tf.history import EdgeHistory
 from app.geometry import NS_PER_S, FrameError
 from tests.oracles.transform_tree import BruteForceTree
 
+pytestmark = pytest.mark.slow
+
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 

@@ -19,6 +19,8 @@ from app.bridge.tf.wire import TfSample, write_tf_message
 from app.geometry import Stamp, Transform
 from tests.waiting import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 SENDER = Path(__file__).parent / "sender.py"
 
 

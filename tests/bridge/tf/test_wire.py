@@ -11,6 +11,8 @@ from tf2_msgs.msg import TFMessage
 from app.bridge.tf import TfInvalidError
 from app.bridge.tf.wire import TfMessageReader, TfSample, write_tf_message
 
+pytestmark = pytest.mark.slow
+
 names = st.text(st.characters(min_codepoint=33, max_codepoint=0x2FF), max_size=40)
 numbers = st.floats(-1e6, 1e6, width=64)
 samples = st.lists(

@@ -20,6 +20,8 @@ from app.case.readers.rosbag2 import frames as reader
 from app.geometry import InputError, Stamp, TrackedTransform, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 
+pytestmark = pytest.mark.slow
+
 OFFSET_NS = 37_000_000
 TOPICS = {TRACKED_TRANSFORM: "/tracked_transforms", TF_MESSAGE: "/tf", JOINT_STATE: "/joint_states"}
 Message = tuple[str, bytes]

@@ -11,6 +11,8 @@ from app.geometry import FloatArray, MeshError, SurfaceMesh
 from tests.oracles.winding_number import depths_mm
 from tests.refusals import refused
 
+pytestmark = pytest.mark.slow
+
 BALL_MM3 = 4.0 / 3.0 * np.pi
 
 

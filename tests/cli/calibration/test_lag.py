@@ -14,6 +14,8 @@ from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Tr
 from tests.cli.calibration.recordings import write_igsio
 from tests.registration.time_signals import Motion, sample_times
 
+pytestmark = pytest.mark.slow
+
 LAG_S = -0.0648
 """Of the video's clock, as on a recording of a water tank that PLUS publishes."""
 

@@ -14,6 +14,8 @@ from app.geometry import Transform
 from tests.cli.calibration.recordings import TIP_MM, frames, write_igsio
 from tests.cli.real_case import CONFIGURATION, PUBLISHED, RECORDING, plus_transform
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def plus(shared_data: Path) -> Path:

@@ -20,6 +20,8 @@ from tests.cli.calibration.recordings import (
     write_mcap,
 )
 
+pytestmark = pytest.mark.slow
+
 LOST = {5: TrackingStatus.INVALID, 30: TrackingStatus.OUT_OF_VIEW, 31: TrackingStatus.MISSING}
 
 

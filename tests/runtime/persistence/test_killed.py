@@ -10,6 +10,8 @@ import pytest
 from app.runtime.persistence.instance_key import InstanceKey
 from app.runtime.persistence.live_state import live_state
 
+pytestmark = pytest.mark.slow
+
 KEY = InstanceKey("host", 7, "/", "touch /joint_states")
 KILLS = 30
 MAX_LIFE_S = 0.02

@@ -8,6 +8,8 @@ from app.scene import EditedTransform, MarginGuardScene, SceneError
 from app.scene.nodes.convert import vtk_matrix
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 NEEDLE = posed("reference", "needle", [0.1, 0.2, 0.3], [10.0, 20.0, 30.0])
 BY_HAND = posed("reference", "needle", [0.5, -0.2, 0.1], [-4.0, 5.0, 6.0])
 

@@ -8,6 +8,8 @@ from slicer import vtkMRMLScene
 from app.geometry import Transform
 from app.scene.frames.edited_world import ANSWER_NS, EditedWorld
 
+pytestmark = pytest.mark.slow
+
 
 class Simulation:
     """Test double of the owner of the bodies: records requests."""

@@ -1,10 +1,13 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import Transform
 from app.scene.frames.frame_graph import poses_in
 from tests.scene.conftest import posed
+
+pytestmark = pytest.mark.slow
 
 FRAMES = [f"frame_{number}" for number in range(8)]
 

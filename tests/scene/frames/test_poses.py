@@ -13,6 +13,8 @@ from app.scene.nodes.convert import poly_data, world_matrix
 from app.scene.nodes.models import add_model
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 FRAMES = tuple(f"body_{number}" for number in range(26))
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
 

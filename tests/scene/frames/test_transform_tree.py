@@ -7,6 +7,8 @@ from app.scene import SceneError, TransformTree
 from app.scene.nodes.convert import world_matrix
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 
 def pose(target, source, seed):
     rng = np.random.default_rng(seed)

@@ -8,6 +8,8 @@ from app.geometry import Freshness, Stamp, TrackedTransform, TrackingStatus, Tra
 from app.scene import MarginGuardScene, SceneError, TransformHealth, TransformWatchdog
 from app.scene.nodes.convert import world_matrix
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 
 

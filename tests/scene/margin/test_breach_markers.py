@@ -11,6 +11,8 @@ from app.scene import Batch, BreachMarkers, MarkerStyle, SceneError
 from app.scene.margin.breach_markers import MARK_COLOR
 from tests.fixture.control.test_state_display import VISIONS, seen_ratio
 
+pytestmark = pytest.mark.slow
+
 SPACING_MM = MarkerStyle().spacing_mm
 POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
 

@@ -9,6 +9,8 @@ from app.scene import Batch, FixturePlane
 from app.scene.nodes.convert import vtk_matrix
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 RAS_FROM_TUMOR = posed("ras", "tumor", [0.4, -1.0, 2.0], [30.0, -4.0, 12.0])
 
 

@@ -14,6 +14,8 @@ from app.scene.sequences import BROWSER_NAME
 from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
+pytestmark = pytest.mark.slow
+
 STALE_NS = 200_000_000
 
 

@@ -14,6 +14,8 @@ from app.fixture import MarginState, constrain
 from app.geometry import Transform
 from app.scene import Batch, MarginGuardScene, draw_once_per_update, use_offscreen_rendering
 
+pytestmark = pytest.mark.slow
+
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
 
 

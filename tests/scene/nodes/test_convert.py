@@ -1,10 +1,13 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
 from app.scene.nodes.convert import numpy_array, poly_data, vtk_matrix, world_matrix, world_points
 from tests.scene.conftest import posed
+
+pytestmark = pytest.mark.slow
 
 three = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 

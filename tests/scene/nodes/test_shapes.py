@@ -10,6 +10,8 @@ from app.scene import SceneError, mesh_of_model, mesh_of_segment, points_of_mark
 from app.scene.nodes.convert import poly_data, vtk_array, vtk_matrix
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 RAS_FROM_OUTER = posed("ras", "outer", [0.9, 0.0, 0.4], [7.0, -8.0, 9.0])
 OUTER_FROM_INNER = posed("outer", "inner", [0.0, 1.4, 0.4], [70.0, 8.0, 0.5])
 RAS_FROM_NEEDLE = posed("ras", "needle", [2.0, 0.4, 0.4], [1.0, 2.0, -50.0])

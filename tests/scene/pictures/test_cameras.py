@@ -8,6 +8,8 @@ from app.geometry import Transform
 from app.scene import Preset, SceneError, bullseye, forward_of, look_through, preset_camera
 from tests.scene.conftest import posed
 
+pytestmark = pytest.mark.slow
+
 three = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 FORWARD = np.array([0.0, 0.0, 1.0])
 

@@ -5,6 +5,8 @@ from hypothesis import strategies as st
 
 from app.scene.pictures.framing import best_direction, fit
 
+pytestmark = pytest.mark.slow
+
 UP = np.array([0.0, 0.0, 1.0])
 ANGLE_DEG = 30.0
 

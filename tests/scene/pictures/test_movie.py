@@ -13,6 +13,8 @@ from app.scene import StepScene, movie_gif, movie_mp4
 from app.scene.nodes.convert import world_matrix
 from app.scene.pictures.movie import PICTURE_MS
 
+pytestmark = pytest.mark.slow
+
 SIZE = (320, 200)
 BANNER = 40
 

@@ -10,6 +10,8 @@ import pytest
 from app.cli.render_warmup import warmup_step
 from app.scene import OffscreenError, step_png, use_offscreen_rendering
 
+pytestmark = pytest.mark.slow
+
 
 def test_missing_library_is_one_line_that_names_what_to_install():
     with pytest.raises(

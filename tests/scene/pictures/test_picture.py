@@ -12,7 +12,7 @@ from app.scene import MarginGuardScene, SceneApplication, SceneError, scene_png,
 from app.scene.pictures.pixels import png, state_strip
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
-pytestmark = pytest.mark.usefixtures("can_draw")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from app.scene import MarginGuardScene, SceneApplication, bullseye, forward_of, 
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.pictures.framing import fit
 
-pytestmark = pytest.mark.usefixtures("can_draw")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
 NOW_NS, STALE_NS = 10**12, 200_000_000
 
 

@@ -8,6 +8,8 @@ import pytest
 
 from tests.viewer.attacks.raw_page import AREA, BINARY, PING, TEXT, message, raw_page
 
+pytestmark = pytest.mark.slow
+
 POLICY, TOO_BIG, PROTOCOL_ERROR = 1008, 1009, 1002
 NO_FIN, COMPRESSED = 0x00, 0xC0
 CONTINUED = 0

@@ -9,6 +9,8 @@ from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES, POLICY
 from tests.viewer.page_actions import UNCOVERED, show_frame, wait_for
 from tests.viewer.viewed_case import BREACH_FRAME
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = "<img src=x onerror='window.attacked = true'>"
 TEMPLATE = {
     "key": "trame__template_main",

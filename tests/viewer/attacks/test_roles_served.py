@@ -9,6 +9,8 @@ from tests.viewer.attacks.raw_page import AREA, RawPage, raw_page, response, sta
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import click_at, drag, press, read, wait_for
 
+pytestmark = pytest.mark.slow
+
 PRESS = {"type": "LeftButtonPress", "x": 5, "y": 5, "w": 100, "h": 100}
 CALLS = {
     "look": ("trame.trigger", "look", ["Side"], {}),

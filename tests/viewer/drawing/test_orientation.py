@@ -6,6 +6,8 @@ from vtkmodules.vtkRenderingCore import vtkCamera, vtkRenderer, vtkRenderWindow
 
 from app.viewer.drawing.orientation import axis_letters, camera_axes, scale_bar
 
+pytestmark = pytest.mark.slow
+
 
 def test_letters_of_a_view_from_the_front():
     axes = camera_axes(np.array([0.0, 100.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]))

@@ -11,6 +11,8 @@ from app.viewer.drawing.client_acks import ClientAcks
 from app.viewer.drawing.frame_rate import FrameRate
 from app.viewer.drawing.pictures import RenderLoop
 
+pytestmark = pytest.mark.slow
+
 
 class Area:
     """Test double of an area: a small grey picture."""

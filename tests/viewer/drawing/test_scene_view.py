@@ -20,6 +20,8 @@ from app.viewer.drawing.scene_view import Part
 from app.viewer.errors import ViewerError
 from tests.viewer.viewed_case import BREACH_FRAME
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def shown_view(can_draw, parts):

@@ -8,6 +8,8 @@ from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part
 
+pytestmark = pytest.mark.slow
+
 VIEWS = (CameraPreset.CLOSE, CameraPreset.SIDE)
 
 

@@ -19,6 +19,8 @@ from app.viewer.messages.methods import HELLO, Methods
 from app.viewer.messages.open_pages import MAX_PAGES, OPENED_BURST, OpenPage, OpenPages
 from app.viewer.steps.replay import RATES, ReplayControl
 
+pytestmark = pytest.mark.slow
+
 METHODS = [
     HELLO,
     "trame.state.get",

@@ -17,6 +17,8 @@ from app.viewer.messages.page_socket import PageSocket
 from tests.viewer.attacks.raw_page import message
 from tests.viewer.messages.test_calls import ServerDouble
 
+pytestmark = pytest.mark.slow
+
 POLICY = 1008
 HELLO = message("wslink.hello", {}, id="system:c0:0")
 

@@ -10,6 +10,8 @@ from app.files.volume_file import Volume
 from app.geometry import Transform
 from app.viewer.steps.reslice import PIXEL_MM, SIDE, Reslice, ReslicePlane, edges, plane_matrix
 
+pytestmark = pytest.mark.slow
+
 BREACH = 20
 AXIS = np.array([0.0, 0.0, -1.0])
 TIP = Transform(

@@ -25,6 +25,8 @@ from tests.case.images.ultrasound_case import (
 )
 from tests.cli.small_case import FRAMES
 
+pytestmark = pytest.mark.slow
+
 BREACH = 20
 
 

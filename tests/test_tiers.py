@@ -1,0 +1,68 @@
+"""The tiers: the fast one tests every pure package and its sub-packages; a named file runs."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.tiers import tier_of
+
+pytestmark = pytest.mark.slow
+
+PURE = ["geometry", "files", "registration", "robot", "fixture", "case", "session", "runtime"]
+PURE += ["synthetic", "igtl", "report"]
+"""Packages without ROS, VTK and a web server."""
+
+
+@pytest.mark.parametrize("package", PURE)
+def test_fast_tier_tests_every_pure_package_and_its_sub_packages(
+    project_root: Path, package: str
+) -> None:
+    def has_fast_tests(folder: Path) -> bool:
+        return any(tier_of(path) == "fast" for path in folder.rglob("test_*.py"))
+
+    root = project_root / "tests" / package
+    folders = [root, *(path for path in root.iterdir() if any(path.glob("test_*.py")))]
+    assert [folder.name for folder in folders if not has_fast_tests(folder)] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "tier"),
+    [
+        ("import pytest\n", "fast"),
+        ("pytestmark = pytest.mark.timeout(9)\n", "fast"),
+        ("# pytestmark = pytest.mark.long\n", "fast"),
+        ("pytestmark = pytest.mark.slow\n", "slow"),
+        ("import a\n\npytestmark = [pytest.mark.long, pytest.mark.timeout(900)]\n", "long"),
+        ("pytestmark = pytest.mark.exhaustive\n", "exhaustive"),
+    ],
+)
+def test_marker_of_a_file_is_its_tier(tmp_path: Path, text: str, tier: str) -> None:
+    path = tmp_path / "test_file.py"
+    path.write_text(text)
+    assert tier_of(path) == tier
+
+
+def collected(root: Path, *arguments: str) -> set[str]:
+    """Test files that pytest collects in the tests of the project."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "--collect-only", "-qq", *arguments],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return {
+        line.partition(":")[0] for line in done.stdout.splitlines() if "::" in line or ": " in line
+    }
+
+
+def test_tier_selects_files_and_a_named_file_runs_in_any_tier(project_root: Path) -> None:
+    folder = "tests/registration/tool"
+    files = {path.relative_to(project_root) for path in (project_root / folder).glob("test_*.py")}
+    fast = {path.as_posix() for path in files if tier_of(project_root / path) == "fast"}
+    slow = {path.as_posix() for path in files} - fast
+    assert collected(project_root, "--tier", "fast", folder) == fast
+    named = min(slow)
+    assert collected(project_root, "--tier", "fast", named) == {named}
