@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from benchmarks.replay.long_case import write_long_case
 
 from app.case import Case, open_case
 from app.geometry import NS_PER_S, FloatArray, TrackedTransform
+from benchmarks.replay.long_case import write_long_case
 from tests.shipped_case import SHIPPED_CASE as RECORDED
 
 pytestmark = pytest.mark.slow

@@ -8,6 +8,7 @@ from app.viewer.calibration_part import CalibrationPart
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from tests.runtime.test_operator_commands import CONTENT, World
 from tests.runtime.workflow.guided import pivot_rotation
+from tests.runtime.workflow.test_stylus_calibration import CONTENT as STYLUS_CONTENT
 from tests.runtime.workflow.test_stylus_calibration import TIP_MM as STYLUS_TIP_MM
 from tests.runtime.workflow.test_stylus_calibration import GuidedStylus
 from tests.runtime.workflow.test_tool_calibration import TIP_MM, GuidedTool
