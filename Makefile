@@ -21,14 +21,14 @@ interfaces := $(shell find interfaces interfaces_extra -type f -not -path '*/bui
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast test-playback test-long test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
+.PHONY: help environment demo test test-fast test-playback test-long test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
-	@echo 'make test       install the test dependencies, then run all tests'
+	@echo 'make test       install the test dependencies, then run the suite'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
-	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
-	@echo 'make test-exhaustive  stop a session 100 times, kill 20 recorders (on an idle machine)'
+	@echo 'make test-long  run the long tests: whole cohorts, examples, notebooks, long browser runs'
+	@echo 'make test-exhaustive  repeat in full what shorter tests of the suite show (hours, idle machine)'
 	@echo 'make test-playback  play the whole recorded case to a live session (150 s), compare with a replay'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
@@ -113,6 +113,9 @@ $(python):
 	@$(PYTHON) -I app/cli/system_checks.py
 	@echo 'Making $(venv) with $(PYTHON) ...'
 	@$(PYTHON) -m venv $(venv) || { rm -rf $(venv); exit 1; }
+
+# Everything that .ci/run needs, before it runs parts side by side.
+environment: $(site)
 
 # The interfaces are installed together with the ROS wheels, which they load.
 $(run): $(declared) $(interfaces) | $(python)
