@@ -55,6 +55,9 @@ COMMAND = (
 CYCLONE = ("cyclonedds.domain", "cyclonedds.idl", "cyclonedds.pub", "cyclonedds.sub")
 """Modules of peers without ROS."""
 
+OTHER = ()
+"""Modules of peers that import another version of ours."""
+
 _SIZE = struct.Struct("<I")
 _PID_OR_STATUS = struct.Struct("<i")
 _PR_SET_PDEATHSIG = 1
@@ -182,7 +185,8 @@ def parent_of(arguments: Sequence[str]) -> WarmParent:
     """The parent for these arguments: modules are those of the project, scripts are peers."""
     if arguments[0] in ("-m", "-c"):
         return warm_parent(COMMAND)
-    return warm_parent(CYCLONE if Path(arguments[0]).name.startswith("cyclone") else PLAIN)
+    kind = Path(arguments[0]).name.partition("_")[0]
+    return warm_parent({"cyclone": CYCLONE, "other": OTHER}.get(kind, PLAIN))
 
 
 class _Server:
