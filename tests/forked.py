@@ -1,9 +1,8 @@
 """Processes that are forked from one warm parent: a process of its own without a second of imports.
 
-The parent has imported the libraries of a replay, and has no thread. A child gets its own
-folder, variables and standard streams, executes Python code, and ends as an interpreter ends, so
-that what measures coverage writes its data. Use a real process where the start of an interpreter is
-what is tested.
+The parent has imported the libraries of a replay, and has no thread. A child gets its own folder,
+variables and standard streams, executes Python code, and ends as an interpreter ends, so that what
+measures coverage writes its data. Use a real process where the start of an interpreter is tested.
 """
 
 import atexit

@@ -104,7 +104,7 @@ def test_info_counts_frames_and_samples(case):
     assert "tracker -> rod: 40 OK" in run("info", case).out
 
 
-def test_converted_case_replays_to_same_table(case, tmp_path):
+def test_converted_case_replays_to_same_table(case, tmp_path, without_scene):
     mcap = tmp_path / "mcap"
     run("convert", case, mcap)
     for folder in (case, mcap):

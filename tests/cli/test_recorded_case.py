@@ -58,7 +58,7 @@ def test_report_has_all_files(report):
     ]
 
 
-def test_table_over_ros_at_another_rate_has_same_bytes(shaft, tmp_path, domain_id):
+def test_table_over_ros_at_another_rate_has_same_bytes(shaft, tmp_path, domain_id, without_scene):
     plain, published = tmp_path / "plain", tmp_path / "published"
     run("replay", shaft, "--no-ros", "--report", plain)
     run("replay", shaft, "--rate", "5", "--report", published)

@@ -57,7 +57,7 @@ def test_breach_of_shaft_is_found_although_tip_is_far(case):
     assert replay_json(case, "--tip-only")["breaches"] == []
 
 
-def test_runs_at_any_rate_and_with_a_needle_give_the_same_table(case, tmp_path):
+def test_runs_at_any_rate_and_with_a_needle_give_the_same_table(case, tmp_path, without_scene):
     first = table_of(case, tmp_path / "first")
     assert table_of(case, tmp_path / "again") == first
     assert table_of(case, tmp_path / "timed", "--rate", "20") == first

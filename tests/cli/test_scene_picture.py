@@ -106,14 +106,13 @@ def test_process_without_a_request_ends_silently_in_any_folder(tmp_path, monkeyp
     assert (answer, status, *capfd.readouterr()) == (b"", 0, "", "")
 
 
-def test_missing_slicer_names_the_remedy(tmp_path):
-    (tmp_path / "slicer.py").write_text("raise ImportError('no slicer here')\n")
+def test_missing_slicer_names_the_remedy(without_scene):
     found = subprocess.run(
         PROCESS,
         input=pickle.dumps(SceneRequest(*warmup_step(), outputs=(PICTURE,))),
         capture_output=True,
         check=True,
-        env={"PYTHONPATH": str(tmp_path)},
+        env={"PYTHONPATH": str(without_scene)},
     )
     assert pickle.loads(found.stdout) == {
         "picture": "3D Slicer's scene cannot be loaded (no slicer here): "

@@ -10,6 +10,9 @@ from pathlib import Path
 TIMEOUT_S = 150.0
 """Longest wait for an event; a page that works needs a fraction of it."""
 
+DEFAULT_SIGINT = ("env", "--default-signal=INT")
+"""Begin of a command: a process that was started with ``&`` in a shell ignores Ctrl-C."""
+
 ENDED_BY_SIGINT = (0, -signal.SIGINT, 128 + signal.SIGINT)
 
 # The state of the shell is kept as a reader's terminal keeps it.
@@ -41,7 +44,7 @@ class Terminal:
         self.output = ""
         self._ended = False
         self._process = subprocess.Popen(
-            ["bash", "-c", SCRIPT],
+            [*DEFAULT_SIGINT, "bash", "-c", SCRIPT],
             cwd=self._folder,
             env={**self.environment, "BLOCK_STATE": str(self._state)},
             stdin=subprocess.DEVNULL,
