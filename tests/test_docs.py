@@ -32,9 +32,11 @@ CALL = re.compile(r"^marginguard +([^#|;&`'\n]+)", re.MULTILINE)
 SLICER_OPTIONS = {"--no-splash", "--additional-module-paths"}
 INSTALLER_OPTIONS = {"--outdir", "--rm", "--network"}  # of build and docker
 EXAMPLE_OPTIONS = {"--accept-simulated", "--controller"}  # of twist_filter.py, guard_bond.py
+TOOL_OPTIONS = {"--record"}  # of tools.durations
 DASK_OPTIONS = {"--nthreads", "--name"}  # of dask-worker
 ROS_OPTIONS = {"--ros-args", "--enclave", "--cmake-args"}  # of ROS programs and colcon
 OTHER_OPTIONS = SLICER_OPTIONS | INSTALLER_OPTIONS | EXAMPLE_OPTIONS | ROS_OPTIONS | DASK_OPTIONS
+OTHER_OPTIONS |= TOOL_OPTIONS
 NOT_A_COMMAND = "marginguard tip"
 """Name of an engine in a table of a benchmark."""
 
@@ -146,6 +148,7 @@ def test_all_named_options_exist(project_root: Path, pages: dict[str, str]) -> N
         | EXAMPLE_OPTIONS
         | ROS_OPTIONS
         | DASK_OPTIONS
+        | TOOL_OPTIONS
     }
     assert named == set()
 

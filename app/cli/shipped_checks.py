@@ -26,7 +26,7 @@ SHIPPED = {
         Path("launch", f"{name}.launch.py") for name in ("live", "replay", "rviz")
     ),
     "examples": (Path("examples", "README.md"),),
-    "benchmarks": (Path("benchmarks", "registration", "__main__.py"),),
+    "benchmarks": (Path("benchmarks", "fixture", "__main__.py"),),
 }
 """Name of a check -> files that must exist and not be empty."""
 

@@ -39,7 +39,7 @@ def check_coverage_of_turns(count: int, least: float) -> None:
 
 @pytest.mark.parametrize("kind", ["white", "correlated"])
 def test_estimate_is_less_biased_than_the_lowest_sample(kind):
-    check_bias(kind, 3)
+    check_bias(kind, 12)
 
 
 def test_interval_holds_the_depth_of_a_tool_that_turns_fast():

@@ -30,6 +30,8 @@ from app.session import StepResult
 from tests import shipped_case
 from tests.bridge.processes import DEADLINE_S as DEADLINE_S
 from tests.bridge.processes import Child, Receiver
+from tests.field_cache import fields_folder as fields_folder
+from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import domain_id as domain_id
 from tests.session_content import ONE_LINK_URDF, one_link_content
 
@@ -43,15 +45,6 @@ TF = {"tf": {}, "clock": "host"}
 
 Start = Callable[..., Child]
 StartReceiver = Callable[..., Receiver]
-
-
-@pytest.fixture(autouse=True, scope="package")
-def shared_fields(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The field of a surface is computed once for all tests of this folder."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("MARGINGUARD_FIELD_CACHE", raising=False)
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("fields")))
-        yield
 
 
 @pytest.fixture

@@ -8,8 +8,6 @@ from app.files import read_landmarks
 from app.files.landmarks import read_points
 from app.geometry import InputError
 
-pytestmark = pytest.mark.slow
-
 
 def markups(folder: Path, **changes: object) -> Path:
     """Write a point list as 3D Slicer does: positions in LPS, one point not placed."""

@@ -9,8 +9,6 @@ from app.files.mesh_file import MeshOptions
 from app.geometry import InputError, MeshError, SurfaceMesh
 from tests.refusals import refused
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize("suffix", ["stl", "STL", "ply", "obj"])
 @pytest.mark.parametrize(("units", "scale"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])

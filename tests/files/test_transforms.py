@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from app.files import check_transform_path, read_transform, write_transform
 from app.geometry import InputError, Transform
 
-pytestmark = pytest.mark.slow
-
 TIP_TO_STYLUS = Transform.from_rotation_vector(
     [0.3, -0.7, 1.1], [12.5, -40.25, 77.0], target="stylus", source="stylus_tip"
 )

@@ -11,8 +11,6 @@ from app.registration import NoConsensusError
 from app.registration.consensus import FALSE_REJECTION_RATE, _consistent_with_fit, find_consensus
 from tests.oracles.registration_consensus import consistent_by_refits
 
-pytestmark = pytest.mark.slow
-
 
 def robust_mean(values, sigma):
     """Robust mean of ``values``; estimates their noise if ``sigma`` is None."""

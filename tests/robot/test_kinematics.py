@@ -13,8 +13,6 @@ from tests.oracles.pinocchio_kinematics import (
     model_from_text,
 )
 
-pytestmark = pytest.mark.slow
-
 LIMIT = '<limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
 
 

@@ -9,8 +9,6 @@ from app.geometry import FrameError, Transform
 from app.robot import JointError, load_robot
 from tests.oracles.pinocchio_kinematics import assert_agrees_with_pinocchio
 
-pytestmark = pytest.mark.slow
-
 # UR5: DAE meshes and a tool frame. Pendulum: continuous joints. Tiago: a prismatic torso and many
 # fixed frames. The Panda, with a mimic joint, is a fixture.
 EXAMPLES = (

@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 from app.geometry import Transform
 from app.robot import IkOptions
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def make_meshes(touch_urdf):

@@ -10,8 +10,6 @@ from app.geometry import NS_PER_MS, NS_PER_S
 from app.session.sender_trail import HANDOVER_NS, LEASE_NS, SILENT_NS, Sample, SenderTrail
 from app.session.sequence_trail import DROPS_WITHIN_NS, ENDED_NS, SequenceTrail
 
-pytestmark = pytest.mark.slow
-
 PERIOD_NS = 16 * NS_PER_MS
 
 

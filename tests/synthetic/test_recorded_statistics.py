@@ -11,8 +11,6 @@ from tests.synthetic.recorded_statistics import (
     recorded,
 )
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def stylus():

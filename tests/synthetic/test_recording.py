@@ -11,8 +11,6 @@ from app.synthetic.case_errors import CaseErrors, Encoders
 from app.synthetic.case_options import offset_ns
 from app.synthetic.simulation import FIRST_STAMP_NS, ROBOT_TO_TRACKER_OFFSET_NS, TRACKED_FRAMES
 
-pytestmark = pytest.mark.slow
-
 OPTIONS = CaseOptions.of_tracker("aurora").with_values(
     {"tracker.lost": 0.01, "tracker.stamp_sd_s": 0.002}
 )

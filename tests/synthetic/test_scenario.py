@@ -8,8 +8,6 @@ from app.synthetic import Clearance, Tumour, cautery_mesh
 from app.synthetic.error_budget import Depths
 from app.synthetic.scenario import plan_scenario
 
-pytestmark = pytest.mark.slow
-
 TUMOR_FROM_WORK = Transform.identity("tumor", "work")
 
 

@@ -77,7 +77,7 @@ def test_page_without_poses_says_why():
 
 
 def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator, workers):
-    world = World(content=STYLUS_CONTENT)
+    world = World(stylus=STYLUS_CONTENT.stylus)
     setup = world.setup
     operator.connect(world.commands)
     guided, part = calibrating(operator.set_tip, GuidedStylus())
@@ -91,7 +91,7 @@ def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator, workers):
     workers.shutdown()
     content = world.commands.content
     assert np.linalg.norm(content.stylus.tip.translation_mm - STYLUS_TIP_MM) < 0.3
-    assert content.tool_from_tip is STYLUS_CONTENT.tool_from_tip
+    assert content.tool_from_tip is world.content.tool_from_tip
     assert world.session.setup is setup
     assert world.session.hold_causes == ()
     assert not any(event.startswith(("revoke", "latch")) for event in world.output_events)

@@ -14,7 +14,7 @@ from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
-GUARD = ("-m", "benchmarks.closed_loop.open_guard")
+GUARD = ("-m", "benchmarks.closed_loop.stand_ins", "guard")
 """A test double: publishes constraints."""
 
 

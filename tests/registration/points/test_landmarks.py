@@ -22,8 +22,6 @@ from app.registration import (
 from tests.registration.helpers import random_transform
 from tests.registration.plus_recording import numbers, recorded_tips, shipped_tips
 
-pytestmark = pytest.mark.slow
-
 NAMES = ("A", "B", "C", "D", "E", "F", "G", "H")
 
 

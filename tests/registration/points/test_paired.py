@@ -25,8 +25,6 @@ from app.registration import (
 from app.registration.motion import motion_between
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 
-pytestmark = pytest.mark.slow
-
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 BOX = np.array([[0, 0, 0], [80, 0, 0], [0, 60, 0], [0, 0, 40], [70, 50, 30]], dtype=float)
 

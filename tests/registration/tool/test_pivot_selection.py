@@ -14,8 +14,6 @@ from app.registration import (
     select_poses,
 )
 
-pytestmark = pytest.mark.slow
-
 NOISE = PoseNoise.from_rms(rotation_deg=0.2, translation_mm=0.2)
 
 

@@ -18,8 +18,6 @@ from app.registration import (
 from app.registration.motion import apply_motion
 from tests.registration.helpers import disturbed, random_transform, robot_world_scene
 
-pytestmark = pytest.mark.slow
-
 BOUND = DriftBound(translation_mm=2.0, rotation_rad=np.radians(1.5))
 
 

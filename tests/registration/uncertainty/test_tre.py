@@ -22,8 +22,6 @@ from app.registration.points.rigid_fit import PairNoise, fit_rigid
 from tests.oracles.registration_tre import fitzpatrick_tre
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 
-pytestmark = pytest.mark.slow
-
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 
 

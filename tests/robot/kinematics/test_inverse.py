@@ -20,8 +20,6 @@ from app.robot import (
 )
 from app.robot.kinematics import inverse
 
-pytestmark = pytest.mark.slow
-
 fractions = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)
 
 
