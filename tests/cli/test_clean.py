@@ -10,6 +10,8 @@ import pytest
 from app.cli import caches
 from tests.cli.command import refused, run, run_json
 
+pytestmark = pytest.mark.slow
+
 FIELD = "0" * 64 + ".field"
 
 

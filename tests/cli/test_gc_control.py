@@ -13,6 +13,8 @@ import pytest
 from app.cli.gc_control import GcPause
 from app.cli.prompt_process import prompt_process
 
+pytestmark = pytest.mark.slow
+
 
 class Cycle:
     def __init__(self):
