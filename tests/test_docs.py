@@ -18,6 +18,8 @@ from app.cli.main import build_parser
 from app.fixture import MarginState
 from app.session import Session, setup_from_case
 
+pytestmark = pytest.mark.slow
+
 LINK = re.compile(r"\]\((?!https?://)([^)#\s]*)(?:#([^)\s]+))?\)")
 """A link within the project: path, anchor."""
 PAGE_MENTION = re.compile(r"(?<!\[)`[^`\n*]*\w\.md`")

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 APP = Path(__file__).resolve().parents[1] / "app"
 SLICER_MODULES = APP.parent / "slicer_module"
 API = APP.parent / "marginguard"

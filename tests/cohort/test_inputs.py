@@ -14,6 +14,8 @@ import pytest
 from app.cohort import CohortCase, Design, fetch, input_hash, open_cohort
 from app.geometry import InputError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def archive(tmp_path):

@@ -17,6 +17,8 @@ from app.dicom import DicomStudy, Structure, dicom_study
 from app.geometry import InputError, MeshError, SurfaceMesh
 from tests.dicom.surfaces import ball, shell
 
+pytestmark = pytest.mark.slow
+
 BALL, SHELL = (20.0, -30.0, 40.0), (-10.0, 5.0, 60.0)
 """Centres in RAS."""
 

@@ -18,6 +18,8 @@ from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
 from app.runtime import ReplayRun, prepare_case
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 12
 
 

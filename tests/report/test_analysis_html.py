@@ -19,6 +19,8 @@ from tests.report.conftest import write
 from tests.report.test_html import Page
 from tests.report.test_time_plot import without_scripts
 
+pytestmark = pytest.mark.slow
+
 _SVG = "{http://www.w3.org/2000/svg}"
 
 

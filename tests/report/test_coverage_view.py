@@ -16,6 +16,8 @@ from app.report.covered_surface import MAX_FACES, CoveredSurface, covered_surfac
 from app.synthetic.tumour import icosphere
 from tests.fixture.control.test_state_display import each_vision, seen_ratio
 
+pytestmark = pytest.mark.slow
+
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -4,6 +4,7 @@ import io
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from matplotlib.image import imsave
 from pypdf import PdfReader
 
@@ -11,6 +12,8 @@ from app.case import CauteryState
 from app.report.pdf import report_pdf
 from app.report.pdf_layout import PdfLayout
 from app.report.summary import summarise
+
+pytestmark = pytest.mark.slow
 
 INPUTS = {"case.yaml": "a" * 64}
 

@@ -11,6 +11,8 @@ from app.report.margin_csv import COLUMNS
 from app.report.write import ANALYSIS_FILES
 from tests.report.conftest import write
 
+pytestmark = pytest.mark.slow
+
 SCENE = b"\x89PNG scene"
 
 

@@ -14,6 +14,8 @@ from app.robot import UnreachableError
 from app.session import RobotSetup, Session, setup_from_case
 from app.session.following import OUT_OF_REACH, IkFollower
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recorded(case):

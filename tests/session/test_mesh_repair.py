@@ -17,6 +17,8 @@ from app.geometry import MeshError
 from app.session import with_repaired_meshes
 from tests.cli.small_case import write_small_case
 
+pytestmark = pytest.mark.slow
+
 OpenCase = Callable[..., Case]
 
 

@@ -11,6 +11,8 @@ from app.robot.kinematics.link_poses import LinkPoses
 from app.session.known_edges import NO_EDGES
 from app.session.step_pickle import pickled_steps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def steps():

@@ -17,6 +17,8 @@ from app.runtime.persistence.live_state import live_state, lock_path, record_pat
 from app.runtime.persistence.record_writer import RecordWriter
 from app.runtime.persistence.run_record import read_record
 
+pytestmark = pytest.mark.slow
+
 KEY = InstanceKey("host", 7, "/", "touch /joint_states")
 OTHER_ARM = InstanceKey("host", 7, "/", "other /joint_states")
 OTHER_NAMESPACE = InstanceKey("host", 7, "/watch", "touch /joint_states")

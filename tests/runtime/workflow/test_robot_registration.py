@@ -20,6 +20,8 @@ from app.session import Session
 from tests.runtime.workflow.guided import Guided
 from tests.session_content import one_link_content
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 380
 """Up to the end of the last of 8 dwells of the shipped case."""
 
