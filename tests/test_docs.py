@@ -37,8 +37,9 @@ EXAMPLE_OPTIONS = {"--accept-simulated", "--controller"}  # of twist_filter.py, 
 TOOL_OPTIONS = {"--record", "--tier"}  # of tools.durations and the tests
 DASK_OPTIONS = {"--nthreads", "--name"}  # of dask-worker
 ROS_OPTIONS = {"--ros-args", "--enclave", "--cmake-args"}  # of ROS programs and colcon
-OTHER_OPTIONS = SLICER_OPTIONS | INSTALLER_OPTIONS | EXAMPLE_OPTIONS | ROS_OPTIONS | DASK_OPTIONS
-OTHER_OPTIONS |= TOOL_OPTIONS
+OTHER_OPTIONS = (
+    SLICER_OPTIONS | INSTALLER_OPTIONS | EXAMPLE_OPTIONS | ROS_OPTIONS | DASK_OPTIONS | TOOL_OPTIONS
+)
 NOT_A_COMMAND = "marginguard tip"
 """Name of an engine in a table of a benchmark."""
 
@@ -143,14 +144,7 @@ def test_all_named_options_exist(project_root: Path, pages: dict[str, str]) -> N
         (page, option)
         for page, text in pages.items()
         for option in OPTION.findall(text)
-        if option
-        not in known
-        | SLICER_OPTIONS
-        | INSTALLER_OPTIONS
-        | EXAMPLE_OPTIONS
-        | ROS_OPTIONS
-        | DASK_OPTIONS
-        | TOOL_OPTIONS
+        if option not in known | OTHER_OPTIONS
     }
     assert named == set()
 
