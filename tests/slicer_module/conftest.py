@@ -74,6 +74,7 @@ def ros_domain() -> Iterator[int]:
 @pytest.fixture(scope="session")
 def peer(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Peer]:
     process = Peer(ros_domain, tmp_path_factory.mktemp("peer") / "peer.log")
+    assert process("set_parameter", name="robot_description", value=URDF, of="robot")
     yield process
     process.close()
 
@@ -161,14 +162,14 @@ def hear(peer: Peer) -> Callable[..., None]:
 
 
 @pytest.fixture
-def describe(peer: Peer) -> Callable[[str], None]:
-    """``describe(text)`` sets the parameter of /robot_state_publisher, which is `URDF` before."""
+def describe(peer: Peer) -> Iterator[Callable[[str], None]]:
+    """``describe(text)`` sets the parameter of /robot_state_publisher, `URDF` in other tests."""
 
     def set_description(text: str) -> None:
         assert peer("set_parameter", name="robot_description", value=text, of="robot")
 
+    yield set_description
     set_description(URDF)
-    return set_description
 
 
 @pytest.fixture

@@ -91,6 +91,11 @@ def stop_and_use(panel_logic):
     panel_logic.calibration().use()
 
 
+def is_idle(status):
+    """No job is running: the panel names it with three dots."""
+    return not status.message.endswith(" ...")
+
+
 def is_covered(status):
     return "8 of 8" in status.calibration.text and "Good" in status.calibration.text
 
@@ -123,7 +128,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_too
     play_frames(panel_logic, MOTION_FRAMES - 5)
     spin_until(panel_logic, is_covered)
     stop_and_use(panel_logic)
-    spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0)
+    spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0 and is_idle(now))
     assert np.degrees(np.arccos(tip(panel_logic).rotation[:, 2] @ SHAFT)) < 0.5
     panel_logic.calibration().undo()
     spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) == 0.0)
