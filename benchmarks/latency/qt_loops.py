@@ -4,7 +4,8 @@ In desktop Slicer the binding is PythonQt, which cannot be installed elsewhere.
 """
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +18,8 @@ DEADLINE_MS = 20_000
 
 def run_releasing(stop_after_ms: int = DEADLINE_MS) -> None:
     """Run PySide6's event loop, during which other threads run, until `quit_loop`."""
-    QtCore.QTimer.singleShot(stop_after_ms, quit_loop)
-    QtCore.QCoreApplication.exec()
+    with _deadline(stop_after_ms):
+        QtCore.QCoreApplication.exec()
 
 
 def run_keeping(stop_after_ms: int = DEADLINE_MS) -> None:
@@ -26,9 +27,20 @@ def run_keeping(stop_after_ms: int = DEADLINE_MS) -> None:
 
     Functions of a `ctypes.PyDLL` are called without a release of the lock, as PythonQt calls Qt.
     """
-    QtCore.QTimer.singleShot(stop_after_ms, quit_loop)
     library = next((Path(PySide6.__file__).parent / "Qt" / "lib").glob("libQt6Core.so*"))
-    ctypes.PyDLL(str(library))["_ZN16QCoreApplication4execEv"]()
+    with _deadline(stop_after_ms):
+        ctypes.PyDLL(str(library))["_ZN16QCoreApplication4execEv"]()
+
+
+@contextmanager
+def _deadline(stop_after_ms: int) -> Iterator[None]:
+    """End the loop after ``stop_after_ms``, but no loop that follows it."""
+    timer = QtCore.QTimer()
+    timer.setSingleShot(True)
+    timer.timeout.connect(quit_loop)
+    timer.start(stop_after_ms)
+    yield
+    timer.stop()
 
 
 def quit_loop() -> None:
