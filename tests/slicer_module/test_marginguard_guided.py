@@ -88,12 +88,13 @@ def play_frames(panel_logic, count):
 def stop_and_use(panel_logic):
     panel_logic.calibration().stop()
     spin_until(panel_logic, lambda now: now.calibration.can_use)
-    panel_logic.calibration().use()
+    use(panel_logic, panel_logic.calibration())
 
 
-def is_idle(status):
-    """No job is running: the panel names it with three dots."""
-    return not status.message.endswith(" ...")
+def use(panel_logic, recording):
+    """Use the result; wait until no job runs, which the panel names with three dots."""
+    recording.use()
+    spin_until(panel_logic, lambda now: not now.message.endswith(" ..."))
 
 
 def is_covered(status):
@@ -128,7 +129,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_too
     play_frames(panel_logic, MOTION_FRAMES - 5)
     spin_until(panel_logic, is_covered)
     stop_and_use(panel_logic)
-    spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0 and is_idle(now))
+    spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0)
     assert np.degrees(np.arccos(tip(panel_logic).rotation[:, 2] @ SHAFT)) < 0.5
     panel_logic.calibration().undo()
     spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) == 0.0)
@@ -157,7 +158,7 @@ def test_robot_is_registered_by_the_dwells_of_a_replay(panel_logic, recorded, mo
     assert status.touch.can_restore
     panel_logic.touch().restore()
     spin_until(panel_logic, lambda now: len(now.touch.rows) == DWELLS and now.touch.can_use)
-    panel_logic.touch().use()
+    use(panel_logic, panel_logic.touch())
     status = spin_until(panel_logic, lambda now: now.touch.can_undo)
     used = panel_logic.session.commands().content.registration
     assert used is not before and used.accepted and len(used.used) == DWELLS
