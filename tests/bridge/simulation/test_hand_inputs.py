@@ -84,7 +84,9 @@ def test_haptic_device_pulls_the_tool_and_feels_it(ros, peer, description):
     )
     seen = round_until(
         peer,
-        lambda seen: hand.wrench(state).force_n[1] > 0.9 and seen["force"][1] < -0.4,
+        lambda seen: (
+            hand.wrench(state).force_n[1] > 0.9 and seen["count"] and seen["force"][1] < -0.4
+        ),
         {"handle_m": [0.1, 0.02, 0.0]},
     )
     assert seen["frame"] == "touch_base"
