@@ -46,7 +46,7 @@ demo: $(run)
 
 # A crashed worker ends the run (--max-worker-restart 0): pytest-xdist can hang when it replaces one.
 # The times of all tests are kept for `python -m tools.durations`.
-pytest = $(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
+pytest = $(python) -m pytest -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
   --tier $(1) --junitxml out/tests/$(1).xml
 
 test: $(test)

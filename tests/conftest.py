@@ -1,6 +1,7 @@
 """Fixtures and collection rules for all tests: their tier and their order."""
 
-from collections.abc import Callable, Iterator
+import gc
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Modules and tests stay for the whole run, so that no later garbage collection scans them."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Skip files of other tiers without importing them, and folders without a file of this tier.
 
@@ -51,6 +63,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the most expensive files first, so that the workers end together."""
     seconds = seconds_by_file()
     items.sort(key=lambda item: -seconds.get(_path(item.nodeid), 0.0))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def frozen() -> Iterator[None]:
+    """Freeze again, after a module whose commands have let the collection scan all objects."""
+    yield
+    if gc.get_freeze_count() == 0:
+        gc.collect()
+        gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -69,6 +69,15 @@ def test_disabled_collection_stays_disabled():
         gc.enable()
 
 
+@pytest.fixture(autouse=True)
+def loaded_objects_are_scanned():
+    """The whole run of the tests freezes what its collection has loaded."""
+    gc.unfreeze()
+    yield
+    gc.collect()
+    gc.freeze()
+
+
 def test_loaded_objects_of_a_prompt_process_are_not_scanned_and_later_ones_are():
     with prompt_process():
         assert gc.isenabled()

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -123,30 +124,54 @@ def parts(viewed_case: Path) -> ReplayParts:
     return stepped
 
 
-@pytest.fixture(scope="session")
-def start_server(
-    can_draw: None, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Callable[..., Server]]:
-    """``start_server("CASE", ...)`` starts a server, which is killed after the session."""
-    started: list[Server] = []
+@contextmanager
+def _servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
+    """``start("CASE", ...)`` starts a server, which is killed at the end of the context."""
+    with ExitStack() as stack:
 
-    def start(*arguments: str) -> Server:
-        log = tmp_path_factory.mktemp("view") / "log.txt"
-        started.append(Server(list(arguments), log))
-        return started[-1]
+        def start(*arguments: str) -> Server:
+            server = Server(list(arguments), tmp_path_factory.mktemp("view") / "log.txt")
+            stack.callback(server.close)
+            return server
 
-    yield start
-    for server in started:
-        server.close()
+        yield start
 
 
-@pytest.fixture(scope="session")
-def serve(start_server: Callable[..., Server]) -> Serve:
-    """``serve("CASE", ...)``: the server of these arguments, which other tests use, too."""
-    return cache(start_server)
+@pytest.fixture(scope="module")
+def start_server(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
+    """``start_server("CASE", ...)``: a server of its own, which a test may kill."""
+    with _servers(tmp_path_factory) as start:
+        yield start
 
 
 @pytest.fixture(scope="session")
+def shared_server(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
+    """``shared_server("CASE", ...)``: the one server of these arguments."""
+    with _servers(tmp_path_factory) as start:
+        yield cache(start)
+
+
+@pytest.fixture(scope="module")
+def serve(shared_server: Serve) -> Iterator[Serve]:
+    """``serve("CASE", ...)``: the shared server of these arguments; it runs during modules only.
+
+    A replay that went on between them would take processor time from other tests.
+    """
+    used: set[Server] = set()
+
+    def resume(*arguments: str) -> Server:
+        server = shared_server(*arguments)
+        if server not in used:
+            used.add(server)
+            server.process.send_signal(signal.SIGCONT)
+        return server
+
+    yield resume
+    for server in used:
+        server.process.send_signal(signal.SIGSTOP)
+
+
+@pytest.fixture(scope="module")
 def server(serve: Serve, viewed_case: Path) -> Server:
     return serve(str(viewed_case))
 

@@ -41,7 +41,7 @@ def _kilobytes(folder: Path, name: str) -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith(f"{name}:"))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def target(server: Server) -> Target:
     return Target(server, cookie(server, TOKEN), cookie(server, VIEW_TOKEN))
 
