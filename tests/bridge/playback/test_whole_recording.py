@@ -1,7 +1,4 @@
-"""A live session that follows the whole recording, compared with a replay: ``make test-playback``.
-
-It plays for 150 s, so it is not part of ``make test``, which does not collect this file's name.
-"""
+"""A live session that follows the whole recording, 150 s, compared with a replay."""
 
 import subprocess
 import sys
@@ -13,6 +10,8 @@ from app.case import open_case
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S
 from app.runtime import ReplayRun, prepare_case
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 CONSTRAINT = "/marginguard/constraint"
 TRACKED = "/tracked_transforms"

@@ -1,14 +1,14 @@
-"""A playback after SIGKILL: ``make test-playback``.
-
-The lease of the killed process takes 20 s to expire, so it is not part of ``make test``, which does
-not collect this file's name.
-"""
+"""A playback after SIGKILL: the lease of the killed process takes 20 s to expire."""
 
 import signal
+
+import pytest
 
 from app.bridge.live.playback_watch import PlaybackWatch
 from app.bridge.node import RosNode
 from tests.waiting import wait_until
+
+pytestmark = pytest.mark.long
 
 
 def test_killed_playback_can_be_started_again_and_its_announcement_ends(playing, domain_id):
