@@ -21,7 +21,7 @@ interfaces := $(shell find interfaces interfaces_extra -type f -not -path '*/bui
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help environment demo test test-fast test-playback test-long test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
+.PHONY: help environment demo test test-fast test-long test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
@@ -29,7 +29,6 @@ help:
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests: whole cohorts, examples, notebooks, long browser runs'
 	@echo 'make test-exhaustive  repeat in full what shorter tests of the suite show (hours, idle machine)'
-	@echo 'make test-playback  play the whole recorded case to a live session (150 s), compare with a replay'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
 	@echo 'make test-foxglove  read the results of a replay with packages of Foxglove (npm)'
@@ -82,10 +81,6 @@ docs: $(site)
 	@rm -rf out/docs
 	@$(python) -m sphinx -W --keep-going -q -c docs -d out/doctrees . out/docs
 	@$(python) -m tools.check_site out/docs
-
-# Plays the recorded case in real time to a live session, which takes 150 s; waits 20 s for a lease.
-test-playback: $(test)
-	@$(python) -m pytest tests/bridge/playback/killed_playback.py tests/bridge/playback/whole_recording.py $(PYTEST_ARGS)
 
 # Exit status 1 if a controller is permitted to approach during a fault that can be detected.
 bench-faults: $(test)
