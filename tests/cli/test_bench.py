@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from app.cli import benchmark
+from tests.cli.command import refused
+from tests.cli.small_case import write_small_case
+
 pytestmark = pytest.mark.slow
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -16,7 +20,8 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks" / "session.py").write_text("raise SystemExit(7)")
-    options = ("--seconds", "1", "--json", "figures.json")
+    write_small_case(tmp_path / "case")
+    options = ("--seconds", "1", "--case", "case", "--json", "figures.json")
     done = subprocess.run(
         [sys.executable, "-P", "-m", "app.cli", "bench", "session", *options],
         cwd=tmp_path,
@@ -31,16 +36,24 @@ def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
     assert {"cores", "date", "versions", "commit"} <= figures["machine"].keys()
 
 
+@pytest.fixture
+def started(monkeypatch, capsys):
+    """What the process of ``marginguard bench`` runs: exit status, output and errors."""
+
+    def run(name, *options):
+        monkeypatch.setattr(sys, "argv", ["benchmark", f"benchmarks.{name}", *options])
+        with pytest.raises(SystemExit) as end:
+            benchmark.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
 @pytest.mark.parametrize("name", ["replay", "session"])
-def test_each_help_contains_command(name):
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "bench", name, "--help"],
-        cwd=CHECKOUT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.startswith(f"usage: marginguard bench {name} ")
+def test_each_help_contains_command(name, started):
+    status, printed, _ = started(name, "--help")
+    assert status == 0
+    assert printed.startswith(f"usage: marginguard bench {name} ")
 
 
 @pytest.mark.parametrize(
@@ -54,33 +67,35 @@ def test_each_help_contains_command(name):
         (["replay", "nowhere"], "'nowhere' is no case; expected a folder with a case.yaml"),
         (["replay", "--runs", "0"], "--runs is 0; expected 1 or more"),
         (["replay", "--minutes", "-1"], "--minutes is -1; expected more than 0, at most 600"),
-        (["view", "--json", "none/x.json"], "none/x.json cannot be written: parent"),
-        (["fixture", "--plot=none/x.png"], "none/x.png cannot be written: parent"),
         (["fixture", "--tumors", "80", "19"], "--tumors is 19; expected 20 or more"),
     ],
 )
-def test_bad_options_give_one_error_line_and_no_figures(arguments, message):
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "bench", *arguments],
-        cwd=CHECKOUT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert message in done.stderr.splitlines()[-1]
+def test_bad_options_give_one_error_line_and_no_figures(arguments, message, started):
+    status, printed, error = started(*arguments)
+    assert (status, printed) == (2, "")
+    assert message in error.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
-    ("benchmark", "peer"),
+    ("arguments", "file"),
+    [
+        (["view", "--json", "none/x.json"], "none/x.json"),
+        (["fixture", "--plot=none/x.png"], "none/x.png"),
+    ],
+)
+def test_file_that_cannot_be_written_is_refused_before_the_benchmark_starts(arguments, file):
+    assert f"{file} cannot be written: parent" in refused("bench", *arguments)
+
+
+@pytest.mark.parametrize(
+    ("name", "peer"),
     [("view", "playwright"), ("images", "playwright"), ("fixture", "coal")],
 )
-def test_missing_peer_is_reported_in_one_line(benchmark, peer, tmp_path):
+def test_missing_peer_is_reported_in_one_line(name, peer, tmp_path):
     missing = f"raise ModuleNotFoundError('gone', name={peer!r})"
     (tmp_path / f"{peer}.py").write_text(missing)
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "app.cli", "bench", benchmark],
+        [sys.executable, "-P", "-m", "app.cli", "bench", name],
         env={**os.environ, "PYTHONPATH": os.pathsep.join((str(CHECKOUT), str(tmp_path)))},
         capture_output=True,
         text=True,
