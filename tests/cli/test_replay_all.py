@@ -1,5 +1,6 @@
-"""``marginguard replay --report DIR --all``: all results of one replay in one folder."""
+"""``marginguard replay --report DIR --all``: all results of one replay, with scene and movie."""
 
+import csv
 import json
 
 import pyarrow.parquet as pq
@@ -7,15 +8,19 @@ import pydicom
 import pytest
 import trimesh
 from mcap.reader import make_reader
+from PIL import Image
 from pypdf import PdfReader
 from rosbags.rosbag2 import Reader
 
+from app.case import read_mrml
 from app.cli.bag_writing import BagProcess
 from app.cli.complete_report import BAG, DICOM
 from app.dicom.study import SEGMENTATION_FILE, STRUCTURE_SET_FILE
+from app.files.paths import sha256_of
+from app.fixture import MarginState
 from app.report import ANALYSIS_FILES, REPORT_FILES, ReplayLog
 from app.report.analysis_files import CSV_FILES
-from tests.cli.command import refused, run
+from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import FRAMES, write_small_case
 
 pytestmark = pytest.mark.slow
@@ -30,9 +35,23 @@ def case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def folder(case, tmp_path_factory):
+    """The report, beside the scene and the movie of the same replay."""
     folder = tmp_path_factory.mktemp("all") / "report"
-    run("replay", case, "--no-ros", "--report", folder, "--all")
+    movie = ("--movie", folder.parent / "m.gif", "--movie-seconds", "1")
+    scene = ("--save-scene", folder.parent / "s.mrb")
+    summary = run_json("replay", case, "--no-ros", "--report", folder, "--all", *scene, *movie)
+    assert summary["frames"] == FRAMES
     return folder
+
+
+@pytest.fixture(scope="module")
+def pages(folder):
+    return PdfReader(folder / "report.pdf").pages
+
+
+@pytest.fixture(scope="module")
+def text(pages):
+    return "\n".join(page.extract_text() for page in pages)
 
 
 def names(folder):
@@ -43,10 +62,9 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def test_everything_is_in_the_folder_and_readable(folder):
+def test_everything_is_in_the_folder_and_readable(folder, text):
     assert names(folder) == ALL
     assert pq.read_table(folder / "frames.parquet").num_rows == FRAMES
-    text = "\n".join(page.extract_text() for page in PdfReader(folder / "report.pdf").pages)
     found = json.loads((folder / "analysis.json").read_text())
     assert "Insertion" in text and "tissue damage" in text
     assert f"{found['insertion']['tissue_damage_mm2']:.1f} mm²" in text
@@ -55,6 +73,30 @@ def test_everything_is_in_the_folder_and_readable(folder):
     with Reader(folder / BAG) as reader:
         counts = {topic: each.msgcount for topic, each in reader.topics.items()}
     assert counts["/marginguard/margin_mm"] == FRAMES
+
+
+def test_pdf_names_the_recording_and_shows_the_scene(case, folder, pages, text):
+    assert sha256_of(case / "tracking.igs.mha") in text
+    scene = Image.open(folder / "scene.png")
+    assert scene.format == "PNG"
+    assert scene.size in {each.image.size for page in pages for each in page.images}
+
+
+def test_saved_scene_has_every_frame(folder):
+    assert len(list(read_mrml(folder.parent / "s.mrb", print))) == FRAMES
+
+
+def test_movie_shows_the_worst_state_of_its_frames(folder):
+    movie = Image.open(folder.parent / "m.gif")
+    assert movie.n_frames == 12
+    with (folder / "margin.csv").open() as file:
+        states = [MarginState[row["state"]] for row in csv.DictReader(file)]
+    assert len(set(states)) > 2
+    for number in range(movie.n_frames):
+        worst = max(states[FRAMES * number // 12 : FRAMES * (number + 1) // 12])
+        movie.seek(number)
+        level = movie.convert("RGB").getpixel((movie.width - 2, 2))
+        assert level == tuple(round(255 * part) for part in worst.color)
 
 
 def test_files_are_those_of_the_separate_commands(case, folder, tmp_path):
@@ -82,7 +124,7 @@ def messages(bag):
         ]
 
 
-def test_parts_that_fail_are_left_out_with_their_reasons(tmp_path, monkeypatch):
+def test_parts_that_fail_are_left_out_with_their_reasons(tmp_path, monkeypatch, without_scene):
     case, folder = write_small_case(tmp_path / "case"), tmp_path / "report"
     # So small that its voxels have another volume.
     trimesh.creation.icosphere(subdivisions=2, radius=0.8).export(case / "tumor.stl")
@@ -97,10 +139,11 @@ def test_parts_that_fail_are_left_out_with_their_reasons(tmp_path, monkeypatch):
 
     monkeypatch.setattr(BagProcess, "begin", begin_and_kill)
     printed = run("replay", case, "--no-ros", "--report", folder, "--all", status=2)
-    dicom, bag = sorted(line for line in printed.err.splitlines() if line.startswith("no "))
+    dicom, bag, scene = sorted(line for line in printed.err.splitlines() if line.startswith("no "))
     assert dicom.startswith("no dicom: structure 'tumor'")
     assert "no results: bag: the process that writes it ended" in bag
-    assert names(folder) == {*ALL, "notes.txt"} - {DICOM, BAG}
+    assert scene.startswith("no scene.png: ") and "no slicer here" in scene
+    assert names(folder) == {*ALL, "notes.txt"} - {DICOM, BAG, "scene.png"}
 
 
 def test_a_replay_that_fails_leaves_nothing(case, tmp_path, monkeypatch):

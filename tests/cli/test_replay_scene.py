@@ -1,6 +1,5 @@
 """``--save-scene`` and ``--movie``: seconds of the shipped case, and a small case."""
 
-import csv
 import json
 import shutil
 import subprocess
@@ -10,12 +9,9 @@ from collections import Counter
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
-from pypdf import PdfReader
 
 from app.case import open_case, read_mrml
 from app.files import extras
-from app.files.paths import sha256_of
 from app.fixture import MarginState
 from app.geometry import InputError
 from app.scene import OffscreenError, use_offscreen_rendering
@@ -174,31 +170,6 @@ def test_saved_scene_replays_like_its_recording(folder, saved, tmp_path):
 def test_case_with_a_scene_as_recording_refuses_joints(folder, saved, tmp_path):
     error = refused(recorded_by(folder, saved, tmp_path / "case"))
     assert "robot.joint_states is given: x.mrb cannot hold joints" in error
-
-
-def test_scene_movie_and_report_of_a_small_case(can_draw, tmp_path):
-    case = write_small_case(tmp_path / "case")
-    out, mrb, gif, pdf = (tmp_path / name for name in ("out", "s.mrb", "m.gif", "report.pdf"))
-    options = ("--report", out, "--save-scene", mrb, "--movie", gif, "--pdf", pdf)
-    summary = replay(case, *options, "--movie-seconds", "1")
-    pages = PdfReader(pdf).pages
-    text = "\n".join(page.extract_text() for page in pages)
-    assert sha256_of(case / "tracking.igs.mha") in text
-    scene = Image.open(out / "scene.png")
-    assert scene.size in {each.image.size for page in pages for each in page.images}
-    assert summary["frames"] == 40
-    assert (out / "scene.png").read_bytes().startswith(b"\x89PNG")
-    assert len(list(read_mrml(mrb, print))) == 40
-    movie = Image.open(gif)
-    assert movie.n_frames == 12
-    rows = list(csv.DictReader((out / "margin.csv").open()))
-    states = [MarginState[row["state"]] for row in rows]
-    assert len(set(states)) > 2
-    for number in range(movie.n_frames):
-        worst = max(states[40 * number // 12 : 40 * (number + 1) // 12])
-        movie.seek(number)
-        level = movie.convert("RGB").getpixel((movie.width - 2, 2))
-        assert level == tuple(round(255 * part) for part in worst.color)
 
 
 def test_video_of_a_small_case(can_draw, tmp_path):
