@@ -4,10 +4,13 @@ import ast
 import re
 import sys
 import tomllib
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
 import pytest
+
+from tests.import_statements import import_statements
 
 pytestmark = pytest.mark.slow
 
@@ -63,19 +66,20 @@ def imported(folder: str) -> dict[str, Path]:
     """External top-level modules, each with the first file that imports it."""
     found: dict[str, Path] = {}
     for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        for node in import_statements(path):
             if isinstance(node, ast.Import):
                 modules = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.level == 0:
-                modules = [node.module or ""]
             else:
-                continue
+                modules = [node.module or ""] if node.level == 0 else []
             for module in modules:
                 top = module.split(".")[0]
                 beside = path.with_name(f"{top}.py")  # imported by a script that runs in its folder
                 if top not in sys.stdlib_module_names | OUR_FOLDERS and not beside.exists():
                     found.setdefault(top, path)
     return found
+
+
+distributions = cache(metadata.packages_distributions)
 
 
 @pytest.mark.parametrize(
@@ -94,12 +98,11 @@ def imported(folder: str) -> dict[str, Path]:
     ],
 )
 def test_every_import_is_declared(folder: str, declared: set[str]) -> None:
-    distributions = metadata.packages_distributions()
     undeclared = []
     for module, path in imported(folder).items():
         if ROS_MESSAGES.fullmatch(module):
             continue
-        brought = [BROUGHT_BY[module]] if module in BROUGHT_BY else distributions.get(module, [])
+        brought = [BROUGHT_BY[module]] if module in BROUGHT_BY else distributions().get(module, [])
         if not declared & {normalized(name) for name in brought}:
             undeclared.append(f"{path.relative_to(ROOT)} imports {module}, of {brought or 'none'}")
     assert not undeclared

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.import_statements import import_statements
+
 pytestmark = pytest.mark.slow
 
 APP = Path(__file__).resolve().parents[1] / "app"
@@ -158,10 +160,10 @@ ONLY_IN = {
 
 
 def imports(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+    for node in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             module = "." * node.level + (node.module or "")
             yield module
             if module == "app":
@@ -214,10 +216,10 @@ def test_sub_packages_import_only_allowed_sub_packages(package, folder):
 
 def imported_modules(path: Path) -> Iterator[str]:
     """Dotted names that ``path`` imports; of ``from a import b`` both ``a`` and ``a.b``."""
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+    for node in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif node.module:
             yield node.module
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
