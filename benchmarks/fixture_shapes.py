@@ -31,29 +31,8 @@ def cautery(triangles: int) -> SurfaceMesh:
     along = max(4, int(triangles / (2 * around)))
     height = np.linspace(0.0, 120.0, along)
     radius = np.interp(height, [0.0, 8.0, 14.0, 120.0], [0.4, 0.8, 4.0, 4.5])
-    angle = 2.0 * np.pi * np.arange(around) / around
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    body = np.concatenate(
-        [
-            np.column_stack([r * ring, np.full(around, -h)])
-            for r, h in zip(radius, height, strict=True)
-        ]
-    )
-    i, j = np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij")
-    a, b = (i * around + j).ravel(), (i * around + (j + 1) % around).ravel()
-    c, d = a + around, b + around
-    low, high = len(body), len(body) + 1
-    rim, base = np.arange(around), (along - 1) * around
-    faces = np.concatenate(
-        [
-            np.column_stack([a, c, b]),
-            np.column_stack([b, c, d]),
-            np.column_stack([np.full(around, low), rim, np.roll(rim, -1)]),
-            np.column_stack([np.full(around, high), base + np.roll(rim, -1), base + rim]),
-        ]
-    )
-    vertices = np.vstack([body, [[0.0, 0.0, 0.2], [0.0, 0.0, -120.5]]])
-    return _mesh(trimesh.Trimesh(vertices, faces, process=False), "tool")
+    profile = [[0.0, -120.5], *zip(radius[::-1], -height[::-1], strict=True), [0.0, 0.2]]
+    return _mesh(trimesh.creation.revolve(profile, sections=around), "tool")
 
 
 def _tumor(kind: str, subdivisions: int) -> trimesh.Trimesh:
@@ -89,7 +68,8 @@ def _tool(kind: str, fineness: int) -> trimesh.Trimesh:
         return trimesh.creation.capsule(height=6.0, radius=0.8, count=[fineness, fineness])
     if kind == "bracket":
         profile = np.array([[0, 0], [30, 0], [30, 3], [3, 3], [3, 15], [0, 15]], dtype=float)
-        return _extruded(profile, 4.0)
+        fan = [[0, k, k + 1] for k in range(1, len(profile) - 1)]
+        return trimesh.creation.extrude_triangulation(profile, fan, 4.0)
     if kind == "hollow_block":
         block = trimesh.creation.box(extents=[60.0, 60.0, 60.0]).subdivide().subdivide()
         cavity = trimesh.creation.icosphere(2, radius=12.0)
@@ -102,25 +82,6 @@ def _tool(kind: str, fineness: int) -> trimesh.Trimesh:
         second.apply_translation([7.0, 0.0, 0.0])
         return trimesh.util.concatenate([first, second])
     raise ValueError(f"kind of tool is {kind!r}; expected {', '.join(TOOLS)}")
-
-
-def _extruded(profile: np.ndarray, height: float) -> trimesh.Trimesh:
-    """A prism over a polygon that is star-shaped around its first corner."""
-    count = len(profile)
-    low = np.column_stack([profile, np.zeros(count)])
-    high = np.column_stack([profile, np.full(count, height)])
-    i = np.arange(count)
-    j = (i + 1) % count
-    fan = np.array([[0, k, k + 1] for k in range(1, count - 1)])
-    faces = np.concatenate(
-        [
-            np.column_stack([i, j, j + count]),
-            np.column_stack([i, j + count, i + count]),
-            fan[:, ::-1],
-            fan + count,
-        ]
-    )
-    return trimesh.Trimesh(np.vstack([low, high]), faces, process=False)
 
 
 def _mesh(shape: trimesh.Trimesh, frame: str) -> SurfaceMesh:

@@ -10,22 +10,23 @@ time is printed as well; on an idle machine it is the same.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
-from app.case import TrackingFrame
+from app.case import JointSample, TrackingFrame
 from app.cli.progress import announce_duration
 from app.fixture import MarginState, Proximity, SweptProximity
-from app.geometry import Stamp, Transform
+from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import prepare_case
 from app.session import ProximityModel, Session, SessionSetup
 from benchmarks.harness.figures import Spread, at_most, finish, missed, show, table
 from benchmarks.harness.options import BenchParser
-from benchmarks.harness.peer import paced
+from benchmarks.harness.peer import paced, to_and_fro
 from benchmarks.harness.processes import resident_mb
-from benchmarks.session_trajectory import Trajectory
 
 RATE_HZ = 1000
 MAX_STEP_MS = 1.0
@@ -33,7 +34,8 @@ MAX_GROWTH_MB = 2.0
 WARM_UP = 0.1
 """Share of the run after which memory is expected to be constant."""
 
-_PERIOD_NS = 1_000_000_000 // RATE_HZ
+Answer = TypeVar("Answer")
+_PERIOD_NS = NS_PER_S // RATE_HZ
 _BARE_S = 5.0
 _MEMORY_EVERY = RATE_HZ // 2
 
@@ -67,6 +69,68 @@ class Figures:
     states: dict[str, int]
 
 
+class Trajectory:
+    """Frames at ``rate_hz`` along the poses and joints of ``recorded``, forwards and backwards.
+
+    Positions and joints are interpolated linearly, rotations along the shortest arc. Times are on
+    the recording's clock from its first stamp on and never go back. All values are computed in the
+    constructor, so that a frame only costs its own objects.
+    """
+
+    def __init__(self, recorded: Sequence[TrackingFrame], rate_hz: int) -> None:
+        self._clock = recorded[0].stamp.clock
+        self._period_ns = NS_PER_S // rate_hz
+        samples: dict[tuple[str, str], list[TrackedTransform]] = {}
+        for frame in recorded:
+            for sample in frame.poses:
+                if sample.status is TrackingStatus.OK:
+                    samples.setdefault((sample.target, sample.source), []).append(sample)
+        joints = [sample for frame in recorded for sample in frame.joints]
+        # Only the time in which all edges and the joints are known: no extrapolation.
+        every = [[sample.stamp.ns for sample in edge] for edge in samples.values()]
+        every += [[sample.stamp.ns for sample in joints]] if joints else []
+        self._start_ns = max(times[0] for times in every)
+        times_ns = np.arange(self._start_ns, min(times[-1] for times in every) + 1, self._period_ns)
+        self._count = len(times_ns)
+        self._edges = {edge: _interpolated(found, times_ns) for edge, found in samples.items()}
+        self._joint_names = joints[0].names if joints else ()
+        known_ns = np.array([sample.stamp.ns for sample in joints])
+        axes = zip(*(sample.positions for sample in joints), strict=True)
+        self._joints = np.array([np.interp(times_ns, known_ns, axis) for axis in axes]).T
+
+    def frames(self, count: int) -> Iterator[TrackingFrame]:
+        """Yield ``count`` frames."""
+        for k in range(count):
+            at = to_and_fro(k, self._count)
+            stamp = Stamp(self._start_ns + k * self._period_ns, self._clock)
+            poses = tuple(
+                TrackedTransform.valid(
+                    Transform.from_quaternion(
+                        quaternions[at], positions[at], target=target, source=source
+                    ),
+                    stamp,
+                )
+                for (target, source), (positions, quaternions) in self._edges.items()
+            )
+            names = self._joint_names
+            joints = (JointSample(names, self._joints[at], stamp),) if names else ()
+            yield TrackingFrame(stamp, poses, joints)
+
+
+def _interpolated(
+    samples: list[TrackedTransform], times_ns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (n, 3) in mm and quaternions (n, 4), x y z w, at ``times_ns``."""
+    poses = [sample.transform for sample in samples if sample.transform is not None]
+    known_ns = np.array([sample.stamp.ns for sample in samples])
+    known_mm = np.array([pose.translation_mm for pose in poses])
+    positions = [np.interp(times_ns, known_ns, known_mm[:, axis]) for axis in range(3)]
+    rotations = Slerp(
+        known_ns - known_ns[0], Rotation.from_matrix([pose.rotation for pose in poses])
+    )
+    return np.column_stack(positions), rotations(times_ns - known_ns[0]).as_quat()
+
+
 class TimedModel:
     """A proximity model that sums the CPU time of its evaluations and sweeps."""
 
@@ -77,20 +141,17 @@ class TimedModel:
         self.cpu_ns = 0
 
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
-        """Evaluate the model, timed."""
-        begin = time.thread_time_ns()
-        try:
-            return self._model.evaluate(tumor_from_tool, stamp)
-        finally:
-            self.cpu_ns += time.thread_time_ns() - begin
+        return self._timed(self._model.evaluate, tumor_from_tool, stamp)
 
     def sweep(
         self, previous: Transform, current: Transform, stamp: Stamp | None = None
     ) -> SweptProximity:
-        """Sweep the model, timed."""
+        return self._timed(self._model.sweep, previous, current, stamp)
+
+    def _timed(self, method: Callable[..., Answer], *arguments: object) -> Answer:
         begin = time.thread_time_ns()
         try:
-            return self._model.sweep(previous, current, stamp)
+            return method(*arguments)
         finally:
             self.cpu_ns += time.thread_time_ns() - begin
 

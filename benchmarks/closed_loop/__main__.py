@@ -16,15 +16,17 @@ Exit status 1 if the true distance of a push with the fixture is ever below the 
 time after a failure; 2 if a process cannot run.
 """
 
+import json
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.files.extras import check_installed
-from app.geometry import MarginGuardError
-from benchmarks.closed_loop.rows import STOP_MM, lines_of, merged, read_rows
+from app.geometry import InputError, MarginGuardError
+from benchmarks.closed_loop.hand import STOP_MM
 from benchmarks.harness.figures import load, show, table, write_json
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import ChildError
@@ -32,6 +34,13 @@ from benchmarks.ros_domain import own_ros
 
 if TYPE_CHECKING:
     from benchmarks.closed_loop.loop_operator import Operator
+
+
+_KEYS = ("fixture", "number", "lowest_mm", "vertices_mm", "breach_mm", "stops")
+_SPEEDS = {"approach": "approach_mm_s", "sliding": "slide_mm_s", "retreat": "retreat_mm_s"}
+
+Row = Mapping[str, Any]
+"""The fields of a `benchmarks.closed_loop.pushes.Push` by name."""
 
 
 def parsed(arguments: Sequence[str] | None) -> Any:
@@ -96,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run_pushes(options: Any, folder: Path, operator: "Operator") -> list[dict[str, Any]]:
-    """The rows of the pushes of each kind that the options ask for; prints the processor times."""
+    """Rows of the pushes of each kind that the options ask for; prints processor times."""
     from benchmarks.closed_loop.pushes import run_pushes
 
     rows = []
@@ -118,7 +127,7 @@ def _run_pushes(options: Any, folder: Path, operator: "Operator") -> list[dict[s
     return rows
 
 
-def _print_pushes(rows: Sequence[Mapping[str, Any]], options: Any) -> bool:
+def _print_pushes(rows: Sequence[Row], options: Any) -> bool:
     """Print the figures of all rows; true if the fixture kept all of its own and no other was kept.
 
     A push without the fixture that a safe stop has interrupted need not reach the tumour.
@@ -161,6 +170,56 @@ def _run_stops(
     headings = ("failure", "before", "below 1 mm/s after", "limit", "lowest", "after it goes on")
     show(table(f"load {load():.1f}", headings, cells))
     return found, is_good
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """The rows in the file of an earlier run; empty without the file. Raises `InputError`."""
+    if not path.exists():
+        return []
+    try:
+        rows: list[dict[str, Any]] = json.loads(path.read_text())["rows"]
+        for row in rows:
+            for name in _KEYS:
+                row[name]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: {error!r}; expected the rows of an earlier run") from error
+    return rows
+
+
+def merged(earlier: Sequence[Row], later: Sequence[Row]) -> list[dict[str, Any]]:
+    """Both, ordered; of two rows of one push the later counts."""
+    found = {(row["fixture"], row["number"]): dict(row) for row in (*earlier, *later)}
+    return [found[key] for key in sorted(found)]
+
+
+def lines_of(rows: Sequence[Row], fixture: bool) -> list[str]:
+    """Lines that summarise the rows of one kind, at least one."""
+    lowest = sorted(row["lowest_mm"] for row in rows)
+    vertices = [row["vertices_mm"] for row in rows]
+    free = [row for row in rows if not row["stops"]]
+    driven = sum(row["breach_mm"] is not None for row in rows)
+    stops = sum((Counter(row["stops"]) for row in rows), Counter())
+    lines = [
+        f"{'with' if fixture else 'without'} the fixture: {len(rows)} pushes, lowest true distance "
+        f"{lowest[0]:.2f} to {lowest[-1]:.2f} mm, {sum(each < STOP_MM for each in lowest)} below "
+        f"{STOP_MM:g} mm, {driven} of them by the tool's own motion; {len(rows) - len(free)} "
+        "pushes with a safe stop",
+        f"  by libigl at every step: {min(vertices):.2f} to {max(vertices):.2f} mm",
+    ]
+    if stops:
+        causes = ", ".join(f"{cause} {count}" for cause, count in sorted(stops.items()))
+        lines.append(f"  safe stops: {causes}")
+    if free:
+        lines.append(
+            "  without a stop: "
+            + ", ".join(f"{name} {_range(free, key)} mm/s" for name, key in _SPEEDS.items())
+        )
+    return lines
+
+
+def _range(rows: Sequence[Row], key: str) -> str:
+    values = [row[key] for row in rows]
+    return f"{min(values):.0f} to {max(values):.0f}"
 
 
 if __name__ == "__main__":

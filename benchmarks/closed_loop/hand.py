@@ -7,6 +7,9 @@ import numpy as np
 from app.geometry import NS_PER_S, FloatArray
 from app.simulation import WorldState, Wrench
 
+STOP_MM = 1.0
+"""``stop_mm`` of the shipped live.yaml."""
+
 AWAY_MM = 40.0
 """Distance from the structure's origin at which a push begins."""
 

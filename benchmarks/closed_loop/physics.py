@@ -50,7 +50,6 @@ class TruthShell:
         self._pushes.append((number, push_s))
 
     def step(self, world: World, now_ns: int) -> WorldState:
-        """Take one step."""
         while self._pushes:
             self._hand.begin(world.time_ns, *self._pushes.popleft())
             self._is_mid, self._first_row = False, len(self._stamps)
@@ -79,11 +78,9 @@ class TruthShell:
         self._last_phase = phase
 
     def idle(self) -> None:
-        """Pass on that the world is paused."""
         self._node.idle()
 
     def report(self, real_time_factor: float, lags: int) -> None:
-        """Publish the factor."""
         self.lags = lags
         self._node.report(real_time_factor, lags)
 

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from app.files.shipped import shipped
-from benchmarks.closed_loop.base_error import drawn_registration
+from app.geometry import Transform
+from app.registration import register_points
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.harness.processes import CLI, Child, children
 
@@ -21,6 +23,20 @@ POLL_S = 0.3
 
 WORLD = ("data", "worlds", "lumpectomy")
 
+SIGMA_MM = 1.0
+"""Standard deviation of a touched landmark along each axis."""
+
+LANDMARKS_MM = np.array(
+    [[140, -60, 40], [140, 60, 40], [260, -60, 40], [260, 60, 40], [200, 0, 110], [170, 0, 20]],
+    dtype=np.float64,
+)
+"""Around the tumour of the shipped world, in the base's frame."""
+
+CHI2_95 = 12.59
+"""95 % quantile of the chi-squared distribution with 6 degrees of freedom."""
+
+_MAX_DRAWS = 1000
+
 
 @dataclass(slots=True)
 class Loop:
@@ -30,24 +46,29 @@ class Loop:
     operator: Operator
     truth_file: Path
 
-    def send(self, **command: Any) -> None:
-        """Send a command to the physics."""
-        self.children["physics"].send(**command)
+    @property
+    def physics(self) -> Child:
+        """The process that takes the commands."""
+        return self.children["physics"]
 
-    def expect(self, event: str, timeout_s: float = 60.0) -> dict[str, Any]:
-        """Wait for an event of the physics; raises `ChildError`."""
-        return self.children["physics"].expect(event, timeout_s)
+    def next_event(self) -> dict[str, Any]:
+        """Re-arm until the physics has an event; raises `ChildError`."""
+        event = None
+        while event is None:
+            self.operator.rearm()
+            event = self.physics.poll(POLL_S)
+        return event
 
-    def next_event(self) -> dict[str, Any] | None:
-        """The next event of the physics; None if there is none for `POLL_S`."""
-        return self.children["physics"].poll(POLL_S)
+    def end(self) -> None:
+        """End the physics, which then writes the truth."""
+        self.physics.send(do="end")
+        self.physics.expect("written", 60.0)
 
     def cpu_s(self) -> dict[str, float]:
         """Processor time of each process since its start, in s; 0 for one that has ended."""
         return {name: child.cpu_s for name, child in self.children.items()}
 
     def follows(self, timeout_s: float = START_S) -> bool:
-        """Wait until the arm follows the hand."""
         state = self.operator.state
         return self.operator.until(lambda: state("control /arm") == "follows", timeout_s)
 
@@ -66,7 +87,7 @@ def running_loop(
 
     ``seed`` gives the directions of the pushes, ``tracker_seed`` the errors of tracker and
     registration, by default the same. Without ``fixture`` the guard is that of `stand_ins`.
-    ``base_error``: the base in the controller's file has an error (`base_error`).
+    ``base_error``: the base in the controller's file has an error (`drawn_registration`).
     """
     folder.mkdir(parents=True, exist_ok=True)
     errors_seed = seed if tracker_seed is None else tracker_seed
@@ -92,3 +113,23 @@ def write_control(folder: Path, base_error: bool, seed: int) -> Path:
     path = folder / "control.yaml"
     path.write_text(yaml.safe_dump(document))
     return path
+
+
+def drawn_registration(seed: int) -> Transform:
+    """``tracker_from_base`` of a base at the tracker's origin, from noisy landmarks.
+
+    The registration's error is inside the 95 % ellipsoid of its predicted covariance; a draw
+    outside it is drawn again.
+    """
+    random = np.random.default_rng([seed, 7])
+    for _ in range(_MAX_DRAWS):
+        measured = LANDMARKS_MM + random.normal(scale=SIGMA_MM, size=LANDMARKS_MM.shape)
+        frames = {"fixed_frame": "tracker", "moving_frame": "base"}
+        covariances = SIGMA_MM**2 * np.eye(3)
+        found = register_points(measured, LANDMARKS_MM, covariances_mm2=covariances, **frames)
+        assert found.covariance is not None
+        error = found.transform.inverse()
+        motion = np.concatenate([error.rotation_vector, error.translation_mm])
+        if float(motion @ np.linalg.solve(found.covariance, motion)) <= CHI2_95:
+            return found.transform
+    raise AssertionError("95 of 100 draws are expected inside the ellipsoid")

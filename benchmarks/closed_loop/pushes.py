@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from app.fixture import ProximityEngine
-from app.geometry import NS_PER_MS, FloatArray
-from benchmarks.closed_loop.hand import Phase
+from app.geometry import NS_PER_MS
+from benchmarks.closed_loop.hand import STOP_MM, Phase
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.processes import running_loop
-from benchmarks.closed_loop.rows import STOP_MM
 from benchmarks.closed_loop.truth import STILL_MM_S, Surfaces, Truth
 
 SETTLED_NS = 100 * NS_PER_MS
@@ -89,11 +88,9 @@ def run_pushes(
             for attempt in range(MAX_TRIES):
                 loop.follows()
                 before = operator.stops()
-                loop.send(do="push", number=number + attempt * OTHER_DIRECTION)
-                event = None
-                while event is None or event["event"] != "pushed":
-                    operator.rearm()
-                    event = loop.next_event()
+                loop.physics.send(do="push", number=number + attempt * OTHER_DIRECTION)
+                while (event := loop.next_event())["event"] != "pushed":
+                    pass
                 stops = operator.stops() - before
                 stops["lags"], lags = event["lags"] - lags, event["lags"]
                 if event["reached"]:
@@ -101,8 +98,7 @@ def run_pushes(
                     break
         spent_s = time.monotonic() - began_s
         cpu = {name: (s - began_cpu_s[name]) / spent_s for name, s in loop.cpu_s().items()}
-        loop.send(do="end")
-        loop.expect("written")
+        loop.end()
     surfaces = Surfaces.shipped()
     truth = Truth(loop.truth_file)
     engine = ProximityEngine(surfaces.tumor, surfaces.tool)
@@ -127,31 +123,24 @@ def judged(
     push, slide, retreat = (
         truth.phase_rows(*rows, phase) for phase in (Phase.PUSH, Phase.SLIDE, Phase.RETREAT)
     )
+    breaches = [
+        float(distances[row])
+        for row in np.flatnonzero(distances < STOP_MM).tolist()
+        if truth.own_approach_mm_s(engine, first + row) > STILL_MM_S
+    ]
     disabled = int(np.count_nonzero(np.diff(truth.enabled[first : rows[1]].astype(int)) < 0))
     causes = {**stops, "arm stood": disabled} if disabled else dict(stops)
     return Push(
         number,
         fixture,
         float(distances.min()),
-        _breach(truth, engine, distances, first),
+        min(breaches, default=None),
         surfaces.lowest_vertex_mm([truth.tumor_from_tool(row) for row in range(first, rows[1])]),
         float(truth.speeds_mm_s(*push).max(initial=0.0)),
         _settled(truth, truth.speeds_mm_s(*slide), slide),
         _settled(truth, truth.speeds_mm_s(*retreat), retreat),
         causes,
     )
-
-
-def _breach(
-    truth: Truth, engine: ProximityEngine, distances: FloatArray, first: int
-) -> float | None:
-    below = np.flatnonzero(distances < STOP_MM)
-    driven = [
-        float(distances[row])
-        for row in below.tolist()
-        if truth.own_approach_mm_s(engine, first + row) > STILL_MM_S
-    ]
-    return min(driven, default=None)
 
 
 def _settled(truth: Truth, speeds: np.ndarray, rows: tuple[int, int]) -> float:

@@ -61,7 +61,6 @@ class Stop:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Cells of a table."""
         return (
             f"{self.process}-{self.signal}",
             f"{self.speed_mm_s:.0f} mm/s",
@@ -90,12 +89,8 @@ def _try_stop(
     with running_loop(folder, operator, seed=seed, fixture=True) as loop:
         if not loop.follows():
             return None
-        loop.send(do="push", number=tries, push_s=LONG_PUSH_S)
-        event = None
-        while event is None:
-            operator.rearm()
-            event = loop.next_event()
-        if event["event"] != "mid":
+        loop.physics.send(do="push", number=tries, push_s=LONG_PUSH_S)
+        if loop.next_event()["event"] != "mid":
             return None
         child = loop.children[process].process
         os.kill(child.pid, number)
@@ -107,12 +102,10 @@ def _try_stop(
             os.kill(child.pid, signal.SIGCONT)
             continued_ns = time.time_ns()
             time.sleep(WATCH_S)
-        loop.send(do="end")
-        loop.expect("written")
+        loop.end()
     truth = Truth(loop.truth_file)
     first = int(np.searchsorted(truth.ns, failed_ns))
-    end_ns = failed_ns + round(WATCH_S * NS_PER_S)
-    last = int(np.searchsorted(truth.ns, end_ns))
+    last = int(np.searchsorted(truth.ns, failed_ns + round(WATCH_S * NS_PER_S)))
     gaps = np.diff(truth.ns[max(0, first - 50) : last])
     speeds = truth.speeds_mm_s(first, last)
     if last - first < 100 or gaps.max() > 30 * NS_PER_MS or speeds[0] < 10.0:
@@ -125,8 +118,7 @@ def _try_stop(
     engine = ProximityEngine(surfaces.tumor, surfaces.tool)
     again = None
     if continued_ns is not None:
-        after = int(np.searchsorted(truth.ns, continued_ns))
-        again = truth.path_mm(after)
+        again = truth.path_mm(int(np.searchsorted(truth.ns, continued_ns)))
     return Stop(
         process,
         number.name,

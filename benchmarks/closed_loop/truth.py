@@ -30,7 +30,6 @@ class Surfaces:
 
     @classmethod
     def shipped(cls) -> "Surfaces":
-        """Those of the shipped world."""
         world = open_world(shipped(*WORLD))
         tool = world.robots[0].tool
         assert tool is not None
@@ -89,16 +88,11 @@ class Truth:
         self._poses = poses
 
     def tumor_from_tool(self, row: int) -> Transform:
-        """The true pose at a step."""
-        return self._world_from_tumor(row).inverse() @ self._world_from_tool(row)
+        return self._world_from("tumor", row).inverse() @ self._world_from("tool", row)
 
-    def _world_from_tool(self, row: int) -> Transform:
-        values = self._poses[row]
-        return Transform("world", "tool", values[3:12].reshape(3, 3), values[:3])
-
-    def _world_from_tumor(self, row: int) -> Transform:
-        values = self._poses[row]
-        return Transform("world", "tumor", values[15:].reshape(3, 3), values[12:15])
+    def _world_from(self, body: str, row: int) -> Transform:
+        values = self._poses[row, 12:] if body == "tumor" else self._poses[row]
+        return Transform("world", body, values[3:12].reshape(3, 3), values[:3])
 
     def distances_mm(self, engine: ProximityEngine, first: int, last: int) -> FloatArray:
         """The true signed distance (n,) at every step of the rows."""
@@ -108,8 +102,12 @@ class Truth:
         )
 
     def speeds_mm_s(self, first: int, last: int) -> FloatArray:
-        """Speed (n,) of the tip in the world, the mean of some steps."""
-        return np.asarray(np.linalg.norm(self._velocities_mm_s(first, last), axis=1))
+        """Speed (n,) of the tip in the world, the mean of some steps; 0 at the first row of all."""
+        rows = np.arange(first, last)
+        before = np.maximum(rows - SMOOTH, 0)
+        spent_s = np.maximum(self.ns[rows] - self.ns[before], 1) / NS_PER_S
+        moved_mm = self._poses[rows, :3] - self._poses[before, :3]
+        return np.asarray(np.linalg.norm(moved_mm, axis=1) / spent_s)
 
     def own_approach_mm_s(self, engine: ProximityEngine, row: int) -> float:
         """By how much the motion of the tool alone reduces the distance at a step, in mm/s.
@@ -118,9 +116,9 @@ class Truth:
         """
         before = max(row - SMOOTH, 0)
         spent_s = max(float(self.ns[row] - self.ns[before]), 1.0) / NS_PER_S
-        tumor_from_world = self._world_from_tumor(row).inverse()
+        tumor_from_world = self._world_from("tumor", row).inverse()
         was, now = (
-            engine.evaluate(tumor_from_world @ self._world_from_tool(each)).signed_distance_mm
+            engine.evaluate(tumor_from_world @ self._world_from("tool", each)).signed_distance_mm
             for each in (before, row)
         )
         return (was - now) / spent_s
@@ -129,13 +127,6 @@ class Truth:
         """Largest distance of the tip from its position at a row, from then on."""
         moved = self._poses[first:, :3] - self._poses[first, :3]
         return float(np.linalg.norm(moved, axis=1).max())
-
-    def _velocities_mm_s(self, first: int, last: int) -> FloatArray:
-        """Velocity (n, 3) of the tip; 0 at the first row of all."""
-        rows = np.arange(first, last)
-        before = np.maximum(rows - SMOOTH, 0)
-        spent = np.maximum(self.ns[rows] - self.ns[before], 1) / NS_PER_S
-        return np.asarray((self._poses[rows, :3] - self._poses[before, :3]) / spent[:, None])
 
     def phase_rows(self, first: int, last: int, phase: Phase) -> tuple[int, int]:
         """First and last row of ``phase`` among the rows of a push."""

@@ -7,6 +7,8 @@ finished run are kept: the same command continues with the runs that are left, a
 part in time. Exit status: 1 when a goal is missed or runs are left.
 """
 
+import csv
+import hashlib
 import json
 import os
 import shutil
@@ -14,38 +16,155 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
-from benchmarks.cohort.run import Run, command_of, run_cohort, second_run
 from benchmarks.harness.figures import Goal, goals_table, show, write_json
 from benchmarks.harness.options import BenchParser
+from benchmarks.harness.processes import CLI
 
 CASE_CPU_S = 3.0
 SECOND_RUN_S = 10.0
 MAX_GROWTH = 0.05
 """Share by which a worker's memory may be higher in the last quarter of its cases than in the first
 quarter, after the warm-up."""
+WARM_UP_CASES = 2
+"""Cases of a worker before which its libraries and kernels are not all loaded."""
 KILLS = 2
 FIGURES = "figures.json"
+
+
+@dataclass(frozen=True)
+class Run:
+    """Figures of one run. ``growth``: the largest of the workers, None with too few cases.
+
+    ``partitions``: number of files of the dataset. ``digest``: of their bytes and the comparison;
+    wall times are in a file of their own and not part of it.
+    """
+
+    workers: int
+    killed: int
+    wall_s: float
+    cpu_s_per_case: float
+    case_wall_s: float
+    rss_mb: Sequence[float]
+    growth: float | None
+    digest: str
+    partitions: int
+
+    @property
+    def line(self) -> str:
+        growth = "-" if self.growth is None else f"{100 * self.growth:+.1f} %"
+        killed = f", {self.killed} killed" if self.killed else ""
+        return (
+            f"{self.workers} workers{killed}: {self.wall_s:.1f} s; a case "
+            f"{self.cpu_s_per_case:.1f} s of processor time, {self.case_wall_s:.1f} s of wall "
+            f"clock; memory of a worker {self.rss_mb[0]:.0f} to {self.rss_mb[1]:.0f} MB, growth "
+            f"{growth}; {self.partitions} partitions, bytes {self.digest}"
+        )
+
+
+def run_cohort(study: Path, out: Path, workers: int, *, kills: int = 0) -> Run:
+    """Run the cohort; kill ``kills`` workers, each after another case has finished."""
+    begin = time.perf_counter()
+    command = command_of("cohort", study, "--out", out, "--workers", workers)
+    killed = 0
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None:
+            time.sleep(0.2)
+            if killed < kills and _finished(out) > killed:
+                killed += _kill_worker(process.pid)
+    if process.returncode != 0:
+        raise SystemExit(f"marginguard cohort ended with {process.returncode}; expected 0")
+    wall_s = time.perf_counter() - begin
+    with (out / "times.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    memory: dict[str, list[float]] = {}
+    for row in rows:  # in the order in which they finished
+        memory.setdefault(row["worker"], []).append(float(row["rss_mb"]))
+    everything = [value for values in memory.values() for value in values]
+    growths = [g for values in memory.values() if (g := growth_of(values)) is not None]
+    return Run(
+        workers,
+        killed,
+        wall_s,
+        float(np.mean([float(row["cpu_s"]) for row in rows])),
+        float(np.mean([float(row["wall_s"]) for row in rows])),
+        (min(everything), max(everything)),
+        max(growths, default=None),
+        digest_of(out),
+        len(list((out / "cases").glob("*.parquet"))),
+    )
+
+
+def growth_of(values: list[float]) -> float | None:
+    """Memory in the last quarter of a worker's cases after the warm-up, relative to the first one.
+
+    None of too few cases. Halves would show half of a steady growth only.
+    """
+    warm = values[WARM_UP_CASES:]
+    quarter = len(warm) // 4
+    if quarter == 0:
+        return None
+    return float(np.mean(warm[-quarter:]) / np.mean(warm[:quarter])) - 1.0
+
+
+def second_run(study: Path, out: Path, workers: int) -> tuple[float, bool]:
+    """Duration of the command on finished results, and whether they stayed as they were."""
+    before, begin = digest_of(out), time.perf_counter()
+    command = command_of("cohort", study, "--out", out, "--workers", workers)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return time.perf_counter() - begin, digest_of(out) == before
+
+
+def digest_of(out: Path) -> str:
+    """Digest of the partitions and the comparison, by their names."""
+    digest = hashlib.sha256()
+    for path in [*sorted((out / "cases").glob("*.parquet")), out / "comparison.csv"]:
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def command_of(*arguments: object) -> list[str]:
+    return [sys.executable, *CLI, *map(str, arguments)]
+
+
+def _finished(out: Path) -> int:
+    """Number of finished cases of the partitions that are not complete."""
+    try:
+        return (out / "journal.jsonl").read_bytes().count(b"\n")
+    except OSError:
+        return 0
+
+
+def _kill_worker(pid: int) -> int:
+    """Kill a worker among the processes below ``pid``; returns how many were killed."""
+    for child in psutil.Process(pid).children(recursive=True):
+        try:
+            # Dask's workers are the children of the command that its nanny spawned.
+            if "spawn_main" in " ".join(child.cmdline()):
+                child.kill()
+                return 1
+        except psutil.NoSuchProcess:
+            continue
+    return 0
 
 
 def main() -> int:
     options = _options()
     with ExitStack() as stack:
-        folder = options.keep
-        if folder is None:
-            temporary = tempfile.TemporaryDirectory(dir=options.scratch, prefix="bench-cohort-")
-            folder = Path(stack.enter_context(temporary))
+        folder = options.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
         folder.mkdir(exist_ok=True)
         figures = _figures(folder, options)
         left = _run_parts(folder, options, figures)
-    runs = [_run_of(figures["runs"][name]) for name in _parts(options) if name in figures["runs"]]
+    runs = [Run(**figures["runs"][name]) for name in _parts(options) if name in figures["runs"]]
     if left:
         print(f"left: {', '.join(left)}; the same command continues")
         return 1
@@ -100,7 +219,7 @@ def _run_parts(folder: Path, options: Any, figures: dict[str, Any]) -> list[str]
     for name, (workers, kills) in _parts(options).items():
         out = folder / name
         if name in figures["runs"]:
-            print(f"{_run_of(figures['runs'][name]).line} (earlier)")
+            print(f"{Run(**figures['runs'][name]).line} (earlier)")
             continue
         minutes = (time.monotonic() - begin) / 60.0 + _expected_minutes(figures, workers)
         if options.minutes is not None and minutes > options.minutes:
@@ -140,11 +259,6 @@ def _figures(folder: Path, options: Any) -> dict[str, Any]:
     return figures
 
 
-def _run_of(values: dict[str, Any]) -> Run:
-    low, high = values["rss_mb"]
-    return Run(**{**values, "rss_mb": (low, high)})
-
-
 def _processors() -> int:
     return len(os.sched_getaffinity(0))
 
@@ -155,14 +269,11 @@ def _options() -> Any:
     parser.number("--workers", [1, 2], "numbers of workers")
     parser.number("--duration", 75.0, "length of a case in s")
     parser.add_argument("--seed", type=int, default=1, help="seed of the cohort (default: 1)")
-    parser.add_argument("--scratch", type=Path, help="existing folder for the results")
     parser.add_argument("--keep", type=Path, help="folder that keeps results and finished runs")
     parser.add_argument(
         "--minutes", type=float, help="begin no run that would end later, by the runs before it"
     )
     options = parser.parse_args()
-    if options.scratch is not None and not options.scratch.is_dir():
-        parser.error(f"--scratch {options.scratch}: no such folder; expected an existing one")
     if options.minutes is not None and options.keep is None:
         parser.error("--minutes without --keep: the runs would be lost; expected both")
     return options

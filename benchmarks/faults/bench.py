@@ -61,7 +61,6 @@ class Bench:
         self._judged: tuple[list[Constraint], list[Twist]] = ([], [])
 
     def close(self) -> None:
-        """End all programs."""
         for child in (self.tracker, self.guard):
             if child is not None:
                 child.end()
@@ -102,7 +101,6 @@ class Bench:
 
     @property
     def stale_ms(self) -> float:
-        """``stale_after_ms`` of the guard."""
         return self.stale_ns / NS_PER_MS
 
     def wait_for_guard(self) -> None:

@@ -70,7 +70,6 @@ class Controller:
             thread.start()
 
     def close(self) -> None:
-        """Leave the graph."""
         self._closing.set()
         self._threads[1].join()
         rclpy.shutdown()
@@ -82,7 +81,6 @@ class Controller:
             return self._constraints[-1] if self._constraints else None
 
     def forget(self) -> None:
-        """Drop all records."""
         with self._changed:
             self._constraints.clear()
             self._twists.clear()
@@ -101,7 +99,6 @@ class Controller:
             return self._changed.wait_for(accept, timeout_s)
 
     def wait_until(self, ns: int) -> None:
-        """Wait until the system time ``ns``."""
         while (ahead_ns := ns - time.time_ns()) > 0:
             time.sleep(ahead_ns / NS)
 

@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import rclpy
+import trimesh
 from geometry_msgs.msg import Point, TransformStamped
 from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import SetTumor
@@ -63,7 +64,8 @@ class Foreign(Requests):
         place = request.pose.position
         place.x, place.y, place.z = position_m
         request.pose.orientation.w = 1.0
-        vertices, faces = ball(radius_mm / 1000.0, triangles)
+        shape = ball(radius_mm, triangles)
+        vertices, faces = shape.vertices / 1000.0, shape.faces.astype(np.uint32)
         request.mesh.vertices = [Point(x=x, y=y, z=z) for x, y, z in vertices.tolist()]
         request.mesh.triangles = [MeshTriangle(vertex_indices=face) for face in faces]
         return self.call(SetTumor, "set_tumor", request)
@@ -91,28 +93,11 @@ class Foreign(Requests):
         return {"ns": first_ns}
 
 
-def ball(radius, triangles):
-    """Vertices (n, 3) and outward faces (m, 3) of a ball by longitude and latitude."""
+def ball(radius_mm, triangles):
+    """A closed ball of about ``triangles`` triangles."""
     rings = max(4, round((triangles / 4.0) ** 0.5))
-    around = 2 * rings
-    polar, turn = np.meshgrid(
-        np.pi * np.arange(1, rings) / rings, 2.0 * np.pi * np.arange(around) / around, indexing="ij"
-    )
-    points = np.stack(
-        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1
-    ).reshape(-1, 3)
-    vertices = radius * np.vstack([[0.0, 0.0, 1.0], points, [0.0, 0.0, -1.0]])
-    i, last = np.arange(around), len(vertices) - 1
-    j = (i + 1) % around
-    start = 1 + around * np.arange(rings - 2)[:, None]
-    a, b = (start + i).ravel(), (start + j).ravel()
-    parts = (
-        (np.zeros_like(i), 1 + i, 1 + j),
-        (np.full_like(i, last), last - around + j, last - around + i),
-        (a, a + around, b),
-        (b, a + around, b + around),
-    )
-    return vertices, np.concatenate([np.column_stack(part) for part in parts]).astype(np.uint32)
+    # Twice the latitudes are made.
+    return trimesh.creation.uv_sphere(radius=radius_mm, count=[rings // 2 + 1, 2 * rings])
 
 
 def main():

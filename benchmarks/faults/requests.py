@@ -23,7 +23,6 @@ class Requests:
         self._clients = {}
 
     def call(self, kind, name, request, reply_of=lambda reply: (reply.success, reply.message)):
-        """Call a service."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f"/marginguard/{name}")
         client, done, ns = self._clients[name], threading.Event(), time.time_ns()
@@ -39,7 +38,6 @@ class Requests:
         return {**times, "success": success, "message": message}
 
     def rearm(self, seq, nonce):
-        """Request to re-arm."""
         return self.call(Rearm, "rearm", Rearm.Request(seq=seq, nonce=nonce))
 
     def parameters(self, values):

@@ -118,7 +118,6 @@ class RowResult:
         return self.outcome in (SAFE, RESIDUAL)
 
     def document(self) -> dict[str, Any]:
-        """All figures, for JSON."""
         verdicts = [trial.verdict for trial in self.trials]
         times = self.to_safe_ms
         sources = {verdict.single_source for verdict in verdicts}

@@ -13,7 +13,7 @@ from app.runtime import prepare_case
 from app.session import Session
 from benchmarks.harness.options import RECORDED_CASE
 from benchmarks.harness.peer import to_and_fro
-from benchmarks.session_trajectory import Trajectory
+from benchmarks.session import Trajectory
 
 FIRST_S, LENGTH_S = 2.0, 14.0
 """The tool moves between landmarks, 30 to 65 mm from the tumour."""

@@ -29,6 +29,7 @@ import rclpy
 from marginguard_msgs.msg import TrackedTransform
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import QoSProfile
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from benchmarks.harness.peer import emit, to_and_fro
@@ -118,13 +119,9 @@ class Tracker:
             stamp(joints.header, stamp_ns - self.scene["joint_offset_ns"])
             self.joints.publish(joints)
         if changed or self.first:
-            emit(
-                "first" if self.first else "set",
-                ns=now_ns,
-                last_ns=self.last_ns,
-                shift=self.shift,
-                rest_at=self.rest_at,
-            )
+            event = "first" if self.first else "set"
+            where = {"shift": self.shift, "rest_at": self.rest_at}
+            emit(event, ns=now_ns, last_ns=self.last_ns, **where)
             self.first = False
         if not silent:
             self.last_ns = stamp_ns
@@ -156,7 +153,6 @@ class Tracker:
         return True
 
     def noisy(self, frame):
-        """The true poses with noise."""
         poses = [np.array(pose) for pose in frame["edges"]]
         for pose in poses:
             pose[:3] += NOISE_M * self.random.standard_normal(3)
@@ -174,16 +170,8 @@ class Tracker:
             crept_s = (stamp_ns - self.creep_from_ns) / 1e9
             tool[:3] += state["creep_mm_s"] / 1000.0 * crept_s * self.direction
         if state.get("turn_deg"):
-            half = np.radians(state["turn_deg"]) / 2.0
-            x, y, z, w = tool[3:]
-            sine, cosine = np.sin(half), np.cos(half)
-            # Product with the quaternion (sine, 0, 0, cosine), a rotation about the sensor's x.
-            tool[3:] = [
-                w * sine + x * cosine,
-                y * cosine + z * sine,
-                z * cosine - y * sine,
-                w * cosine - x * sine,
-            ]
+            turn = Rotation.from_euler("x", state["turn_deg"], degrees=True)
+            tool[3:] = (Rotation.from_quat(tool[3:]) * turn).as_quat()
         if state.get("swap"):
             poses[TOOL], poses[TUMOR] = poses[TUMOR], poses[TOOL]
         if state.get("nan"):

@@ -42,7 +42,6 @@ class Spread:
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """Cells of a table."""
         return f"{self.p50_ms:.3f}", f"{self.p99_ms:.3f}", f"{self.max_ms:.3f}"
 
 

@@ -12,17 +12,15 @@ RECORDED_CASE = Path(__file__).resolve().parents[2] / "data/recorded_case"
 
 
 class BenchParser(argparse.ArgumentParser):
-    """Parser of ``marginguard bench NAME``, with ``--json FILE`` unless ``json`` is false."""
+    """Parser of ``marginguard bench NAME``, with ``--json FILE``."""
 
-    def __init__(self, name: str, description: str | None, *, json: bool = True) -> None:
+    def __init__(self, name: str, description: str | None) -> None:
         super().__init__(
             prog=f"marginguard bench {name}",
             description=description,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        self._ranges: dict[str, tuple[float, float, bool]] = {}
-        if json:
-            self.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+        self.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
 
     def number(
         self,
@@ -39,34 +37,29 @@ class BenchParser(argparse.ArgumentParser):
 
         Several numbers by default: one or more, the range is that of each.
         """
-        numbers: Sequence[float] = () if default is None else (default,)  # type: ignore[assignment]
-        if isinstance(default, Sequence):
-            numbers, settings["nargs"] = default, "+"
-        if numbers:
+        numbers = default if isinstance(default, Sequence) else (default,)
+        if numbers is default:
+            settings["nargs"] = "+"
+        if default is not None:
             text = f"{text} (default: {' '.join(f'{each:g}' for each in numbers)})"
-        kind = int if numbers and isinstance(numbers[0], int) else float
-        self.add_argument(flag, type=kind, default=default, help=text, **settings)
-        self._ranges[flag] = (low, high, above)
+        kind = int if isinstance(numbers[0], int) else float
+
+        def checked(word: str) -> float:
+            value = kind(word)
+            enough = low < value if above else low <= value
+            if not (enough and value <= high and value < math.inf):
+                wanted = _range_text(low, high, above)
+                raise argparse.ArgumentTypeError(f"{word}; expected {wanted}")
+            return value
+
+        checked.__name__ = kind.__name__  # named in the message for a word that is no number
+        self.add_argument(flag, type=checked, default=default, help=text, **settings)
 
     def case(self, flag: str = "--case") -> None:
         """Add the case to run on: an option, or an argument that may be missing."""
         optional = {} if flag.startswith("-") else {"nargs": "?"}
         text = "default: data/recorded_case"
         self.add_argument(flag, type=case_folder, default=RECORDED_CASE, help=text, **optional)
-
-    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
-        """Parse, and end with status 2 and one line if a number is outside of its range."""
-        options = super().parse_args(args, namespace)
-        for flag, (low, high, above) in self._ranges.items():
-            found = getattr(options, flag.lstrip("-").replace("-", "_"))
-            for value in found if isinstance(found, list | tuple) else [found]:
-                if value is None:
-                    continue
-                enough = low < value if above else low <= value
-                if enough and value <= high and value < math.inf:
-                    continue
-                self.error(f"{flag} is {value:g}; expected {_range_text(low, high, above)}")
-        return options
 
 
 def _range_text(low: float, high: float, above: bool) -> str:

@@ -1,7 +1,6 @@
 """Programs under test and peers as child processes, controlled by lines of JSON."""
 
 import json
-import os
 import queue
 import signal
 import subprocess
@@ -12,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 CLI = ("-m", "app.cli")
 
@@ -29,37 +30,30 @@ class Child:
         self.lines: list[str] = []
         self._events: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._printed, self._ended = threading.Condition(), False
+        pipe, command = subprocess.PIPE, [sys.executable, *arguments]
         with log.open("a") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, *arguments],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                env=dict(os.environ),
+                command, stdin=pipe, stdout=pipe, stderr=errors, text=True
             )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     @property
     def running(self) -> bool:
-        """False if the process has ended."""
         return self.process.poll() is None
 
     @property
     def rss_mb(self) -> float:
         """Resident memory in MB; 0 if it has ended."""
-        return resident_mb(self.process.pid)
+        return resident_mb(self.process.pid) if self.running else 0.0
 
     @property
     def cpu_s(self) -> float:
-        """User and system time in s (proc(5)); 0 if it has ended."""
-        try:
-            stat = Path(f"/proc/{self.process.pid}/stat").read_text()
-        except OSError:
+        """User and system time in s; 0 if it has ended."""
+        if not self.running:
             return 0.0
-        fields = stat.rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        times = psutil.Process(self.process.pid).cpu_times()
+        return float(times.user + times.system)
 
     def send(self, **command: Any) -> None:
         """Write one line of JSON; raises `ChildError` if the process has ended."""
@@ -175,10 +169,6 @@ def children(folder: Path) -> Iterator[tuple[dict[str, Child], Start]]:
             child.end()
 
 
-def resident_mb(pid: int | str = "self") -> float:
-    """Resident memory of a process in MB, as counted by the kernel; 0 if it has ended."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    except OSError:
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+def resident_mb(pid: int | None = None) -> float:
+    """Resident memory in MB of a process, by default of this one."""
+    return float(psutil.Process(pid).memory_info().rss / 1e6)

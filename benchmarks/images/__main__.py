@@ -81,7 +81,6 @@ class ImageFigures:
         return float(np.polyfit(minutes, values, 1)[0]) if len(values) > 1 else 0.0
 
     def problems(self) -> list[str]:
-        """The goals that are missed."""
         return missed(
             (
                 at_most("p95 is", self.delay_p95_ms, GOAL_MS, "ms", ".0f"),

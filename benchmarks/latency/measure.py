@@ -42,7 +42,6 @@ class Kind:
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second."""
         return SESSION_HZ if self.sends == "session" else RATE_HZ
 
 

@@ -63,7 +63,6 @@ class QtReceiver(Receiver):
         """Update the scene."""
 
     def run(self, has_ended: Callable[[], bool]) -> None:
-        """Run the event loop."""
         poll = QtCore.QTimer()
         poll.timeout.connect(lambda: quit_loop() if has_ended() else None)
         poll.start(_POLL_MS)
@@ -71,7 +70,6 @@ class QtReceiver(Receiver):
         poll.stop()
 
     def close(self) -> None:
-        """Spin no more."""
         self._driver.stop()
 
 
@@ -98,7 +96,6 @@ class ModuleReceiver(QtReceiver):
         self.logic.Spin()
 
     def close(self) -> None:
-        """Leave the graph."""
         super().close()
         self.logic.Destroy()
 
@@ -155,7 +152,6 @@ class RobotsInModule(ModuleReceiver):
             self.pictures.append((next(iter(self.rows_of.values()))[-1][0], time.time_ns()))
 
     def close(self) -> None:
-        """Leave the graph, and close the view."""
         if self._close_view is not None:
             self._close_view.__exit__(None, None, None)
         super().close()
@@ -195,7 +191,6 @@ class PanelReceiver(QtReceiver):
         self.panel.connect(CONFIG)
 
     def spin(self) -> None:
-        """Spin the panel's logic."""
         self.panel.spin()
         now_ns = time.time_ns()
         step, ready_ns = self.panel.session.shown_step, self.panel.session.ready_ns
@@ -207,7 +202,6 @@ class PanelReceiver(QtReceiver):
             self.steps.append((stamp_ns, ready_ns))
 
     def close(self) -> None:
-        """End the session."""
         super().close()
         self.panel.close()
 
@@ -219,7 +213,6 @@ class PageReceiver(Receiver):
     """
 
     def run(self, has_ended: Callable[[], bool]) -> None:
-        """Serve the page until ``has_ended()``."""
         options = argparse.Namespace(
             config=CONFIG,
             package_dirs=(),
@@ -262,7 +255,6 @@ class TimedSource:
         self._receiver = receiver
 
     def prepare(self) -> bool:
-        """Update the scene."""
         changed: bool = self._source.prepare()
         now_ns, shown = time.time_ns(), self._source.shown
         if changed and shown is not None:

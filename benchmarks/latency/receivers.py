@@ -69,12 +69,10 @@ class PlainListener(Receiver):
         self._node.create_subscription(TFMessage, "/tf", self._take, 100)
 
     def run(self, has_ended: Callable[[], bool]) -> None:
-        """Spin the node."""
         while not has_ended():
             self._rclpy.spin_once(self._node, timeout_sec=_PAUSE_S)
 
     def close(self) -> None:
-        """Leave the graph."""
         self._node.destroy_node()
         self._rclpy.shutdown()
 
@@ -96,7 +94,6 @@ class Timer:
         self._due_ns = float(time.monotonic_ns())
 
     def wait(self) -> None:
-        """Wait for the next tick."""
         behind_ns = time.monotonic_ns() - self._due_ns
         self._due_ns += self._period_ns * max(1, math.ceil(behind_ns / self._period_ns))
         time.sleep(max(0.0, self._due_ns - time.monotonic_ns()) / NS_PER_S)
@@ -119,7 +116,6 @@ class PolledIgtl(Receiver):
         self._client = OpenIGTLinkClient("127.0.0.1", port)
 
     def run(self, has_ended: Callable[[], bool]) -> None:
-        """Poll at every tick."""
         while not has_ended():
             self._timer.wait()
             for message in self._client.get_latest_messages():
@@ -130,7 +126,6 @@ class PolledIgtl(Receiver):
             self.add_row(complete_frame_stamp(self._stamps_ns) or None, time.time_ns())
 
     def close(self) -> None:
-        """Disconnect."""
         self._client.stop()
 
 

@@ -47,7 +47,6 @@ class Run:
     step_ms: FloatArray
 
     def concatenated(self, later: "Run") -> "Run":
-        """Both runs as one."""
         known = self.arrived is not None and later.arrived is not None
         joined = {
             name: np.concatenate([getattr(self, name), getattr(later, name)])
@@ -65,7 +64,6 @@ class Run:
 
     @property
     def mean_ms(self) -> float:
-        """Mean delay in ms."""
         return float(self.delays_ms.mean())
 
     @property

@@ -90,7 +90,6 @@ class IgtlOutput:
         return bool(self._server.is_connected())
 
     def send(self, frame: int) -> int:
-        """Create and send a frame; returns the stamp of its first body."""
         from pyigtl import TransformMessage
 
         from app.bridge.tf.pose import matrices

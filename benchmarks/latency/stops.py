@@ -62,7 +62,6 @@ class StopRun:
         return f"{self.kind.name}: {self.robot}" if len(self.kind.robots) > 1 else self.kind.name
 
     def document(self) -> dict[str, object]:
-        """Plain values for a JSON file."""
         return {
             "name": self.name, "load": self.load, "stops": len(self.stops_ms),
             "stop_mean_ms": float(self.stops_ms.mean()), "stop_sd_ms": float(self.stops_ms.std()),

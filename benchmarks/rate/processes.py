@@ -88,7 +88,6 @@ class RecordingPublisher:
         self.count = 0
 
     def publish(self, raw: bytes) -> None:
-        """Record the time, then send."""
         self._times_ns[self.count] = time.monotonic_ns()
         self.count += 1
         self._publish(raw)

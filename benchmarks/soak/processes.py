@@ -33,14 +33,12 @@ class Stream:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all gaps and counts."""
         self.received = self.lost = self.over_10_ms = 0
         self.max_gap_ns = 0
         self.histogram = np.zeros(BINS, dtype=np.int64)
         self.last_ns = self.last_seq = None
 
     def take(self, raw: bytes) -> None:
-        """Count one message."""
         now_ns, seq = time.monotonic_ns(), seq_of(raw)
         if self.last_ns is not None:
             gap_ns = now_ns - self.last_ns

@@ -10,22 +10,24 @@ import asyncio
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from trame_rca.schedulers import RcaImageRenderScheduler
 from trame_slicer.views import ThreeDView
 
 from app.cli.replay_page import replay_parts
 from app.cli.signals import SignalState
 from app.viewer import Address, SceneView, Title, Viewer
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pictures import RenderLoop
+from app.viewer.drawing.pictures import RenderLoop, Source
 from app.viewer.steps.replay import ReplayControl
 from benchmarks.harness.peer import emit
-from benchmarks.view.peer import DefaultSchedule
 from benchmarks.view.stamps import stamp
 
-SCHEDULES = {"ours": RenderLoop, "default": DefaultSchedule}
+POSES_HZ = 100.0
+"""Rate of scene updates of the default schedule, above that of the tracker's poses."""
 
 
 class StampedArea(PictureArea):
@@ -37,7 +39,6 @@ class StampedArea(PictureArea):
 
     @property
     def img_cols_rows(self) -> tuple[Any, int, int]:
-        """The picture with its number."""
         pixels, columns, rows = super().img_cols_rows
         stamp(pixels, self._shown.index)
         return pixels, columns, rows
@@ -51,10 +52,51 @@ class ShownFrame:
         self.index = 0
 
     def now(self) -> Any:
-        """The feed's current state."""
         shown = self._feed.now()
         self.index = shown.step.index
         return shown
+
+
+class DefaultSchedule(RcaImageRenderScheduler):
+    """A picture after each new pose, trame-slicer's default as `register_rca_factories` creates it.
+
+    It aims at 30 pictures a second, whatever rendering costs, and sends without acknowledgement.
+    """
+
+    def __init__(self, area: PictureArea, source: Source, beat: Callable[[int], None]) -> None:
+        super().__init__(area, target_fps=30.0, interactive_quality=50, rca_encoder="jpeg")
+        self._source = source
+        self._beat = beat
+        self._number = 0
+
+    def set_push_callback(self, callback: Callable[[bytes, dict[str, Any]], None]) -> None:
+        """Add a number to each picture, which the page expects."""
+
+        def push(content: bytes, meta: dict[str, Any]) -> None:
+            self._number += 1
+            self._source.sent(self._number)
+            callback(content, {**meta, "number": self._number})
+
+        super().set_push_callback(push)
+
+    def wake(self) -> None:
+        """Do nothing: `run` schedules the pictures."""
+
+    def acknowledge(self, client: str, number: int) -> None:
+        """Render for a page that has just connected; acknowledgements are ignored."""
+        if number == 0:
+            self.schedule_render()
+
+    async def run(self) -> None:
+        """Update the scene for ever and schedule a picture whenever it has changed."""
+        while True:
+            if self._source.prepare():
+                self.schedule_render()
+            self._beat(self._number)
+            await asyncio.sleep(1.0 / POSES_HZ)
+
+
+SCHEDULES = {"ours": RenderLoop, "default": DefaultSchedule}
 
 
 def main() -> None:

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from app.geometry import InputError
-from benchmarks.closed_loop.__main__ import parsed
-from benchmarks.closed_loop.base_error import drawn_registration
-from benchmarks.closed_loop.rows import lines_of, merged, read_rows
+from benchmarks.closed_loop.__main__ import lines_of, merged, parsed, read_rows
+from benchmarks.closed_loop.processes import drawn_registration
 
 pytestmark = pytest.mark.slow
 

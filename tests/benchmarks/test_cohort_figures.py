@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.cohort import __main__ as cohort
-from benchmarks.cohort.run import Run, growth_of
+from benchmarks.cohort.__main__ import Run, growth_of
 
 pytestmark = pytest.mark.slow
 

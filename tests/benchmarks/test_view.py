@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.view.results import failures, figures
+from benchmarks.view.__main__ import failures, figures
 from benchmarks.view.stamps import BITS, SIDE, stamp
 
 pytestmark = pytest.mark.slow

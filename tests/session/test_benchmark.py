@@ -10,8 +10,7 @@ from app.fixture import MarginState
 from app.geometry import Stamp, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
 from app.session import RobotSetup, Session, SessionSetup
-from benchmarks.session import failures, measure
-from benchmarks.session_trajectory import Trajectory
+from benchmarks.session import Trajectory, failures, measure
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
 pytestmark = pytest.mark.slow
@@ -59,7 +58,7 @@ def test_recording_is_interpolated_without_lost_samples(recorded):
 
 def test_trajectory_reverses_at_its_end_while_time_goes_on(recorded):
     frames = list(Trajectory(recorded, RATE_HZ).frames(2500))
-    assert frames[1101].poses[0].transform.translation_mm == pytest.approx(
+    assert frames[1100].poses[0].transform.translation_mm == pytest.approx(
         frames[900].poses[0].transform.translation_mm
     )
     assert frames[2499].stamp == Stamp(2_499_000_000)
