@@ -12,13 +12,15 @@ more than 5 percent from the end of the first quarter on.
 """
 
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from app.cli.progress import announce_duration
+from app.geometry import FloatArray
 from benchmarks.harness.figures import at_least, at_most, finish, missed, percentiles, show
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI, Child, children
@@ -54,43 +56,37 @@ WATCH = """() => {
 }"""
 
 
-@dataclass(frozen=True, slots=True)
-class ImageFigures:
-    """Figures of one run. ``memory_mb``: resident memory of the session, every 5 s."""
+def figures(
+    shown: FloatArray, pictures: int, memory_mb: list[float], seconds: float
+) -> dict[str, Any]:
+    """Figures of images (n, 3) by number, stamp and time in ms, and of the memory every 5 s.
 
-    seconds: float
-    images: int
-    images_hz: float
-    delay_p50_ms: float
-    delay_p95_ms: float
-    delay_max_ms: float
-    pictures_hz: float
-    memory_mb: list[float]
+    The growth of the memory and its slope (least squares) are those after the first quarter.
+    """
+    p50, p95, longest = percentiles(shown[:, 2] - shown[:, 1], 50, 95, 100)
+    later_mb = np.array(memory_mb[len(memory_mb) // 4 :])
+    minutes = np.arange(len(later_mb)) * _SAMPLE_S / 60.0
+    return {
+        "seconds": seconds, "images": len(shown), "images_hz": len(shown) / seconds,
+        "delay_p50_ms": p50, "delay_p95_ms": p95, "delay_max_ms": longest,
+        "pictures_hz": pictures / seconds, "memory_mb": memory_mb,
+        "growth": max(memory_mb[-2:]) / float(later_mb[0]) - 1.0,
+        "slope_mb_per_min": float(np.polyfit(minutes, later_mb, 1)[0]) if len(minutes) > 1 else 0.0,
+    }  # fmt: skip
 
-    @property
-    def growth(self) -> float:
-        """Growth of the memory from the end of the first quarter to the end, as a fraction."""
-        start = self.memory_mb[len(self.memory_mb) // 4]
-        return max(self.memory_mb[-2:]) / start - 1.0
 
-    @property
-    def slope_mb_per_min(self) -> float:
-        """Slope of a line through the memory after the first quarter (least squares)."""
-        values = np.array(self.memory_mb[len(self.memory_mb) // 4 :])
-        minutes = np.arange(len(values)) * _SAMPLE_S / 60.0
-        return float(np.polyfit(minutes, values, 1)[0]) if len(values) > 1 else 0.0
-
-    def problems(self) -> list[str]:
-        return missed(
-            (
-                at_most("p95 is", self.delay_p95_ms, GOAL_MS, "ms", ".0f"),
-                at_least("there are", self.pictures_hz, GOAL_PICTURES_HZ, "pictures/s", ".1f"),
-                at_most("memory grows by", 100.0 * self.growth, GOAL_GROWTH_PERCENT, "%", ".1f"),
-            )
+def failures(found: Mapping[str, Any]) -> list[str]:
+    growth = 100.0 * found["growth"]
+    return missed(
+        (
+            at_most("p95 is", found["delay_p95_ms"], GOAL_MS, "ms", ".0f"),
+            at_least("there are", found["pictures_hz"], GOAL_PICTURES_HZ, "pictures/s", ".1f"),
+            at_most("memory grows by", growth, GOAL_GROWTH_PERCENT, "%", ".1f"),
         )
+    )
 
 
-def measure(seconds: float, folder: Path) -> ImageFigures:
+def measure(seconds: float, folder: Path) -> dict[str, Any]:
     with children(folder) as (_, start), sync_playwright() as playwright:
         start("sender", "-m", "benchmarks.images.sender")
         config = write_session(folder / "session")
@@ -104,9 +100,7 @@ def measure(seconds: float, folder: Path) -> ImageFigures:
         memory_mb = _memory(page, server, seconds)
         shown = np.array(page.evaluate("window.shownImages"))
         pictures = page.evaluate("window.shownPictures")
-    delays = percentiles(shown[:, 2] - shown[:, 1], 50, 95, 100)
-    rate_hz = len(shown) / seconds
-    return ImageFigures(seconds, len(shown), rate_hz, *delays, pictures / seconds, memory_mb)
+    return figures(shown, pictures, memory_mb, seconds)
 
 
 def _memory(page: Page, server: Child, seconds: float) -> list[float]:
@@ -125,17 +119,17 @@ def main() -> int:
     seconds = 60.0 * options.minutes
     announce_duration("images on the page", seconds + 15.0)
     with own_ros() as folder:
-        figures = measure(seconds, folder)
+        found = measure(seconds, folder)
+    memory_mb = found["memory_mb"]
     show(
-        f"image to page   p50 {figures.delay_p50_ms:.0f} ms, p95 {figures.delay_p95_ms:.0f} ms, "
-        f"max {figures.delay_max_ms:.0f} ms; {figures.images_hz:.1f} images/s\n"
-        f"3D view         {figures.pictures_hz:.1f} pictures/s\n"
-        f"memory          {figures.memory_mb[0]:.0f} MB at first, {figures.memory_mb[-1]:.0f} MB "
-        f"at the end; after the first quarter {100 * figures.growth:+.1f} %, "
-        f"{figures.slope_mb_per_min:+.2f} MB a minute"
+        f"image to page   p50 {found['delay_p50_ms']:.0f} ms, p95 {found['delay_p95_ms']:.0f} ms, "
+        f"max {found['delay_max_ms']:.0f} ms; {found['images_hz']:.1f} images/s\n"
+        f"3D view         {found['pictures_hz']:.1f} pictures/s\n"
+        f"memory          {memory_mb[0]:.0f} MB at first, {memory_mb[-1]:.0f} MB "
+        f"at the end; after the first quarter {100 * found['growth']:+.1f} %, "
+        f"{found['slope_mb_per_min']:+.2f} MB a minute"
     )
-    derived = {"growth": figures.growth, "slope_mb_per_min": figures.slope_mb_per_min}
-    return finish(options.json, {**asdict(figures), **derived}, figures.problems())
+    return finish(options.json, found, failures(found))
 
 
 if __name__ == "__main__":

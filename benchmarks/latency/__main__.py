@@ -43,9 +43,8 @@ def main() -> int:
 def measured(options: Any) -> int:
     """Measure, print and write the results; returns the exit status."""
     from benchmarks.latency.measure import KINDS, measure
-    from benchmarks.latency.plot import write_plots
     from benchmarks.latency.results import NOTES, Run, goals, runs_table, stops_table
-    from benchmarks.latency.stops import STOP_KINDS, STOPS, measure_stops
+    from benchmarks.latency.stops import STOP_KINDS, STOPS, measure_stops, write_plots
 
     kinds = [kind for kind in KINDS if options.only in kind.name]
     runs: dict[str, Run] = {}

@@ -7,15 +7,18 @@ of the scene that shows this pose, and to the end of the picture where one is dr
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from app.geometry import FloatArray
 from benchmarks.harness.figures import load
+from benchmarks.harness.plots import write_dots, write_histograms
 from benchmarks.latency.measure import sending
 from benchmarks.latency.qt_loops import KEPT, RELEASED, Waking
-from benchmarks.latency.results import delays_ms, mean_or_none
+from benchmarks.latency.results import Run, delays_ms, mean_or_none
 
+DELAYS_PNG, STOPS_PNG = "latency.png", "latency_stops.png"
 STOPS = 15
 MOVE_S, REST_S = 0.6, 0.4
 WARM_UP_S = 3.0
@@ -102,3 +105,13 @@ def delays_at(stamps_ns: Sequence[int], rows: Sequence[tuple[int, int]]) -> Floa
     if len(rows) == 0 or found.max(initial=0) >= len(shown):
         raise RuntimeError("a stop was not shown; expected every stop in the scene")
     return np.asarray((shown[found, 1] - np.array(stamps_ns)) / 1e6)
+
+
+def write_plots(runs: Sequence[Run], stops: Sequence[StopRun], folder: Path) -> None:
+    """Write the delays of each receiver, and those at the stops of a robot."""
+    delays = {run.name: run.delays_ms for run in runs}
+    write_histograms(folder / DELAYS_PNG, delays, "stamp to scene [ms]; dashed: the mean")
+    shown = {run.name: run.stops_ms for run in stops}
+    shown |= {f"{run.name}: picture": run.pictures_ms for run in stops if len(run.pictures_ms)}
+    label = "delay at a stop [ms]; bar: mean and standard deviation"
+    write_dots(folder / STOPS_PNG, shown, label)

@@ -17,8 +17,9 @@ is also longer than the bare loop's longest, when a message was lost or duplicat
 """
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,84 +44,49 @@ MAX_GAP_MS = 10.0
 MAX_P99_MS = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Gaps:
-    """Gaps between consecutive times: 99th percentile, longest, and number above 10 ms."""
-
-    p99_ms: float
-    max_ms: float
-    over_10_ms: int
-
-    @classmethod
-    def of(cls, times_ns: Times) -> "Gaps":
-        """Gaps of sorted times (n,) in ns."""
-        gaps_ms = np.diff(times_ns) / 1e6
-        return cls(*percentiles(gaps_ms, 99, 100), int((gaps_ms > MAX_GAP_MS).sum()))
-
-
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """Results of one run; delays are from just before sending to the receiver's callback."""
-
-    seconds: float
-    sent: int
-    received: int
-    in_order: bool
-    mean_hz: float
-    beats_hz: float
-    missed_beats: int
-    sent_gaps: Gaps
-    received_gaps: Gaps
-    bare_gaps: Gaps
-    delay_p50_ms: float
-    delay_p99_ms: float
-    delay_max_ms: float
-    steps: int
-    sender_cpu_share: float
+def gaps(times_ns: Times) -> dict[str, Any]:
+    """Gaps of sorted times (n,) in ns: 99th percentile, longest, and number above 10 ms."""
+    gaps_ms = np.diff(times_ns) / 1e6
+    p99, longest = percentiles(gaps_ms, 99, 100)
+    return {"p99_ms": p99, "max_ms": longest, "over_10_ms": int((gaps_ms > MAX_GAP_MS).sum())}
 
 
 def figures(
     sent_ns: Times, received: Times, bare_ns: Times, *, missed: int, steps: int, cpu_s: float
-) -> Figures:
-    """Figures of sending times (n,) by seq, rows (m, 2) of seq and arrival, and the bare loop's."""
-    seqs, arrived_ns = received[:, 0], received[:, 1]
+) -> dict[str, Any]:
+    """Figures of sending times (n,) by seq, rows (m, 2) of seq and arrival, and the bare loop's.
+
+    Delays are from just before sending to the receiver's callback.
+    """
+    seqs, arrived_ns = received.T
     known = (seqs >= 0) & (seqs < len(sent_ns))
     delays_ms = (arrived_ns[known] - sent_ns[seqs[known]]) / 1e6
     p50, p99, longest = percentiles(delays_ms, 50, 99, 100)
     seconds = float(sent_ns[-1] - sent_ns[0]) / 1e9
-    return Figures(
-        seconds=seconds,
-        sent=len(sent_ns),
-        received=len(received),
-        in_order=bool(np.array_equal(seqs, np.arange(len(sent_ns)))),
-        mean_hz=(len(sent_ns) - 1) / seconds,
-        beats_hz=(len(sent_ns) - 1 - steps) / seconds,
-        missed_beats=missed,
-        sent_gaps=Gaps.of(sent_ns),
-        received_gaps=Gaps.of(arrived_ns),
-        bare_gaps=Gaps.of(bare_ns),
-        delay_p50_ms=p50,
-        delay_p99_ms=p99,
-        delay_max_ms=longest,
-        steps=steps,
-        sender_cpu_share=cpu_s / seconds,
-    )
+    return {
+        "seconds": seconds, "sent": len(sent_ns), "received": len(received),
+        "in_order": bool(np.array_equal(seqs, np.arange(len(sent_ns)))),
+        "mean_hz": (len(sent_ns) - 1) / seconds, "beats_hz": (len(sent_ns) - 1 - steps) / seconds,
+        "missed_beats": missed, "steps": steps, "sender_cpu_share": cpu_s / seconds,
+        "sent_gaps": gaps(sent_ns), "received_gaps": gaps(arrived_ns), "bare_gaps": gaps(bare_ns),
+        "delay_p50_ms": p50, "delay_p99_ms": p99, "delay_max_ms": longest,
+    }  # fmt: skip
 
 
-def failures(found: Figures) -> list[str]:
-    gap_ms = max(MAX_GAP_MS, found.bare_gaps.max_ms)
-    order = f"{found.received} of {found.sent} messages, in order: {found.in_order}"
+def failures(found: Mapping[str, Any]) -> list[str]:
+    gap_ms = max(MAX_GAP_MS, found["bare_gaps"]["max_ms"])
+    order = f"{found['received']} of {found['sent']} messages, in order: {found['in_order']}"
     return missed(
         (
-            at_least("the beats' rate is", found.beats_hz, MIN_MEAN_HZ, "Hz", ".2f"),
-            at_most("a gap of", found.sent_gaps.max_ms, gap_ms, "ms", ".2f"),
-            Goal("received are", order, found.in_order, "all in order"),
-            at_most("p99 of the delay is", found.delay_p99_ms, MAX_P99_MS, "ms", ".3f"),
+            at_least("the beats' rate is", found["beats_hz"], MIN_MEAN_HZ, "Hz", ".2f"),
+            at_most("a gap of", found["sent_gaps"]["max_ms"], gap_ms, "ms", ".2f"),
+            Goal("received are", order, found["in_order"], "all in order"),
+            at_most("p99 of the delay is", found["delay_p99_ms"], MAX_P99_MS, "ms", ".3f"),
         )
     )
 
 
-def run(seconds: float, case: Path) -> Figures:
+def run(seconds: float, case: Path) -> dict[str, Any]:
     with own_ros() as folder, children(folder) as (parts, start):
         for part in ("receiver", "sender", "bare"):
             start(part, "-m", "benchmarks.rate.processes", part, folder, seconds, case)
@@ -146,24 +112,22 @@ def main() -> int:
     options = parser.parse_args()
     announce_duration("publishing", options.seconds)
     found = run(options.seconds, options.case)
-    gaps = {
-        "sent": found.sent_gaps, "received": found.received_gaps, "bare loop": found.bare_gaps,
-    }  # fmt: skip
+    rows = {"sent": "sent_gaps", "received": "received_gaps", "bare loop": "bare_gaps"}
     show(
-        f"{found.sent} constraints in {found.seconds:.2f} s beside {found.steps} steps\n"
-        f"  mean rate               {found.beats_hz:.2f} Hz by beats alone, "
-        f"{found.missed_beats} left out; {found.mean_hz:.2f} Hz on the topic\n"
-        f"  received                {found.received}, in order: {found.in_order}",
+        f"{found['sent']} constraints in {found['seconds']:.2f} s beside {found['steps']} steps\n"
+        f"  mean rate               {found['beats_hz']:.2f} Hz by beats alone, "
+        f"{found['missed_beats']} left out; {found['mean_hz']:.2f} Hz on the topic\n"
+        f"  received                {found['received']}, in order: {found['in_order']}",
         table(
             "gaps",
             ("", "p99 ms", "max ms", "over 10 ms"),
-            [(name, each.p99_ms, each.max_ms, each.over_10_ms) for name, each in gaps.items()],
+            [(name, *found[key].values()) for name, key in rows.items()],
         ),
-        f"  sent to received        p50 {found.delay_p50_ms:.3f}, p99 {found.delay_p99_ms:.3f}, "
-        f"max {found.delay_max_ms:.3f} ms\n"
-        f"  the sender took         {100.0 * found.sender_cpu_share:.0f} % of a core",
+        f"  sent to received        p50 {found['delay_p50_ms']:.3f}, "
+        f"p99 {found['delay_p99_ms']:.3f}, max {found['delay_max_ms']:.3f} ms\n"
+        f"  the sender took         {100.0 * found['sender_cpu_share']:.0f} % of a core",
     )
-    return finish(options.json, asdict(found), failures(found))
+    return finish(options.json, found, failures(found))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ simulated.
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,16 @@ from numpy.typing import NDArray
 from app.files.extras import check_installed
 from app.files.shipped import shipped
 from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError
-from benchmarks.harness.figures import Spread, at_most, finish, load, missed, show, table
+from benchmarks.harness.figures import (
+    Spread,
+    at_most,
+    finish,
+    load,
+    missed,
+    percentiles,
+    show,
+    table,
+)
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI, Child, ChildError, children
 from benchmarks.ros_domain import own_ros
@@ -37,45 +46,27 @@ ENDS = 2000
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """Delay of the poses behind their stamps, in ms, and what of the time was not simulated.
+def pace_of(stamps_ns: IntArray, arrivals_ns: IntArray, period_ns: int) -> dict[str, float]:
+    """Delay of messages (n,) behind their stamps, and what of the time was not simulated.
 
     ``drift_ms``: by how much the median delay of the last `ENDS` messages is larger than that of
     the first ones. ``missing_s``: time between the stamps that no message stands for: lags that the
-    physics has dropped, and lost messages.
+    physics has dropped, and lost messages. Raises `MarginGuardError` for fewer than two messages.
     """
-
-    seconds: float
-    median_ms: float
-    p99_ms: float
-    max_ms: float
-    drift_ms: float
-    missing_s: float
-
-    @classmethod
-    def of(cls, stamps_ns: IntArray, arrivals_ns: IntArray, period_ns: int) -> "Pace":
-        """The pace of messages with ``stamps_ns`` (n,) that arrived at ``arrivals_ns`` (n,).
-
-        Raises `MarginGuardError` for fewer than two messages.
-        """
-        if len(stamps_ns) < 2:
-            raise MarginGuardError(f"simulation: {len(stamps_ns)} poses; expected at least 2")
-        delays_ms = (arrivals_ns - stamps_ns) / NS_PER_MS
-        ends = min(ENDS, len(delays_ms) // 2)
-        spread = Spread.of(delays_ms)
-        span_ns = int(stamps_ns[-1] - stamps_ns[0])
-        return cls(
-            seconds=span_ns / NS_PER_S,
-            median_ms=spread.p50_ms,
-            p99_ms=spread.p99_ms,
-            max_ms=spread.max_ms,
-            drift_ms=float(np.median(delays_ms[-ends:]) - np.median(delays_ms[:ends])),
-            missing_s=(span_ns - (len(stamps_ns) - 1) * period_ns) / NS_PER_S,
-        )
+    if len(stamps_ns) < 2:
+        raise MarginGuardError(f"simulation: {len(stamps_ns)} poses; expected at least 2")
+    delays_ms = (arrivals_ns - stamps_ns) / NS_PER_MS
+    ends = min(ENDS, len(delays_ms) // 2)
+    median, p99, longest = percentiles(delays_ms, 50, 99, 100)
+    span_ns = int(stamps_ns[-1] - stamps_ns[0])
+    return {
+        "seconds": span_ns / NS_PER_S, "median_ms": median, "p99_ms": p99, "max_ms": longest,
+        "drift_ms": float(np.median(delays_ms[-ends:]) - np.median(delays_ms[:ends])),
+        "missing_s": (span_ns - (len(stamps_ns) - 1) * period_ns) / NS_PER_S,
+    }  # fmt: skip
 
 
-def measured_pace(world: Path, minutes: float) -> Pace:
+def measured_pace(world: Path, minutes: float) -> dict[str, float]:
     """Run ``world`` for that long, and measure its pace. Raises `MarginGuardError`."""
     try:
         with own_ros() as folder, children(folder) as (_, start):
@@ -86,7 +77,7 @@ def measured_pace(world: Path, minutes: float) -> Pace:
         raise MarginGuardError(f"{error}; expected it to run") from error
 
 
-def _received(simulation: Child, minutes: float) -> Pace:
+def _received(simulation: Child, minutes: float) -> dict[str, float]:
     from app.bridge import RosNode, topics
     from app.bridge.simulation.simulation_node import STATE_PERIOD_NS
     from app.bridge.tf.wire import TfMessageReader
@@ -108,7 +99,7 @@ def _received(simulation: Child, minutes: float) -> Pace:
         end_s = time.monotonic() + 60.0 * minutes
         while (left_s := end_s - time.monotonic()) > 0.0:
             simulation.poll(min(left_s, 1.0))
-    return Pace.of(np.array(stamps), np.array(arrivals), STATE_PERIOD_NS)
+    return pace_of(np.array(stamps), np.array(arrivals), STATE_PERIOD_NS)
 
 
 def measured(step: Callable[[int], object], count: int) -> dict[str, float]:
@@ -199,8 +190,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     goals = [at_most("p99 of a step is", found["world_step"]["p99_ms"], GOAL_MS, "ms", ".3f")]
     if pace is not None:
-        goals.append(at_most("it drifts by", abs(pace.drift_ms), MAX_DRIFT_MS, "ms", ".3f"))
-        goals.append(at_most("not simulated are", pace.missing_s, MAX_MISSING_S, "s", ".4f"))
+        goals.append(at_most("it drifts by", abs(pace["drift_ms"]), MAX_DRIFT_MS, "ms", ".3f"))
+        goals.append(at_most("not simulated are", pace["missing_s"], MAX_MISSING_S, "s", ".4f"))
     keys = ("p50_ms", "p99_ms", "max_ms", "steps_per_s")
     show(
         f"world {found['world']}: {found['degrees_of_freedom']} degrees of freedom, "
@@ -214,11 +205,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     if pace is not None:
         show(
-            f"  {pace.seconds:.0f} s in real time: drift {pace.drift_ms:.3f} ms, delay behind "
-            f"the stamp p50 {pace.median_ms:.2f} ms  p99 {pace.p99_ms:.2f} ms  "
-            f"max {pace.max_ms:.1f} ms, not simulated {pace.missing_s:.4f} s"
+            f"  {pace['seconds']:.0f} s in real time: drift {pace['drift_ms']:.3f} ms, delay behind "
+            f"the stamp p50 {pace['median_ms']:.2f} ms  p99 {pace['p99_ms']:.2f} ms  "
+            f"max {pace['max_ms']:.1f} ms, not simulated {pace['missing_s']:.4f} s"
         )
-    return finish(options.json, {**found, "pace": pace and asdict(pace)}, missed(goals))
+    return finish(options.json, {**found, "pace": pace}, missed(goals))
 
 
 if __name__ == "__main__":

@@ -11,8 +11,7 @@ from rich.console import Console
 
 from benchmarks.fixture.case import Case
 from benchmarks.fixture.engines import ENGINES, OURS, OURS_TIP
-from benchmarks.fixture.plot import write_plot
-from benchmarks.fixture.results import CaseResult, case_table, speed_goals
+from benchmarks.fixture.results import CaseResult, case_table, speed_goals, write_plot
 from benchmarks.fixture.timing import EngineRun, Timing, measure_in_processes
 
 pytestmark = pytest.mark.slow

@@ -19,7 +19,6 @@ pytest.importorskip(
 
 from app.scene.nodes.convert import world_matrix
 from benchmarks.latency.measure import KINDS, measure, sending
-from benchmarks.latency.plot import DELAYS, STOPS, write_plots
 from benchmarks.latency.qt_loops import KEPT
 from benchmarks.latency.receivers import complete_frame_stamp
 from benchmarks.latency.results import (
@@ -31,7 +30,14 @@ from benchmarks.latency.results import (
     transports_ms,
 )
 from benchmarks.latency.senders import SWEEP_RAD, TURN_RAD, angle_at, body_frames
-from benchmarks.latency.stops import STOP_KINDS, StopRun, delays_at
+from benchmarks.latency.stops import (
+    DELAYS_PNG,
+    STOP_KINDS,
+    STOPS_PNG,
+    StopRun,
+    delays_at,
+    write_plots,
+)
 from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
@@ -144,5 +150,5 @@ def test_plots_are_written(tmp_path):
     delays = np.array([1.0, 2.0])
     stops = [StopRun(STOP_KINDS[0], "left", delays, delays, delays, 0.5)]
     write_plots(runs, stops, tmp_path / "plots")
-    for name in (DELAYS, STOPS):
+    for name in (DELAYS_PNG, STOPS_PNG):
         assert (tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG")
