@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-MAX_DOMAIN = 100
-"""The ports of domains above 101 are in the ephemeral range of Linux."""
+MAX_DOMAIN = 100  # the ports of domains above 101 are in the ephemeral range of Linux
 
 
 @contextmanager

@@ -10,9 +10,9 @@ time is printed as well; on an idle machine it is the same.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -23,7 +23,8 @@ from app.fixture import MarginState, Proximity, SweptProximity
 from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import prepare_case
 from app.session import ProximityModel, Session, SessionSetup
-from benchmarks.harness.figures import Spread, at_most, finish, missed, show, table
+from benchmarks.harness.figures import show, spread, table
+from benchmarks.harness.goals import Goal, at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.peer import paced, to_and_fro
 from benchmarks.harness.processes import resident_mb
@@ -31,42 +32,16 @@ from benchmarks.harness.processes import resident_mb
 RATE_HZ = 1000
 MAX_STEP_MS = 1.0
 MAX_GROWTH_MB = 2.0
-WARM_UP = 0.1
-"""Share of the run after which memory is expected to be constant."""
-
+WARM_UP = 0.1  # share of the run after which memory is expected to be constant
+ROWS = {
+    "step, thread CPU time": "step_cpu", "  of it proximity": "model_cpu",
+    "  of it the rest": "rest_cpu", "step, wall time": "step_wall",
+    "cycle begins late by": "late", "bare loop late by": "bare_late",
+}  # fmt: skip
 Answer = TypeVar("Answer")
 _PERIOD_NS = NS_PER_S // RATE_HZ
 _BARE_S = 5.0
 _MEMORY_EVERY = RATE_HZ // 2
-
-
-@dataclass(frozen=True, slots=True)
-class Memory:
-    """Resident memory in MB: at the start, after the warm-up, at the end, and its slope."""
-
-    start_mb: float
-    warm_mb: float
-    end_mb: float
-    slope_mb_min: float
-
-
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """Results of one run.
-
-    ``model_cpu`` is the proximity model's part of a step, ``rest_cpu`` everything else. ``late`` is
-    the delay of a cycle's start after its due time.
-    """
-
-    steps: int
-    step_cpu: Spread
-    model_cpu: Spread
-    rest_cpu: Spread
-    step_wall: Spread
-    late: Spread
-    bare_late: Spread
-    memory: Memory
-    states: dict[str, int]
 
 
 class Trajectory:
@@ -183,8 +158,12 @@ class Stepping:
             self.rss_mb[k // _MEMORY_EVERY] = resident_mb()
 
 
-def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
-    """Run the bare loop, then ``count`` session steps."""
+def measure(setup: SessionSetup, source: Trajectory, count: int) -> dict[str, Any]:
+    """Run the bare loop, then ``count`` session steps.
+
+    Of a step, ``model_cpu`` is the proximity model's part and ``rest_cpu`` everything else.
+    ``late`` is the delay of a cycle's start after its due time.
+    """
     stepping = Stepping(setup, source.frames(count), count)
     start_mb = resident_mb()
     bare_count = min(count, int(_BARE_S * RATE_HZ))
@@ -193,28 +172,31 @@ def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
     warm = int(WARM_UP * len(stepping.rss_mb)) + 1
     rss_mb = stepping.rss_mb[warm - 1 :]
     minutes = np.arange(len(rss_mb)) * _MEMORY_EVERY / RATE_HZ / 60.0
-    slope = float(np.polyfit(minutes, rss_mb, 1)[0]) if len(rss_mb) > 1 else float("nan")
-    return Figures(
-        steps=count,
-        step_cpu=Spread.of(stepping.cpu_ns / 1e6),
-        model_cpu=Spread.of(stepping.model_ns / 1e6),
-        rest_cpu=Spread.of((stepping.cpu_ns - stepping.model_ns) / 1e6),
-        step_wall=Spread.of(stepping.wall_ns / 1e6),
-        late=Spread.of(np.array(late) / 1e6),
-        bare_late=Spread.of(np.array(bare_late) / 1e6),
-        memory=Memory(start_mb, float(rss_mb[0]), float(rss_mb[-1]), slope),
-        states={state.name: number for state, number in stepping.states.items()},
-    )
+    durations_ns = {
+        "step_cpu": stepping.cpu_ns,
+        "model_cpu": stepping.model_ns,
+        "rest_cpu": stepping.cpu_ns - stepping.model_ns,
+        "step_wall": stepping.wall_ns,
+        "late": np.array(late),
+        "bare_late": np.array(bare_late),
+    }
+    return {
+        "steps": count,
+        **{name: spread(each / 1e6) for name, each in durations_ns.items()},
+        "memory": {
+            "start_mb": start_mb,
+            "warm_mb": float(rss_mb[0]),
+            "end_mb": float(rss_mb[-1]),
+            "slope_mb_min": float(np.polyfit(minutes, rss_mb, 1)[0]) if len(rss_mb) > 1 else np.nan,
+        },
+        "states": {state.name: number for state, number in stepping.states.items()},
+    }
 
 
-def failures(figures: Figures) -> list[str]:
-    growth_mb = figures.memory.end_mb - figures.memory.warm_mb
-    return missed(
-        (
-            at_most("step p99 is", figures.step_cpu.p99_ms, MAX_STEP_MS, "ms", ".3f"),
-            at_most("memory grew by", growth_mb, MAX_GROWTH_MB, "MB", ".2f"),
-        )
-    )
+def goals(found: Mapping[str, Any]) -> Iterator[Goal]:
+    growth_mb = found["memory"]["end_mb"] - found["memory"]["warm_mb"]
+    yield at_most("step p99 is", found["step_cpu"]["p99_ms"], MAX_STEP_MS, "ms", ".3f")
+    yield at_most("memory grew by", growth_mb, MAX_GROWTH_MB, "MB", ".2f")
 
 
 def main() -> int:
@@ -225,27 +207,20 @@ def main() -> int:
     prepared = prepare_case(options.case)
     source = Trajectory(list(prepared.case.frames()), RATE_HZ)
     announce_duration("stepping", options.seconds + min(options.seconds, _BARE_S))
-    figures = measure(prepared.setup, source, max(1, round(options.seconds * RATE_HZ)))
-    rows = {
-        "step, thread CPU time": figures.step_cpu,
-        "  of it proximity": figures.model_cpu,
-        "  of it the rest": figures.rest_cpu,
-        "step, wall time": figures.step_wall,
-        "cycle begins late by": figures.late,
-        "bare loop late by": figures.bare_late,
-    }
-    memory = figures.memory
+    found = measure(prepared.setup, source, max(1, round(options.seconds * RATE_HZ)))
+    memory = found["memory"]
     show(
         table(
-            f"{figures.steps} steps at {RATE_HZ} Hz",
+            f"{found['steps']} steps at {RATE_HZ} Hz",
             ("", "p50 ms", "p99 ms", "max ms"),
-            [(name, *spread.cells) for name, spread in rows.items()],
+            [(name, *found[key].values()) for name, key in ROWS.items()],
         ),
-        f"  resident memory: {memory.start_mb:.2f} MB at the start, {memory.warm_mb:.2f} MB after "
-        f"the warm-up, {memory.end_mb:.2f} MB at the end, {memory.slope_mb_min:+.3f} MB/min",
-        "  states: " + ", ".join(f"{name} {count}" for name, count in figures.states.items()),
+        f"  resident memory: {memory['start_mb']:.2f} MB at the start, {memory['warm_mb']:.2f} MB "
+        f"after the warm-up, {memory['end_mb']:.2f} MB at the end, "
+        f"{memory['slope_mb_min']:+.3f} MB/min",
+        "  states: " + ", ".join(f"{name} {count}" for name, count in found["states"].items()),
     )
-    return finish(options.json, asdict(figures), failures(figures))
+    return finish(options.json, found, goals(found))
 
 
 if __name__ == "__main__":

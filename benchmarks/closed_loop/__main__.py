@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 _KEYS = ("fixture", "number", "lowest_mm", "vertices_mm", "breach_mm", "stops")
 _SPEEDS = {"approach": "approach_mm_s", "sliding": "slide_mm_s", "retreat": "retreat_mm_s"}
 
-Row = Mapping[str, Any]
-"""The fields of a `benchmarks.closed_loop.pushes.Push` by name."""
+Row = Mapping[str, Any]  # a push of `benchmarks.closed_loop.pushes.judged`
 
 
 def parsed(arguments: Sequence[str] | None) -> Any:
@@ -112,7 +111,7 @@ def _run_pushes(options: Any, folder: Path, operator: "Operator") -> list[dict[s
     for fixture in (False, True):
         if options.kind != "both" and fixture is not (options.kind == "with"):
             continue
-        run = run_pushes(
+        pushes, cpu = run_pushes(
             folder / str(fixture),
             operator,
             count=options.pushes,
@@ -121,9 +120,9 @@ def _run_pushes(options: Any, folder: Path, operator: "Operator") -> list[dict[s
             fixture=fixture,
             base_error=options.base_error,
         )
-        shares = ", ".join(f"{name} {share:.2f}" for name, share in run.cpu.items())
+        shares = ", ".join(f"{name} {share:.2f}" for name, share in cpu.items())
         print(f"processor time per time, 1 is a core: {shares}; load {load():.1f}")
-        rows += [{**asdict(each), "base_error": options.base_error} for each in run.pushes]
+        rows += [{**each, "base_error": options.base_error} for each in pushes]
     return rows
 
 

@@ -7,16 +7,10 @@ import numpy as np
 from app.geometry import NS_PER_S, FloatArray
 from app.simulation import WorldState, Wrench
 
-STOP_MM = 1.0
-"""``stop_mm`` of the shipped live.yaml."""
-
-AWAY_MM = 40.0
-"""Distance from the structure's origin at which a push begins."""
-
+STOP_MM = 1.0  # ``stop_mm`` of the shipped live.yaml
+AWAY_MM = 40.0  # distance from the structure's origin at which a push begins
 REACHED_MM = 6.0
-SOFT_MM = 5.0
-"""Nearer to its goal the hand's force falls to 0."""
-
+SOFT_MM = 5.0  # nearer to its goal the hand's force falls to 0
 WAY_S, PUSH_S, SLIDE_S, RETREAT_S = 8.0, 1.5, 0.25, 0.5
 MAX_TILT = np.radians(55.0)
 """Largest angle between a direction and +z of the world: what the arm reaches from above."""

@@ -14,8 +14,7 @@ from std_srvs.srv import Trigger
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, STREAM, Topic
 
-ASK_S = 0.3
-"""Time between two requests."""
+ASK_S = 0.3  # time between two requests
 
 
 class Operator:

@@ -15,26 +15,18 @@ from app.registration import register_points
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.harness.processes import CLI, Child, children
 
-START_S = 300.0
-"""A guard that compiles its kernels takes minutes to start."""
-
-POLL_S = 0.3
-"""Time between two looks of the operator."""
-
+START_S = 300.0  # a guard that compiles its kernels takes minutes to start
+POLL_S = 0.3  # time between two looks of the operator
 WORLD = ("data", "worlds", "lumpectomy")
 
-SIGMA_MM = 1.0
-"""Standard deviation of a touched landmark along each axis."""
-
+SIGMA_MM = 1.0  # standard deviation of a touched landmark along each axis
 LANDMARKS_MM = np.array(
     [[140, -60, 40], [140, 60, 40], [260, -60, 40], [260, 60, 40], [200, 0, 110], [170, 0, 20]],
     dtype=np.float64,
 )
 """Around the tumour of the shipped world, in the base's frame."""
 
-CHI2_95 = 12.59
-"""95 % quantile of the chi-squared distribution with 6 degrees of freedom."""
-
+CHI2_95 = 12.59  # 95 % quantile of the chi-squared distribution with 6 degrees of freedom
 _MAX_DRAWS = 1000
 
 

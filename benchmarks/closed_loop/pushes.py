@@ -3,8 +3,8 @@
 import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,46 +15,9 @@ from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.processes import running_loop
 from benchmarks.closed_loop.truth import STILL_MM_S, Surfaces, Truth
 
-SETTLED_NS = 100 * NS_PER_MS
-"""Time after the beginning of a phase, after which its speed counts."""
-
+SETTLED_NS = 100 * NS_PER_MS  # time after the beginning of a phase, after which its speed counts
 MAX_TRIES = 3
-OTHER_DIRECTION = 100_000
-"""Added to the number of a push that is tried again."""
-
-
-@dataclass(frozen=True, slots=True)
-class Push:
-    """A push: true distances in mm, and speeds of the tip in mm/s.
-
-    ``lowest_mm`` is by the product's engine at every step from the beginning of the push to the end
-    of the retreat, ``vertices_mm`` by libigl at every one, from the vertices of both surfaces.
-    ``breach_mm`` is the lowest one below the stop margin at which the tool's own motion reduces the
-    distance by more than `STILL_MM_S`, None without one: a tumour that breathes also approaches a
-    tool that stands. ``approach_mm_s``
-    is the largest speed of the push, ``slide_mm_s`` and ``retreat_mm_s`` the median ones.
-    ``stops``: number of safe stops meanwhile, each of which interrupts the push, by cause: the
-    reason of the controller, ``arm stood`` (FAULT, or no command for 30 ms) and ``lags``, a physics
-    that has fallen behind.
-    """
-
-    number: int
-    fixture: bool
-    lowest_mm: float
-    breach_mm: float | None
-    vertices_mm: float
-    approach_mm_s: float
-    slide_mm_s: float
-    retreat_mm_s: float
-    stops: Mapping[str, int]
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """The pushes of one loop, and the processor time per time of each process (1 is one core)."""
-
-    pushes: list[Push]
-    cpu: Mapping[str, float]
+OTHER_DIRECTION = 100_000  # added to the number of a push that is tried again
 
 
 def run_pushes(
@@ -66,12 +29,13 @@ def run_pushes(
     seed: int,
     fixture: bool,
     base_error: bool = False,
-) -> Run:
+) -> tuple[list[dict[str, Any]], dict[str, float]]:
     """Run the pushes ``first`` to ``first + count - 1`` in one loop, and judge them.
 
     Number and seed give the direction of a push, so that runs of some pushes each add up to one of
     all. One that did not begin beside the tumour, because the arm stood, is tried again from
-    another direction. Raises `ChildError` for a lost process.
+    another direction. Also returns the processor time per time of each process, 1 is a core. Raises
+    `ChildError` for a lost process.
     """
     done: dict[int, tuple[tuple[int, int], Counter[str]]] = {}
     with running_loop(
@@ -106,7 +70,7 @@ def run_pushes(
         judged(number, fixture, truth, engine, surfaces, rows, stops)
         for number, (rows, stops) in done.items()
     ]
-    return Run(pushes, cpu)
+    return pushes, cpu
 
 
 def judged(
@@ -117,7 +81,18 @@ def judged(
     surfaces: Surfaces,
     rows: tuple[int, int],
     stops: Mapping[str, int],
-) -> Push:
+) -> dict[str, Any]:
+    """A push: true distances in mm, and speeds of the tip in mm/s.
+
+    ``lowest_mm`` is by the product's engine at every step from the beginning of the push to the end
+    of the retreat, ``vertices_mm`` by libigl at every one, from the vertices of both surfaces.
+    ``breach_mm`` is the lowest one below the stop margin at which the tool's own motion reduces the
+    distance by more than `STILL_MM_S`, None without one: a tumour that breathes also approaches a
+    tool that stands. ``approach_mm_s`` is the largest speed of the push, ``slide_mm_s`` and
+    ``retreat_mm_s`` the median ones. ``stops``: number of safe stops meanwhile, each of which
+    interrupts the push, by cause: the reason of the controller, ``arm stood`` (FAULT, or no command
+    for 30 ms) and ``lags``, a physics that has fallen behind.
+    """
     first, _ = truth.phase_rows(*rows, Phase.PUSH)
     distances = truth.distances_mm(engine, first, rows[1])
     push, slide, retreat = (
@@ -130,17 +105,18 @@ def judged(
     ]
     disabled = int(np.count_nonzero(np.diff(truth.enabled[first : rows[1]].astype(int)) < 0))
     causes = {**stops, "arm stood": disabled} if disabled else dict(stops)
-    return Push(
-        number,
-        fixture,
-        float(distances.min()),
-        min(breaches, default=None),
-        surfaces.lowest_vertex_mm([truth.tumor_from_tool(row) for row in range(first, rows[1])]),
-        float(truth.speeds_mm_s(*push).max(initial=0.0)),
-        _settled(truth, truth.speeds_mm_s(*slide), slide),
-        _settled(truth, truth.speeds_mm_s(*retreat), retreat),
-        causes,
-    )
+    poses = [truth.tumor_from_tool(row) for row in range(first, rows[1])]
+    return {
+        "number": number,
+        "fixture": fixture,
+        "lowest_mm": float(distances.min()),
+        "breach_mm": min(breaches, default=None),
+        "vertices_mm": surfaces.lowest_vertex_mm(poses),
+        "approach_mm_s": float(truth.speeds_mm_s(*push).max(initial=0.0)),
+        "slide_mm_s": _settled(truth, truth.speeds_mm_s(*slide), slide),
+        "retreat_mm_s": _settled(truth, truth.speeds_mm_s(*retreat), retreat),
+        "stops": causes,
+    }
 
 
 def _settled(truth: Truth, speeds: np.ndarray, rows: tuple[int, int]) -> float:

@@ -16,9 +16,7 @@ from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 from app.geometry import NS_PER_MS, NS_PER_S
 from benchmarks.harness.peer import emit, input_ended
 
-RAW_TOPIC = "/tracker/raw"
-"""Where the physics publishes the tracker's samples."""
-
+RAW_TOPIC = "/tracker/raw"  # where the physics publishes the tracker's samples
 FAR_M = 10.0
 PERIOD_S = 0.005
 VALID_NS = 100 * NS_PER_MS

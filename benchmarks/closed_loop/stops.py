@@ -14,15 +14,9 @@ from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.processes import running_loop
 from benchmarks.closed_loop.truth import STILL_MM_S, Surfaces, Truth
 
-STALE_MS = 100.0
-"""``stale_after_ms`` of the shipped live.yaml: the age limit of a constraint."""
-
-COMMAND_MS = 30.0
-"""Age limit of a command at the arm."""
-
-ALLOWED_MS = 30.0
-"""Time beyond the age limit in which the arm has to stand."""
-
+STALE_MS = 100.0  # ``stale_after_ms`` of the shipped live.yaml: the age limit of a constraint
+COMMAND_MS = 30.0  # age limit of a command at the arm
+ALLOWED_MS = 30.0  # time beyond the age limit in which the arm has to stand
 WATCH_S = 1.0
 LONG_PUSH_S = 5.0
 """The hand pushes on while the arm is watched: another force deflects standing drives by 0.2 mm."""

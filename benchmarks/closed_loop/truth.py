@@ -15,9 +15,7 @@ from app.simulation import open_world
 from benchmarks.closed_loop.hand import Phase
 from benchmarks.closed_loop.processes import WORLD
 
-SMOOTH = 5
-"""Steps over which a speed is the mean."""
-
+SMOOTH = 5  # steps over which a speed is the mean
 STILL_MM_S = 1.0
 
 

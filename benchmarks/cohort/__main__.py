@@ -16,9 +16,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,8 @@ from typing import Any
 import numpy as np
 import psutil
 
-from benchmarks.harness.figures import Goal, goals_table, show, write_json
+from benchmarks.harness.figures import show
+from benchmarks.harness.goals import Goal, finish, goals_table
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI
 
@@ -35,44 +35,33 @@ SECOND_RUN_S = 10.0
 MAX_GROWTH = 0.05
 """Share by which a worker's memory may be higher in the last quarter of its cases than in the first
 quarter, after the warm-up."""
-WARM_UP_CASES = 2
-"""Cases of a worker before which its libraries and kernels are not all loaded."""
+WARM_UP_CASES = 2  # cases of a worker before which its libraries and kernels are not all loaded
 KILLS = 2
 FIGURES = "figures.json"
 
 
-@dataclass(frozen=True)
-class Run:
-    """Figures of one run. ``growth``: the largest of the workers, None with too few cases.
+Run = Mapping[str, Any]  # figures of one run: those of `run_cohort`
 
-    ``partitions``: number of files of the dataset. ``digest``: of their bytes and the comparison;
-    wall times are in a file of their own and not part of it.
-    """
 
-    workers: int
-    killed: int
-    wall_s: float
-    cpu_s_per_case: float
-    case_wall_s: float
-    rss_mb: Sequence[float]
-    growth: float | None
-    digest: str
-    partitions: int
-
-    @property
-    def line(self) -> str:
-        growth = "-" if self.growth is None else f"{100 * self.growth:+.1f} %"
-        killed = f", {self.killed} killed" if self.killed else ""
-        return (
-            f"{self.workers} workers{killed}: {self.wall_s:.1f} s; a case "
-            f"{self.cpu_s_per_case:.1f} s of processor time, {self.case_wall_s:.1f} s of wall "
-            f"clock; memory of a worker {self.rss_mb[0]:.0f} to {self.rss_mb[1]:.0f} MB, growth "
-            f"{growth}; {self.partitions} partitions, bytes {self.digest}"
-        )
+def line_of(run: Run) -> str:
+    growth = "-" if run["growth"] is None else f"{100 * run['growth']:+.1f} %"
+    killed = f", {run['killed']} killed" if run["killed"] else ""
+    low_mb, high_mb = run["rss_mb"]
+    return (
+        f"{run['workers']} workers{killed}: {run['wall_s']:.1f} s; a case "
+        f"{run['cpu_s_per_case']:.1f} s of processor time, {run['case_wall_s']:.1f} s of wall "
+        f"clock; memory of a worker {low_mb:.0f} to {high_mb:.0f} MB, growth "
+        f"{growth}; {run['partitions']} partitions, bytes {run['digest']}"
+    )
 
 
 def run_cohort(study: Path, out: Path, workers: int, *, kills: int = 0) -> Run:
-    """Run the cohort; kill ``kills`` workers, each after another case has finished."""
+    """Run the cohort; kill ``kills`` workers, each after another case has finished.
+
+    ``growth``: the largest of the workers, None with too few cases. ``partitions``: number of files
+    of the dataset. ``digest``: of their bytes and the comparison; wall times are in a file of their
+    own and not part of it.
+    """
     begin = time.perf_counter()
     command = command_of("cohort", study, "--out", out, "--workers", workers)
     killed = 0
@@ -91,17 +80,13 @@ def run_cohort(study: Path, out: Path, workers: int, *, kills: int = 0) -> Run:
         memory.setdefault(row["worker"], []).append(float(row["rss_mb"]))
     everything = [value for values in memory.values() for value in values]
     growths = [g for values in memory.values() if (g := growth_of(values)) is not None]
-    return Run(
-        workers,
-        killed,
-        wall_s,
-        float(np.mean([float(row["cpu_s"]) for row in rows])),
-        float(np.mean([float(row["wall_s"]) for row in rows])),
-        (min(everything), max(everything)),
-        max(growths, default=None),
-        digest_of(out),
-        len(list((out / "cases").glob("*.parquet"))),
-    )
+    return {
+        "workers": workers, "killed": killed, "wall_s": wall_s,
+        "cpu_s_per_case": float(np.mean([float(row["cpu_s"]) for row in rows])),
+        "case_wall_s": float(np.mean([float(row["wall_s"]) for row in rows])),
+        "rss_mb": (min(everything), max(everything)), "growth": max(growths, default=None),
+        "digest": digest_of(out), "partitions": len(list((out / "cases").glob("*.parquet"))),
+    }  # fmt: skip
 
 
 def growth_of(values: list[float]) -> float | None:
@@ -164,29 +149,27 @@ def main() -> int:
         folder.mkdir(exist_ok=True)
         figures = _figures(folder, options)
         left = _run_parts(folder, options, figures)
-    runs = [Run(**figures["runs"][name]) for name in _parts(options) if name in figures["runs"]]
+    runs = [figures["runs"][name] for name in _parts(options) if name in figures["runs"]]
     if left:
         print(f"left: {', '.join(left)}; the same command continues")
         return 1
     goals = goals_of(runs, figures["second_run_s"], unchanged=figures["unchanged"])
-    cpu_s = float(np.mean([run.cpu_s_per_case for run in runs]))
+    cpu_s = float(np.mean([run["cpu_s_per_case"] for run in runs]))
     cost = f"a million cases: {cpu_s * 1e6 / 3600:.0f} core hours at {cpu_s:.1f} s each"
     show(goals_table(goals), cost)
-    wrong = [goal.what for goal in goals if not goal.good]
-    write_json(options.json, {**figures, "missed": wrong})
-    return 1 if wrong else 0
+    return finish(options.json, figures, goals)
 
 
 def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> list[Goal]:
     """The goals. The last run has the kills."""
-    cpu_s = min(run.cpu_s_per_case for run in runs)
-    digests = sorted({run.digest for run in runs})
-    growths = [run.growth for run in runs if run.growth is not None]
+    cpu_s = min(run["cpu_s_per_case"] for run in runs)
+    digests = sorted({run["digest"] for run in runs})
+    growths = [run["growth"] for run in runs if run["growth"] is not None]
     growth = f"{100 * max(growths):+.1f} %" if growths else "too few cases"
-    whole = [run for run in runs if not run.killed and run.workers <= _processors()]
-    falls = all(more.wall_s < fewer.wall_s for fewer, more in pairwise(whole))
-    walls = ", ".join(f"{run.wall_s:.0f} s with {run.workers}" for run in whole)
-    killed, again = runs[-1].killed, f"{second_s:.1f} s, bytes equal: {unchanged}"
+    whole = [run for run in runs if not run["killed"] and run["workers"] <= _processors()]
+    falls = all(more["wall_s"] < fewer["wall_s"] for fewer, more in pairwise(whole))
+    walls = ", ".join(f"{run['wall_s']:.0f} s with {run['workers']}" for run in whole)
+    killed, again = runs[-1]["killed"], f"{second_s:.1f} s, bytes equal: {unchanged}"
     rows = (
         (f"processor time of a case at most {CASE_CPU_S:g} s", f"{cpu_s:.1f} s",
          cpu_s <= CASE_CPU_S),
@@ -219,7 +202,7 @@ def _run_parts(folder: Path, options: Any, figures: dict[str, Any]) -> list[str]
     for name, (workers, kills) in _parts(options).items():
         out = folder / name
         if name in figures["runs"]:
-            print(f"{Run(**figures['runs'][name]).line} (earlier)")
+            print(f"{line_of(figures['runs'][name])} (earlier)")
             continue
         minutes = (time.monotonic() - begin) / 60.0 + _expected_minutes(figures, workers)
         if options.minutes is not None and minutes > options.minutes:
@@ -228,8 +211,8 @@ def _run_parts(folder: Path, options: Any, figures: dict[str, Any]) -> list[str]
         if out.is_dir():
             shutil.rmtree(out)  # of a run that was interrupted: its wall clock is not known
         run = run_cohort(study, out, workers, kills=kills)
-        print(run.line, flush=True)
-        figures["runs"][name] = asdict(run)
+        print(line_of(run), flush=True)
+        figures["runs"][name] = run
         if name == f"workers-{options.workers[-1]}":
             figures["second_run_s"], figures["unchanged"] = second_run(study, out, workers)
         (folder / FIGURES).write_text(json.dumps(figures, indent=2) + "\n")

@@ -12,25 +12,20 @@ import yaml
 
 from app.files.shipped import shipped
 from benchmarks.faults.controller import Controller
-from benchmarks.faults.records import TOLERANCE_NS, Constraint, Twist, Verdict, judge
+from benchmarks.faults.records import TOLERANCE_NS, Constraint, Verdict, judge
 from benchmarks.faults.scene import Scene, write_scene
 from benchmarks.harness.processes import CLI, Child, ChildError
 
 NS_PER_MS = 1_000_000
-ALL = ["reference", "needle", "cautery"]
-"""The sensors."""
-
-START_S = 90.0
-"""A guard that starts may compile kernels."""
-
+ALL = ["reference", "needle", "cautery"]  # the sensors
+START_S = 90.0  # a guard that starts may compile kernels
 FREE_S = 45.0
 """A killed publisher stays on the graph for 20 s, and the session may be on hold until then."""
 
 STABLE_S = 0.5
 """The session is permissive for so long, without an interruption, before a fault begins."""
 
-MIN_PUSHED = 5
-"""Answers that approach in that time: without them a twist could not be judged."""
+MIN_PUSHED = 5  # answers that approach in that time: without them a twist could not be judged
 
 
 class UnmeasuredError(RuntimeError):
@@ -57,8 +52,7 @@ class Bench:
         self.tracker: Child | None = None
         self._with_robot: bool | None = None
         self._started = 0
-        self.stale_ns = 0
-        self._judged: tuple[list[Constraint], list[Twist]] = ([], [])
+        self.stale_ms = 0.0
 
     def close(self) -> None:
         for child in (self.tracker, self.guard):
@@ -94,14 +88,10 @@ class Bench:
                 values.pop(key, None)
         if self._stale_ms is not None:
             values["margins"]["stale_after_ms"] = self._stale_ms
-        self.stale_ns = round(values["margins"]["stale_after_ms"] * NS_PER_MS)
+        self.stale_ms = values["margins"]["stale_after_ms"]
         path.write_text(yaml.safe_dump(values))
         arguments = ("--constraint-hz", str(self._constraint_hz), "--config", str(path))
         return self.child("guard", [*CLI, "live", *arguments])
-
-    @property
-    def stale_ms(self) -> float:
-        return self.stale_ns / NS_PER_MS
 
     def wait_for_guard(self) -> None:
         """Wait for a first constraint of the guard that runs now; raises `GuardStartError`."""
@@ -210,7 +200,7 @@ class Bench:
         ``free_at_ns``, by default ``begin_ns``; None: it may be on hold.
         """
         self.controller.wait_until(begin_ns + round(observe_ms * NS_PER_MS))
-        constraints, twists = self._judged = self.controller.records()
+        constraints, twists = self.controller.records()
         if not constraints:
             raise UnmeasuredError("no constraint arrived after the fault")
         if free_at_ns is not None:
@@ -219,18 +209,6 @@ class Bench:
         return judge(
             constraints, twists, begin_ns=begin_ns, limit_ns=limit_ns, tolerance_ns=tolerance_ns
         )
-
-    def keep_records(self, label: str) -> None:
-        """Write the messages that were judged last to the folder, one per line."""
-        constraints, twists = self._judged
-        name = "".join(letter if letter.isalnum() else "_" for letter in label)
-        lines = [
-            (each.sent_ns, f"constraint {each.permissive} {each.seq} {each.content.reasons}")
-            for each in constraints
-        ]
-        lines += [(each.sent_ns, f"twist {each.approach_mm_s:.1f}") for each in twists]
-        text = "".join(f"{ns} {line}\n" for ns, line in sorted(lines))
-        (self.folder / f"late_{name}.txt").write_text(text)
 
     def _check_free(self, ns: int) -> None:
         """Raise `UnmeasuredError` unless the session was permissive at ``ns``, for some time."""
@@ -243,12 +221,7 @@ class Bench:
 
     def latest(self) -> Constraint:
         """The last constraint; raises `UnmeasuredError` if none arrives within 5 s."""
-        controller = self.controller
-        controller.wait(lambda: controller.latest() is not None, 5.0)
-        latest = controller.latest()
-        if latest is None:
-            raise UnmeasuredError("no constraint arrives")
-        return latest
+        return self.wait_for(lambda _: True, "no constraint arrives", 5.0)
 
     def put_on_hold(self) -> Constraint:
         """Interrupt the poses so that the guard is on hold, with valid poses again afterwards."""
@@ -256,20 +229,20 @@ class Bench:
         self.wait_for(lambda seen: seen.content.hold, "no hold after silence")
         self.set_fault(silent=None)
         return self.wait_for(
-            lambda seen: seen.content.hold and seen.content.state != 3,
-            "no valid pose on hold",
+            lambda seen: seen.content.hold and seen.content.state != 3, "no valid pose on hold"
         )
 
     def wait_for(
         self, accept: Callable[[Constraint], bool], what: str, timeout_s: float = 10.0
     ) -> Constraint:
         """Wait for a constraint; raises `UnmeasuredError` with ``what`` if none comes."""
-        controller = self.controller
+        controller, found = self.controller, None
 
         def accepted() -> bool:
-            latest = controller.latest()
-            return latest is not None and accept(latest)
+            nonlocal found
+            found = controller.latest()
+            return found is not None and accept(found)
 
-        if not controller.wait(accepted, timeout_s):
+        if not controller.wait(accepted, timeout_s) or found is None:
             raise UnmeasuredError(what)
-        return self.latest()
+        return found

@@ -17,8 +17,8 @@ from rclpy.serialization import deserialize_message
 
 from app.bridge.plain_constraint import plain_constraint
 from app.fixture import FixtureRule, RuleReason
+from benchmarks.faults.foreign_peer import Requests
 from benchmarks.faults.records import APPROACH_MM_S, Constraint, Content, Twist
-from benchmarks.faults.requests import Requests
 from benchmarks.faults.scene import PERIOD_NS, Scene
 from benchmarks.harness.peer import seq_of
 
@@ -161,7 +161,6 @@ def _content(raw: bytes) -> Content:
         reasons=tuple(message.reasons),
         hold=message.hold,
         nonce=message.rearm_nonce,
-        signed_distance_mm=1000.0 * message.signed_distance,
         stop_mm=1000.0 * message.stop_distance,
         single_source=getattr(message, "single_source", None),
         model_id=message.model_id,

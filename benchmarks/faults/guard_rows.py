@@ -59,7 +59,7 @@ def _restarted(bench: Bench, on_hold: bool) -> Trial:
 def _replaced(bench: Bench) -> Trial:
     """The rule of a controller must not allow motion by the new guard."""
     killed_ns = _kill_and_restart(bench, False, forget=False)
-    limit_ns = killed_ns + bench.stale_ns
+    limit_ns = killed_ns + round(bench.stale_ms * 1e6)
     constraints, _ = bench.controller.records()
     new = [each for each in constraints if each.sent_ns > limit_ns]
     allowed = rule_approaches(constraints, bench.scene, after_ns=limit_ns)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 NS_PER_MS = 1e6
 UNKNOWN = 3
-STATES = ("NEGATIVE", "WARNING", "POSITIVE", "UNKNOWN")
 APPROACH_MM_S = 10.0
 """A twist towards the tumour that is faster than this is permissive; 50 mm/s are desired.
 
@@ -14,8 +13,7 @@ ones. The directions differ by up to 25 degrees then, and a retreat by one has u
 desired speed along the other.
 """
 
-TOLERANCE_NS = 30_000_000
-"""A permissive message later than this after the limit is late."""
+TOLERANCE_NS = 30_000_000  # a permissive message later than this after the limit is late
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +27,6 @@ class Content:
     reasons: tuple[str, ...]
     hold: bool
     nonce: int
-    signed_distance_mm: float
     stop_mm: float
     single_source: bool | None
     model_id: str

@@ -22,8 +22,7 @@ SINGLE_SOURCE = "single source"
 """Residual risk of a session that has no second measurement; it must be flagged as such."""
 
 SAFE, UNSAFE, RESIDUAL, UNMEASURED = "safe", "UNSAFE", "residual risk", "not measured"
-UNFLAGGED = "NOT FLAGGED"
-"""A single source that the constraint does not name as such."""
+UNFLAGGED = "NOT FLAGGED"  # a single source that the constraint does not name as such
 
 
 class Variant(StrEnum):

@@ -11,8 +11,7 @@ from benchmarks.faults.results import Row, RowResult, Variant
 from benchmarks.faults.tracker_rows import tracker_rows
 from benchmarks.harness.processes import ChildError
 
-MAX_ATTEMPTS = 5
-"""A trial is repeated so often if its effect could not be separated from another."""
+MAX_ATTEMPTS = 5  # a trial is repeated so often if its effect could not be separated from another
 
 
 def all_rows() -> list[Row]:
@@ -54,10 +53,7 @@ def _trial(bench: Bench, row: Row, result: RowResult) -> bool:
             bench.prepare(
                 robot=row.variant is not Variant.NO_ROBOT, joints=row.variant is Variant.LIVE_JOINTS
             )
-            trial = row.run(bench)
-            result.trials.append(trial)
-            if trial.verdict.late_constraints or trial.verdict.late_twists:
-                bench.keep_records(row.label)
+            result.trials.append(row.run(bench))
             return True
         except (UnmeasuredError, ChildError) as error:
             why = str(error)

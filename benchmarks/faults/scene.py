@@ -15,9 +15,7 @@ from benchmarks.harness.options import RECORDED_CASE
 from benchmarks.harness.peer import to_and_fro
 from benchmarks.session import Trajectory
 
-FIRST_S, LENGTH_S = 2.0, 14.0
-"""The tool moves between landmarks, 30 to 65 mm from the tumour."""
-
+FIRST_S, LENGTH_S = 2.0, 14.0  # the tool moves between landmarks, 30 to 65 mm from the tumour
 RATE_HZ = 50
 PERIOD_NS = NS_PER_S // RATE_HZ
 TOOL, TUMOR, REFERENCE, TRACKER = "cautery", "needle", "reference", "tracker"
@@ -32,7 +30,6 @@ class Truth:
     tumour's frame; ``base_from_tumor`` (3, 3) turns it to the robot's base.
     """
 
-    distance_mm: float
     approach: FloatArray
     base_from_tumor: FloatArray
 
@@ -81,8 +78,8 @@ def write_scene(path: Path, begin_ns: int, rate_hz: int = RATE_HZ) -> Scene:
         if step.index < first:
             continue
         poses = {pose.source: pose.transform for pose in frame.poses if pose.transform is not None}
-        constraint, proximity = step.decision.constraint, step.decision.proximity
-        if constraint is None or proximity is None:
+        constraint = step.decision.constraint
+        if constraint is None:
             raise RuntimeError(f"frame {step.index} of {RECORDED_CASE} is not tracked")
         approach = -constraint.normals[0]
         tracker_from_tumor = poses[TUMOR] @ prepared.setup.frame_from_tumor
@@ -92,7 +89,7 @@ def write_scene(path: Path, begin_ns: int, rate_hz: int = RATE_HZ) -> Scene:
         registration = prepared.setup.robot.registration.transform  # reference from base
         tracker_from_base = poses[REFERENCE] @ registration
         turn = tracker_from_base.rotation.T @ tracker_from_tumor.rotation
-        truths.append(Truth(proximity.signed_distance_mm, approach, turn))
+        truths.append(Truth(approach, turn))
     for one, other in zip(frames, frames[1:] + frames[-2:-1], strict=True):
         moved = np.subtract(one["edges"][2][:3], other["edges"][2][:3])
         one["speed_mm_s"] = 1000.0 * float(np.linalg.norm(moved)) * rate_hz

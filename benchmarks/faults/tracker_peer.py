@@ -3,10 +3,9 @@
     python -m benchmarks.faults.tracker_peer SCENE.json [STATE [NODE]]
 
 Reads changes as lines of JSON from standard input, ``{"set": {KEY: VALUE}, "when": "moving"}``.
-Prints events as lines of JSON: ``ready``, ``matched`` when the poses have a subscriber, ``first``
-at the first sample, and ``set`` for each change, with the times of the last sample before it and of
-the first with it. STATE is the initial state as JSON. Imports nothing
-of ``app``.
+Prints events as lines of JSON: ``ready``, ``first`` at the first sample, and ``set`` for each
+change, with the times of the last sample before it and of the first with it. STATE is the initial
+state as JSON. Imports nothing of ``app``.
 
 Keys, each off with null: ``joints`` (false: not sent), ``joint_offset_rad`` of the first joint,
 ``silent`` (children that are not sent), ``status`` and ``nan`` of the tool, ``shift_ms`` of the
@@ -27,7 +26,6 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from marginguard_msgs.msg import TrackedTransform
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
@@ -66,12 +64,9 @@ class Tracker:
         if state.get("wait") and "end" in self.changes.get():
             return False
         qos = QoSProfile(depth=100)
-        matched = PublisherEventCallbacks(matched=lambda _: emit("matched"))
         # A second sender of one kind must not appear as one of the other kind.
         if state.get("poses") is not False:
-            self.poses = self.node.create_publisher(
-                TrackedTransform, "/tracked_transforms", qos, event_callbacks=matched
-            )
+            self.poses = self.node.create_publisher(TrackedTransform, "/tracked_transforms", qos)
         if state.get("joints") is not False:
             self.joints = self.node.create_publisher(JointState, "/joint_states", qos)
         return True

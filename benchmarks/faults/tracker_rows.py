@@ -11,17 +11,11 @@ from benchmarks.faults.records import Constraint
 from benchmarks.faults.results import DROPOUT, SINGLE_SOURCE, Row, Trial, Variant
 
 INVALID, OUT_OF_VIEW = 1, 3
-AFTER_MS = 500.0
-"""Time of observation after the limit."""
-
+AFTER_MS = 500.0  # time of observation after the limit
 CREEP_MM_S, CREEP_BOUND_MM = 2.0, 8.0
 JOINTS_LIMIT_MS = 100.0
-V_MAX_MM_S = 50.0
-"""``v_max_mm_s`` of the shipped configuration."""
-
-FROZEN_MS = 1000.0
-"""``frozen_after_ms`` of the shipped configuration, its default."""
-
+V_MAX_MM_S = 50.0  # ``v_max_mm_s`` of the shipped configuration
+FROZEN_MS = 1000.0  # ``frozen_after_ms`` of the shipped configuration, its default
 DROPOUTS: dict[str, dict[str, Any]] = {
     "stale: all poses end": {"silent": ALL},
     "stale: the tool's poses end": {"silent": ["cautery"]},
@@ -125,7 +119,7 @@ def _frozen(bench: Bench, at_rest: bool) -> Trial:
         for each in _permissive(bench)
         if each.sent_ns > begin_ns
     ]
-    allowed_mm = V_MAX_MM_S * (bench.stale_ns / 1e9 + 0.03)
+    allowed_mm = V_MAX_MM_S * (bench.stale_ms / 1e3 + 0.03)
     late = max(verdict.late_constraints, sum(each > allowed_mm for each in lacking))
     error_mm = max(lacking, default=0.0)
     return check_cause(Trial(replace(verdict, late_constraints=late), error_mm=error_mm))

@@ -149,8 +149,7 @@ class Child:
             self._printed.notify_all()
 
 
-Start = Callable[..., Child]
-"""Starts ``python ARGUMENT...`` under a name, which also names its log."""
+Start = Callable[..., Child]  # starts ``python ARGUMENT...`` under a name, which also names its log
 
 
 @contextmanager

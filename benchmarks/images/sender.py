@@ -1,6 +1,6 @@
 """Independent ROS process that sends tracked poses and images, with plain rclpy.
 
-    python -m benchmarks.images.sender [--images-hz 30] [--poses-hz 60] [--encoding mono8]
+    python -m benchmarks.images.sender [--encoding mono8]
 
 Sends until standard input ends. An image is stamped between two poses, and sent after the second.
 Image ``n`` is `image_values` of ``n``. It does not import ``app``.
@@ -20,6 +20,7 @@ from sensor_msgs.msg import Image
 from benchmarks.harness.peer import input_ended
 from benchmarks.images.session import COLUMNS, POSES_MM, ROWS, TOPIC
 
+IMAGES_HZ, POSES_HZ = 30, 60
 _DIFFERENT = 16
 """Images that are sent in turn; their speckle does not compress, as that of a real probe."""
 
@@ -31,8 +32,6 @@ def image_values(number: int) -> NDArray[np.uint8]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--images-hz", type=float, default=30.0)
-    parser.add_argument("--poses-hz", type=float, default=60.0)
     parser.add_argument("--encoding", default="mono8")
     options = parser.parse_args()
     ended = input_ended()
@@ -41,8 +40,8 @@ def main() -> None:
     poses = node.create_publisher(TrackedTransform, "/tracked_transforms", QoSProfile(depth=100))
     images = node.create_publisher(Image, TOPIC, qos_profile_sensor_data)
     contents = [array("B", image_values(n).tobytes()) for n in range(_DIFFERENT)]
-    period_ns = round(1e9 / options.poses_hz)
-    each = max(1, round(options.poses_hz / options.images_hz))
+    period_ns = round(1e9 / POSES_HZ)
+    each = POSES_HZ // IMAGES_HZ
     noise = np.random.default_rng(1)
     begin_ns, tick = time.time_ns(), 0
     while not ended.is_set():

@@ -16,7 +16,8 @@ from typing import Any
 
 from app.cli.progress import with_progress
 from app.files.extras import install_command
-from benchmarks.harness.figures import goals_table, in_turns, machine, show, write_json
+from benchmarks.harness.figures import in_turns, machine, show
+from benchmarks.harness.goals import finish, goals_table
 from benchmarks.harness.options import BenchParser
 from benchmarks.ros_domain import own_ros
 
@@ -42,9 +43,8 @@ def main() -> int:
 
 def measured(options: Any) -> int:
     """Measure, print and write the results; returns the exit status."""
-    from benchmarks.latency.measure import KINDS, measure
-    from benchmarks.latency.results import NOTES, Run, goals, runs_table, stops_table
-    from benchmarks.latency.stops import STOP_KINDS, STOPS, measure_stops, write_plots
+    from benchmarks.latency.measure import KINDS, STOP_KINDS, STOPS, measure, measure_stops
+    from benchmarks.latency.results import NOTES, Run, goals, runs_table, stops_table, write_plots
 
     kinds = [kind for kind in KINDS if options.only in kind.name]
     runs: dict[str, Run] = {}
@@ -64,10 +64,9 @@ def measured(options: Any) -> int:
     stops_title = f"a joint that stops {STOPS} times, delay at the stop in ms"
     tables = runs_table(document["ways"], title), stops_table(document["stops"], stops_title)
     show(*tables, NOTES, goals_table(verdict, "speed"), width=170)
-    write_json(options.json, document)
     if options.plots is not None:
         write_plots(list(runs.values()), stops, options.plots)
-    return int(any(goal.good is False for goal in verdict))
+    return finish(options.json, document, verdict)
 
 
 if __name__ == "__main__":

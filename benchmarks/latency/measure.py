@@ -9,13 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from app.geometry import FloatArray
 from app.runtime.latest_value import SWITCH_INTERVAL_S
 from benchmarks.faults.scene import tracker_arguments
 from benchmarks.harness.figures import load
 from benchmarks.harness.processes import Child, children
 from benchmarks.latency.qt_loops import KEPT, RELEASED, Waking
-from benchmarks.latency.receivers import PlainListener, PolledIgtl, Receiver, Timer
-from benchmarks.latency.results import OURS, POLLED, Run, delays_ms, transports_ms
+from benchmarks.latency.receivers import PlainListener, PolledIgtl, Receiver
+from benchmarks.latency.results import OURS, POLLED, Run, delays_ms, mean_or_none, transports_ms
 from benchmarks.latency.senders import body_frames
 
 RATE_HZ = 199.5
@@ -24,11 +27,13 @@ the phase, which is random, does not decide the result."""
 
 SESSION_HZ = 200
 WARM_UP_S = 1.5
-SESSION_WARM_UP_S = 3.0
-"""A session waits for its clock, its joints and a second driver."""
-
-Open = Callable[[int, float, int | None], Receiver]
-"""Makes the receiver for a number of bodies, seconds, and a TCP port."""
+SESSION_WARM_UP_S = 3.0  # a session waits for its clock, its joints and a second driver
+STOPS = 15
+MOVE_S, REST_S = 0.6, 0.4
+STOPS_WARM_UP_S = 3.0  # the receiver reads the description and builds the robots meanwhile
+STOPS_HZ = 99.5  # as `RATE_HZ`, for a robot that sends 100 times a second
+Open = Callable[[int, int | None], Receiver]
+"""Makes the receiver for a number of bodies and a TCP port."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +53,7 @@ class Kind:
 def _qt(name: str, *waking: Any) -> Open:
     """A receiver of `benchmarks.latency.qt_receivers`, which loads when it is made."""
 
-    def opened(bodies: int, seconds: float, port: int | None) -> Receiver:
+    def opened(bodies: int, port: int | None) -> Receiver:
         from benchmarks.latency import qt_receivers
 
         frames = (body_frames(bodies),) if name == "BodiesInModule" else ()
@@ -58,8 +63,8 @@ def _qt(name: str, *waking: Any) -> Open:
     return opened
 
 
-def _igtl(bodies: int, seconds: float, port: int | None) -> Receiver:
-    return PolledIgtl(body_frames(bodies), Timer(200.0, seconds), port or 0)
+def _igtl(bodies: int, port: int | None) -> Receiver:
+    return PolledIgtl(body_frames(bodies), port or 0)
 
 
 LISTENER = "rclpy listener"
@@ -105,7 +110,7 @@ def measure(kind: Kind, seconds: float, bodies: int) -> Run:
         return _measure_session(kind, seconds, bodies)
     command = (kind.sends, bodies, kind.rate_hz, WARM_UP_S, seconds)
     with sending(command) as ((sender,), port):
-        with closing(kind.open(bodies, seconds, port)) as receiver:
+        with closing(kind.open(bodies, port)) as receiver:
             before = load()
             receiver.run(sender.has_event)
         report = sender.expect("sent")
@@ -130,13 +135,9 @@ def _run_of(kind: Kind, receiver: Receiver, sent: int, counted_from_ns: int, bef
 
 def _measure_session(kind: Kind, seconds: float, bodies: int) -> Run:
     """A tracker with three sensors and joints, stamped when they are due, and a session here."""
-    with (
-        sending(),
-        tempfile.TemporaryDirectory() as folder,
-        children(Path(folder)) as (_, start),
-    ):
+    with sending(), tempfile.TemporaryDirectory() as folder, children(Path(folder)) as (_, start):
         tracker = start("tracker", *tracker_arguments(Path(folder), SESSION_HZ))
-        with closing(kind.open(bodies, seconds, None)) as receiver:
+        with closing(kind.open(bodies, None)) as receiver:
             before, rows = load(), receiver.rows
             duration_ns = 1e9 * (SESSION_WARM_UP_S + seconds)
             receiver.run(lambda: bool(rows) and time.time_ns() - rows[0][1] > duration_ns)
@@ -145,3 +146,82 @@ def _measure_session(kind: Kind, seconds: float, bodies: int) -> Run:
     counted_from_ns = rows[0][0] + round(1e9 * SESSION_WARM_UP_S)
     sent = max(0, round((rows[-1][0] - counted_from_ns) * SESSION_HZ / 1e9) + 1)
     return _run_of(kind, receiver, sent, counted_from_ns, before)
+
+
+@dataclass(frozen=True, slots=True)
+class StopKind:
+    """How the module is woken, and what it shows."""
+
+    name: str
+    waking: Waking
+    robots: tuple[str, ...] = ("left",)
+    draws: bool = False
+
+
+STOP_KINDS = (
+    StopKind("module ROS2", Waking(RELEASED)),
+    StopKind(f"module ROS2, {KEPT}", Waking(KEPT)),
+    StopKind("module ROS2, drawn", Waking(RELEASED), draws=True),
+    StopKind("timer 20 ms", Waking(RELEASED, 20)),
+    StopKind("two robots", Waking(RELEASED), robots=("left", "right")),
+    StopKind("two robots, timer 20 ms", Waking(RELEASED, 20), robots=("left", "right")),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopRun:
+    """Delays in ms of one robot: at its stops, of all frames, and of pictures drawn at stops."""
+
+    kind: StopKind
+    robot: str
+    stops_ms: FloatArray
+    frames_ms: FloatArray
+    pictures_ms: FloatArray
+    load: float
+
+    @property
+    def name(self) -> str:
+        """The kind, and the robot if there are several."""
+        return f"{self.kind.name}: {self.robot}" if len(self.kind.robots) > 1 else self.kind.name
+
+    def document(self) -> dict[str, object]:
+        return {
+            "name": self.name, "load": self.load, "stops": len(self.stops_ms),
+            "stop_mean_ms": float(self.stops_ms.mean()), "stop_sd_ms": float(self.stops_ms.std()),
+            "stop_max_ms": float(self.stops_ms.max()),
+            "frame_mean_ms": float(self.frames_ms.mean()),
+            "frame_p99_ms": float(np.percentile(self.frames_ms, 99)),
+            "picture_mean_ms": mean_or_none(self.pictures_ms),
+            "picture_sd_ms": float(self.pictures_ms.std()) if len(self.pictures_ms) else None,
+            "stops_ms": [round(delay, 3) for delay in self.stops_ms.tolist()],
+        }  # fmt: skip
+
+
+def measure_stops(kind: StopKind, stops: int = STOPS) -> list[StopRun]:
+    """Let each robot of ``kind`` stop ``stops`` times; one result for each robot."""
+    from benchmarks.latency.qt_receivers import RobotsInModule
+
+    commands = [(name, STOPS_HZ, STOPS_WARM_UP_S, stops, MOVE_S, REST_S) for name in kind.robots]
+    with sending(*commands) as (senders, _):
+        robots = RobotsInModule(kind.robots, kind.waking, draws=kind.draws)
+        with closing(robots) as receiver:
+            before = load()
+            receiver.run(lambda: all(sender.has_event() for sender in senders))
+        reports = [sender.expect("sent") for sender in senders]
+    runs = []
+    for name, report in zip(kind.robots, reports, strict=True):
+        rows = receiver.rows_of[name]
+        rests_ns = report["rests_ns"]
+        pictures = delays_at(rests_ns, receiver.pictures) if kind.draws else np.empty(0)
+        frames = delays_ms(rows, report["counted_from_ns"])
+        runs.append(StopRun(kind, name, delays_at(rests_ns, rows), frames, pictures, before))
+    return runs
+
+
+def delays_at(stamps_ns: Sequence[int], rows: Sequence[tuple[int, int]]) -> FloatArray:
+    """Time in ms from each stamp until a row with this stamp or a later one."""
+    shown = np.array(rows, dtype=np.int64).reshape(-1, 2)
+    found = np.searchsorted(shown[:, 0], np.array(stamps_ns, dtype=np.int64))
+    if len(rows) == 0 or found.max(initial=0) >= len(shown):
+        raise RuntimeError("a stop was not shown; expected every stop in the scene")
+    return np.asarray((shown[found, 1] - np.array(stamps_ns)) / 1e6)

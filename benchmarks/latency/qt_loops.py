@@ -12,8 +12,7 @@ from pathlib import Path
 import PySide6
 from PySide6 import QtCore
 
-DEADLINE_MS = 20_000
-"""Ends a loop that waits for something that does not come."""
+DEADLINE_MS = 20_000  # ends a loop that waits for something that does not come
 
 
 def run_releasing(stop_after_ms: int = DEADLINE_MS) -> None:

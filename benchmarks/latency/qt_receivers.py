@@ -132,10 +132,10 @@ class RobotsInModule(ModuleReceiver):
         self.rows_of: dict[str, list[tuple[int, int]]] = {name: [] for name in names}
         self._moving: dict[str, Any] = {}
         self._view: Any = None
-        self._close_view: Any = None
+        self._stack = ExitStack()
         if draws:
-            self._close_view = offscreen_view(self.application, "latency", PICTURE)
-            self._view = self._close_view.__enter__()
+            view = offscreen_view(self.application, "latency", PICTURE)
+            self._view = self._stack.enter_context(view)
 
     def spin(self) -> None:
         """Spin the module; note the newest frame of each robot."""
@@ -152,8 +152,7 @@ class RobotsInModule(ModuleReceiver):
             self.pictures.append((next(iter(self.rows_of.values()))[-1][0], time.time_ns()))
 
     def close(self) -> None:
-        if self._close_view is not None:
-            self._close_view.__exit__(None, None, None)
+        self._stack.close()
         super().close()
 
     def _stamp_ns(self, name: str) -> int | None:
@@ -214,12 +213,7 @@ class PageReceiver(Receiver):
 
     def run(self, has_ended: Callable[[], bool]) -> None:
         options = argparse.Namespace(
-            config=CONFIG,
-            package_dirs=(),
-            tip_only=False,
-            namespace="",
-            audit=None,
-            cases=None,
+            config=CONFIG, package_dirs=(), tip_only=False, namespace="", audit=None, cases=None
         )
         with ExitStack() as stack:
             viewer = stack.enter_context(live_page(options, SignalState(), scheduler=self._loop))

@@ -1,13 +1,14 @@
 """Receivers of the bodies: the base of all, a plain rclpy listener, and OpenIGTLink's client."""
 
-import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import rclpy
 from pyigtl import OpenIGTLinkClient
 from slicer import vtkMRMLScene, vtkMRMLTransformNode
+from tf2_msgs.msg import TFMessage
 
 from app.geometry import NS_PER_S, FloatArray
 from app.scene import PoseNodes
@@ -17,6 +18,7 @@ from benchmarks.latency.senders import ROOT
 
 _TRIANGLES = 1280
 _PAUSE_S = 0.05
+_POLL_NS = NS_PER_S // 200
 
 
 class Receiver(ABC):
@@ -59,65 +61,44 @@ class PlainListener(Receiver):
     """rclpy alone, without a scene: from the stamp to the callback, with Python's own messages."""
 
     def __init__(self) -> None:
-        import rclpy
-        from tf2_msgs.msg import TFMessage
-
         super().__init__()
         rclpy.init()
-        self._rclpy = rclpy
         self._node = rclpy.create_node("latency_listener")
         self._node.create_subscription(TFMessage, "/tf", self._take, 100)
 
     def run(self, has_ended: Callable[[], bool]) -> None:
         while not has_ended():
-            self._rclpy.spin_once(self._node, timeout_sec=_PAUSE_S)
+            rclpy.spin_once(self._node, timeout_sec=_PAUSE_S)
 
     def close(self) -> None:
         self._node.destroy_node()
-        self._rclpy.shutdown()
+        rclpy.shutdown()
 
-    def _take(self, message: object) -> None:
-        stamp = message.transforms[0].header.stamp  # type: ignore[attr-defined]
+    def _take(self, message: TFMessage) -> None:
+        stamp = message.transforms[0].header.stamp
         self.add_row(stamp.sec * NS_PER_S + stamp.nanosec, time.time_ns())
 
 
-class Timer:
-    """Ticks at ``rate_hz`` on an absolute clock; missed ticks are skipped.
-
-    Its phase drifts through one period in ``seconds``. Otherwise the constant phase between sender
-    and timer, which is random, would determine the result.
-    """
-
-    def __init__(self, rate_hz: float, seconds: float) -> None:
-        period_ns = NS_PER_S / rate_hz
-        self._period_ns = period_ns + period_ns / (seconds * rate_hz)
-        self._due_ns = float(time.monotonic_ns())
-
-    def wait(self) -> None:
-        behind_ns = time.monotonic_ns() - self._due_ns
-        self._due_ns += self._period_ns * max(1, math.ceil(behind_ns / self._period_ns))
-        time.sleep(max(0.0, self._due_ns - time.monotonic_ns()) / NS_PER_S)
-
-
 class PolledIgtl(Receiver):
-    """pyigtl's client, polled by a timer like Slicer's OpenIGTLink connector (200 Hz)."""
+    """pyigtl's client, polled at 200 Hz like Slicer's OpenIGTLink connector."""
 
     # No arrivals: the client keeps only the last message of a device and does not count.
 
-    def __init__(self, frames: Sequence[str], timer: Timer, port: int) -> None:
+    def __init__(self, frames: Sequence[str], port: int) -> None:
         super().__init__()
         scene = vtkMRMLScene()
         self.poses = PoseNodes(scene, ROOT, frames)
         add_bodies(scene, frames, list(self.poses.nodes.values()))
         self._indices = {frame: index for index, frame in enumerate(frames)}
-        self._timer = timer
         self._matrices: FloatArray = np.tile(np.eye(4), (len(frames), 1, 1))
         self._stamps_ns = [0] * len(frames)
         self._client = OpenIGTLinkClient("127.0.0.1", port)
 
     def run(self, has_ended: Callable[[], bool]) -> None:
+        due_ns = time.monotonic_ns()
         while not has_ended():
-            self._timer.wait()
+            due_ns = max(due_ns + _POLL_NS, time.monotonic_ns())  # missed ticks are skipped
+            time.sleep(max(0, due_ns - time.monotonic_ns()) / NS_PER_S)
             for message in self._client.get_latest_messages():
                 index = self._indices[message.device_name]
                 self._matrices[index] = message.matrix

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,15 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from app.geometry import FloatArray
-from benchmarks.harness.figures import Goal, percentiles, table
+from benchmarks.harness.figures import percentiles, table
+from benchmarks.harness.goals import Goal, at_most
+from benchmarks.harness.plots import write_dots, write_histograms
 
 OURS, POLLED = "module ROS2", "timer 5 ms"
 MAX_MEAN_MS = 2.0
 MAX_P99_MS = 5.0
 MAX_SHARE_OF_POLLED = 0.5
+DELAYS_PNG, STOPS_PNG = "latency.png", "latency_stops.png"
 NOTES = """\
 Time from the stamp of a frame, made in another process, to the end of the update of the MRML scene
 and of all observers. Transport: the part up to the callback in this process. Step: the part up to
@@ -131,13 +135,10 @@ def goals(runs: Mapping[str, Run]) -> Iterator[Goal]:
         return
     ours, polled = runs[OURS], runs[POLLED]
     (p99,) = percentiles(ours.delays_ms, 99)
-    for what, value, unit, limit in (
-        (f"mean at most {MAX_MEAN_MS:g} ms", ours.mean_ms, "ms", MAX_MEAN_MS),
-        (f"p99 at most {MAX_P99_MS:g} ms", p99, "ms", MAX_P99_MS),
-        ("mean at most half that of polling at 200 Hz", ours.mean_ms / polled.mean_ms, "of it",
-         MAX_SHARE_OF_POLLED),
-    ):  # fmt: skip
-        yield Goal(what, f"{value:.3g} {unit}", value <= limit)
+    share = ours.mean_ms / polled.mean_ms
+    yield at_most("mean", ours.mean_ms, MAX_MEAN_MS, "ms", ".3g")
+    yield at_most("p99", p99, MAX_P99_MS, "ms", ".3g")
+    yield at_most("mean", share, MAX_SHARE_OF_POLLED, "of that of polling at 200 Hz", ".3g")
 
 
 _RUN_COLUMNS = {
@@ -154,20 +155,27 @@ _STOP_COLUMNS = {
 
 
 def runs_table(documents: Iterable[Mapping[str, Any]], title: str) -> Table:
-    return _table(documents, title, _RUN_COLUMNS, left=2)
+    return table(title, tuple(_RUN_COLUMNS), _rows(documents, _RUN_COLUMNS), left=2)
 
 
 def stops_table(documents: Iterable[Mapping[str, Any]], title: str) -> Table:
-    return _table(documents, title, _STOP_COLUMNS, left=1)
+    return table(title, tuple(_STOP_COLUMNS), _rows(documents, _STOP_COLUMNS))
 
 
-def _table(
-    documents: Iterable[Mapping[str, Any]], title: str, columns: Mapping[str, str], left: int
-) -> Table:
+def _rows(documents: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> list[list[Any]]:
     def cell(key: str, value: Any) -> Any:
         if value is None and key == "lost":
             return "?"
         return f"{value:.2f}" if isinstance(value, float) else value
 
-    rows = [[cell(key, row[key]) for key in columns.values()] for row in documents]
-    return table(title, tuple(columns), rows, left=left)
+    return [[cell(key, row[key]) for key in columns.values()] for row in documents]
+
+
+def write_plots(runs: Sequence[Run], stops: Sequence[Any], folder: Path) -> None:
+    """Write the delays of each receiver, and those at the stops of a robot."""
+    delays = {run.name: run.delays_ms for run in runs}
+    write_histograms(folder / DELAYS_PNG, delays, "stamp to scene [ms]; dashed: the mean")
+    shown = {run.name: run.stops_ms for run in stops}
+    shown |= {f"{run.name}: picture": run.pictures_ms for run in stops if len(run.pictures_ms)}
+    label = "delay at a stop [ms]; bar: mean and standard deviation"
+    write_dots(folder / STOPS_PNG, shown, label)

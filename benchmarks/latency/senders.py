@@ -13,6 +13,7 @@ clock when a body or frame is created.
 
 import math
 import sys
+import threading
 import time
 from contextlib import ExitStack
 from typing import Any
@@ -21,9 +22,7 @@ from benchmarks.harness.peer import emit, paced
 
 NS_PER_S = 10**9
 ROOT = "world"
-TURN_RAD = 0.01
-"""Rotation of a body per frame."""
-
+TURN_RAD = 0.01  # rotation of a body per frame
 LINKS, LINK_M, SWEEP_RAD = 7, 0.1, 0.8
 _TIMEOUT_S = 60.0
 _ROUNDING_NS = 10_000
@@ -178,19 +177,16 @@ def send_links(
     node = rclpy.create_node(name)
     node.declare_parameter("robot_description", urdf())
     publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+    threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()  # serves the parameter
     emit("listening", port=None)
     until_s = time.monotonic() + _TIMEOUT_S
     while publisher.get_subscription_count() == 0:
         if time.monotonic() > until_s:
             raise RuntimeError(f"no receiver of {name} within {_TIMEOUT_S:.0f} s")
-        rclpy.spin_once(node, timeout_sec=0.02)
-    warm_up = math.ceil(warm_up_s * rate_hz)
-    begin_s, stamps_ns, rests_ns = time.monotonic(), [], []
-    for frame in range(math.ceil((warm_up_s + stops * (move_s + rest_s)) * rate_hz)):
-        while (ahead_s := begin_s + frame / rate_hz - time.monotonic()) > 0.0:
-            if ahead_s > 0.002 and frame < warm_up:
-                rclpy.spin_once(node, timeout_sec=0.0)  # serves the parameter meanwhile
-            time.sleep(min(ahead_s, 0.002))
+        time.sleep(0.02)
+    stamps_ns, rests_ns = [], []
+
+    def send(frame: int) -> None:
         second = frame / rate_hz - warm_up_s
         angle_rad, number, rests = angle_at(max(second, 0.0), move_s, rest_s)
         stamp_ns = time.time_ns()
@@ -199,8 +195,12 @@ def send_links(
             stamps_ns.append(stamp_ns)
             if rests and number == len(rests_ns):
                 rests_ns.append(stamp_ns)
+
+    frames = math.ceil((warm_up_s + stops * (move_s + rest_s)) * rate_hz)
+    paced(frames, NS_PER_S / rate_hz, send)
     time.sleep(_DRAIN_TIME_S)
     emit("sent", sent=len(stamps_ns), counted_from_ns=stamps_ns[0], rests_ns=rests_ns)
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import threading
 import time
 from itertools import cycle
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,25 +80,6 @@ def receiver(folder: Path, seconds: float, case: Path) -> None:
     rclpy.shutdown()
 
 
-class RecordingPublisher:
-    """Records the time at which each message is sent, in the order of the messages."""
-
-    def __init__(self, publisher: object, max_messages: int) -> None:
-        self._publish = publisher.publish  # type: ignore[attr-defined]
-        self._times_ns: Times = np.zeros(max_messages, dtype=np.int64)
-        self.count = 0
-
-    def publish(self, raw: bytes) -> None:
-        self._times_ns[self.count] = time.monotonic_ns()
-        self.count += 1
-        self._publish(raw)
-
-    @property
-    def times_ns(self) -> Times:
-        """Sending times (count,) in ns."""
-        return self._times_ns[: self.count]
-
-
 def sender(folder: Path, seconds: float, case: Path) -> None:
     from app.bridge import RosNode, topics
     from app.bridge.publishing.constraint import ConstraintBuilder
@@ -118,11 +100,16 @@ def sender(folder: Path, seconds: float, case: Path) -> None:
         publisher = ros.publisher(topics.CONSTRAINT)
         if not ros.wait_for_subscribers(topics.CONSTRAINT, 1, 60.0):
             raise RuntimeError("no receiver was found")
-        recording = RecordingPublisher(publisher, round(2.0 * (seconds + 1.0) * RATE_HZ))
+        sent_ns = array.array("q")
+
+        def publish(raw: bytes) -> None:
+            sent_ns.append(time.monotonic_ns())
+            publisher.publish(raw)
+
         emit("ready")
         sys.stdin.readline()
         cpu_s = time.process_time()
-        stream = ConstraintStream(recording, RATE_HZ)
+        stream = ConstraintStream(SimpleNamespace(publish=publish), RATE_HZ)
         begin_ns = time.monotonic_ns()
         for frame in cycle(frames):
             due_ns = begin_ns + steps * period_ns
@@ -136,7 +123,7 @@ def sender(folder: Path, seconds: float, case: Path) -> None:
             steps += 1
         stream.close()
         cpu_s = time.process_time() - cpu_s
-    np.save(folder / "sent.npy", recording.times_ns)
+    np.save(folder / "sent.npy", np.array(sent_ns))
     report = {"missed": stream.missed, "steps": steps, "cpu_s": cpu_s}
     (folder / "sender.json").write_text(json.dumps(report))
     emit("done")

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from app.case import JointSample, TrackingFrame, open_case, write_recording
+from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_S, InputError, Stamp
 
 _RECORDING = "repeated.mcap"
@@ -55,16 +55,13 @@ def _repeated(frames: list[TrackingFrame], duration_ns: int) -> Iterator[Trackin
 
 
 def _shifted(frame: TrackingFrame, shift_ns: int) -> TrackingFrame:
-    def shifted(stamp: Stamp) -> Stamp:
-        return stamp.shifted(shift_ns, stamp.clock)
-
-    def shifted_joints(joints: JointSample) -> JointSample:
-        return replace(joints, stamp=shifted(joints.stamp))
+    def shifted(stamp: Stamp | None) -> Stamp | None:
+        return stamp and stamp.shifted(shift_ns, stamp.clock)
 
     return replace(
         frame,
         stamp=shifted(frame.stamp),
         poses=tuple(replace(pose, stamp=shifted(pose.stamp)) for pose in frame.poses),
-        joints=tuple(shifted_joints(joints) for joints in frame.joints),
-        unfiltered_stamp=frame.unfiltered_stamp and shifted(frame.unfiltered_stamp),
+        joints=tuple(replace(each, stamp=shifted(each.stamp)) for each in frame.joints),
+        unfiltered_stamp=shifted(frame.unfiltered_stamp),
     )

@@ -13,7 +13,6 @@ simulated.
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +22,8 @@ from numpy.typing import NDArray
 from app.files.extras import check_installed
 from app.files.shipped import shipped
 from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError
-from benchmarks.harness.figures import (
-    Spread,
-    at_most,
-    finish,
-    load,
-    missed,
-    percentiles,
-    show,
-    table,
-)
+from benchmarks.harness.figures import load, percentiles, show, spread, table
+from benchmarks.harness.goals import at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI, Child, ChildError, children
 from benchmarks.ros_domain import own_ros
@@ -40,9 +31,7 @@ from benchmarks.ros_domain import own_ros
 GOAL_MS = 0.5
 MAX_DRIFT_MS, MAX_MISSING_S = 1.0, 0.01
 WARM_UP = 200
-ENDS = 2000
-"""Messages at each end whose median delays are compared: 10 s."""
-
+ENDS = 2000  # messages at each end whose median delays are compared: 10 s
 IntArray = NDArray[np.int64]
 
 
@@ -113,7 +102,7 @@ def measured(step: Callable[[int], object], count: int) -> dict[str, float]:
         step(WARM_UP + number)
         times[number] = 1e-6 * (time.thread_time_ns() - before)
     wall_s = time.perf_counter() - started
-    return {**asdict(Spread.of(times)), "steps_per_s": count / wall_s}
+    return {**spread(times), "steps_per_s": count / wall_s}
 
 
 def run_world(path: Path, count: int) -> dict[str, Any]:
@@ -205,11 +194,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     if pace is not None:
         show(
-            f"  {pace['seconds']:.0f} s in real time: drift {pace['drift_ms']:.3f} ms, delay behind "
-            f"the stamp p50 {pace['median_ms']:.2f} ms  p99 {pace['p99_ms']:.2f} ms  "
+            f"  {pace['seconds']:.0f} s in real time: drift {pace['drift_ms']:.3f} ms, delay "
+            f"behind the stamp p50 {pace['median_ms']:.2f} ms  p99 {pace['p99_ms']:.2f} ms  "
             f"max {pace['max_ms']:.1f} ms, not simulated {pace['missing_s']:.4f} s"
         )
-    return finish(options.json, {**found, "pace": pace}, missed(goals))
+    return finish(options.json, {**found, "pace": pace}, goals)
 
 
 if __name__ == "__main__":

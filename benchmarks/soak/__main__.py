@@ -16,6 +16,7 @@ sender's, or when a gap over 10 ms is longer than twice the bare sender's longes
 
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ from scipy.stats import theilslopes
 from app.cli.progress import announce_duration
 from app.files.shipped import shipped
 from benchmarks.faults.scene import tracker_arguments
-from benchmarks.harness.figures import Goal, at_most, load, missed, show, table, write_json
+from benchmarks.harness.figures import load, show, table, write_json
+from benchmarks.harness.goals import Goal, at_most, missed
 from benchmarks.harness.options import RECORDED_CASE, BenchParser
 from benchmarks.harness.processes import CLI, Child, children
 from benchmarks.ros_domain import own_ros
@@ -108,7 +110,7 @@ def figures(rows: list[dict[str, float]], topics: dict[str, dict[str, float]]) -
     for topic in (GUARD, BARE):
         found[topic] = topics.get(topic, {})
     found["load"] = load(2)
-    found["failures"] = failures(found)
+    found["failures"] = missed(goals(found))
     found["samples"] = len(rows)
     return found
 
@@ -121,20 +123,17 @@ def slope_mb_h(rows: list[dict[str, float]], name: str) -> float | None:
     return round(float(slope), 3)
 
 
-def failures(found: dict[str, Any]) -> list[str]:
+def goals(found: dict[str, Any]) -> Iterator[Goal]:
     slope, guard, bare = found["live: MB/h"], found[GUARD], found[BARE]
     long = found["minutes"] >= MIN_SLOPE_MINUTES
     grows = long and not (slope is not None and slope < MAX_SLOPE_MB_H)
-    goals = [
-        Goal("the session grows by", f"{slope} MB/h", not grows, f"less than {MAX_SLOPE_MB_H:g}")
-    ]
+    yield Goal("the session grows by", f"{slope} MB/h", not grows, f"less than {MAX_SLOPE_MB_H:g}")
     if guard and bare:
         limit_ms = MAX_P9999_RATIO * bare["p9999_gap_ms"]
         gap_ms = max(MAX_GAP_MS, MAX_GAP_RATIO * bare["max_gap_ms"])
         what = "99.99 % of the gaps are up to"
-        goals.append(at_most(what, guard["p9999_gap_ms"], limit_ms, "ms", ".2f"))
-        goals.append(at_most("a gap of", guard["max_gap_ms"], gap_ms, "ms", ".1f"))
-    return missed(goals)
+        yield at_most(what, guard["p9999_gap_ms"], limit_ms, "ms", ".2f")
+        yield at_most("a gap of", guard["max_gap_ms"], gap_ms, "ms", ".1f")
 
 
 if __name__ == "__main__":

@@ -19,11 +19,8 @@ from benchmarks.harness.peer import emit, input_ended, paced, seq_of
 GUARD, BARE = "/marginguard/constraint", "/bare/constraint"
 LATE_NS = 10_000_000
 BIN_NS = 10_000
-BINS = 100_000
-"""Bins of the histogram of gaps, up to 1 s; the last bin has all longer ones."""
-
-CHECK_MS = 1000.0
-"""Interval between checks whether the recording has ended."""
+BINS = 100_000  # bins of the histogram of gaps, up to 1 s; the last bin has all longer ones
+CHECK_MS = 1000.0  # interval between checks whether the recording has ended
 
 
 class Stream:

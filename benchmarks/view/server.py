@@ -26,8 +26,7 @@ from app.viewer.steps.replay import ReplayControl
 from benchmarks.harness.peer import emit
 from benchmarks.view.stamps import stamp
 
-POSES_HZ = 100.0
-"""Rate of scene updates of the default schedule, above that of the tracker's poses."""
+POSES_HZ = 100.0  # rate of scene updates of the default schedule, above that of the tracker's poses
 
 
 class StampedArea(PictureArea):

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BITS = 16
-SIDE = 16
-"""Side of a square in pixels: a whole JPEG block, so that it stays black or white."""
+SIDE = 16  # side of a square in pixels: a whole JPEG block, so that it stays black or white
 
 
 def stamp(pixels: NDArray[np.uint8], number: int) -> None:

@@ -41,13 +41,13 @@ def test_judge_of_a_push_finds_distances_and_speeds(tmp_path: Path) -> None:
     phases = np.repeat([Phase.PUSH, Phase.SLIDE, Phase.RETREAT], [400, 200, 300])
     truth = write_truth(tmp_path / "truth.npz", away_mm, phases)
     found = judged(0, True, truth, engine, surfaces, (0, len(away_mm)), {"lags": 2})
-    assert found.lowest_mm == pytest.approx(found.breach_mm, abs=0.2)
-    assert found.lowest_mm < -1.0
-    assert found.vertices_mm >= found.lowest_mm - 1e-6
-    assert found.approach_mm_s == pytest.approx((AWAY_MM - top + 3.0) / 0.4, rel=0.02)
-    assert found.retreat_mm_s == pytest.approx((AWAY_MM - top + 3.0) / 0.3, rel=0.02)
-    assert found.slide_mm_s == 0.0
-    assert found.stops == {"lags": 2}
+    assert found["lowest_mm"] == pytest.approx(found["breach_mm"], abs=0.2)
+    assert found["lowest_mm"] < -1.0
+    assert found["vertices_mm"] >= found["lowest_mm"] - 1e-6
+    assert found["approach_mm_s"] == pytest.approx((AWAY_MM - top + 3.0) / 0.4, rel=0.02)
+    assert found["retreat_mm_s"] == pytest.approx((AWAY_MM - top + 3.0) / 0.3, rel=0.02)
+    assert found["slide_mm_s"] == 0.0
+    assert found["stops"] == {"lags": 2}
 
 
 def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path: Path) -> None:
@@ -57,8 +57,8 @@ def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path: Path) 
     truth = write_truth(tmp_path / "a.npz", np.full(300, top + 4.0), np.full(300, Phase.PUSH))
     truth._poses[:, 14] = np.linspace(0.0, 4.0, 300)  # it rises
     found = judged(0, True, truth, engine, surfaces, (0, 300), {})
-    assert found.lowest_mm < STOP_MM
-    assert found.breach_mm is None
+    assert found["lowest_mm"] < STOP_MM
+    assert found["breach_mm"] is None
 
 
 def test_lowest_vertex_is_that_of_every_vertex_at_every_pose() -> None:

@@ -36,7 +36,6 @@ def constraint(sent_ms, *, hold=False, state=0, valid_ms=60, reasons=("clear",))
         reasons=reasons,
         hold=hold,
         nonce=0,
-        signed_distance_mm=40.0,
         stop_mm=1.0,
         single_source=False,
         model_id="",

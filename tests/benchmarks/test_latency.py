@@ -18,26 +18,21 @@ pytest.importorskip(
 )
 
 from app.scene.nodes.convert import world_matrix
-from benchmarks.latency.measure import KINDS, measure, sending
+from benchmarks.latency.measure import KINDS, STOP_KINDS, StopRun, delays_at, measure, sending
 from benchmarks.latency.qt_loops import KEPT
 from benchmarks.latency.receivers import complete_frame_stamp
 from benchmarks.latency.results import (
+    DELAYS_PNG,
     OURS,
     POLLED,
+    STOPS_PNG,
     Run,
     goals,
     runs_table,
     transports_ms,
-)
-from benchmarks.latency.senders import SWEEP_RAD, TURN_RAD, angle_at, body_frames
-from benchmarks.latency.stops import (
-    DELAYS_PNG,
-    STOP_KINDS,
-    STOPS_PNG,
-    StopRun,
-    delays_at,
     write_plots,
 )
+from benchmarks.latency.senders import SWEEP_RAD, TURN_RAD, angle_at, body_frames
 from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
@@ -52,7 +47,7 @@ def test_every_body_arrives_at_its_sent_pose(name, domain_id):
     kind = BY_NAME[name]
     with (
         sending((kind.sends, BODIES, kind.rate_hz, 0.0, SECONDS)) as ((sender,), port),
-        closing(kind.open(BODIES, SECONDS, port)) as receiver,
+        closing(kind.open(BODIES, port)) as receiver,
     ):
         receiver.run(sender.has_event)
         report = sender.expect("sent")

@@ -13,9 +13,8 @@ pytest.importorskip(
     "PySide6.QtCore", reason="PySide6 cannot be loaded: apt install libegl1", exc_type=ImportError
 )
 
-from benchmarks.latency.measure import KINDS, LISTENER, measure
+from benchmarks.latency.measure import KINDS, LISTENER, STOP_KINDS, measure, measure_stops
 from benchmarks.latency.results import stops_table
-from benchmarks.latency.stops import STOP_KINDS, measure_stops
 from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.long

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.view.__main__ import failures, figures
+from benchmarks.harness.goals import missed
+from benchmarks.view.__main__ import figures, goals
 from benchmarks.view.stamps import BITS, SIDE, stamp
 
 pytestmark = pytest.mark.slow
@@ -34,7 +35,7 @@ def test_delay_is_measured_from_the_due_time():
     assert (found["pictures"], found["per_s"]) == (20, 10.0)
     assert {found[f"delay_{name}_ms"] for name in ("p50", "p95", "max")} == {80.0}
     assert (found["longest_gap_ms"], found["growth_ms"]) == (100.0, 0.0)
-    assert failures(found) == []
+    assert missed(goals(found)) == []
 
 
 def test_low_rate_delay_and_growth_are_failures():
@@ -42,7 +43,7 @@ def test_low_rate_delay_and_growth_are_failures():
     seen = [[frame, due_ms[frame] + 200.0 + frame] for frame in range(0, 1000, 10)]
     found = figures(seen, due_ms, seconds=20.0)
     assert found["growth_ms"] == pytest.approx(750.0)
-    assert [sentence.split(";")[0] for sentence in failures(found)] == [
+    assert [sentence.split(";")[0] for sentence in missed(goals(found))] == [
         "there are 5 pictures a second",
         f"p95 of the delay is {found['delay_p95_ms']:g} ms",
         "the delay grew by 750 ms",

@@ -16,7 +16,7 @@ from app.fixture import ProximityEngine, prepared_tumor
 from app.geometry import InputError, MeshError, SurfaceMesh, Transform
 from app.runtime import ComputeProcess
 from app.runtime.memory_file import read_object, write_object
-from benchmarks.fixture_shapes import tool, tumor
+from tests.fixture_shapes import tool, tumor
 
 pytestmark = pytest.mark.long
 

@@ -11,7 +11,8 @@ import trimesh
 from app.fixture import ProximityEngine, prepared_tumor
 from app.geometry import FrameError, MeshError, SurfaceMesh, Transform
 from app.session import ToolEngines, prepare_replacement, tumor_change
-from benchmarks.fixture_shapes import cautery, lobed_tumor, tumor
+from benchmarks.fixture_shapes import cautery, lobed_tumor
+from tests.fixture_shapes import tumor
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 from app.files.shipped import shipped
-from benchmarks.view.chromium import launch_webgl
+from benchmarks.view.chromium import ARGUMENTS, CHROMIUM
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import (
     drag,
@@ -37,7 +37,10 @@ PICTURE_FITS = """[document.querySelector('main.view img')].every((image) => !im
 
 @pytest.fixture(scope="module")
 def webgl(browser):
-    launched = launch_webgl(browser.browser_type)
+    """A browser that draws WebGL by software (SwiftShader)."""
+    software = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+    arguments = [each for each in ARGUMENTS if each != "--disable-gpu"] + software
+    launched = browser.browser_type.launch(executable_path=CHROMIUM, args=arguments)
     yield launched
     launched.close()
 

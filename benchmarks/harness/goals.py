@@ -1,0 +1,58 @@
+"""Goals of the figures, and the exit status of a benchmark."""
+
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from benchmarks.harness.figures import table, write_json
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A figure ``found`` and what is ``expected``; ``good`` is None if it was not measured."""
+
+    what: str
+    found: str
+    good: bool | None
+    expected: str = ""
+
+
+def _limited(
+    kind: str, what: str, value: float | None, limit: float, unit: str = "", digits: str = "g"
+) -> Goal:
+    expected = f"{kind} {round(limit, 2)} {unit}".strip()
+    if value is None:
+        return Goal(what, "not measured in this run", None, expected)
+    good = value <= limit if kind == "at most" else value >= limit
+    return Goal(what, f"{value:{digits}} {unit}".strip(), good, expected)
+
+
+# For example at_most("step p99 is", 1.2, 1.0, "ms", ".3f").
+at_most, at_least = partial(_limited, "at most"), partial(_limited, "at least")
+
+
+def missed(goals: Iterable[Goal]) -> list[str]:
+    """One sentence for each missed goal: the figure beside what is expected."""
+    wrong = [goal for goal in goals if goal.good is False]
+    return [f"{each.what} {each.found}; expected {each.expected}" for each in wrong]
+
+
+def goals_table(goals: Iterable[Goal], title: str = "goals") -> Table:
+    """One row per goal, with the measured value and whether it is met."""
+    labels = {True: "[green]ok[/]", False: "[bold red]MISS[/]", None: "-"}
+    rows = [(labels[each.good], f"{each.what} {each.expected}", each.found) for each in goals]
+    return table(title, ("", "goal", "measured"), rows, left=3)
+
+
+def finish(path: Path | None, figures: Mapping[str, Any], goals: Iterable[Goal]) -> int:
+    """Write the figures, print the missed goals on standard error; the exit status: 1 with any."""
+    wrong = missed(goals)
+    write_json(path, {**figures, "failures": wrong})
+    for sentence in wrong:
+        print(sentence, file=sys.stderr)
+    return 1 if wrong else 0
