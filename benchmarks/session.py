@@ -74,7 +74,6 @@ class Trajectory:
         self._joints = np.array([np.interp(times_ns, known_ns, axis) for axis in axes]).T
 
     def frames(self, count: int) -> Iterator[TrackingFrame]:
-        """Yield ``count`` frames."""
         for k in range(count):
             at = to_and_fro(k, self._count)
             stamp = Stamp(self._start_ns + k * self._period_ns, self._clock)
@@ -145,7 +144,6 @@ class Stepping:
         self.states = dict.fromkeys(MarginState, 0)
 
     def cycle(self, k: int) -> None:
-        """Build frame ``k``, then run and time its step."""
         frame = next(self._frames)
         self._model.cpu_ns = 0
         wall, cpu = time.perf_counter_ns(), time.thread_time_ns()

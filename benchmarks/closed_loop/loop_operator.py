@@ -56,7 +56,6 @@ class Operator:
         return Counter({key.removeprefix("stops: "): count for key, count in found.items()})
 
     def texts(self) -> dict[str, str]:
-        """All messages on ``/diagnostics`` by name."""
         return dict(self._states)
 
     def rearm(self) -> None:

@@ -50,7 +50,6 @@ class Stop:
 
     @property
     def is_safe(self) -> bool:
-        """True if the arm stood in time."""
         return self.still_ms is not None and self.still_ms <= self.limit_ms + ALLOWED_MS
 
     @property

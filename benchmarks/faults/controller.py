@@ -5,6 +5,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -46,19 +47,11 @@ class Controller:
         self._closing = threading.Event()
         rclpy.init()
         self.node = rclpy.create_node("controller")
-        self.node.create_subscription(
-            FixtureConstraint,
-            "/marginguard/constraint",
-            self._take_constraint,
-            QoSProfile(depth=2000),
-            raw=True,
-        )
-        self.node.create_subscription(
-            TwistStamped, "/marginguard/allowed_twist", self._take_twist, QoSProfile(depth=100)
-        )
-        self._desired = self.node.create_publisher(
-            TwistStamped, "/marginguard/desired_twist", QoSProfile(depth=1)
-        )
+        subscribe, guard = self.node.create_subscription, "/marginguard"
+        take, qos = self._take_constraint, QoSProfile(depth=2000)
+        subscribe(FixtureConstraint, f"{guard}/constraint", take, qos, raw=True)
+        subscribe(TwistStamped, f"{guard}/allowed_twist", self._take_twist, 100)
+        self._desired = self.node.create_publisher(TwistStamped, f"{guard}/desired_twist", 1)
         self.requests = Requests(self.node, timeout_s=5.0)
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
@@ -88,10 +81,8 @@ class Controller:
     def records(self) -> tuple[list[Constraint], list[Twist]]:
         """All records since `forget`, in the order of sending."""
         with self._changed:
-            return (
-                sorted(self._constraints, key=lambda each: each.sent_ns),
-                sorted(self._twists, key=lambda each: each.sent_ns),
-            )
+            sent = attrgetter("sent_ns")
+            return sorted(self._constraints, key=sent), sorted(self._twists, key=sent)
 
     def wait(self, accept: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until ``accept`` is true; it is called after each new content and each answer."""

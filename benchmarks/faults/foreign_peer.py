@@ -121,9 +121,7 @@ class Foreign(Requests):
         message = deserialize_message(bytes.fromhex(raw), FixtureConstraint)
         message.hold, message.model_id = False, "forged"
         message.instance_id = instance_id or message.instance_id
-        publisher = self.publisher(
-            FixtureConstraint, "/marginguard/constraint", QoSProfile(depth=1)
-        )
+        publisher = self.publisher(FixtureConstraint, "/marginguard/constraint", 1)
         first_ns = time.time_ns()
 
         def send():

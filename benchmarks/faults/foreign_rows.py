@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.faults.bench import ALL, NS_PER_MS, Bench, UnmeasuredError
 from benchmarks.faults.controller import rule_approaches
-from benchmarks.faults.records import APPROACH_MM_S, judge
-from benchmarks.faults.results import Row, Trial, Variant
+from benchmarks.faults.records import APPROACH_MM_S, Verdict, judge
+from benchmarks.faults.results import Row, Variant
 from benchmarks.faults.tracker_rows import AFTER_MS, check_cause
 from benchmarks.harness.processes import Child
 
@@ -55,7 +55,7 @@ def ask(node: Child, timeout_s: float = 30.0, **request: Any) -> dict[str, Any]:
     return node.expect("done", timeout_s)
 
 
-def _second_sender(bench: Bench, state: dict[str, Any]) -> Trial:
+def _second_sender(bench: Bench, state: dict[str, Any]) -> Verdict:
     sender = bench.sender("second", {**state, "shift": bench.scene.shift, "wait": True})
     try:
         sender.expect("ready")
@@ -65,10 +65,10 @@ def _second_sender(bench: Bench, state: dict[str, Any]) -> Trial:
         verdict = bench.observe(ns, SECOND_SENDER_MS, SECOND_SENDER_MS + AFTER_MS)
     finally:
         bench.leave(sender)
-    return check_cause(Trial(verdict))
+    return check_cause(verdict)
 
 
-def _tf_static(bench: Bench) -> Trial:
+def _tf_static(bench: Bench) -> Verdict:
     """Turn the robot's base while on hold; ask for twists along its axes."""
     controller = bench.controller
     with bench.foreign() as node:
@@ -93,10 +93,10 @@ def _tf_static(bench: Bench) -> Trial:
             verdict = bench.observe(ns, 0.0, 1000.0, tolerance_ns=0, free_at_ns=None)
         finally:
             controller.frame = "tumor"
-    return Trial(verdict, note=f"{verdict.max_approach_mm_s:.0f} mm/s at most")
+    return replace(verdict, note=f"{verdict.max_approach_mm_s:.0f} mm/s at most")
 
 
-def _longer_stale(bench: Bench) -> Trial:
+def _longer_stale(bench: Bench) -> Verdict:
     try:
         with bench.foreign() as node:
             reply = ask(node, do="parameters", values={"stale_after_ms": 10_000.0})
@@ -104,13 +104,13 @@ def _longer_stale(bench: Bench) -> Trial:
             event = bench.set_fault(silent=ALL)
             last_ns = event["last_ns"]
             verdict = bench.observe(last_ns, bench.stale_ms, 1500.0, free_at_ns=reply["ns"])
-        return Trial(verdict, note="set" if reply["success"] else f"refused: {reply['message']}")
+        return replace(verdict, note="set" if reply["success"] else f"refused: {reply['message']}")
     finally:
         bench.set_fault(silent=None)
         bench.controller.requests.parameters({"stale_after_ms": bench.stale_ms})
 
 
-def _lower_stop(bench: Bench) -> Trial:
+def _lower_stop(bench: Bench) -> Verdict:
     stale_ms = bench.stale_ms
     try:
         with bench.foreign() as node:
@@ -118,15 +118,15 @@ def _lower_stop(bench: Bench) -> Trial:
             observe_ms = stale_ms + AFTER_MS
             verdict = bench.observe(reply["reply_ns"], stale_ms, observe_ms, free_at_ns=reply["ns"])
         if not reply["success"]:
-            return Trial(replace(verdict, late_constraints=0, late_twists=0), note="refused")
+            return replace(verdict, late_constraints=0, late_twists=0, note="refused")
         if "stale" in verdict.reasons:  # a loosening latches the hold without a fault
             raise UnmeasuredError("hold by a delay of the machine")
-        return Trial(verdict, note="set")
+        return replace(verdict, note="set")
     finally:
         bench.controller.requests.parameters({"stop_mm": 1.0})
 
 
-def _rearm(bench: Bench) -> Trial:
+def _rearm(bench: Bench) -> Verdict:
     with bench.foreign() as node:
         bench.put_on_hold()
         bench.controller.forget()
@@ -134,24 +134,24 @@ def _rearm(bench: Bench) -> Trial:
         first = ask(node, do="rearm", seq=MAX_SEQ, nonce=0)
         second = ask(node, do="rearm", seq=seen.seq, nonce=seen.content.nonce ^ 1)
         verdict = bench.observe(first["ns"], 0.0, 1000.0, free_at_ns=None)
-    return Trial(verdict, note=_answer(first["success"] or second["success"]))
+    return replace(verdict, note=_answer(first["success"] or second["success"]))
 
 
-def _rearm_as_operator(bench: Bench) -> Trial:
+def _rearm_as_operator(bench: Bench) -> Verdict:
     """A peer that reads the constraint can do what an operator's program does."""
     with bench.foreign() as node:
         seen = bench.put_on_hold()
         bench.controller.forget()
         reply = ask(node, do="rearm", seq=seen.seq, nonce=seen.content.nonce)
         verdict = bench.observe(reply["ns"], 0.0, 1000.0, free_at_ns=None)
-    return Trial(verdict, note=_answer(reply["success"]))
+    return replace(verdict, note=_answer(reply["success"]))
 
 
 def _answer(success: bool) -> str:
     return "accepted" if success else "refused"
 
 
-def _constraint(bench: Bench, instance_id: str) -> Trial:
+def _constraint(bench: Bench, instance_id: str) -> Verdict:
     """Publish forged constraints; judge the guard's own ones and the controller's rule."""
     with bench.foreign() as node:
         raw = bench.latest().content.raw.hex()
@@ -164,10 +164,10 @@ def _constraint(bench: Bench, instance_id: str) -> Trial:
     allowed = rule_approaches(constraints, bench.scene, after_ns=limit_ns)
     note = f"{len(constraints) - len(own)} forged of {len(constraints)}; rule allows {allowed}"
     late = verdict.late_constraints + allowed
-    return check_cause(Trial(replace(verdict, late_constraints=late), note=note))
+    return check_cause(replace(verdict, late_constraints=late, note=note))
 
 
-def _set_tumor(bench: Bench) -> Trial:
+def _set_tumor(bench: Bench) -> Verdict:
     """Shrink the tumour, and re-arm with the nonce of an earlier hold."""
     with bench.foreign() as node:
         old = bench.put_on_hold()
@@ -178,10 +178,10 @@ def _set_tumor(bench: Bench) -> Trial:
         bench.controller.wait_until(reply["reply_ns"] + round(LEAD_MS * NS_PER_MS))
         again = ask(node, do="rearm", seq=bench.latest().seq, nonce=old.content.nonce)
         verdict = bench.observe(reply["reply_ns"], bench.stale_ms, 1500.0, free_at_ns=None)
-    return Trial(verdict, note=f"re-arm {_answer(again['success'])}")
+    return replace(verdict, note=f"re-arm {_answer(again['success'])}")
 
 
-def _large_tumor(bench: Bench) -> Trial:
+def _large_tumor(bench: Bench) -> Verdict:
     """A tumour that takes seconds to prepare must not interrupt the constraint."""
     with bench.foreign() as node:
         reply = ask(node, 120.0, **TUMOR, radius_mm=20.0, triangles=300_000)
@@ -190,4 +190,4 @@ def _large_tumor(bench: Bench) -> Trial:
     gap_ms = max(np.diff(sent)) / NS_PER_MS
     seconds, client_s = ((reply[end] - reply["ns"]) / 1e9 for end in ("reply_ns", "sent_ns"))
     note = f"{seconds:.2f} s, {client_s:.2f} s of it in the client, longest gap {gap_ms:.0f} ms"
-    return Trial(verdict, note=note if reply["success"] else f"refused: {reply['message']}")
+    return replace(verdict, note=note if reply["success"] else f"refused: {reply['message']}")

@@ -9,8 +9,8 @@ from functools import partial
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
 from benchmarks.faults.controller import rule_approaches
-from benchmarks.faults.records import UNKNOWN, judge
-from benchmarks.faults.results import Row, Trial, Variant
+from benchmarks.faults.records import UNKNOWN, Verdict, judge
+from benchmarks.faults.results import Row, Variant
 from benchmarks.harness.processes import ChildError
 
 STOPS = 25
@@ -33,7 +33,7 @@ def guard_rows() -> Iterator[Row]:
         yield Row(name, Variant.LIVE_JOINTS, run, second_source, "0 ms", trials=trials)
 
 
-def _stopped(bench: Bench) -> Trial:
+def _stopped(bench: Bench) -> Verdict:
     """After waking nothing is permissive: neither old data nor the commands that have waited."""
     bench.free()
     guard = bench.guard
@@ -46,17 +46,17 @@ def _stopped(bench: Bench) -> Trial:
     finally:
         woken_ns = time.time_ns()
         guard.send_signal(signal.SIGCONT)
-    return Trial(bench.observe(woken_ns, 0.0, 600.0, tolerance_ns=0, free_at_ns=stopped_ns))
+    return bench.observe(woken_ns, 0.0, 600.0, tolerance_ns=0, free_at_ns=stopped_ns)
 
 
-def _restarted(bench: Bench, on_hold: bool) -> Trial:
+def _restarted(bench: Bench, on_hold: bool) -> Verdict:
     """A guard that starts after SIGKILL must be on hold until it is re-armed."""
     killed_ns = _kill_and_restart(bench, on_hold)
     verdict = bench.observe(killed_ns, 0.0, 0.0, free_at_ns=None)
-    return Trial(verdict, note=_first_known(bench))
+    return replace(verdict, note=_first_known(bench))
 
 
-def _replaced(bench: Bench) -> Trial:
+def _replaced(bench: Bench) -> Verdict:
     """The rule of a controller must not allow motion by the new guard."""
     killed_ns = _kill_and_restart(bench, False, forget=False)
     limit_ns = killed_ns + round(bench.stale_ms * 1e6)
@@ -67,7 +67,7 @@ def _replaced(bench: Bench) -> Trial:
     verdict = replace(verdict, to_safe_ms=None, late_constraints=allowed, late_twists=0)
     if allowed == 0:
         verdict = replace(verdict, to_safe_ms=0.0, over_limit_ms=0.0)
-    return Trial(verdict, note=f"{len(new)} messages of the new guard")
+    return replace(verdict, note=f"{len(new)} messages of the new guard")
 
 
 def _kill_and_restart(bench: Bench, on_hold: bool, *, forget: bool = True) -> int:
@@ -99,7 +99,7 @@ def _first_known(bench: Bench) -> str:
     return ""
 
 
-def _second_instance(bench: Bench) -> Trial:
+def _second_instance(bench: Bench) -> Verdict:
     """A second guard beside one on hold must not start, or not be permissive."""
     bench.free()
     held = bench.put_on_hold()
@@ -125,10 +125,10 @@ def _second_instance(bench: Bench) -> Trial:
         verdict = bench.observe(begin_ns, 0.0, 0.0, free_at_ns=None)
     finally:
         status = other.end(signal.SIGINT)
-    return Trial(verdict, note=f"refused, status {status}" if refused else "started")
+    return replace(verdict, note=f"refused, status {status}" if refused else "started")
 
 
-def _driver(bench: Bench, number: signal.Signals) -> Trial:
+def _driver(bench: Bench, number: signal.Signals) -> Verdict:
     """A driver that is restarted is no second sender; a dropout may hold."""
     bench.free()
     assert bench.tracker is not None
@@ -141,8 +141,9 @@ def _driver(bench: Bench, number: signal.Signals) -> Trial:
     try:
         bench.free()
     except (UnmeasuredError, ChildError) as error:
-        return Trial(replace(verdict, to_safe_ms=None), note=f"not re-armed: {error}")
-    return Trial(
-        replace(verdict, late_constraints=verdict.late_constraints + accused),
+        return replace(verdict, to_safe_ms=None, note=f"not re-armed: {error}")
+    return replace(
+        verdict,
+        late_constraints=verdict.late_constraints + accused,
         note=f"second_sender in {accused}; re-armed",
     )

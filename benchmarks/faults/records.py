@@ -66,7 +66,10 @@ class Twist:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What followed a fault. Times in ms from the fault; None if the session never became safe."""
+    """What followed a fault. Times in ms from the fault; None if the session never became safe.
+
+    ``error_mm``: error of the pose when the fault was detected.
+    """
 
     to_safe_ms: float | None
     over_limit_ms: float
@@ -75,6 +78,8 @@ class Verdict:
     max_approach_mm_s: float
     reasons: tuple[str, ...]
     single_source: bool | None
+    error_mm: float | None = None
+    note: str = ""
 
 
 def judge(

@@ -34,15 +34,6 @@ class Variant(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """``verdict`` of one fault, with the error of the pose when it was detected, and a note."""
-
-    verdict: Verdict
-    error_mm: float | None = None
-    note: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Row:
     """One fault under one variant.
 
@@ -53,7 +44,7 @@ class Row:
 
     name: str
     variant: Variant
-    run: Callable[["Bench"], Trial]
+    run: Callable[["Bench"], Verdict]
     second_source: str
     bound: str
     residual: str = ""
@@ -62,7 +53,6 @@ class Row:
 
     @property
     def label(self) -> str:
-        """Unique name: that of the fault and the variant."""
         return f"{self.name} ({self.variant})"
 
 
@@ -75,27 +65,23 @@ class RowResult:
     """
 
     row: Row
-    trials: list[Trial] = field(default_factory=list)
+    trials: list[Verdict] = field(default_factory=list)
     unmeasured: list[str] = field(default_factory=list)
     held_before: str = ""
 
     @property
     def to_safe_ms(self) -> list[float]:
         """Times to safe of the trials that became safe, in ms."""
-        times = [trial.verdict.to_safe_ms for trial in self.trials]
+        times = [trial.to_safe_ms for trial in self.trials]
         return [time for time in times if time is not None]
 
     @property
     def never_safe(self) -> int:
-        """Number of trials that did not become safe."""
         return len(self.trials) - len(self.to_safe_ms)
 
     @property
     def late(self) -> int:
-        """Number of late permissive constraints and answers, over all trials."""
-        return sum(
-            trial.verdict.late_constraints + trial.verdict.late_twists for trial in self.trials
-        )
+        return sum(trial.late_constraints + trial.late_twists for trial in self.trials)
 
     @property
     def outcome(self) -> str:
@@ -108,7 +94,7 @@ class RowResult:
             return SAFE
         if self.row.second_source:
             return UNSAFE
-        flagged = all(trial.verdict.single_source for trial in self.trials)
+        flagged = all(trial.single_source for trial in self.trials)
         return RESIDUAL if flagged or self.row.residual != SINGLE_SOURCE else UNFLAGGED
 
     @property
@@ -117,13 +103,13 @@ class RowResult:
         return self.outcome in (SAFE, RESIDUAL)
 
     def document(self) -> dict[str, Any]:
-        verdicts = [trial.verdict for trial in self.trials]
-        times = self.to_safe_ms
+        verdicts, times = self.trials, self.to_safe_ms
         sources = {verdict.single_source for verdict in verdicts}
         worst = {
             name: max((getattr(each, name) for each in verdicts), default=None)
             for name in ("over_limit_ms", "max_approach_mm_s")
         }
+        errors_mm = [each.error_mm for each in verdicts if each.error_mm is not None]
         row, median = self.row, statistics.median(times) if times else None
         return {
             "fault": row.name, "variant": str(row.variant),
@@ -135,8 +121,7 @@ class RowResult:
             "late_constraints": sum(verdict.late_constraints for verdict in verdicts),
             "late_twists": sum(verdict.late_twists for verdict in verdicts),
             **worst,
-            "error_mm": max((t.error_mm for t in self.trials if t.error_mm is not None),
-                            default=None),
+            "error_mm": max(errors_mm, default=None),
             "single_source": None if sources <= {None} else True in sources,
             "reasons": reasons(verdicts),
             "notes": [trial.note for trial in self.trials if trial.note],

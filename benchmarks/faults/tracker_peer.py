@@ -26,7 +26,6 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from marginguard_msgs.msg import TrackedTransform
-from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
@@ -63,16 +62,14 @@ class Tracker:
         emit("ready")
         if state.get("wait") and "end" in self.changes.get():
             return False
-        qos = QoSProfile(depth=100)
         # A second sender of one kind must not appear as one of the other kind.
         if state.get("poses") is not False:
-            self.poses = self.node.create_publisher(TrackedTransform, "/tracked_transforms", qos)
+            self.poses = self.node.create_publisher(TrackedTransform, "/tracked_transforms", 100)
         if state.get("joints") is not False:
-            self.joints = self.node.create_publisher(JointState, "/joint_states", qos)
+            self.joints = self.node.create_publisher(JointState, "/joint_states", 100)
         return True
 
     def run(self):
-        """Send until standard input ends."""
         period_ns, begin_ns = self.scene["period_ns"], self.scene["begin_ns"]
         beat = (time.time_ns() - begin_ns) // period_ns + 1
         while self.node.context.ok():

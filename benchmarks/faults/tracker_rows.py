@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any
 
 from benchmarks.faults.bench import ALL, Bench, UnmeasuredError
-from benchmarks.faults.records import Constraint
-from benchmarks.faults.results import DROPOUT, SINGLE_SOURCE, Row, Trial, Variant
+from benchmarks.faults.records import Constraint, Verdict
+from benchmarks.faults.results import DROPOUT, SINGLE_SOURCE, Row, Variant
 
 INVALID, OUT_OF_VIEW = 1, 3
 AFTER_MS = 500.0  # time of observation after the limit
@@ -60,17 +60,17 @@ def tracker_rows() -> Iterator[Row]:
         yield Row(f"frozen tool, {name}", Variant.NO_ROBOT, run, source, "margin grows")
 
 
-def check_cause(trial: Trial, *, dropout: bool = False) -> Trial:
-    """``trial``; raises `UnmeasuredError` if the hold had another cause than the fault."""
-    reasons = set(trial.verdict.reasons)
+def check_cause(verdict: Verdict, *, dropout: bool = False) -> Verdict:
+    """``verdict``; raises `UnmeasuredError` if the hold had another cause than the fault."""
+    reasons = set(verdict.reasons)
     if not dropout and reasons and reasons <= DROPOUT:
         raise UnmeasuredError(f"hold by a delay of the machine: {', '.join(sorted(reasons))}")
-    return trial
+    return verdict
 
 
 def _fault(
     bench: Bench, state: dict[str, Any], *, limit_ms: float | None = None, dropout: bool = False
-) -> Trial:
+) -> Verdict:
     """Set ``state`` at the tracker, observe, and undo it."""
     limit_ms = bench.stale_ms if limit_ms is None else limit_ms
     bench.free()
@@ -80,26 +80,26 @@ def _fault(
         verdict = bench.observe(begin_ns, limit_ms, limit_ms + AFTER_MS)
     finally:
         bench.set_fault(**dict.fromkeys(state))
-    return check_cause(Trial(verdict), dropout=dropout)
+    return check_cause(verdict, dropout=dropout)
 
 
-def _creep(bench: Bench) -> Trial:
+def _creep(bench: Bench) -> Verdict:
     limit_ms = 1000.0 * CREEP_BOUND_MM / CREEP_MM_S
-    trial = _fault(bench, {"creep_mm_s": CREEP_MM_S}, limit_ms=limit_ms)
-    to_safe_ms = trial.verdict.to_safe_ms
-    seconds = (limit_ms + AFTER_MS if to_safe_ms is None else to_safe_ms) / 1000.0
-    return replace(trial, error_mm=CREEP_MM_S * seconds)
+    verdict = _fault(bench, {"creep_mm_s": CREEP_MM_S}, limit_ms=limit_ms)
+    never = verdict.to_safe_ms is None
+    seconds = (limit_ms + AFTER_MS if never else verdict.to_safe_ms) / 1000.0
+    return replace(verdict, error_mm=CREEP_MM_S * seconds)
 
 
-def _killed(bench: Bench) -> Trial:
+def _killed(bench: Bench) -> Verdict:
     bench.free()
     assert bench.tracker is not None
     begin_ns = max(each.content.stamp_ns for each in bench.controller.records()[0])
     bench.tracker.end(signal.SIGKILL)
-    return Trial(bench.observe(begin_ns, bench.stale_ms, bench.stale_ms + AFTER_MS))
+    return bench.observe(begin_ns, bench.stale_ms, bench.stale_ms + AFTER_MS)
 
 
-def _frozen(bench: Bench, at_rest: bool) -> Trial:
+def _frozen(bench: Bench, at_rest: bool) -> Verdict:
     """The margin must grow with the time since the last change.
 
     A constraint counts as late if it is permissive with a margin that lacks what the tool can have
@@ -122,7 +122,7 @@ def _frozen(bench: Bench, at_rest: bool) -> Trial:
     allowed_mm = V_MAX_MM_S * (bench.stale_ms / 1e3 + 0.03)
     late = max(verdict.late_constraints, sum(each > allowed_mm for each in lacking))
     error_mm = max(lacking, default=0.0)
-    return check_cause(Trial(replace(verdict, late_constraints=late), error_mm=error_mm))
+    return check_cause(replace(verdict, late_constraints=late, error_mm=error_mm))
 
 
 def _permissive(bench: Bench) -> list[Constraint]:

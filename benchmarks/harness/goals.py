@@ -21,6 +21,10 @@ class Goal:
     good: bool | None
     expected: str = ""
 
+    @property
+    def text(self) -> str:
+        return f"{self.what} {self.expected}".strip()
+
 
 def _limited(
     kind: str, what: str, value: float | None, limit: float, unit: str = "", digits: str = "g"
@@ -45,7 +49,7 @@ def missed(goals: Iterable[Goal]) -> list[str]:
 def goals_table(goals: Iterable[Goal], title: str = "goals") -> Table:
     """One row per goal, with the measured value and whether it is met."""
     labels = {True: "[green]ok[/]", False: "[bold red]MISS[/]", None: "-"}
-    rows = [(labels[each.good], f"{each.what} {each.expected}", each.found) for each in goals]
+    rows = [(labels[goal.good], goal.text, goal.found) for goal in goals]
     return table(title, ("", "goal", "measured"), rows, left=3)
 
 

@@ -105,7 +105,6 @@ class Child:
         self._await(lambda: self.lines or self.has_event(), timeout_s)
 
     def send_signal(self, number: signal.Signals) -> None:
-        """Send a signal, if the process runs."""
         if self.running:
             self.process.send_signal(number)
 
@@ -124,7 +123,6 @@ class Child:
         return status
 
     def tail(self) -> str:
-        """The last lines of output and log."""
         return " | ".join([*self.lines[-1:], *self.log.read_text().splitlines()[-1:]])
 
     def _await(self, condition: Callable[[], Any], timeout_s: float) -> Any:

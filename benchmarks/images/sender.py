@@ -14,7 +14,7 @@ import numpy as np
 import rclpy
 from marginguard_msgs.msg import TrackedTransform
 from numpy.typing import NDArray
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 from benchmarks.harness.peer import input_ended
@@ -37,7 +37,7 @@ def main() -> None:
     ended = input_ended()
     rclpy.init()
     node = rclpy.create_node("images_sender")
-    poses = node.create_publisher(TrackedTransform, "/tracked_transforms", QoSProfile(depth=100))
+    poses = node.create_publisher(TrackedTransform, "/tracked_transforms", 100)
     images = node.create_publisher(Image, TOPIC, qos_profile_sensor_data)
     contents = [array("B", image_values(n).tobytes()) for n in range(_DIFFERENT)]
     period_ns = round(1e9 / POSES_HZ)

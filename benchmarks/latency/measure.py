@@ -181,7 +181,6 @@ class StopRun:
 
     @property
     def name(self) -> str:
-        """The kind, and the robot if there are several."""
         return f"{self.kind.name}: {self.robot}" if len(self.kind.robots) > 1 else self.kind.name
 
     def document(self) -> dict[str, object]:

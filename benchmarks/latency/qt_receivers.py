@@ -256,7 +256,6 @@ class TimedSource:
         return changed
 
     def sent(self, number: int) -> None:
-        """Note the picture, and acknowledge it."""
         now_ns, shown = time.time_ns(), self._source.shown
         stamp_ns = None if shown is None else complete_stamp(shown.step)
         pictures = self._receiver.pictures

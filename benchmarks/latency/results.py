@@ -1,12 +1,11 @@
 """Results of the receivers as tables and plain values, and the requirements on ours."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from app.geometry import FloatArray
@@ -56,15 +55,9 @@ class Run:
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("delays_ms", "transport_ms", "picture_ms", "step_ms")
         }
-        return Run(
-            self.name,
-            self.what,
-            self.rate_hz,
-            self.sent + later.sent,
-            (self.arrived or 0) + (later.arrived or 0) if known else None,
-            load=max(self.load, later.load),
-            **joined,
-        )
+        arrived = (self.arrived or 0) + (later.arrived or 0) if known else None
+        before = max(self.load, later.load)
+        return replace(self, sent=self.sent + later.sent, arrived=arrived, load=before, **joined)
 
     @property
     def mean_ms(self) -> float:
@@ -72,7 +65,6 @@ class Run:
 
     @property
     def shown(self) -> int:
-        """Number of frames that were in the scene."""
         return len(self.delays_ms)
 
     @property
@@ -120,10 +112,10 @@ def transports_ms(
     rows: Sequence[tuple[int, int]], arrivals_ns: Sequence[int] | None, counted_from_ns: int
 ) -> FloatArray:
     """Time from the stamp of each shown frame to the next arrival of a message."""
-    stamps: NDArray[np.int64] = np.array([s for s, _ in rows if s >= counted_from_ns], np.int64)
+    stamps = np.array([s for s, _ in rows if s >= counted_from_ns], np.int64)
     if arrivals_ns is None or not len(stamps):
         return np.empty(0)
-    arrivals: NDArray[np.int64] = np.array(arrivals_ns, np.int64)
+    arrivals = np.array(arrivals_ns, np.int64)
     found = np.searchsorted(arrivals, stamps)
     known = found < len(arrivals)
     return np.asarray((arrivals[found[known]] - stamps[known]) / 1e6)

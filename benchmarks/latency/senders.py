@@ -55,7 +55,6 @@ class TfOutput:
         self._publisher = self._ros.publisher(topics.TF)
 
     def wait_for_receiver(self) -> bool:
-        """Wait for a subscriber; False after the timeout."""
         return self._ros.wait_for_subscribers(self._topic, 1, _TIMEOUT_S)
 
     def send(self, frame: int) -> int:
@@ -170,13 +169,12 @@ def send_links(
     name: str, rate_hz: float, warm_up_s: float, stops: float, move_s: float, rest_s: float
 ) -> None:
     import rclpy
-    from rclpy.qos import QoSProfile
     from tf2_msgs.msg import TFMessage
 
     rclpy.init()
     node = rclpy.create_node(name)
     node.declare_parameter("robot_description", urdf())
-    publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+    publisher = node.create_publisher(TFMessage, "/tf", 100)
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()  # serves the parameter
     emit("listening", port=None)
     until_s = time.monotonic() + _TIMEOUT_S

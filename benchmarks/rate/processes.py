@@ -45,7 +45,6 @@ def receiver(folder: Path, seconds: float, case: Path) -> None:
     import rclpy
     from marginguard_msgs.msg import FixtureConstraint
     from rclpy.event_handler import SubscriptionEventCallbacks
-    from rclpy.qos import QoSProfile
 
     records = array.array("q")
 
@@ -55,14 +54,9 @@ def receiver(folder: Path, seconds: float, case: Path) -> None:
 
     rclpy.init()
     node = rclpy.create_node("rate_receiver")
-    node.create_subscription(
-        FixtureConstraint,
-        "/rate_sender/constraint",
-        take,
-        QoSProfile(depth=1000),
-        raw=True,
-        event_callbacks=SubscriptionEventCallbacks(matched=lambda _: emit("ready")),
-    )
+    ready = SubscriptionEventCallbacks(matched=lambda _: emit("ready"))
+    topic, depth = "/rate_sender/constraint", 1000
+    node.create_subscription(FixtureConstraint, topic, take, depth, raw=True, event_callbacks=ready)
     executor = rclpy.executors.SingleThreadedExecutor()
     executor.add_node(node)
     ended = rclpy.task.Future()

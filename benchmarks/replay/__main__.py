@@ -35,7 +35,7 @@ from app.bridge.environment import DOMAIN
 from app.case import open_case
 from app.case.messages.ros_messages import ros_types
 from app.geometry import InputError
-from benchmarks.harness.figures import in_turns, machine, show, table
+from benchmarks.harness.figures import in_turns, load, show, table
 from benchmarks.harness.goals import at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI
@@ -176,14 +176,12 @@ def main() -> int:
         report = str(Path(name) / "report")
         measured = _measured_report if options.report else _measured_replay
         found, rows = measured(options, Path(name), report)
-    this = machine()
-    found |= {"processors": this["cores"], "load_average": this["load"]}
     cells, goals = [], []
     for what, value, unit, goal in rows:
         cells.append((what, f"{value:.3f} {unit}", "" if goal is None else f"{goal:.3g} {unit}"))
         if goal is not None:
             goals.append(at_most(what, value, goal, unit, ".3f"))
-    show(table(f"load average {this['load']}", ("", "fastest", "goal"), cells))
+    show(table(f"load average {load()}", ("", "fastest", "goal"), cells))
     return finish(options.json, found, goals)
 
 

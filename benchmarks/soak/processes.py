@@ -69,14 +69,12 @@ def receiver() -> None:
     import rclpy
     from marginguard_msgs.msg import FixtureConstraint
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-    from rclpy.qos import QoSProfile
 
     rclpy.init()
     node = rclpy.create_node("soak_receiver")
     streams = {topic: Stream() for topic in (GUARD, BARE)}
     for topic, stream in streams.items():
-        qos = QoSProfile(depth=1000)
-        node.create_subscription(FixtureConstraint, topic, stream.take, qos, raw=True)
+        node.create_subscription(FixtureConstraint, topic, stream.take, 1000, raw=True)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 
@@ -97,14 +95,13 @@ def receiver() -> None:
 def sender(seconds: str) -> None:
     import rclpy
     from marginguard_msgs.msg import FixtureConstraint, HalfSpace
-    from rclpy.qos import QoSProfile
     from rclpy.serialization import serialize_message
 
     from app.bridge.heartbeat import ask_for_real_time
 
     rclpy.init()
     node = rclpy.create_node("bare")
-    publisher = node.create_publisher(FixtureConstraint, BARE, QoSProfile(depth=1))
+    publisher = node.create_publisher(FixtureConstraint, BARE, 1)
     message = FixtureConstraint(instance_id="0" * 32, half_spaces=[HalfSpace()])
 
     def send(beat: int) -> None:

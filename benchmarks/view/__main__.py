@@ -21,7 +21,7 @@ import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
 from app.cli.progress import announce_duration
-from benchmarks.harness.figures import machine, percentiles, show, table
+from benchmarks.harness.figures import load, percentiles, show, table
 from benchmarks.harness.goals import Goal, at_least, at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import children
@@ -101,10 +101,8 @@ def main() -> int:
         key.removesuffix("_ms"): round(ours[key] / peer[key], 2)
         for key in ("per_s", "delay_p50_ms", "delay_p95_ms")
     }
-    this = machine()
-    show(table("", ("", *COLUMNS), rows), f"ours over the default: {over}; load {this['load']}")
+    show(table("", ("", *COLUMNS), rows), f"ours over the default: {over}; load {load()}")
     found = {"ours": ours, "peer": peer, "ours_over_peer": over}
-    found |= {"processors": this["cores"], "load_average": this["load"]}
     return finish(options.json, found, goals(ours))
 
 

@@ -15,7 +15,6 @@ from benchmarks.faults.results import (
     UNSAFE,
     Row,
     RowResult,
-    Trial,
     Variant,
 )
 from benchmarks.faults.run import all_rows, selected
@@ -85,12 +84,12 @@ def result(second_source, *verdicts, residual="no authentication"):
     row = Row(
         name="a",
         variant=Variant.NO_ROBOT,
-        run=lambda bench: Trial(verdicts[0]),
+        run=lambda bench: verdicts[0],
         second_source=second_source,
         bound="60 ms",
         residual=residual,
     )
-    return RowResult(row, [Trial(each) for each in verdicts])
+    return RowResult(row, list(verdicts))
 
 
 def test_outcome_of_a_row():
