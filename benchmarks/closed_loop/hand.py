@@ -12,8 +12,7 @@ AWAY_MM = 40.0  # distance from the structure's origin at which a push begins
 REACHED_MM = 6.0
 SOFT_MM = 5.0  # nearer to its goal the hand's force falls to 0
 WAY_S, PUSH_S, SLIDE_S, RETREAT_S = 8.0, 1.5, 0.25, 0.5
-MAX_TILT = np.radians(55.0)
-"""Largest angle between a direction and +z of the world: what the arm reaches from above."""
+MAX_TILT = np.radians(55.0)  # largest angle from +z of the world: what the arm reaches from above
 
 
 class Phase(IntEnum):
@@ -37,14 +36,14 @@ class PushingHand:
         self._seed = seed
         self._direction: FloatArray = np.array([0.0, 0.0, 1.0])
         self._since_ns = 0
-        self._push_s = PUSH_S
+        self._longest_s: dict[Phase, float] = {}
         self.phase = Phase.REST
         self.reached = False
         """True if the last push began beside the structure, in its direction."""
 
     def begin(self, time_ns: int, number: int, push_s: float = PUSH_S) -> None:
         """Begin a push of ``push_s`` from the direction that seed and ``number`` give."""
-        self._push_s = push_s
+        self._longest_s = {Phase.PUSH: push_s, Phase.SLIDE: SLIDE_S, Phase.RETREAT: RETREAT_S}
         random = np.random.default_rng([self._seed, number])
         tilt = np.arccos(random.uniform(np.cos(MAX_TILT), 1.0))
         turn = random.uniform(-np.pi, np.pi)
@@ -81,12 +80,8 @@ class PushingHand:
                 self._next(Phase.PUSH, now_ns)
             elif spent_s > WAY_S:
                 self._next(Phase.REST, now_ns)
-        elif self.phase is Phase.PUSH and spent_s > self._push_s:
-            self._next(Phase.SLIDE, now_ns)
-        elif self.phase is Phase.SLIDE and spent_s > SLIDE_S:
-            self._next(Phase.RETREAT, now_ns)
-        elif self.phase is Phase.RETREAT and spent_s > RETREAT_S:
-            self._next(Phase.REST, now_ns)
+        elif spent_s > self._longest_s.get(self.phase, np.inf):
+            self._next(Phase((self.phase + 1) % len(Phase)), now_ns)
 
     def _next(self, phase: Phase, now_ns: int) -> None:
         self.phase, self._since_ns = phase, now_ns

@@ -28,8 +28,7 @@ from benchmarks.closed_loop.stand_ins import RAW_TOPIC
 from benchmarks.harness.peer import emit
 
 MIN_EFFORT_N_M = 5.0
-MID_MM, MID_MM_S = 28.0, 40.0
-"""A tool as near to the tumour's origin and as fast is in the middle of its approach."""
+MID_MM, MID_MM_S = 28.0, 40.0  # distance and speed of a tool in the middle of its approach
 
 
 class TruthShell:

@@ -83,7 +83,11 @@ def running_loop(
     """
     folder.mkdir(parents=True, exist_ok=True)
     errors_seed = seed if tracker_seed is None else tracker_seed
-    control, truth_file = write_control(folder, base_error, errors_seed), folder / "truth.npz"
+    control, truth_file = folder / "control.yaml", folder / "truth.npz"
+    document = yaml.safe_load(shipped(*WORLD, "control.yaml").read_text())
+    if base_error:
+        document["base"]["pose"]["matrix"] = drawn_registration(errors_seed).matrix.ravel().tolist()
+    control.write_text(yaml.safe_dump(document))
     live = ("live", "--config", shipped(*WORLD, "live.yaml"), "--constraint-hz", 200)
     stand_in = ("-m", "benchmarks.closed_loop.stand_ins")
     physics = ("-m", "benchmarks.closed_loop.physics", seed, errors_seed, truth_file)
@@ -95,16 +99,6 @@ def running_loop(
             child.first_output(START_S)
         start("physics", *physics).expect("ready", START_S)
         yield Loop(running, operator, truth_file)
-
-
-def write_control(folder: Path, base_error: bool, seed: int) -> Path:
-    """Write the shipped ``control.yaml``; with an error of the base if asked, drawn by ``seed``."""
-    document = yaml.safe_load(shipped(*WORLD, "control.yaml").read_text())
-    if base_error:
-        document["base"]["pose"]["matrix"] = drawn_registration(seed).matrix.ravel().tolist()
-    path = folder / "control.yaml"
-    path.write_text(yaml.safe_dump(document))
-    return path
 
 
 def drawn_registration(seed: int) -> Transform:

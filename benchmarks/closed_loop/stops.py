@@ -18,12 +18,8 @@ STALE_MS = 100.0  # ``stale_after_ms`` of the shipped live.yaml: the age limit o
 COMMAND_MS = 30.0  # age limit of a command at the arm
 ALLOWED_MS = 30.0  # time beyond the age limit in which the arm has to stand
 WATCH_S = 1.0
-LONG_PUSH_S = 5.0
-"""The hand pushes on while the arm is watched: another force deflects standing drives by 0.2 mm."""
-
-LIMITS_MS = {"guard": STALE_MS, "tracker": STALE_MS, "controller": COMMAND_MS}
-"""Age limit by the process that fails."""
-
+LONG_PUSH_S = 5.0  # on while the arm is watched: another force deflects standing drives by 0.2 mm
+LIMITS_MS = {"guard": STALE_MS, "tracker": STALE_MS, "controller": COMMAND_MS}  # by process
 SIGNALS = (signal.SIGKILL, signal.SIGSTOP)
 MAX_TRIES = 4
 

@@ -15,9 +15,7 @@ source of truth are named as residual risks.
 
 import sys
 from pathlib import Path
-from typing import Any
 
-from benchmarks.harness.figures import load, show, write_json
 from benchmarks.harness.options import BenchParser
 from benchmarks.ros_domain import own_ros
 
@@ -39,36 +37,9 @@ def main() -> int:
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep the programs' logs there")
     options = parser.parse_args()
     with own_ros(options.logs) as folder:
+        from benchmarks.faults.run import run  # ROS reads the variables when it is loaded
+
         return run(options, folder)
-
-
-def run(options: Any, folder: Path) -> int:
-    # Load ROS only now: it reads the variables when it is loaded.
-    from benchmarks.faults.bench import Bench, GuardStartError
-    from benchmarks.faults.results import results_table
-    from benchmarks.faults.run import run_rows, selected
-
-    rows = selected(options.rows)
-    if options.list or not rows:
-        print("\n".join(row.label for row in rows) or "no row has such a name; see --list")
-        return 0 if rows else 2
-    bench = Bench(folder, options.constraint_hz, options.stale_ms)
-    documents: list[dict[str, Any]] = []
-    passed = True
-    try:
-        for result in run_rows(bench, rows, options.trials):
-            print(f"{result.row.label}: {result.outcome}", flush=True)
-            passed = passed and result.passed
-            documents.append(result.document())
-            write_json(options.json, {"rows": documents})
-    except GuardStartError as error:
-        print(f"marginguard: error: {error}", file=sys.stderr)
-        return 1
-    finally:
-        bench.close()
-    title = f"{options.trials} trials per row; load {load():.1f}"
-    show(results_table(documents, title), width=200)
-    return 0 if passed else 1
 
 
 if __name__ == "__main__":

@@ -11,20 +11,16 @@ from typing import Any
 import yaml
 
 from app.files.shipped import shipped
+from app.geometry import NS_PER_MS
 from benchmarks.faults.controller import Controller
 from benchmarks.faults.records import TOLERANCE_NS, Constraint, Verdict, judge
 from benchmarks.faults.scene import Scene, write_scene
 from benchmarks.harness.processes import CLI, Child, ChildError
 
-NS_PER_MS = 1_000_000
 ALL = ["reference", "needle", "cautery"]  # the sensors
 START_S = 90.0  # a guard that starts may compile kernels
-FREE_S = 45.0
-"""A killed publisher stays on the graph for 20 s, and the session may be on hold until then."""
-
-STABLE_S = 0.5
-"""The session is permissive for so long, without an interruption, before a fault begins."""
-
+FREE_S = 45.0  # a killed publisher stays on the graph for 20 s, perhaps with a hold
+STABLE_S = 0.5  # the session is permissive for so long before a fault begins
 MIN_PUSHED = 5  # answers that approach in that time: without them a twist could not be judged
 
 

@@ -18,6 +18,7 @@ from rclpy.serialization import deserialize_message
 
 from app.bridge.plain_constraint import plain_constraint
 from app.fixture import FixtureRule, RuleReason
+from app.geometry import NS_PER_S
 from benchmarks.faults.foreign_peer import Requests
 from benchmarks.faults.records import APPROACH_MM_S, Constraint, Content, Twist
 from benchmarks.faults.scene import PERIOD_NS, Scene
@@ -25,9 +26,7 @@ from benchmarks.harness.peer import seq_of
 
 PUSH_MM_S = 50.0
 PUSH_PERIOD_S = 0.02
-NS = 10**9
-JUDGED_AGE_NS = 150_000_000
-"""Planes are older than the answer: the most favourable truth of this time counts."""
+JUDGED_AGE_NS = 150_000_000  # planes are older than the answer: the most favourable truth counts
 
 
 class Controller:
@@ -91,7 +90,7 @@ class Controller:
 
     def wait_until(self, ns: int) -> None:
         while (ahead_ns := ns - time.time_ns()) > 0:
-            time.sleep(ahead_ns / NS)
+            time.sleep(ahead_ns / NS_PER_S)
 
     def _take_constraint(self, raw: bytes, info: dict[str, int]) -> None:
         arrived_ns = time.time_ns()
@@ -136,7 +135,7 @@ class Controller:
             push = PUSH_MM_S / 1000.0 * self._direction(now_ns, frame)
             message = TwistStamped()
             message.header.frame_id = frame
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, NS)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, NS_PER_S)
             linear = message.twist.linear
             linear.x, linear.y, linear.z = map(float, push)
             self._desired.publish(message)
@@ -160,7 +159,7 @@ def _content(raw: bytes) -> Content:
 
 
 def _ns(stamp: Any) -> int:
-    return int(stamp.sec * NS + stamp.nanosec)
+    return int(stamp.sec * NS_PER_S + stamp.nanosec)
 
 
 def rule_approaches(constraints: Iterable[Constraint], scene: Scene, *, after_ns: int) -> int:

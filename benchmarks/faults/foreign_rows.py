@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.faults.bench import ALL, NS_PER_MS, Bench, UnmeasuredError
+from app.geometry import NS_PER_MS
+from benchmarks.faults.bench import ALL, Bench, UnmeasuredError
 from benchmarks.faults.controller import rule_approaches
 from benchmarks.faults.records import APPROACH_MM_S, Verdict, judge
 from benchmarks.faults.results import Row, Variant

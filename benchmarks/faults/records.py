@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-NS_PER_MS = 1e6
+from app.geometry import NS_PER_MS
+
 UNKNOWN = 3
 APPROACH_MM_S = 10.0
 """A twist towards the tumour that is faster than this is permissive; 50 mm/s are desired.

@@ -5,22 +5,17 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.table import Table
 
 from benchmarks.faults.records import Verdict
 from benchmarks.harness.figures import table
 
-if TYPE_CHECKING:
-    from benchmarks.faults.bench import Bench
-
 DROPOUT = frozenset({"stale", "missing", "latched", "starting", "recovering", "clear", "expired"})
 """Reasons of a hold that a busy machine causes, too."""
 
-SINGLE_SOURCE = "single source"
-"""Residual risk of a session that has no second measurement; it must be flagged as such."""
-
+SINGLE_SOURCE = "single source"  # risk of a session without a second measurement; must be flagged
 SAFE, UNSAFE, RESIDUAL, UNMEASURED = "safe", "UNSAFE", "residual risk", "not measured"
 UNFLAGGED = "NOT FLAGGED"  # a single source that the constraint does not name as such
 
@@ -35,7 +30,7 @@ class Variant(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One fault under one variant.
+    """One fault under one variant, which ``run`` injects on a `benchmarks.faults.bench.Bench`.
 
     ``second_source`` names what can contradict the fault; empty: nothing can, and ``residual``
     names the risk that remains. ``bound`` is the declared limit as text. ``restarts`` is true if
@@ -44,7 +39,7 @@ class Row:
 
     name: str
     variant: Variant
-    run: Callable[["Bench"], Verdict]
+    run: Callable[[Any], Verdict]
     second_source: str
     bound: str
     residual: str = ""

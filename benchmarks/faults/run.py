@@ -3,15 +3,42 @@
 import sys
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
 
-from benchmarks.faults.bench import Bench, UnmeasuredError
+from benchmarks.faults.bench import Bench, GuardStartError, UnmeasuredError
 from benchmarks.faults.foreign_rows import foreign_rows
 from benchmarks.faults.guard_rows import guard_rows
-from benchmarks.faults.results import Row, RowResult, Variant
+from benchmarks.faults.results import Row, RowResult, Variant, results_table
 from benchmarks.faults.tracker_rows import tracker_rows
+from benchmarks.harness.figures import load, show, write_json
 from benchmarks.harness.processes import ChildError
 
 MAX_ATTEMPTS = 5  # a trial is repeated so often if its effect could not be separated from another
+
+
+def run(options: Any, folder: Path) -> int:
+    rows = selected(options.rows)
+    if options.list or not rows:
+        print("\n".join(row.label for row in rows) or "no row has such a name; see --list")
+        return 0 if rows else 2
+    bench = Bench(folder, options.constraint_hz, options.stale_ms)
+    documents: list[dict[str, Any]] = []
+    passed = True
+    try:
+        for result in run_rows(bench, rows, options.trials):
+            print(f"{result.row.label}: {result.outcome}", flush=True)
+            passed = passed and result.passed
+            documents.append(result.document())
+            write_json(options.json, {"rows": documents})
+    except GuardStartError as error:
+        print(f"marginguard: error: {error}", file=sys.stderr)
+        return 1
+    finally:
+        bench.close()
+    title = f"{options.trials} trials per row; load {load():.1f}"
+    show(results_table(documents, title), width=200)
+    return 0 if passed else 1
 
 
 def all_rows() -> list[Row]:

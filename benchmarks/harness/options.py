@@ -48,8 +48,9 @@ class BenchParser(argparse.ArgumentParser):
             value = kind(word)
             enough = low < value if above else low <= value
             if not (enough and value <= high and value < math.inf):
-                wanted = _range_text(low, high, above)
-                raise argparse.ArgumentTypeError(f"{word}; expected {wanted}")
+                wanted = f"{'more than' if above else 'at least'} {low:g}"
+                limit = "" if high == math.inf else f", at most {high:g}"
+                raise argparse.ArgumentTypeError(f"{word}; expected {wanted}{limit}")
             return value
 
         checked.__name__ = kind.__name__  # named in the message for a word that is no number
@@ -60,12 +61,6 @@ class BenchParser(argparse.ArgumentParser):
         optional = {} if flag.startswith("-") else {"nargs": "?"}
         text = "default: data/recorded_case"
         self.add_argument(flag, type=case_folder, default=RECORDED_CASE, help=text, **optional)
-
-
-def _range_text(low: float, high: float, above: bool) -> str:
-    if high == math.inf:
-        return f"more than {low:g}" if above else f"{low:g} or more"
-    return f"more than {low:g}, at most {high:g}" if above else f"{low:g} to {high:g}"
 
 
 def case_folder(text: str) -> Path:

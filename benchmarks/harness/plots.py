@@ -5,7 +5,6 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,16 +16,11 @@ INK = "#1c2733"
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#7a5195", "#56b4e9", "#b07d00", "#8c8c8c", "#7fc8a9")
 _BINS = 120
 
-Times = Mapping[str, Sequence[tuple[float, float, float]]]
-"""By name of an engine: sizes with p50 and p99 in ms."""
+Times = Mapping[str, Sequence[tuple[float, float, float]]]  # by engine: size, p50, p99 in ms
 
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=100, layout="constrained")
-
-
-def _open(axes: Axes, *sides: str) -> None:
-    axes.spines[list(sides)].set_visible(False)
 
 
 def _write(figure: Figure, path: Path) -> None:
@@ -48,7 +42,7 @@ def write_histograms(path: Path, delays_ms: Mapping[str, FloatArray], label: str
         panel.set_yticks([])
         text = f"{name}\nmean {values.mean():.2f}, p99 {percentiles(values, 99)[0]:.2f} ms"
         panel.set_ylabel(text, rotation=0, ha="right", va="center", color=INK, fontsize=8)
-        _open(panel, "top", "right", "left")
+        panel.spines[["top", "right", "left"]].set_visible(False)
     panels[-1].set_xlabel(label, color=INK)
     panels[-1].xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     _write(figure, path)
@@ -71,7 +65,7 @@ def write_dots(path: Path, delays_ms: Mapping[str, FloatArray], label: str) -> N
     axes.set_xlim(left=0.0)
     axes.set_xlabel(label, color=INK)
     axes.grid(axis="x", color=INK, alpha=0.12, lw=0.6)
-    _open(axes, "top", "right", "left")
+    axes.spines[["top", "right", "left"]].set_visible(False)
     _write(figure, path)
 
 
@@ -99,7 +93,7 @@ def write_lines(path: Path, panels: Mapping[str, Times], label: str, bold: str) 
         axes.set_title(title, loc="left", color=INK, fontsize=11)
         axes.set_xlabel(label, color=INK)
         axes.grid(color=INK, alpha=0.12, lw=0.6)
-        _open(axes, "top", "right")
+        axes.spines[["top", "right"]].set_visible(False)
     all_axes[0].set_ylabel("ms per pose", color=INK)
     handles = [Line2D([], [], color=color, lw=2, label=name) for name, color in colors.items()]
     for style, text in (("-", "p50"), ("--", "p99"), (":", "1 ms: 1 kHz")):

@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import sync_playwright
 
 from app.cli.progress import announce_duration
 from app.geometry import FloatArray
 from benchmarks.harness.figures import percentiles, show
 from benchmarks.harness.goals import Goal, at_least, at_most, finish
 from benchmarks.harness.options import BenchParser
-from benchmarks.harness.processes import CLI, Child, children
+from benchmarks.harness.processes import CLI, children
 from benchmarks.images.session import write_session
 from benchmarks.ros_domain import own_ros
 from benchmarks.view.chromium import SIZE, launch
@@ -94,19 +94,14 @@ def measure(seconds: float, folder: Path) -> dict[str, Any]:
         page.wait_for_function("window.shownImages.length > 0", timeout=60_000)
         page.wait_for_timeout(1000.0 * _WARM_UP_S)
         page.evaluate("window.shownImages.length = 0; window.shownPictures = 0")
-        memory_mb = _memory(page, server, seconds)
+        memory_mb, left_s = [], seconds
+        while left_s > 0.0:
+            page.wait_for_timeout(1000.0 * min(left_s, _SAMPLE_S))
+            left_s -= _SAMPLE_S
+            memory_mb.append(server.rss_mb)
         shown = np.array(page.evaluate("window.shownImages"))
         pictures = page.evaluate("window.shownPictures")
     return figures(shown, pictures, memory_mb, seconds)
-
-
-def _memory(page: Page, server: Child, seconds: float) -> list[float]:
-    found, left_s = [], seconds
-    while left_s > 0.0:
-        page.wait_for_timeout(1000.0 * min(left_s, _SAMPLE_S))
-        left_s -= _SAMPLE_S
-        found.append(server.rss_mb)
-    return found
 
 
 def main() -> int:

@@ -21,8 +21,7 @@ from benchmarks.harness.peer import input_ended
 from benchmarks.images.session import COLUMNS, POSES_MM, ROWS, TOPIC
 
 IMAGES_HZ, POSES_HZ = 30, 60
-_DIFFERENT = 16
-"""Images that are sent in turn; their speckle does not compress, as that of a real probe."""
+_DIFFERENT = 16  # images sent in turn; their speckle does not compress, as that of a real probe
 
 
 def image_values(number: int) -> NDArray[np.uint8]:

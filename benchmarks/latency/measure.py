@@ -32,8 +32,7 @@ STOPS = 15
 MOVE_S, REST_S = 0.6, 0.4
 STOPS_WARM_UP_S = 3.0  # the receiver reads the description and builds the robots meanwhile
 STOPS_HZ = 99.5  # as `RATE_HZ`, for a robot that sends 100 times a second
-Open = Callable[[int, int | None], Receiver]
-"""Makes the receiver for a number of bodies and a TCP port."""
+Open = Callable[[int, int | None], Receiver]  # for a number of bodies and a TCP port
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +62,6 @@ def _qt(name: str, *waking: Any) -> Open:
     return opened
 
 
-def _igtl(bodies: int, port: int | None) -> Receiver:
-    return PolledIgtl(body_frames(bodies), port or 0)
-
-
 LISTENER = "rclpy listener"
 _MODULE, _PANEL = "BodiesInModule", "PanelReceiver"
 KINDS = (
@@ -76,7 +71,7 @@ KINDS = (
     Kind(POLLED, "the same module, polled", "tf", _qt(_MODULE, Waking(RELEASED, 5))),
     Kind("timer 20 ms", "polled, as before", "tf", _qt(_MODULE, Waking(RELEASED, 20))),
     Kind(f"timer 20 ms, {KEPT}", "as before, as PythonQt's", "tf", _qt(_MODULE, Waking(KEPT, 20))),
-    Kind("OpenIGTLink", "pyigtl, polled at 200 Hz", "igtl", _igtl),
+    Kind("OpenIGTLink", "pyigtl, polled at 200 Hz", "igtl", PolledIgtl),
     Kind("panel", "a session, woken", "session", _qt(_PANEL, Waking(RELEASED))),
     Kind(f"panel, {KEPT}", "a session, woken", "session", _qt(_PANEL, Waking(KEPT))),
     Kind("panel, timer 20 ms", "polled, as before", "session", _qt(_PANEL, Waking(RELEASED, 20))),

@@ -14,7 +14,7 @@ from app.geometry import NS_PER_S, FloatArray
 from app.scene import PoseNodes
 from app.scene.nodes.models import add_model, smooth_surface
 from benchmarks.fixture_shapes import lobed_tumor
-from benchmarks.latency.senders import ROOT
+from benchmarks.latency.senders import ROOT, body_frames
 
 _TRIANGLES = 1280
 _PAUSE_S = 0.05
@@ -84,9 +84,9 @@ class PolledIgtl(Receiver):
 
     # No arrivals: the client keeps only the last message of a device and does not count.
 
-    def __init__(self, frames: Sequence[str], port: int) -> None:
+    def __init__(self, bodies: int, port: int) -> None:
         super().__init__()
-        scene = vtkMRMLScene()
+        scene, frames = vtkMRMLScene(), body_frames(bodies)
         self.poses = PoseNodes(scene, ROOT, frames)
         add_bodies(scene, frames, list(self.poses.nodes.values()))
         self._indices = {frame: index for index, frame in enumerate(frames)}

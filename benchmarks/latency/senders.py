@@ -25,10 +25,8 @@ ROOT = "world"
 TURN_RAD = 0.01  # rotation of a body per frame
 LINKS, LINK_M, SWEEP_RAD = 7, 0.1, 0.8
 _TIMEOUT_S = 60.0
-_ROUNDING_NS = 10_000
-"""pyigtl's stamps are numbers of seconds in floating point; creating a frame takes longer."""
-_DRAIN_TIME_S = 0.3
-"""pyigtl sends from a thread of its own and drops unsent messages when it is stopped."""
+_ROUNDING_NS = 10_000  # pyigtl's stamps are floating-point seconds; creating a frame takes longer
+_DRAIN_TIME_S = 0.3  # pyigtl sends from its own thread and drops unsent messages when stopped
 
 
 def body_frames(count: int) -> tuple[str, ...]:

@@ -52,12 +52,9 @@ GOALS_S = {"load the program": 0.7, MESHES: 0.3, ANALYSIS: 3.0, "write the repor
 FRAME_GOAL_MS, CASE_GOAL_S, ROS_GOAL_S, LONG_GOAL = 0.12, 1.9, 3.0, 140.0
 REPORT_GOAL_S = 3.0
 DECODING_ROUNDS = 3
-LONG_S = 1000.0
-"""Recordings from here on have a goal in multiples of real time, shorter ones in seconds."""
-
+LONG_S = 1000.0  # recordings from here on have a goal in multiples of real time
 _LAP = re.compile(r"^ *([0-9.]+) s  (.+)$", re.MULTILINE)
-Row = tuple[str, float, str, float | None]
-"""What, the figure, its unit, and the goal that is an upper limit."""
+Row = tuple[str, float, str, float | None]  # what, the figure, its unit, its upper limit
 
 
 def run(case: Path, *options: str, domain: int | None = None) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError
 from benchmarks.harness.figures import load, percentiles, show, spread, table
 from benchmarks.harness.goals import at_most, finish
 from benchmarks.harness.options import BenchParser
-from benchmarks.harness.processes import CLI, Child, ChildError, children
+from benchmarks.harness.processes import CLI, ChildError, children
 from benchmarks.ros_domain import own_ros
 
 GOAL_MS = 0.5
@@ -57,37 +57,34 @@ def pace_of(stamps_ns: IntArray, arrivals_ns: IntArray, period_ns: int) -> dict[
 
 def measured_pace(world: Path, minutes: float) -> dict[str, float]:
     """Run ``world`` for that long, and measure its pace. Raises `MarginGuardError`."""
+    stamps: list[int] = []
+    arrivals: list[int] = []
     try:
         with own_ros() as folder, children(folder) as (_, start):
             simulation = start("simulation", *CLI, "simulate", world)
             simulation.line("SIMULATION", 300.0)
-            return _received(simulation, minutes)
+            # Load ROS only now: it reads the variables when it is loaded.
+            from app.bridge import RosNode, topics
+            from app.bridge.simulation.simulation_node import STATE_PERIOD_NS
+            from app.bridge.tf.wire import TfMessageReader
+            from app.bridge.world_editor import TRUTH
+
+            read = TfMessageReader()
+
+            def take(data: bytes) -> None:
+                now_ns = time.time_ns()
+                samples = read(data)
+                if samples and samples[0].child.startswith(TRUTH):
+                    stamps.append(samples[0].stamp_ns)
+                    arrivals.append(now_ns)
+
+            with RosNode("pace") as ros:
+                ros.subscribe(topics.TF, take, raw=True)
+                end_s = time.monotonic() + 60.0 * minutes
+                while (left_s := end_s - time.monotonic()) > 0.0:
+                    simulation.poll(min(left_s, 1.0))
     except ChildError as error:
         raise MarginGuardError(f"{error}; expected it to run") from error
-
-
-def _received(simulation: Child, minutes: float) -> dict[str, float]:
-    from app.bridge import RosNode, topics
-    from app.bridge.simulation.simulation_node import STATE_PERIOD_NS
-    from app.bridge.tf.wire import TfMessageReader
-    from app.bridge.world_editor import TRUTH
-
-    read = TfMessageReader()
-    stamps: list[int] = []
-    arrivals: list[int] = []
-
-    def take(data: bytes) -> None:
-        now_ns = time.time_ns()
-        samples = read(data)
-        if samples and samples[0].child.startswith(TRUTH):
-            stamps.append(samples[0].stamp_ns)
-            arrivals.append(now_ns)
-
-    with RosNode("pace") as ros:
-        ros.subscribe(topics.TF, take, raw=True)
-        end_s = time.monotonic() + 60.0 * minutes
-        while (left_s := end_s - time.monotonic()) > 0.0:
-            simulation.poll(min(left_s, 1.0))
     return pace_of(np.array(stamps), np.array(arrivals), STATE_PERIOD_NS)
 
 

@@ -30,8 +30,7 @@ from benchmarks.view.stamps import READ_IN_PAGE
 
 MIN_PER_S = 10.0
 MAX_P95_MS = 250.0
-MAX_GROWTH_MS = 50.0
-"""Largest growth of the delay from the first to the last quarter: less than one picture."""
+MAX_GROWTH_MS = 50.0  # of the delay from the first to the last quarter: less than one picture
 
 
 COLUMNS = {
