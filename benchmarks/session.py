@@ -12,7 +12,7 @@ time is printed as well; on an idle machine it is the same.
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -38,7 +38,6 @@ ROWS = {
     "  of it the rest": "rest_cpu", "step, wall time": "step_wall",
     "cycle begins late by": "late", "bare loop late by": "bare_late",
 }  # fmt: skip
-Answer = TypeVar("Answer")
 _PERIOD_NS = NS_PER_S // RATE_HZ
 _BARE_S = 5.0
 _MEMORY_EVERY = RATE_HZ // 2
@@ -122,7 +121,7 @@ class TimedModel:
     ) -> SweptProximity:
         return self._timed(self._model.sweep, previous, current, stamp)
 
-    def _timed(self, method: Callable[..., Answer], *arguments: object) -> Answer:
+    def _timed(self, method: Callable[..., Any], *arguments: object) -> Any:
         begin = time.thread_time_ns()
         try:
             return method(*arguments)

@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.files.extras import check_installed
 from app.geometry import InputError, MarginGuardError
@@ -31,10 +31,6 @@ from benchmarks.harness.figures import load, show, table, write_json
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import ChildError
 from benchmarks.ros_domain import own_ros
-
-if TYPE_CHECKING:
-    from benchmarks.closed_loop.loop_operator import Operator
-
 
 _KEYS = ("fixture", "number", "lowest_mm", "vertices_mm", "breach_mm", "stops")
 _SPEEDS = {"approach": "approach_mm_s", "sliding": "slide_mm_s", "retreat": "retreat_mm_s"}
@@ -103,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if is_good else 1
 
 
-def _run_pushes(options: Any, folder: Path, operator: "Operator") -> list[dict[str, Any]]:
+def _run_pushes(options: Any, folder: Path, operator: Any) -> list[dict[str, Any]]:
     """Rows of the pushes of each kind that the options ask for; prints processor times."""
     from benchmarks.closed_loop.pushes import run_pushes
 
@@ -144,9 +140,7 @@ def _print_pushes(rows: Sequence[Row], options: Any) -> bool:
     return is_good and len(rows) >= options.pushes * (2 if options.kind == "both" else 1)
 
 
-def _run_stops(
-    options: Any, folder: Path, operator: "Operator"
-) -> tuple[list[dict[str, Any]], bool]:
+def _run_stops(options: Any, folder: Path, operator: Any) -> tuple[list[dict[str, Any]], bool]:
     """The failures; true if all were measured and the arm stood in time. Prints their table."""
     from benchmarks.closed_loop.stops import LIMITS_MS, SIGNALS, run_stop
 

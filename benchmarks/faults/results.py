@@ -2,7 +2,7 @@
 
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -104,6 +104,7 @@ class RowResult:
             name: max((getattr(each, name) for each in verdicts), default=None)
             for name in ("over_limit_ms", "max_approach_mm_s")
         }
+        reasons = Counter(", ".join(each.reasons) for each in verdicts if each.reasons)
         errors_mm = [each.error_mm for each in verdicts if each.error_mm is not None]
         row, median = self.row, statistics.median(times) if times else None
         return {
@@ -118,15 +119,10 @@ class RowResult:
             **worst,
             "error_mm": max(errors_mm, default=None),
             "single_source": None if sources <= {None} else True in sources,
-            "reasons": reasons(verdicts),
+            "reasons": max(reasons, key=reasons.__getitem__, default=""),
             "notes": [trial.note for trial in self.trials if trial.note],
             "verdicts": [asdict(verdict) for verdict in verdicts],
         }  # fmt: skip
-
-
-def reasons(verdicts: Sequence[Verdict]) -> str:
-    found = Counter(", ".join(verdict.reasons) for verdict in verdicts if verdict.reasons)
-    return found.most_common(1)[0][0] if found else ""
 
 
 def results_table(documents: Iterable[dict[str, Any]], title: str) -> Table:

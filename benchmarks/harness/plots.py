@@ -1,6 +1,6 @@
 """Plots of figures as PNG files in one style."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import cycle
 from pathlib import Path
 
@@ -16,7 +16,7 @@ INK = "#1c2733"
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#7a5195", "#56b4e9", "#b07d00", "#8c8c8c", "#7fc8a9")
 _BINS = 120
 
-Times = Mapping[str, Sequence[tuple[float, float, float]]]  # by engine: size, p50, p99 in ms
+Times = dict[str, list[tuple[float, float, float]]]  # by engine: size, p50, p99 in ms
 
 
 def _figure(width: float, height: float) -> Figure:

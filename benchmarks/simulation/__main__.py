@@ -17,11 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.files.extras import check_installed
 from app.files.shipped import shipped
-from app.geometry import NS_PER_MS, NS_PER_S, MarginGuardError
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, MarginGuardError
 from benchmarks.harness.figures import load, percentiles, show, spread, table
 from benchmarks.harness.goals import at_most, finish
 from benchmarks.harness.options import BenchParser
@@ -32,10 +31,9 @@ GOAL_MS = 0.5
 MAX_DRIFT_MS, MAX_MISSING_S = 1.0, 0.01
 WARM_UP = 200
 ENDS = 2000  # messages at each end whose median delays are compared: 10 s
-IntArray = NDArray[np.int64]
 
 
-def pace_of(stamps_ns: IntArray, arrivals_ns: IntArray, period_ns: int) -> dict[str, float]:
+def pace_of(stamps_ns: FloatArray, arrivals_ns: FloatArray, period_ns: int) -> dict[str, float]:
     """Delay of messages (n,) behind their stamps, and what of the time was not simulated.
 
     ``drift_ms``: by how much the median delay of the last `ENDS` messages is larger than that of
