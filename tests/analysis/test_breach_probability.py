@@ -20,13 +20,6 @@ COVARIANCES = {name: sigma**2 * np.eye(3) for name, sigma in SIGMAS.items()}
 TOTAL = float(np.sqrt(sum(sigma**2 for sigma in SIGMAS.values())))
 
 
-def test_one_moment_has_the_closed_form():
-    distances, normals = np.array([1.5]), np.array([[0.0, 0.6, 0.8]])
-    found = breach_probability(distances, normals, np.ones(1), COVARIANCES)
-    assert found.moments[0] == pytest.approx(norm.cdf(-1.5 / TOTAL))
-    assert found.outcome.probability == pytest.approx(found.moments[0], abs=0.015)
-
-
 def test_anisotropic_error_counts_along_the_normal():
     covariances = {"a": np.diag([4.0, 0.0, 0.0]), "b": np.diag([0.0, 1.0, 0.0])}
     normals = np.eye(3)
@@ -118,6 +111,8 @@ def test_outcome_of_one_moment_is_that_of_the_normal_distribution():
         expected = distance + sigma * norm.ppf([0.05, 0.5, 0.95])
         assert outcome.lowest_mm == pytest.approx(expected, abs=0.08)
 
+    assert found.moments[0] == pytest.approx(norm.cdf(-distance / TOTAL))
+    assert found.outcome.probability == pytest.approx(found.moments[0], abs=0.015)
     check(found.outcome, TOTAL)
     shares = [effect.variance_share for effect in found.sources.values()]
     assert sum(shares) == pytest.approx(1.0)

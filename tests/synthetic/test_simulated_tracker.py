@@ -205,13 +205,7 @@ def test_unknown_preset_is_refused_with_the_known_ones():
 
 @pytest.fixture(scope="module")
 def white_errors():
-    tracker = SimulatedTracker(TrackerModel("white", 50.0, Jitter()), [11])
-    measured = [tracker.measure("needle", TRUTH, 0.0) for _ in range(6000)]
-    shifts = np.array([m.translation_mm - TRUTH.translation_mm for m in measured])
-    turns = np.array(
-        [(TRUTH.inverse() @ m.renamed(source="measured")).rotation_vector for m in measured]
-    )
-    return shifts, turns
+    return errors(TrackerModel("white", 50.0, Jitter()), np.zeros(6000), seed=11)
 
 
 def test_jitter_has_the_stated_rms_in_space(white_errors):
@@ -240,8 +234,7 @@ def sample(frame):
 
 
 def test_an_invalid_sample_arrives_without_numbers():
-    dropouts = (Dropout(("needle",), "invalid", 2.0, 3.0),)
-    lost = reported(sample("needle"), dropouts, 2.5)
+    lost = reported(sample("needle"), (Dropout(("needle",), "invalid", 2.0, 3.0),), 2.5)
     assert lost is not None and lost.status is TrackingStatus.INVALID
     assert lost.transform is None and lost.stamp == Stamp(5_000_000_000)
 
