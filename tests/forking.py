@@ -2,7 +2,8 @@
 
 A start of an interpreter costs 0.3 s of computing with rclpy, and 2 s with a command of this
 project; a fork costs 10 ms. A forked process has its own environment, arguments, folder and
-standard streams, runs its program as ``__main__`` and ends as an interpreter does.
+standard streams, runs its program as ``__main__`` and ends as an interpreter does, so that what
+measures coverage writes its data. Use a real process where the start of an interpreter is tested.
 
     forking.py FD MODULE ...   serves requests on the socket FD; imports the modules first
 """
@@ -23,12 +24,11 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import IO, Any
+from typing import IO, Any, Self
 
 _MESSAGES = {
     "msg": "action builtin_interfaces diagnostic geometry marginguard sensor shape std tf2",
@@ -52,6 +52,9 @@ COMMAND = (
 )
 """Modules of the commands of this project."""
 
+LIGHT = ("fcl", "mcap.reader", "numba", "scipy.spatial", "trimesh", "yaml", "app.cli.main")
+"""Libraries of the commands. A test may observe or replace what the command imports itself."""
+
 CYCLONE = ("cyclonedds.domain", "cyclonedds.idl", "cyclonedds.pub", "cyclonedds.sub")
 """Modules of peers without ROS."""
 
@@ -68,11 +71,19 @@ _LTTNG_THREADS = 2
 class ForkedProcess:
     """A process of a `WarmParent`, with the members of `subprocess.Popen` that tests use."""
 
-    def __init__(self, status: int, stdin: IO[str], stdout: IO[bytes] | None) -> None:
+    def __init__(self, status: int, stdin: IO[str], *outputs: IO[str] | None) -> None:
         self._status = status
         self.returncode: int | None = None
-        self.stdin, self.stdout = stdin, stdout
+        self.stdin, (self.stdout, self.stderr) = stdin, outputs
         self.pid: int = _PID_OR_STATUS.unpack(os.read(status, _PID_OR_STATUS.size))[0]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.kill()
+        self.wait()
+        self.close()
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait for the end; `TimeoutError` after ``timeout`` s."""
@@ -92,6 +103,12 @@ class ForkedProcess:
             self.wait(0.0)
         return self.returncode
 
+    def communicate(self) -> tuple[str, ...]:
+        """Close the input and wait for the end; return the outputs, which must fit in pipes."""
+        self.stdin.close()
+        self.wait()
+        return tuple("" if each is None else each.read() for each in (self.stdout, self.stderr))
+
     def send_signal(self, number: int) -> None:
         """Send the signal if the process still runs."""
         if self.poll() is None:
@@ -109,8 +126,9 @@ class ForkedProcess:
         """Close the streams."""
         with contextlib.suppress(BrokenPipeError):
             self.stdin.close()
-        if self.stdout is not None:
-            self.stdout.close()
+        for output in (self.stdout, self.stderr):
+            if output is not None:
+                output.close()
 
 
 class WarmParent:
@@ -131,41 +149,33 @@ class WarmParent:
 
     def start(
         self,
-        arguments: Sequence[str],
+        arguments: Sequence[object],
         *,
-        stderr: IO[Any],
-        stdout: IO[Any] | None = None,
+        folder: Path | None = None,
         environment: Mapping[str, str] | None = None,
+        stdout: int | None = None,
+        stderr: int | None = None,
     ) -> ForkedProcess:
         """Start ``script.py ...``, ``-m module ...`` or ``-c program ...`` in this environment.
 
-        Its standard input is a pipe, and its standard output too unless ``stdout`` is a file.
+        Its standard streams are pipes, except outputs that are given as descriptors.
         """
         read_in, write_in = os.pipe()
-        read_out, write_out = (None, stdout.fileno()) if stdout else os.pipe()
         read_status, write_status = os.pipe()
+        pipes = [os.pipe() if given is None else (None, given) for given in (stdout, stderr)]
         request = {
-            "arguments": list(arguments),
-            "environment": dict(os.environ if environment is None else environment),
-            "folder": str(Path.cwd()),
+            "arguments": [str(each) for each in arguments],
+            "environment": {**os.environ, **(environment or {})},
+            "folder": str(folder or Path.cwd()),
         }
         payload = json.dumps(request).encode()
-        given = [read_in, write_out, stderr.fileno(), write_status]
+        given = [read_in, *(write for _, write in pipes), write_status]
         socket.send_fds(self._socket, [_SIZE.pack(len(payload))], given)
         self._socket.sendall(payload)
-        for descriptor in (read_in, write_status, *([] if stdout else [write_out])):
+        for descriptor in (read_in, write_status, *(write for read, write in pipes if read)):
             os.close(descriptor)
-        output = None if read_out is None else os.fdopen(read_out, "rb", buffering=0)
-        return ForkedProcess(read_status, os.fdopen(write_in, "w", encoding="utf-8"), output)
-
-    def run(self, *arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
-        """Run a process to its end, as `subprocess.run` does; its output is kept in ``folder``."""
-        paths = [folder / f"forked_{time.monotonic_ns()}.{name}" for name in ("out", "err")]
-        with paths[0].open("w") as out, paths[1].open("w") as err:
-            process = self.start(arguments, stdout=out, stderr=err)
-            process.close()
-            status = process.wait()
-        return subprocess.CompletedProcess(arguments, status, *(path.read_text() for path in paths))
+        outputs = [None if read is None else os.fdopen(read) for read, _ in pipes]
+        return ForkedProcess(read_status, os.fdopen(write_in, "w"), *outputs)
 
     def close(self) -> None:
         """End the parent; processes that still run are killed."""
@@ -187,6 +197,18 @@ def parent_of(arguments: Sequence[str]) -> WarmParent:
         return warm_parent(COMMAND)
     kind = Path(arguments[0]).name.partition("_")[0]
     return warm_parent({"cyclone": CYCLONE, "other": OTHER}.get(kind, PLAIN))
+
+
+def forked(*arguments: object, **options: Any) -> ForkedProcess:
+    """Start ``-m app.cli ...`` or ``-c program ...``, forked from a parent with `LIGHT`."""
+    return warm_parent(LIGHT).start(arguments, **options)
+
+
+def run_forked(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":
+    """Run a process of `forked` to its end."""
+    with forked(*arguments, **options) as process:
+        out, err = process.communicate()
+        return subprocess.CompletedProcess(arguments, process.wait(), out, err)
 
 
 class _Server:

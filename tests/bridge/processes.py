@@ -34,7 +34,7 @@ class Child:
         texts = [str(each) for each in arguments]
         with log.open("w") as errors:
             self.process = parent_of(texts).start(
-                texts, stderr=errors, environment={**os.environ, **(environment or {})}
+                texts, stderr=errors.fileno(), environment=environment
             )
         self._output = b""
         self._is_command = texts[0] in ("-m", "-c")
@@ -99,9 +99,6 @@ class Child:
             yield
         finally:
             self.process.send_signal(signal.SIGCONT)
-
-    def extend_deadline(self) -> None:
-        """Do nothing: the deadline is that of each wait."""
 
     def fail(self, what: str) -> Any:
         """Fail the test with the log of the process."""

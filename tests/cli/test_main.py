@@ -10,7 +10,7 @@ import pytest
 from app.cli.main import COMMANDS
 from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import write_small_case
-from tests.forked import COMMAND, run_forked
+from tests.forking import run_forked
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +59,7 @@ def test_help_and_replay_import_no_package_that_they_do_not_need(project_root, c
 def test_closed_standard_output_gives_status_141(case):
     reader, writer = os.pipe()
     os.close(reader)
-    done = run_forked(COMMAND, "info", case, stdout=writer)
+    done = run_forked("-m", "app.cli", "info", case, stdout=writer)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, "")
 

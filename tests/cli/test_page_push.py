@@ -167,7 +167,6 @@ def test_mouse_drags_the_tool_to_the_plane_and_not_further(
     end_s = time.monotonic() + LIMIT_S
     while pressed < 20:  # the hand presses on at the plane
         assert time.monotonic() < end_s, (distances[-20:], judge.texts())
-        group.extend_deadline()
         judge.rearm()
         mouse.press_on()
         page.wait_for_timeout(100)

@@ -14,7 +14,7 @@ from app.bridge.node import RosNode
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.cli.small_case import FRAMES, write_small_case
-from tests.forked import COMMAND, Forked
+from tests.forking import forked
 from tests.ros_domain import environment_of, reserved_domain
 
 pytestmark = pytest.mark.slow
@@ -56,7 +56,7 @@ def cases(tmp_path_factory):
 
 @contextmanager
 def server(cases):
-    with Forked(COMMAND, "serve", "--cases", cases) as process:
+    with forked("-m", "app.cli", "serve", "--cases", cases) as process:
         for line in process.stderr:
             if "serves cases below" in line:
                 break

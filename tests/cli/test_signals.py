@@ -10,7 +10,7 @@ import pytest
 
 from app.cli.signals import SIGNALS, note_signals, raise_signals
 from tests.cli.small_case import write_small_case
-from tests.forked import Forked, run_forked
+from tests.forking import forked, run_forked
 from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
@@ -42,7 +42,7 @@ sys.exit(received.exit_status)
 
 @both_signals
 def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id, number):
-    with Forked(PUBLISHER) as process:
+    with forked("-c", PUBLISHER) as process:
         assert process.stdout.readline() == "up\n"
         process.send_signal(number)
         assert process.communicate() == ("left\n", "")
@@ -86,7 +86,7 @@ sys.exit(status)
     ],
 )
 def test_signal_during_import_ends_the_command(domain_id, tmp_path, command, status):
-    done = run_forked(INTERRUPTED, *command, folder=tmp_path)
+    done = run_forked("-c", INTERRUPTED, *command, folder=tmp_path)
     assert done.returncode == status, done.stderr
     assert done.stdout.endswith("True\n")
     if command[0] == "make-case":
@@ -127,7 +127,7 @@ def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, c
     case, folder = write_small_case(tmp_path / "case"), tmp_path / "work"
     folder.mkdir()
     words = command.format(case=case).split()
-    done = run_forked(WRITING, int(number), place, *words, folder=folder)
+    done = run_forked("-c", WRITING, int(number), place, *words, folder=folder)
     printed = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
     assert (done.returncode, printed) == (128 + number, [])
     assert [*folder.iterdir()] == []
@@ -146,7 +146,7 @@ def test_recorded_signal_leaves_complete_file(
 ):
     live = project_root / "data/live_example/live.yaml"
     words = command.format(case=write_small_case(tmp_path / "case"), live=live).split()
-    done = run_forked(WRITING, int(number), place, *words, folder=tmp_path)
+    done = run_forked("-c", WRITING, int(number), place, *words, folder=tmp_path)
     assert done.returncode == 128 + number, done.stderr
     assert (tmp_path / "new" / whole).is_file()
     assert [*tmp_path.rglob(".*")] == []

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from tests.forked import COMMAND, Forked
+from tests.forking import forked
 from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
@@ -28,7 +28,7 @@ sys.exit(3)
 
 
 def test_process_ends_while_a_thread_waits_for_standard_input():
-    with Forked(WAITS) as process:
+    with forked("-c", WAITS) as process:
         process.stdin.write("a line\n")
         process.stdin.flush()
         assert process.wait() == 3
@@ -40,7 +40,7 @@ def test_process_ends_while_a_thread_waits_for_standard_input():
 def test_signal_ends_a_command_whose_input_is_open(domain_id, tmp_path, command):
     new = str(tmp_path / "new")
     arguments = {"record": ["-o", new, "--until-eof", "--json"], "operation": [new]}[command]
-    with Forked(COMMAND, command, *arguments) as process:
+    with forked("-m", "app.cli", command, *arguments) as process:
         while "status" not in (line := process.stdout.readline()) and new not in line:
             assert line
         process.send_signal(signal.SIGINT)

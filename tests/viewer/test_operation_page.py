@@ -75,12 +75,10 @@ def state_of(page, step):
 def calibrate(page, operation, kind):
     page.click(f"#calibration-{kind}")
     operation.send(kind)
-    operation.extend_deadline()
     verdict = page.locator("#calibration-verdict")
     expect(verdict).to_have_attribute("data-ok", "true")
     expect(page.locator("#calibration-covered")).to_contain_text("8 of 8")
     picture(page, kind, "#calibration")
-    operation.extend_deadline()
     page.click("#calibration-stop")
     confirm(page, "calibration-use")
     expect(page.locator("#calibration-title")).to_have_text("")
@@ -127,7 +125,6 @@ def contour(page, operation):
         number = "Number(document.querySelector('#ultrasound > div').dataset.image)"
         wait_for(page, f"{number} > arg + 6", before)
         for column, row in clicks_on(page):
-            operation.extend_deadline()
             count += 1
             repeated += click_until_added(page, column, row, count)
         if plane == PLANES // 2:
@@ -167,11 +164,9 @@ def test_workflow_from_ultrasound_to_the_report(
         operation.send("rest")
 
         points = contour(page, operation)
-        operation.extend_deadline()
         confirm(page, "contour-use")
         expect(state_of(page, "contour")).to_have_attribute("data-state", "done")
 
-        operation.extend_deadline()
         page.locator("#registration-start").click()
         reach(operation, "touch")
         verdict = page.locator("#registration-verdict")
@@ -183,7 +178,6 @@ def test_workflow_from_ultrasound_to_the_report(
         confirm(page, "rearm")
         expect(page.locator(".hold")).to_have_count(0)
 
-        operation.extend_deadline()
         page.click("#record summary")
         page.fill("#record-name", "operation")
         page.click("#record-confirm")
