@@ -98,29 +98,27 @@ def test_an_existing_folder_is_not_overwritten(case, tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_bag_whose_process_ends_is_not_kept(case, tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("folder", "is_killed", "problem"),
+    [
+        ("bag", True, "ended with status -9"),
+        ("file/bag", False, "bag cannot be written: Not a directory"),
+    ],
+)
+def test_a_bag_that_fails_is_not_kept(
+    case, tmp_path, capsys, monkeypatch, folder, is_killed, problem
+):
     begin = BagProcess.begin
 
-    def begin_and_kill(self: BagProcess, run: ReplayRun, folder: Path) -> None:
-        begin(self, run, folder)
-        self._process.kill()
+    def begin_and_fail(self: BagProcess, run: ReplayRun, path: Path) -> None:
+        path.parent.joinpath("file").write_text("")
+        begin(self, run, path.parent / folder)
+        if is_killed:
+            self._process.kill()
 
-    monkeypatch.setattr(BagProcess, "begin", begin_and_kill)
+    monkeypatch.setattr(BagProcess, "begin", begin_and_fail)
     assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "bag")]) == 2
-    assert "ended with status -9" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_bag_that_cannot_be_written_is_not_kept(case, tmp_path, capsys, monkeypatch):
-    begin = BagProcess.begin
-
-    def begin_in_a_file(self: BagProcess, run: ReplayRun, folder: Path) -> None:
-        folder.parent.joinpath("file").write_text("")
-        begin(self, run, folder.parent / "file" / "bag")
-
-    monkeypatch.setattr(BagProcess, "begin", begin_in_a_file)
-    assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "bag")]) == 2
-    assert "bag cannot be written: Not a directory" in capsys.readouterr().err
+    assert problem in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,13 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import TimeoutError as PlaywrightTimeout
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-pytest.importorskip("trame_slicer", reason="the page is not installed")
-
 from geometry_msgs.msg import WrenchStamped
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 

@@ -7,11 +7,6 @@ import time
 import numpy as np
 import pytest
 from playwright.sync_api import expect
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-pytest.importorskip("trame_slicer", reason="the page is not installed")
-
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 

@@ -9,9 +9,6 @@ import time
 from unittest.mock import patch
 
 import pytest
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint
 

@@ -122,7 +122,6 @@ def test_missing_slicer_names_the_remedy(without_scene):
 
 
 def test_warm_up_shows_every_kind_of_object_of_a_picture():
-    pytest.importorskip("slicer")
     from app.scene import StepScene
 
     scene = StepScene(*warmup_step()).scene

@@ -7,9 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-
 from app.cli.main import main
 from app.igtl import IgtlSource, SampleQueue
 from tests.bridge.live.conftest import start as start

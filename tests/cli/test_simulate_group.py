@@ -9,10 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import RosNode
@@ -148,7 +144,6 @@ def test_killed_simulation_leaves_no_process(group):
 
 
 def test_page_is_the_guard_and_ends_with_the_simulation(start, project_root):
-    pytest.importorskip("trame_slicer", reason="the page is not installed")
     world = project_root / "data" / "worlds" / "lumpectomy"
     group = start("-m", "app.cli", "simulate", str(world), "--with", "live", "--view")
     assert group.line(lambda line: line.startswith("view: http")).count("token=") == 1

@@ -4,10 +4,6 @@ import time
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-pytest.importorskip("trame_slicer", reason="the page is not installed")
-
 from geometry_msgs.msg import WrenchStamped
 
 from app.bridge import RosNode

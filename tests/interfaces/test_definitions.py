@@ -16,7 +16,6 @@ from app.geometry import TrackingStatus
 
 pytestmark = pytest.mark.slow
 
-pytest.importorskip("marginguard_msgs", reason="the ROS interfaces are not installed")
 
 INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
 MESSAGES = sorted(INTERFACES.glob("*_msgs/msg/*.msg"))

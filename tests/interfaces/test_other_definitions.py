@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 from tests.bridge.live.test_live_command import TRACKED
 from tests.waiting import wait_until
 

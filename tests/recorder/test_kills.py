@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from app.case import BagTopic, BagWriter
 from app.geometry import NS_PER_MS
 from tests.recorder.kills import PROMISED_MS, compared, run_kill

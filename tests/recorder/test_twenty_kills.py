@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from tests.recorder.kills import run_kill
 from tests.ros_domain import domain_id as domain_id
 

@@ -1,15 +1,12 @@
 """Fixtures: small robots written at run time, the touch arm, and known robots."""
 
 import importlib.metadata
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.robot import load_robot
-
-WriteUrdf = Callable[..., Path]
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from trame_slicer.core import SlicerApp
 
 from app.fixture import MarginState
 from app.scene import MarginGuardScene, SceneError, load_scene, save_scene
+from tests.case.readers.test_mrml import bundle
 from tests.scene.conftest import loaded
 from tests.scene.scene_content import content
 
@@ -135,14 +136,6 @@ def test_paths_that_cannot_be_written_are_refused(application, tmp_path, name, m
     (tmp_path / "folder.mrb").mkdir()
     with pytest.raises(SceneError, match=message):
         save_scene(application.scene, tmp_path / name)
-
-
-def bundle(path, files):
-    """Write a bundle of files with these names and texts."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, text in files.items():
-            file.writestr(name, text)
-    return path
 
 
 MRML, EMPTY = "a/a.mrml", "<MRML></MRML>"

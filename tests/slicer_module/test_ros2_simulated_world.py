@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from slicer import vtkMRMLModelNode
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-
 from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.geometry import MarginGuardError, SurfaceMesh, Transform

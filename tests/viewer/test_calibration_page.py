@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-pytest.importorskip("rclpy")
-
 from app.files import read_transform
 from tests.bridge.live.conftest import start as start
 from tests.page_rules import violations

@@ -7,8 +7,6 @@ import pytest
 import yaml
 from playwright.sync_api import expect
 
-pytest.importorskip("rclpy")
-
 from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_session
 from tests.bridge.live.conftest import start as start

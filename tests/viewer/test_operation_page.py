@@ -13,8 +13,6 @@ from playwright.sync_api import expect
 from skimage.filters import gaussian
 from skimage.measure import find_contours
 
-pytest.importorskip("rclpy")
-
 from app.case import open_case
 from app.files.meshes import load_mesh
 from app.synthetic.operation import PLANES

@@ -3,8 +3,6 @@
 import pytest
 from playwright.sync_api import expect
 
-pytest.importorskip("rclpy")
-
 from app.case import open_case
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file

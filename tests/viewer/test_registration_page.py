@@ -4,8 +4,6 @@ import pytest
 import yaml
 from playwright.sync_api import expect
 
-pytest.importorskip("rclpy")
-
 from tests.bridge.live.conftest import start as start
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import confirm

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-pytest.importorskip("rclpy")
-
 from tests.bridge.live.conftest import start as start
 from tests.viewer.calibrated_tool import KNOWN_MM, STYLUS, STYLUS_TIP_MM, move, write_session
 from tests.viewer.conftest import watching

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from app.bridge.live.depth_recorder import DepthRecorder
 from app.case import IMAGE_DEPTH_TOPIC, BagTopic, BagWriter, DepthCalibration, ImageDepths
 from app.case.images.recorded_depths import RecordedDepth, recorded_depths

@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 from app.bridge.live.outputs import FramesProblemLog
 
 pytestmark = pytest.mark.slow

@@ -204,26 +204,18 @@ def test_constraint_is_repeated_between_steps(domain_id, content, make_step, sta
     assert {ns(beat["header"]["stamp"]) for beat in beats} == {step.decision.stamp.ns}
 
 
-def test_step_published_too_late_is_stale(domain_id, content, make_step, start_receiver):
-    policy = PublishPolicy(clock=False)
-    with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=10.0, policy=policy) as ros:
-        receiver = start_receiver(f"{CONSTRAINT}:1")
-        wait_for_one_subscriber(ros, topics.CONSTRAINT)
-        ros.publish(make_step(0), StepTiming(spent_ns=content.margins.stale_after_ns))
-        (first,) = [line["message"] for line in receiver.messages()]
-    assert (first["hold"], first["reasons"]) == (True, ["stale"])
-
-
-def test_step_that_becomes_too_late_while_it_is_published_is_stale(
-    domain_id, content, make_step, start_receiver
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_step_published_too_late_is_stale(
+    domain_id, content, make_step, start_receiver, is_stopped
 ):
-    """The process is stopped after the first time was read."""
+    """It waited before, or the process is stopped after the first time was read."""
     policy = PublishPolicy(clock=False)
     late_ns = content.margins.stale_after_ns
+    stopped = StepTiming(spent_ns=0, clock=lambda: late_ns)
     with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=10.0, policy=policy) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:1")
         wait_for_one_subscriber(ros, topics.CONSTRAINT)
-        ros.publish(make_step(0), StepTiming(spent_ns=0, clock=lambda: late_ns))
+        ros.publish(make_step(0), stopped if is_stopped else StepTiming(spent_ns=late_ns))
         (first,) = [line["message"] for line in receiver.messages()]
     assert (first["hold"], first["reasons"]) == (True, ["stale"])
 

@@ -2,7 +2,6 @@
 
 import pytest
 
-from app.files.packages import PROJECT_DATA
 from app.robot import RobotMeshError, UrdfError
 from app.robot.description.mesh_locator import MeshLocator
 
@@ -68,16 +67,6 @@ def test_dots_inside_the_package_are_accepted(urdf, place):
     assert find(urdf, "package://arm/urdf/../meshes/a.stl", mesh.parents[1]).samefile(mesh)
 
 
-def test_given_folder_is_the_package_by_name_or_manifest_or_contains_it(urdf, place, tmp_path):
-    mesh = place("given/arm/meshes/a.stl")
-    assert find(urdf, NAME, tmp_path / "given" / "arm") == mesh
-    assert find(urdf, NAME, tmp_path / "given") == mesh
-    other = place("checkout-1/meshes/a.stl")
-    place("checkout-1/package.xml", "<package><name>arm</name></package>")
-    assert find(urdf, NAME, tmp_path / "checkout-1") == other
-    assert find(urdf, NAME, f"arm={tmp_path / 'checkout-1'}", tmp_path / "given") == other
-
-
 def test_folder_with_the_package_name_precedes_other_folders(urdf, place, tmp_path):
     place("first/meshes/a.stl")
     named = place("second/arm/meshes/a.stl")
@@ -99,17 +88,6 @@ def test_folders_above_the_urdf_are_searched(urdf, place, tmp_path):
     assert find(urdf).samefile(sibling)  # the folder has the package name
     inside = place("arm/urdf/robot.urdf")
     assert find(inside).samefile(sibling)
-
-
-def test_malformed_manifest_above_the_urdf_is_ignored(urdf, place):
-    place("package.xml", "<package>")
-    mesh = place("robots/meshes/a.stl")
-    assert find(urdf).samefile(mesh)
-
-
-def test_marginguard_is_the_data_folder_of_the_project(urdf):
-    found = find(urdf, "package://marginguard/robots/touch/touch.urdf")
-    assert found == PROJECT_DATA / "robots" / "touch" / "touch.urdf"
 
 
 def test_installed_ros_packages_are_found(urdf, place, tmp_path):

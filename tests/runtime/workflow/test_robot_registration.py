@@ -161,27 +161,12 @@ def test_change_of_another_page_is_refused_and_loses_nothing(guided, steps):
     old = guided.seen - 1
     for change in (
         lambda: guided.guide.start(old),
-        lambda: guided.guide.stop(old),
-        lambda: guided.guide.discard(old),
         lambda: guided.guide.remove(old, fit.points[0].interval[0]),
         lambda: guided.guide.restore(old),
-        lambda: guided.guide.accept(old, guided.use),
-        lambda: guided.guide.undo(old, guided.use),
     ):
         with pytest.raises(InputError, match="another page has changed it meanwhile"):
             change()
     assert guided.guide.status().can_accept
-
-
-def test_registration_that_the_session_refuses_stays_to_be_accepted_again(guided, steps):
-    guided.record(steps)
-    guided.uses = False
-    with pytest.raises(InputError, match="the session is not ready"):
-        guided.accept()
-    assert guided.guide.status().can_accept
-    guided.uses = True
-    guided.accept()
-    assert guided.guide.can_undo
 
 
 def test_session_without_a_robot_has_none():

@@ -118,7 +118,6 @@ def decoded(path):
 
 @pytest.mark.usefixtures("can_draw")
 def test_video_has_the_pictures_of_the_animation(content, make_step, edges, tmp_path):
-    pytest.importorskip("av", reason="the extra video is not installed")
     states = [MarginState.NEGATIVE, MarginState.POSITIVE, MarginState.UNKNOWN]
     keyframes = [
         (0.5 * place, make_step(states[place % 3], measured=moved(edges, 2.0 * place)))
@@ -140,7 +139,6 @@ def test_video_has_the_pictures_of_the_animation(content, make_step, edges, tmp_
 
 @pytest.mark.usefixtures("can_draw")
 def test_video_of_an_odd_size_is_refused(content, make_step):
-    pytest.importorskip("av", reason="the extra video is not installed")
     steps = [(0.0, make_step(MarginState.NEGATIVE))]
     with pytest.raises(InputError, match="321 x 200 pixels; expected even numbers"):
         movie_mp4(content, steps[0][1], steps, (321, 200))
