@@ -20,9 +20,6 @@ from app.fixture import ProximityEngine
 from app.geometry import Transform
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.truth import Surfaces
-from tests.bridge.live.conftest import start as start
-from tests.browser import browser as browser
-from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import can_draw as can_draw
 
 pytestmark = pytest.mark.long

@@ -18,11 +18,8 @@ from app.files.meshes import write_mesh
 from app.geometry import SurfaceMesh, Transform
 from app.robot.meshes.primitives import cone
 from app.runtime import place_text
-from tests.bridge.live.conftest import start as start
-from tests.browser import browser as browser
 from tests.cli.edited_world import STONE_MM, TABLE_TOP_MM, write_edited_world
 from tests.page_rules import violations
-from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import can_draw as can_draw
 
 pytestmark = pytest.mark.long

@@ -24,7 +24,6 @@ from app.bridge.topics import CONSTRAINT
 from app.cli.commands import rearm
 from app.cli.main import main
 from app.runtime import RequestLog
-from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
 

@@ -3,7 +3,6 @@
 import pytest
 
 from app.cli.main import main
-from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,6 @@ import pytest
 from app.cli.signals import SIGNALS, note_signals, raise_signals
 from tests.cli.small_case import write_small_case
 from tests.forking import forked, run_forked
-from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
 

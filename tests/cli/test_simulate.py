@@ -9,8 +9,6 @@ import pytest
 
 from app.cli.main import main
 from app.igtl import IgtlSource, SampleQueue
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.long
 

@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,8 +18,7 @@ from app.geometry import Transform
 from app.simulation import open_world
 from benchmarks.closed_loop.loop_operator import Operator
 from tests.bridge.live.conftest import DEADLINE_S
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
@@ -90,11 +88,7 @@ def children_of(pid):
 
 
 def wait_until_ended(pids):
-    for pid in pids:
-        end_s = time.monotonic() + DEADLINE_S
-        while running(pid):
-            assert time.monotonic() < end_s, f"process {pid} still runs"
-            time.sleep(0.05)
+    wait_until(lambda: not any(map(running, pids)), describe=lambda: f"{pids} still run")
 
 
 def running(pid):

@@ -5,7 +5,6 @@ import signal
 import pytest
 
 from tests.forking import forked
-from tests.ros_domain import domain_id as domain_id
 
 pytestmark = pytest.mark.slow
 

@@ -15,11 +15,6 @@ from app.cli.main import main
 from app.cli.signals import SignalState
 from app.session import Session
 from tests.bridge.live.conftest import Start
-from tests.bridge.live.conftest import breach as breach
-from tests.bridge.live.conftest import frames_file as frames_file
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.bridge.live.conftest import start as start
-from tests.ros_domain import domain_id as domain_id
 from tests.viewer.attacks.raw_page import cookie, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
 from tests.viewer.conftest import TOKEN, Server, Watched

@@ -1,7 +1,5 @@
 """The mouse as a hand on the page of a live session: its wrench, as a controller receives it."""
 
-import time
-
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
@@ -9,20 +7,14 @@ from geometry_msgs.msg import WrenchStamped
 from app.bridge import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.cli.main import main
-from tests.bridge.live.conftest import breach as breach
-from tests.bridge.live.conftest import frames_file as frames_file
-from tests.bridge.live.conftest import live_yaml as live_yaml
-from tests.bridge.live.conftest import start as start
-from tests.browser import browser as browser
 from tests.cli.test_view import SENDER
-from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server
 from tests.viewer.conftest import can_draw as can_draw
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
 TOPIC = "/arm/body/measured_cf"
-WAIT_S = 60.0
 
 
 class Received:
@@ -37,10 +29,9 @@ class Received:
         return [float(np.linalg.norm([each.x, each.y, each.z])) for each in forces]
 
     def until(self, page, condition):
-        end_s = time.monotonic() + WAIT_S
-        while not condition():
-            assert time.monotonic() < end_s, self.sizes()[-20:]
-            page.wait_for_timeout(50)
+        wait_until(
+            condition, lambda: page.wait_for_timeout(50), describe=lambda: self.sizes()[-20:]
+        )
 
     def until_zero(self, page):
         """Wait until 30 wrenches after the present have no force."""

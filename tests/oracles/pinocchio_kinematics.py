@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pytest
+import pinocchio as pin
 from lxml import etree
 
 from app.robot import robot_from_text
@@ -33,38 +33,43 @@ def random_positions(robot, rng):
     return given, positions
 
 
-def largest_differences(model, robot, rng, samples):
-    """Largest distance in m and difference of rotations to Pinocchio's ``model``, over all links.
+def link_poses(model, robot, positions):
+    """Poses of all links in the root link, by name, by Pinocchio's ``model``.
 
-    Its poses are relative to the universe, not the root link.
+    Its own poses are relative to the universe, not the root link.
     """
-    pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
-    data, worst = model.createData(), np.zeros(2)
-    frames = {link.name: model.getFrameId(link.name, pin.FrameType.BODY) for link in robot.links}
+    data, configuration = model.createData(), pin.neutral(model)
+    for name, position in positions.items():
+        joint = model.joints[model.getJointId(name)]
+        if joint.shortname() == "JointModelMimic":
+            continue  # computed by Pinocchio
+        value = [position] if joint.nq == 1 else [math.cos(position), math.sin(position)]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = value
+    pin.framesForwardKinematics(model, data, configuration)
+    poses = {
+        link.name: data.oMf[model.getFrameId(link.name, pin.FrameType.BODY)] for link in robot.links
+    }
+    return {name: poses[robot.root_link].actInv(pose) for name, pose in poses.items()}
+
+
+def largest_differences(model, robot, rng, samples):
+    """Largest distance in m and difference of rotations to ``model``, over all links."""
+    worst = np.zeros(2)
     for _ in range(samples):
         given, positions = random_positions(robot, rng)
-        configuration = pin.neutral(model)
-        for name, position in positions.items():
-            joint = model.joints[model.getJointId(name)]
-            if joint.shortname() == "JointModelMimic":
-                continue  # computed by Pinocchio
-            value = [position] if joint.nq == 1 else [math.cos(position), math.sin(position)]
-            configuration[joint.idx_q : joint.idx_q + joint.nq] = value
-        pin.framesForwardKinematics(model, data, configuration)
-        root = data.oMf[frames[robot.root_link]]
+        peers = link_poses(model, robot, positions)
         links = robot.forward_kinematics(given)
-        assert set(links) == set(frames)
+        assert set(links) == set(peers)
         for name, ours in links.items():
             assert (ours.target, ours.source) == (robot.root_link, name)
-            peer = root.actInv(data.oMf[frames[name]])
-            distance_m = np.linalg.norm(ours.translation_mm / 1000.0 - peer.translation)
-            worst = np.maximum(worst, (distance_m, np.abs(ours.rotation - peer.rotation).max()))
+            distance_m = np.linalg.norm(ours.translation_mm / 1000.0 - peers[name].translation)
+            turned = np.abs(ours.rotation - peers[name].rotation).max()
+            worst = np.maximum(worst, (distance_m, turned))
     return worst
 
 
 def assert_agrees_with_pinocchio(urdf, robot, rng, samples=5):
     """Compare the poses of all links at random positions."""
-    pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
     model = pin.buildModelFromUrdf(str(urdf))
     assert max(largest_differences(model, robot, rng, samples)) <= BOUND
 
@@ -87,7 +92,6 @@ def model_from_text(text):
 
     It couples mimic joints only if their leader is above them in the tree; else they are free.
     """
-    pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
     for mimic in (True, False):
         try:
             return pin.buildModelFromXML(text, mimic=mimic)

@@ -57,15 +57,6 @@ def world():
     return World()
 
 
-def test_margins_change_session_content_and_outputs(world):
-    margins = PARAMETERS.replaced(stop_mm=2.0, warn_mm=6.0)
-    world.commands.set_margins(margins)
-    assert world.session.setup.margins == margins
-    assert world.commands.content.margins == margins
-    world.assert_used_by_outputs()
-    assert world.output_events == [*PREPARED, *APPLIED]
-
-
 def test_length_of_the_needle_changes_only_what_is_shown():
     world = World(needle=NEEDLE)
     world.commands.change_shown(longer_needle(5.0), origin="a test")
@@ -325,6 +316,7 @@ def test_tightening_needs_no_rearm(world):
     tighter = PARAMETERS.replaced(stop_mm=2.0, warn_mm=9.0, stale_after_ns=20_000_000)
     world.commands.set_margins(tighter)
     assert world.session.setup.margins == tighter == world.commands.content.margins
+    world.assert_used_by_outputs()
     assert world.output_events == [*PREPARED, *APPLIED]
     assert not known(world).decision.hold
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from app.fixture import MarginParameterError
 from app.geometry import InputError
 from app.runtime import PassiveOutput, PreparedCase, ReplayRun
 from app.runtime.replay_run import RobotProblems
@@ -174,17 +173,6 @@ def test_setup_and_content_of_operator_replace_those_of_case():
     assert run.commands.content is changed
     assert run.commands.setup.margins == margins
     assert prepared.content.margins == PARAMETERS
-
-
-def test_refused_margins_change_neither_content_nor_setup_and_call_no_output():
-    calls = []
-    run = replay(outputs=(Recorder("output", calls),))
-    setup = run.commands.setup
-    with pytest.raises(MarginParameterError, match="warn_mm is 5"):
-        run.set_margins(9.0, 5.0)
-    assert run.commands.content is CONTENT
-    assert run.commands.setup is setup
-    assert calls == []
 
 
 def test_margins_change_content_and_setup():

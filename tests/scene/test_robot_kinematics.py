@@ -1,10 +1,10 @@
 """World poses of links in the scene, compared with Pinocchio, which reads the same URDF."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
 from slicer import vtkMRMLScene
@@ -12,11 +12,10 @@ from slicer import vtkMRMLScene
 from app.robot import load_robot
 from app.scene import MarginGuardScene
 from app.scene.nodes.convert import world_matrix, world_points
+from tests.oracles.pinocchio_kinematics import link_poses, random_positions
 from tests.scene.conftest import posed
 
 pytestmark = pytest.mark.slow
-
-pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
 
 CONFIGURATIONS = 20
 WORLD_MM = 1e-6
@@ -32,44 +31,18 @@ class PinocchioRobot:
 
     def __init__(self, urdf, robot, seed):
         self.model = pin.buildModelFromUrdf(str(urdf))
-        self.data = self.model.createData()
         self.robot = robot
         self.rng = np.random.default_rng(seed)
 
     def configure(self):
         """Move to a random configuration; return the positions of the joints without mimic."""
-        low, high = (
-            np.nan_to_num(
-                [getattr(joint, side) for joint in self.robot.joints], posinf=3, neginf=-3
-            )
-            for side in ("lower", "upper")
-        )
-        positions = dict(zip(self.robot.joints, self.rng.uniform(low, high), strict=True))
-        given = {j.name: float(x) for j, x in positions.items() if j.moves and j.mimic is None}
-        configuration = pin.neutral(self.model)
-        for joint in self.robot.joints:
-            if joint.moves:
-                leader = joint.mimic
-                position = (
-                    given[joint.name]
-                    if leader is None
-                    else given[leader.leader] * leader.multiplier + leader.offset
-                )
-                pin_joint = self.model.joints[self.model.getJointId(joint.name)]
-                value = (
-                    [position] if pin_joint.nq == 1 else [math.cos(position), math.sin(position)]
-                )
-                configuration[pin_joint.idx_q : pin_joint.idx_q + pin_joint.nq] = value
-        pin.framesForwardKinematics(self.model, self.data, configuration)
+        given, positions = random_positions(self.robot, self.rng)
+        self.poses = link_poses(self.model, self.robot, positions)
         return given
 
     def root_from(self, link):
         """Pose (4, 4) of the link in the root link, in mm."""
-        root, pose = (
-            self.data.oMf[self.model.getFrameId(name, pin.FrameType.BODY)]
-            for name in (self.robot.root_link, link)
-        )
-        matrix = np.array(root.actInv(pose).homogeneous)
+        matrix = np.array(self.poses[link].homogeneous)
         matrix[:3, 3] *= 1000.0
         return matrix
 
@@ -111,26 +84,6 @@ def test_two_robots_have_the_poses_of_pinocchio(example_urdfs):
                 scene.robots[side].set_links(links)
         for side, peer in peers.items():
             assert_poses_of_pinocchio(scene.robots[side], peer, ras_from(side))
-
-
-def assert_one_robot_agrees(urdf, robot):
-    scene = new_scene()
-    model = scene.add_robot("one", robot, "left_base")
-    peer = PinocchioRobot(urdf, robot, 3)
-    for _ in range(CONFIGURATIONS):
-        model.set_links(robot.forward_kinematics(peer.configure()))
-        assert_poses_of_pinocchio(model, peer, ras_from("left"))
-
-
-def test_arm_has_the_poses_of_pinocchio(project_root):
-    urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
-    assert_one_robot_agrees(urdf, load_robot(urdf))
-
-
-def test_omni_has_the_poses_of_pinocchio(shared_data):
-    folder = shared_data / "omni"
-    urdf = folder / "urdf" / "omni.urdf"
-    assert_one_robot_agrees(urdf, load_robot(urdf, package_dirs=(folder,)))
 
 
 def test_comparison_detects_a_moved_link(project_root):

@@ -15,7 +15,7 @@ import pytest
 
 from tests.ros_domain import environment_of, reserved_domain
 from tests.slicer_module.ros2_values import URDF
-from tests.slicer_module.waiting import DEADLINE_S, wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 PEER = Path(__file__).resolve().parent / "ros2_peer.py"
 

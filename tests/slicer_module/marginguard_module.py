@@ -15,7 +15,7 @@ from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_MS, NS_PER_S
 from tests.shipped_case import BRIEF, CLOCK_OFFSET_MS, DEEP, PLANNED_DROPOUTS, SHAFT
 from tests.shipped_case import SHIPPED_CASE as CASE
-from tests.slicer_module.waiting import TICK_S, wait_until
+from tests.waiting import wait_until
 
 FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "MarginGuard"
 UI = FOLDER / "Resources" / "UI" / "MarginGuard.ui"
@@ -90,9 +90,9 @@ def spin_until(panel_logic: Any, is_expected: Callable[[Any], Any]) -> Any:
     statuses = [panel_logic.spin()]
 
     def spin() -> None:
-        statuses[:] = [panel_logic.spin(TICK_S)]
+        statuses[:] = [panel_logic.spin(0.005)]
 
-    wait_until(lambda: is_expected(statuses[0]), spin, lambda: f"status {statuses[0]}")
+    wait_until(lambda: is_expected(statuses[0]), spin, describe=lambda: statuses[0])
     return statuses[0]
 
 

@@ -15,7 +15,7 @@ from app.scene import Preset, SceneApplication
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.conftest import open_panel
 from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, frame_times_s, in_slicer
-from tests.slicer_module.waiting import wait_until
+from tests.waiting import wait_until
 
 from MarginGuardLib.ultrasound import UltrasoundShown  # isort: skip
 
@@ -336,7 +336,7 @@ def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
 
 def test_replayed_case_is_shown(panel, desktop, opens_at_once):
     def until(is_reached):
-        wait_until(is_reached, panel.spin, panel.ui.messageLabel.text)
+        wait_until(is_reached, panel.spin, describe=panel.ui.messageLabel.text)
 
     ui = panel.ui
     ui.casePathLineEdit.setText(str(CASE))

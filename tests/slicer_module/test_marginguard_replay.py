@@ -2,7 +2,6 @@
 
 import csv
 from collections import Counter
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
-from app.runtime import OperatorCommands, StepThread, StepTiming
+from app.runtime import OperatorCommands, StepTiming
 from app.scene import Preset, load_scene, save_scene
 from app.scene.nodes.convert import world_points
 from app.session import Session
@@ -31,9 +30,7 @@ from tests.slicer_module.marginguard_module import (
     step,
     tumor_color,
 )
-from tests.slicer_module.waiting import wait_until
-
-from MarginGuardLib.jobs import one_line  # isort: skip
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -411,33 +408,6 @@ def test_close_removes_all_nodes(panel_logic, application):
     scene = application.scene
     names = {scene.GetNthNode(place).GetName() for place in range(scene.GetNumberOfNodes())}
     assert names <= before
-
-
-def test_failure_of_run_is_one_line(clock):
-    class FailingRun:
-        """TEST DOUBLE: a run whose first step raises."""
-
-        commands = None
-
-        def steps(self):
-            raise ValueError("broken\ninside")
-            yield
-
-        def stop(self):
-            pass
-
-        @contextmanager
-        def between_steps(self):
-            yield None
-
-        def pace(self):
-            return 0.0
-
-    thread = StepThread(FailingRun(), clock, one_line)
-    thread.stop()
-    assert thread.is_over
-    assert thread.failure == "unexpected ValueError: broken inside (see the log)"
-    assert thread.newest(0.0) is None
 
 
 def test_deleted_markers_leave_the_list_of_breaches(panel_logic, application):

@@ -6,7 +6,7 @@ import pytest
 from std_srvs.srv import SetBool
 
 from app.geometry import MarginGuardError
-from tests.slicer_module.waiting import DEADLINE_S, wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.slicer_module.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
 

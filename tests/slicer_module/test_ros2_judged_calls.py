@@ -8,7 +8,7 @@ import vtk
 
 from app.bridge.calls import waiting
 from tests.slicer_module.ros2_values import shifted, x_mm
-from tests.slicer_module.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
 

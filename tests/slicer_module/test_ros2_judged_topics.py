@@ -7,7 +7,7 @@ import pytest
 import vtk
 
 from app.geometry import MarginGuardError
-from tests.slicer_module.waiting import wait_until
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

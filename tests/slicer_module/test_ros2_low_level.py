@@ -4,7 +4,7 @@ import pytest
 import vtk
 
 from app.geometry import MarginGuardError
-from tests.slicer_module.waiting import DEADLINE_S, wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 

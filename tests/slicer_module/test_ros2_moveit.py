@@ -11,7 +11,7 @@ from app.bridge.convert import ConversionError, message_type, to_plain
 from app.bridge.convert.collision_objects import collision_object, mesh_message
 from app.geometry import MarginGuardError, Transform
 from tests.slicer_module.ros2_values import matrix, shifted, translation
-from tests.slicer_module.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import pytest
 from tests.slicer_module.ros2_values import URDF
 from tests.slicer_module.test_ros2_panel import make_panel as make_panel
 from tests.slicer_module.test_ros2_panel import module as module
-from tests.slicer_module.waiting import wait_until
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

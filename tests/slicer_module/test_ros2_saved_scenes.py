@@ -6,7 +6,7 @@ import pytest
 from slicer import vtkMRMLScene
 
 from tests.slicer_module.ros2_values import shifted, x_mm
-from tests.slicer_module.waiting import DEADLINE_S, wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from app.geometry import MarginGuardError, SurfaceMesh, Transform
 from app.scene.nodes.convert import poly_data, world_matrix, world_points
 from app.simulation import BodyEntry, World, WorldDescription
 from tests.slicer_module.ros2_values import shifted
-from tests.slicer_module.waiting import wait_until
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

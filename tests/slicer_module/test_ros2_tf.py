@@ -5,7 +5,7 @@ from slicer import vtkMRMLTransformNode
 
 from app.geometry import MarginGuardError
 from tests.slicer_module.ros2_values import shifted, x_mm
-from tests.slicer_module.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
 

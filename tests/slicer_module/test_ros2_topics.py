@@ -10,7 +10,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 
 from app.geometry import MarginGuardError
 from tests.slicer_module.ros2_values import columns, doubles, flat, ints, matrix, rows, table
-from tests.slicer_module.waiting import DEADLINE_S, wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 

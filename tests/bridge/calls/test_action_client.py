@@ -1,6 +1,8 @@
 """Goals sent to another process, with every outcome."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
 from std_srvs.srv import Trigger
@@ -76,21 +78,20 @@ def test_reply_faster_than_its_registration_is_not_lost(lookup, requests):
     assert lookup.call(goal("fine"), DEADLINE_S).transform.child_frame_id == "fine"
 
 
+@contextmanager
+def waiting_call(lookup, peer, error, *cancel):
+    """A call in another thread, which the body of the ``with`` block ends with ``error``."""
+    with ThreadPoolExecutor() as workers:
+        call = workers.submit(lookup.call, goal("cancel"), DEADLINE_S, *cancel)
+        assert peer.take(1) == [{"goal": "waits"}]
+        yield
+        with pytest.raises(error):
+            call.result(DEADLINE_S)
+
+
 def test_closing_the_node_ends_a_call_with_a_reason(ros, lookup, peer):
-    ended = []
-
-    def call():
-        try:
-            lookup.call(goal("cancel"), DEADLINE_S)
-        except CallError as error:
-            ended.append(error)
-
-    caller = threading.Thread(target=call)
-    caller.start()
-    assert peer.take(1) == [{"goal": "waits"}]
-    ros.close()
-    caller.join(DEADLINE_S)
-    assert len(ended) == 1
+    with waiting_call(lookup, peer, CallError):
+        ros.close()
     with pytest.raises(CallError, match="the node is closed"):
         lookup.start(goal("fine"), 1.0)
 
@@ -102,20 +103,9 @@ def test_goal_is_cancelled_when_its_caller_times_out(lookup, peer):
 
 
 def test_call_is_cancelled_from_another_thread(lookup, peer):
-    cancel, ended = threading.Event(), []
-
-    def call():
-        try:
-            lookup.call(goal("cancel"), DEADLINE_S, cancel)
-        except CallCancelledError as error:
-            ended.append(error)
-
-    caller = threading.Thread(target=call)
-    caller.start()
-    assert peer.take(1) == [{"goal": "waits"}]
-    cancel.set()
-    caller.join(DEADLINE_S)
-    assert len(ended) == 1
+    cancel = threading.Event()
+    with waiting_call(lookup, peer, CallCancelledError, cancel):
+        cancel.set()
     assert peer.take(1) == [{"goal": "cancelled"}]
 
 

@@ -1,6 +1,7 @@
 """A call to another process ends with its reply or with an error."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from std_srvs.srv import SetBool, Trigger
@@ -79,20 +80,12 @@ def test_late_reply_is_counted_and_logged(slow, ros, peer, capfd):
 
 def test_call_is_cancelled_from_another_thread(slow, peer):
     cancel = threading.Event()
-    ended = []
-
-    def call():
-        try:
-            slow.call(Trigger.Request(), timeout_s=DEADLINE_S, cancel=cancel)
-        except CallCancelledError as error:
-            ended.append(str(error))
-
-    caller = threading.Thread(target=call)
-    caller.start()
-    peer.take(1)
-    cancel.set()
-    caller.join(DEADLINE_S)
-    assert ended == ["service /peer/slow was cancelled by the caller"]
+    with ThreadPoolExecutor() as workers:
+        call = workers.submit(slow.call, Trigger.Request(), timeout_s=DEADLINE_S, cancel=cancel)
+        peer.take(1)
+        cancel.set()
+        with pytest.raises(CallCancelledError, match=r"^service /peer/slow was cancelled by the"):
+            call.result(DEADLINE_S)
 
 
 def test_cancelled_call_does_not_call_back(slow, ros, peer):

@@ -58,38 +58,30 @@ def test_force_beside_the_tip_gives_a_torque(ros, make_step, start_receiver):
     assert [torque[axis] for axis in "xyz"] == pytest.approx([0.004, -0.002, 0.0])
 
 
-def test_force_fades_at_its_rate_when_the_tool_is_lost(ros, make_step, start_receiver):
+@pytest.mark.parametrize(
+    ("actions", "expected_n"),
+    [
+        # Nothing before the first pose; 1 N per period of 20 ms, also after 47 of them.
+        (["lost 0", "seen 1", "seen 2", "lost 3", "lost 50", "lost 51"], [1.0, 2.0, 1.0, 0.0, 0.0]),
+        (["seen 1", "seen 2", "earlier 3"], [1.0, 2.0, 1.0]),
+        # Nothing at a rest before the first force; afterwards the ramp begins anew.
+        (["rest 0", "seen 1", "seen 2", "rest 2", "seen 3"], [1.0, 2.0, 0.0, 1.0]),
+    ],
+    ids=["lost tool", "planes of an earlier pose", "rest"],
+)
+def test_force_fades_at_its_rate_and_is_zero_at_rest(
+    ros, make_step, start_receiver, actions, expected_n
+):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
-    receiver = listening(ros, start_receiver, 5)
-    guidance.publish(make_step(0, lost=True))  # publishes nothing before the tool's first pose
-    for index in (1, 2):
-        guidance.publish(make_step(index))
-    for index in (3, 50, 51):
-        guidance.publish(make_step(index, lost=True))
+    receiver = listening(ros, start_receiver, len(expected_n))
+    for action, index in map(str.split, actions):
+        step = make_step(int(index), lost=action == "lost")
+        if action == "rest":
+            guidance.stop()
+        elif action == "earlier":
+            earlier = replace(step.decision, constraint_is_current=False)
+            guidance.publish(replace(step, decision=earlier))
+        else:
+            guidance.publish(step)
     forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
-    # 1 N per period of 20 ms, also after a gap of 47 periods.
-    assert forces == pytest.approx([1.0, 2.0, 1.0, 0.0, 0.0])
-
-
-def test_force_fades_with_planes_of_an_earlier_pose(ros, make_step, start_receiver):
-    guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
-    receiver = listening(ros, start_receiver, 3)
-    for index in (1, 2):
-        guidance.publish(make_step(index))
-    step = make_step(3)
-    earlier = replace(step.decision, constraint_is_current=False)
-    guidance.publish(replace(step, decision=earlier))
-    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
-    assert forces == pytest.approx([1.0, 2.0, 1.0])
-
-
-def test_rest_publishes_zero_force_and_restarts_the_ramp(ros, make_step, start_receiver):
-    guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
-    receiver = listening(ros, start_receiver, 4)
-    guidance.stop()  # publishes nothing, because no force has been published
-    for index in (1, 2):
-        guidance.publish(make_step(index))
-    guidance.stop()
-    guidance.publish(make_step(3))
-    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
-    assert forces == pytest.approx([1.0, 2.0, 0.0, 1.0])
+    assert forces == pytest.approx(expected_n)

@@ -299,21 +299,6 @@ def test_constraint_after_hold_is_held():
     stream.close()
 
 
-def test_expired_constraint_is_never_sent_as_fresh():
-    sent, stream = streaming()
-    stream.publish(constraint(), valid_ns=0)
-    stream.close()
-    assert [message.hold for message in sent.messages] == [True]
-
-
-def test_without_rate_nothing_is_repeated_and_nothing_expires():
-    sent, stream = streaming()
-    stream.publish(constraint())
-    stream.publish(constraint())
-    stream.close()
-    assert [message.seq for message in sent.messages] == [0, 1]
-
-
 def test_hold_publishes_a_last_constraint_on_hold():
     sent, stream = streaming(1000.0)
     stream.publish(constraint())

@@ -34,19 +34,6 @@ def view(shown_view, parts):
     return shown_view
 
 
-def tumor_from_tip(view, tip_frame):
-    tree = view.scene.tree
-    return np.linalg.inv(world_matrix(tree.node("tumor"))) @ world_matrix(tree.node(tip_frame))
-
-
-def test_tool_is_placed_as_each_step_judged_it(view, parts):
-    for frame in (0, BREACH_FRAME, 39, 3):
-        shown = parts.feed.shown[frame]
-        view.show(shown)
-        found = tumor_from_tip(view, parts.content.tip_frame)
-        assert np.allclose(found, shown.step.tumor_from_tip.matrix, atol=1e-9)
-
-
 def test_plane_is_hidden_while_the_session_is_silent(view, parts):
     shown = parts.feed.shown[1]
     view.show(shown)

@@ -1,15 +1,13 @@
 """The results of the cases in a folder: computed once for each content, and kept."""
 
 import threading
-import time
 from contextlib import contextmanager
 
 import pytest
 
 from app.geometry import InputError
 from app.viewer.library.case_library import CaseLibrary, CaseResult
-
-WAIT_S = 60.0
+from tests.waiting import DEADLINE_S, wait_until
 
 
 class Replays:
@@ -45,10 +43,9 @@ def opened(root, cache, replays, version="1"):
 
 def wait(library, done):
     """Wait until the rows, by their folders, are ``done``."""
-    end_s = time.monotonic() + WAIT_S
-    while not done({str(row["folder"]): row for row in library.rows()}):
-        assert time.monotonic() < end_s, library.rows()
-        time.sleep(0.01)
+    wait_until(
+        lambda: done({str(row["folder"]): row for row in library.rows()}), describe=library.rows
+    )
 
 
 def all_done(rows):
@@ -141,5 +138,5 @@ def test_missing_folder_is_refused(tmp_path):
 def test_closed_library_ends_its_thread(tmp_path):
     with opened(tmp_path, tmp_path / "cache", Replays()):
         (thread,) = [each for each in threading.enumerate() if each.name == "case library"][-1:]
-    thread.join(WAIT_S)
+    thread.join(DEADLINE_S)
     assert not thread.is_alive()
