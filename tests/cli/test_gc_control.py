@@ -16,6 +16,12 @@ from app.cli.prompt_process import prompt_process
 pytestmark = pytest.mark.slow
 
 
+@pytest.fixture(autouse=True, scope="module")
+def unfrozen():
+    """The whole run of the tests freezes what its collection has loaded."""
+    gc.unfreeze()
+
+
 class Cycle:
     def __init__(self):
         self.itself = self
@@ -67,15 +73,6 @@ def test_disabled_collection_stays_disabled():
         assert not gc.isenabled()
     finally:
         gc.enable()
-
-
-@pytest.fixture(autouse=True)
-def loaded_objects_are_scanned():
-    """The whole run of the tests freezes what its collection has loaded."""
-    gc.unfreeze()
-    yield
-    gc.collect()
-    gc.freeze()
 
 
 def test_loaded_objects_of_a_prompt_process_are_not_scanned_and_later_ones_are():
