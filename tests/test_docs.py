@@ -40,6 +40,7 @@ ROS_OPTIONS = {"--ros-args", "--enclave", "--cmake-args"}  # of ROS programs and
 OTHER_OPTIONS = (
     SLICER_OPTIONS | INSTALLER_OPTIONS | EXAMPLE_OPTIONS | ROS_OPTIONS | DASK_OPTIONS | TOOL_OPTIONS
 )
+PARSER = build_parser()
 NOT_A_COMMAND = "marginguard tip"
 """Name of an engine in a table of a benchmark."""
 
@@ -138,7 +139,7 @@ def test_commands_and_their_options_exist(project_root: Path, pages: dict[str, s
 
 
 def test_all_named_options_exist(project_root: Path, pages: dict[str, str]) -> None:
-    known = {option for parser in _parsers(build_parser()) for option in _options(parser)}
+    known = {option for parser in _parsers(PARSER) for option in _options(parser)}
     known |= {option for name in BENCHMARKS for option in _benchmark_options(name, project_root)}
     named = {
         (page, option)
@@ -187,7 +188,7 @@ def _calls(text: str) -> Iterator[list[str]]:
 
 def _problem_of(arguments: list[str], root: Path) -> str:
     """Error in the arguments of a call; empty if there is none."""
-    parser = build_parser()
+    parser = PARSER
     options = OPTION.findall(" ".join(arguments).partition(" -- ")[0])
     if arguments[0] == "bench" and len(arguments) > 1 and arguments[1] in BENCHMARKS:
         known = _benchmark_options(arguments[1], root)

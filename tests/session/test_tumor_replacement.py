@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ assert [n for name, n in before.items() if "_fill_between" in name] == [1]
 """
 
 
+@cache
 def known() -> SurfaceMesh:
     """The former tumour, in the frame that it moves with."""
     return tumor("spiky", 3).transformed(FRAME_FROM_TUMOR)

@@ -100,22 +100,24 @@ def simulated_operation(motion: SimulatedMotion, minutes: int) -> Iterator[Track
 def recorded_runs(path: Path, margins: MarginParameters, mesh: SurfaceMesh) -> Iterator[Run]:
     """Play a recording with each pair of its frames as tool and tumour, also twice as fast."""
     frames = list(read_recording(path, lambda note: None))
+    proximity = TipProximity(mesh)
     edges = {(sample.target, sample.source) for frame in frames for sample in frame.poses}
     for target, tool in sorted(edges):
         for tumor in sorted({name for edge in edges for name in edge} - {tool}):
             if (target, tumor) in edges or tumor == target:
                 for speed in (1, 2):
-                    yield run_session(
-                        _hand_held(tool, tumor, margins, mesh), _faster(frames, speed)
-                    )
+                    setup = _hand_held(tool, tumor, margins, proximity)
+                    yield run_session(setup, _faster(frames, speed))
 
 
-def _hand_held(tool: str, tumor: str, margins: MarginParameters, mesh: SurfaceMesh) -> SessionSetup:
+def _hand_held(
+    tool: str, tumor: str, margins: MarginParameters, proximity: TipProximity
+) -> SessionSetup:
     """A session without a robot: the tip is the origin of ``tool``."""
     return SessionSetup(
         tool_from_tip=Transform.identity(tool, f"{tool}_tip"),
         frame_from_tumor=Transform.identity(tumor, "tumor"),
-        proximity=TipProximity(mesh),
+        proximity=proximity,
         margins=replace(margins, stale_after_ns=200 * NS_PER_MS),
         robot=None,
     )
