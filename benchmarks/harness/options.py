@@ -48,8 +48,10 @@ class BenchParser(argparse.ArgumentParser):
             value = kind(word)
             enough = low < value if above else low <= value
             if not (enough and value <= high and value < math.inf):
-                wanted = f"{'more than' if above else 'at least'} {low:g}"
-                limit = "" if high == math.inf else f", at most {high:g}"
+                wanted = f"more than {low:g}" if above else f"{low:g}"
+                limit = f", at most {high:g}" if above else f" to {high:g}"
+                if high == math.inf:
+                    limit = "" if above else " or more"
                 raise argparse.ArgumentTypeError(f"{word}; expected {wanted}{limit}")
             return value
 

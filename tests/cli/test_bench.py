@@ -63,11 +63,16 @@ def test_each_help_contains_command(name, started):
             ["session", "--case", "nowhere"],
             "'nowhere' is no case; expected a folder with a case.yaml",
         ),
-        (["session", "--seconds", "0"], "--seconds is 0; expected 1 or more"),
+        (["session", "--seconds", "0"], "argument --seconds: 0; expected 1 or more"),
         (["replay", "nowhere"], "'nowhere' is no case; expected a folder with a case.yaml"),
-        (["replay", "--runs", "0"], "--runs is 0; expected 1 or more"),
-        (["replay", "--minutes", "-1"], "--minutes is -1; expected more than 0, at most 600"),
-        (["fixture", "--tumors", "80", "19"], "--tumors is 19; expected 20 or more"),
+        (["replay", "--runs", "0"], "argument --runs: 0; expected 1 or more"),
+        (
+            ["replay", "--minutes", "-1"],
+            "argument --minutes: -1; expected more than 0, at most 600",
+        ),
+        (["view", "--json", "none/x.json"], "none/x.json cannot be written: parent"),
+        (["fixture", "--plot=none/x.png"], "none/x.png cannot be written: parent"),
+        (["fixture", "--tumors", "80", "19"], "argument --tumors: 19; expected 20 or more"),
     ],
 )
 def test_bad_options_give_one_error_line_and_no_figures(arguments, message, started):
