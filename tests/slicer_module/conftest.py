@@ -1,10 +1,7 @@
 """The ROS2 module in a scene beside a peer process with plain rclpy, and the panel MarginGuard."""
 
 import json
-import os
-import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.bridge.processes import Child
 from tests.field_cache import fields_folder as fields_folder
 from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import environment_of, reserved_domain
@@ -22,49 +20,21 @@ from tests.waiting import DEADLINE_S, wait_until
 PEER = Path(__file__).resolve().parent / "ros2_peer.py"
 
 
-class Peer:
+class Peer(Child):
     """Peer process; ``peer("publish", topic=..., ...)`` runs a command and returns its result."""
 
-    def __init__(self, domain: int, log: Path) -> None:
-        self._log = log
-        with log.open("w") as errors:
-            self._process = subprocess.Popen(
-                [sys.executable, str(PEER)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                env={**os.environ, **environment_of(domain)},
-            )
-
     def __call__(self, do: str, **arguments: Any) -> Any:
-        self.send(do, **arguments)
+        self.begin(do, **arguments)
         return self.result()
 
-    def send(self, do: str, **arguments: Any) -> None:
+    def begin(self, do: str, **arguments: Any) -> None:
         """Send the command ``do`` without waiting for its result."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps({"do": do, **arguments}) + "\n")
-        self._process.stdin.flush()
+        self.send(json.dumps({"do": do, **arguments}))
 
     def result(self) -> Any:
         """Wait for the result of the last command; fail the test if the command failed."""
-        assert self._process.stdout is not None
-        deadline = threading.Timer(DEADLINE_S, self._process.kill)
-        deadline.start()
-        line = self._process.stdout.readline()
-        deadline.cancel()
-        reply = json.loads(line) if line else {"failed": self._log.read_text()}
-        if "failed" in reply:
-            pytest.fail(f"the peer process: {reply['failed']}")
-        return reply["done"]
-
-    def close(self) -> None:
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            pipe.close()
+        reply = json.loads(self.line())
+        return self.fail(reply["failed"]) if "failed" in reply else reply["done"]
 
 
 @pytest.fixture(scope="session")
@@ -75,7 +45,8 @@ def ros_domain() -> Iterator[int]:
 
 @pytest.fixture(scope="session")
 def peer(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Peer]:
-    process = Peer(ros_domain, tmp_path_factory.mktemp("peer") / "peer.log")
+    log = tmp_path_factory.mktemp("peer") / "peer.log"
+    process = Peer([PEER], log, environment_of(ros_domain))
     assert process("set_parameter", name="robot_description", value=URDF, of="robot")
     yield process
     process.close()
@@ -203,9 +174,9 @@ def application() -> Any:
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A cut of the recorded case as the panel opens it."""
-    from tests.slicer_module.marginguard_module import WINDOWS_S, cut_case, open_recorded
+    from tests.slicer_module.marginguard_module import cut_case, open_recorded
 
-    return open_recorded(cut_case(tmp_path_factory.mktemp("cut") / "case", WINDOWS_S))
+    return open_recorded(cut_case(tmp_path_factory.mktemp("cut") / "case"))
 
 
 @pytest.fixture

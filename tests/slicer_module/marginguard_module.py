@@ -1,8 +1,8 @@
 """Slicer's module MarginGuard in tests: its folder on the path, a cut of the recorded case."""
 
-import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,9 +11,10 @@ import pytest
 import slicer
 import yaml
 
-from app.case import TrackingFrame, open_case, write_recording
-from app.geometry import NS_PER_MS, NS_PER_S
-from tests.shipped_case import BRIEF, CLOCK_OFFSET_MS, DEEP, PLANNED_DROPOUTS, SHAFT
+from app.case import TrackingFrame
+from app.geometry import NS_PER_S
+from tests.cut_case import recorded_frames, write_cut_case
+from tests.shipped_case import BRIEF, DEEP, PLANNED_DROPOUTS, SHAFT
 from tests.shipped_case import SHIPPED_CASE as CASE
 from tests.waiting import wait_until
 
@@ -45,32 +46,16 @@ WINDOWS_S = [
 """Parts of the recorded case that the tests of the panel show."""
 
 
-def frames_in(windows_s: Sequence[tuple[float, float]]) -> tuple[TrackingFrame, ...]:
-    """Frames of the recorded case in ``windows_s``, each at its own time."""
-    frames = list(open_case(CASE).recorded_frames())
-    return tuple(
-        frame
-        for frame in frames
-        if any(
-            low <= (frame.stamp.ns - frames[0].stamp.ns) / NS_PER_S <= high
-            for low, high in windows_s
-        )
-    )
+def frames_in(windows_s: Iterable[tuple[float, float]]) -> list[TrackingFrame]:
+    """Frames of the recorded case in ``windows_s``, which are disjoint, each at its own time."""
+    parts = (recorded_frames(low_s, high_s - low_s) for low_s, high_s in sorted(windows_s))
+    return list(chain.from_iterable(parts))
 
 
-def cut_case(folder: Path, windows_s: Sequence[tuple[float, float]]) -> Path:
-    """Write the recorded case with the frames of ``windows_s`` only."""
-    shutil.copytree(CASE, folder, ignore=shutil.ignore_patterns("*.mcap"))
-    manifest = yaml.safe_load((CASE / "case.yaml").read_text())
-    del manifest["recording"]["sha256"]
-    (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
-    write_recording(
-        folder / manifest["recording"]["path"],
-        frames_in(windows_s),
-        robot_to_tracker_offset_ns=round(CLOCK_OFFSET_MS * NS_PER_MS),
-        joint_states_topic=manifest["robot"]["joint_states"],
-    )
-    return folder
+def cut_case(folder: Path) -> Path:
+    """Write the recorded case, registered by its dwells, with the frames of `WINDOWS_S` only."""
+    dwells = yaml.safe_load((CASE / "case.yaml").read_text())["registration"]
+    return write_cut_case(folder, 0.0, 0.0, lambda _: frames_in(WINDOWS_S), registration=dwells)
 
 
 def open_recorded(folder: Path) -> RecordedCase:

@@ -18,6 +18,7 @@ import json
 import os
 import sys
 import threading
+import time
 from importlib import import_module
 
 import rclpy
@@ -33,7 +34,9 @@ from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.action import LookupTransform
 from tf2_msgs.msg import TFMessage
 
-DEADLINE_S = 100.0
+from tests.bridge.peers import as_plain, filled, interface
+
+DEADLINE_S = 80.0
 """Ends a hang; less than that of a test, whose message would not name the call."""
 
 try:  # by its name: it is not declared, as a desktop ROS has it
@@ -66,72 +69,34 @@ node.declare_parameter("unset", descriptor=ParameterDescriptor(dynamic_typing=Tr
 robot.declare_parameter("robot_description", "")
 
 
-def type_of(name):
-    package, folder, last = name.split("/")
-    return getattr(import_module(f"{package}.{folder}"), last)
-
-
-def filled(kind, values):
-    message = kind()
-    types = kind.get_fields_and_field_types()
-    for field, value in values.items():
-        inner = types[field].removeprefix("sequence<").removesuffix(">")
-        if isinstance(value, dict):
-            value = filled(type(getattr(message, field)), value)
-        elif isinstance(value, list) and "/" in inner:
-            package, last = inner.split("/")
-            value = [filled(type_of(f"{package}/msg/{last}"), each) for each in value]
-        setattr(message, field, value)
-    return message
-
-
-def plain(value):
-    if hasattr(value, "get_fields_and_field_types"):
-        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
-    if isinstance(value, str | bool | int | float):
-        return value
-    return [plain(each) for each in value] if not hasattr(value, "tolist") else value.tolist()
-
-
-def wait(ready, deadline):
+def wait(ready, error):
+    """Wait until ``ready()``; ``error`` is the message of a `TimeoutError`."""
+    end_s = time.monotonic() + DEADLINE_S
     with changed:
         while not ready():
-            if not changed.wait(0.01) and deadline.expired():
-                raise TimeoutError(deadline.text)
-
-
-class Deadline:
-    """`DEADLINE_S` from now; ``text`` is the error message."""
-
-    def __init__(self, text):
-        self.text = text
-        self._timer = threading.Timer(DEADLINE_S, lambda: None)
-        self._timer.daemon = True
-        self._timer.start()
-
-    def expired(self):
-        return not self._timer.is_alive()
+            if not changed.wait(0.01) and time.monotonic() > end_s:
+                raise TimeoutError(error)
 
 
 def listen(topic, type, latched=False):
     def on_message(message):
         with changed:
-            received[topic].append(plain(message))
+            received[topic].append(as_plain(message))
             changed.notify_all()
 
     received[topic] = []
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     node.create_subscription(
-        type_of(type), topic, on_message, QoSProfile(depth=100, durability=durability)
+        interface(type), topic, on_message, QoSProfile(depth=100, durability=durability)
     )
     if not latched:
-        wait(lambda: node.count_publishers(topic) > 0, Deadline(f"no publisher of {topic}"))
+        wait(lambda: node.count_publishers(topic) > 0, f"no publisher of {topic}")
 
 
 def take(topic, count=1):
     wait(
         lambda: len(received[topic]) >= count,
-        Deadline(f"{len(received[topic])} messages on {topic}"),
+        f"{len(received[topic])} messages on {topic}",
     )
     messages, received[topic] = received[topic], []
     return messages
@@ -150,22 +115,22 @@ def publish(topic, type, messages, best_effort=False):
     if topic not in publishers:
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         publishers[topic] = node.create_publisher(
-            type_of(type), topic, QoSProfile(depth=100, reliability=reliability)
+            interface(type), topic, QoSProfile(depth=100, reliability=reliability)
         )
     publisher = publishers[topic]
-    wait(lambda: publisher.get_subscription_count() > 0, Deadline(f"no subscriber to {topic}"))
+    wait(lambda: publisher.get_subscription_count() > 0, f"no subscriber to {topic}")
     for each in messages:
-        publisher.publish(filled(type_of(type), each))
+        publisher.publish(filled(interface(type)(), each))
 
 
 def publish_latched(topic, type, data):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    publishers[topic] = node.create_publisher(type_of(type), topic, latched)
-    publishers[topic].publish(filled(type_of(type), {"data": data}))
+    publishers[topic] = node.create_publisher(interface(type), topic, latched)
+    publishers[topic].publish(filled(interface(type)(), {"data": data}))
 
 
 def send_tf(edges, age_s=0.0):
-    wait(lambda: tf.get_subscription_count() > 0, Deadline("no subscriber to /tf"))
+    wait(lambda: tf.get_subscription_count() > 0, "no subscriber to /tf")
     now = node.get_clock().now() - rclpy.duration.Duration(nanoseconds=int(age_s * 1e9))
     sent = []
     for parent, child, translation in edges:
@@ -235,7 +200,7 @@ def wait_until(call, value):
         found[:] = [COMMANDS[call["do"]](**{k: v for k, v in call.items() if k != "do"})]
         return found[0] == value
 
-    wait(same, Deadline(f"{call} does not become {value}"))
+    wait(same, f"{call} does not become {value}")
 
 
 def echo(request, response):
@@ -254,22 +219,22 @@ def never_reply(_, __):
 
 
 def call_service(name, type, request):
-    client = node.create_client(type_of(type), name)
-    wait(client.service_is_ready, Deadline(f"no server of {name}"))
-    done = client.call_async(filled(type_of(type).Request, request))
-    wait(done.done, Deadline(f"{name} did not reply"))
+    client = node.create_client(interface(type), name)
+    wait(client.service_is_ready, f"no server of {name}")
+    done = client.call_async(filled(interface(type).Request(), request))
+    wait(done.done, f"{name} did not reply")
     node.destroy_client(client)
-    return plain(done.result())
+    return as_plain(done.result())
 
 
 def serve(name, type, reply):
     requests_of[name] = []
 
     def answer(request, _):
-        requests_of[name].append(plain(request))
-        return filled(type_of(type).Response, reply)
+        requests_of[name].append(as_plain(request))
+        return filled(interface(type).Response(), reply)
 
-    node.create_service(type_of(type), name, answer)
+    node.create_service(interface(type), name, answer)
 
 
 def requests(name):
@@ -277,7 +242,7 @@ def requests(name):
 
 
 def blank(type):
-    return plain(type_of(type).Request())
+    return as_plain(interface(type).Request())
 
 
 cancelled = threading.Event()

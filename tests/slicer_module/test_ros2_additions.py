@@ -20,7 +20,7 @@ def call_from_peer(peer, spin_until):
 
     def call(server, name, request):
         before = server.GetNumberOfRequests()
-        peer.send("call_service", name=name, type=SET_BOOL, request=request)
+        peer.begin("call_service", name=name, type=SET_BOOL, request=request)
         spin_until(lambda: server.GetNumberOfRequests() > before or server.failed)
         return peer.result()
 

@@ -141,13 +141,13 @@ def test_message_is_in_the_scene_without_a_timer(make_panel, peer):
     panel._list_timer.stop()
     texts.AddObserver("ModifiedEvent", lambda *_: quit_loop())
     message = {"topic": "/woken", "type": "std_msgs/msg/String", "messages": [{"data": "now"}]}
-    peer.send("publish", **message)
+    peer.begin("publish", **message)
     run_releasing()
     peer.result()
     assert texts.GetLastMessage() == "now"
 
     pose.AddObserver(slicer.vtkMRMLTransformNode.TransformModifiedEvent, lambda *_: quit_loop())
-    peer.send("send_tf", edges=[["woken_parent", "woken_child", [0.5, 0.0, 0.0]]])
+    peer.begin("send_tf", edges=[["woken_parent", "woken_child", [0.5, 0.0, 0.0]]])
     run_releasing()
     peer.result()
     assert pose.GetMatrixTransformToParent().GetElement(0, 3) == 500.0
@@ -191,7 +191,7 @@ def test_silent_source_becomes_stale_in_the_scene_without_a_message(make_panel, 
     pose.AddObserver("ModifiedEvent", note)
     for _ in range(20):  # on a busy machine the pose can be too old when it is shown first
         states.clear()
-        peer.send("send_tf", edges=[["once_parent", "once_child", [0.5, 0.0, 0.0]]])
+        peer.begin("send_tf", edges=[["once_parent", "once_child", [0.5, 0.0, 0.0]]])
         run_releasing()
         peer.result()
         if "valid" in states:
