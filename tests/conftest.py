@@ -20,6 +20,8 @@ settings.register_profile("suite", deadline=None, derandomize=True)
 settings.register_profile("random", deadline=None)
 settings.load_profile("suite")
 
+unfreeze = gc.unfreeze
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--tier``."""
@@ -65,13 +67,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: -seconds.get(_path(item.nodeid), 0.0))
 
 
-@pytest.fixture(autouse=True, scope="module")
+@pytest.fixture(autouse=True, scope="session")
 def frozen() -> Iterator[None]:
-    """Freeze again, after a module whose commands have let the collection scan all objects."""
-    yield
-    if gc.get_freeze_count() == 0:
-        gc.collect()
-        gc.freeze()
+    """The end of a command does not let the collection scan again what pytest has loaded."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gc, "unfreeze", lambda: None)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

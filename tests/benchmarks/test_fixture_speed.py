@@ -14,7 +14,7 @@ from benchmarks.fixture.engines import ENGINES, OURS, OURS_TIP
 from benchmarks.fixture.results import CaseResult, case_table, speed_goals, write_plot
 from benchmarks.fixture.timing import EngineRun, Timing, measure_in_processes
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 pytest.importorskip("coal")
 pytest.importorskip("vtkmodules")

@@ -8,7 +8,7 @@ from app.geometry import NS_PER_S, FloatArray, TrackedTransform
 from benchmarks.replay.long_case import write_long_case
 from tests.shipped_case import SHIPPED_CASE as RECORDED
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 MORE_S = 2.7
 """How much longer the repeated case is than one round."""

@@ -12,14 +12,20 @@ import pytest
 
 from app.cli.gc_control import GcPause
 from app.cli.prompt_process import prompt_process
+from tests.conftest import unfreeze
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(autouse=True, scope="module")
 def unfrozen():
-    """The whole run of the tests freezes what its collection has loaded."""
-    gc.unfreeze()
+    """The run of the tests freezes what its collection has loaded, for good."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gc, "unfreeze", unfreeze)
+        gc.unfreeze()
+        yield
+        gc.collect()
+        gc.freeze()
 
 
 class Cycle:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.examples.conftest import NUMBER, RunExample, numbers
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 CASE = Path("data/recorded_case")
 
