@@ -36,6 +36,11 @@ def bag(case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def messages(bag: Path) -> list[tuple[str, int, object]]:
+    return decoded(bag)
+
+
 def decoded(folder: Path) -> list[tuple[str, int, object]]:
     """Topic, time in ns and message, by the definitions that the bag contains."""
     with Reader(folder) as reader:
@@ -48,8 +53,7 @@ def decoded(folder: Path) -> list[tuple[str, int, object]]:
         ]
 
 
-def test_rosbags_reads_the_distances_of_the_replay(case, bag):
-    messages = decoded(bag)
+def test_rosbags_reads_the_distances_of_the_replay(case, messages):
     distances = [message.data for topic, _, message in messages if topic == MARGIN_MM]
     constraints = [message for topic, _, message in messages if topic == CONSTRAINT]
     assert len(distances) == FRAMES
@@ -72,8 +76,8 @@ def test_rosbags_reads_the_distances_of_the_replay(case, bag):
     assert {"tumor", "tool", "margin"} == set(surfaces)
 
 
-def test_times_are_those_of_the_frames(bag):
-    times = [time_ns for topic, time_ns, _ in decoded(bag) if topic == MARGIN_MM]
+def test_times_are_those_of_the_frames(bag, messages):
+    times = [time_ns for topic, time_ns, _ in messages if topic == MARGIN_MM]
     assert {after - before for before, after in pairwise(times)} == {50_000_000}
     with next(bag.glob("*.mcap")).open("rb") as file:
         reader = make_reader(file)
@@ -85,9 +89,9 @@ def test_times_are_those_of_the_frames(bag):
     assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
 
 
-def test_the_same_case_gives_the_same_messages(case, bag, tmp_path):
+def test_the_same_case_gives_the_same_messages(case, messages, tmp_path):
     assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "again")]) == 0
-    pairs = zip(decoded(bag), decoded(tmp_path / "again"), strict=True)
+    pairs = zip(messages, decoded(tmp_path / "again"), strict=True)
     assert all(repr(first) == repr(second) for first, second in pairs)
 
 
@@ -130,7 +134,7 @@ def test_a_replay_that_was_stopped_leaves_no_bag(case, tmp_path):
 
 
 @pytest.mark.parametrize("other_tumor", [False, True])
-def test_a_change_of_the_content_is_in_the_bag(case, bag, tmp_path, other_tumor):
+def test_a_change_of_the_content_is_in_the_bag(case, messages, tmp_path, other_tumor):
     prepared = prepare_case(case)
     content = prepared.content
     if other_tumor:
@@ -142,7 +146,7 @@ def test_a_change_of_the_content_is_in_the_bag(case, bag, tmp_path, other_tumor)
         for number, _ in enumerate(replay.steps()):
             if number == 9:
                 process.prepare(content)(content)
-    before, after = decoded(bag), decoded(tmp_path / "bag")
+    before, after = messages, decoded(tmp_path / "bag")
     # Another tumour makes the margin UNKNOWN at once; equal surfaces are not new.
     unknown = [topic for topic, _, message in after if topic == CONSTRAINT and message.state == 3]
     known = [topic for topic, _, message in before if topic == CONSTRAINT and message.state == 3]

@@ -22,20 +22,26 @@ def test_is_quick():
 """
 
 
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A project with one test file, and the JUnit XML file of its run."""
-    (tmp_path / "tests").mkdir()
-    (tmp_path / "tests" / "test_some.py").write_text(TESTS)
-    path = tmp_path / "run.xml"
-    command = [sys.executable, "-m", "pytest", "-q", "tests", f"--junitxml={path}"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project with one test file, and ``run.xml``: the JUnit XML file of its run."""
+    folder = tmp_path_factory.mktemp("project")
+    (folder / "tests").mkdir()
+    (folder / "tests" / "test_some.py").write_text(TESTS)
+    command = [sys.executable, "-m", "pytest", "-q", "tests", "--junitxml=run.xml"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
-    monkeypatch.setattr(durations, "ROOT", tmp_path)
-    record = tmp_path / "tests" / "durations.csv"
+    return folder
+
+
+@pytest.fixture
+def run(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The JUnit XML file; the project has earlier times."""
+    monkeypatch.setattr(durations, "ROOT", project)
+    record = tmp_path / "durations.csv"
     record.write_text("file,seconds\ntests/test_gone.py,9.0\ntests/test_some.py,0.1\n")
     monkeypatch.setattr(durations, "RECORDED", record)
-    return path
+    return project / "run.xml"
 
 
 def test_most_expensive_file_and_test_come_first_with_share_and_record(
