@@ -1,6 +1,6 @@
 """A cache of fields for tests of a folder; all other tests have none (`no_field_cache`).
 
-A `conftest.py` imports both fixtures.
+A `conftest.py` or a test file imports both fixtures.
 """
 
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ import pytest
 from app.case import open_case
 from app.geometry import NS_PER_S
 from app.runtime import PreparedCase, prepare_case
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.shipped_case import DEEP, SHIPPED_CASE
 
 DWELLS_END_S = 19.0

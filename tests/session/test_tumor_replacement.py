@@ -41,6 +41,12 @@ assert [n for name, n in before.items() if "_fill_between" in name] == [1]
 """
 
 
+@pytest.fixture(autouse=True)
+def no_shared_field(monkeypatch):
+    """Each engine builds its own field: tests compare them."""
+    monkeypatch.setenv("MARGINGUARD_FIELD_CACHE", "off")
+
+
 @cache
 def known() -> SurfaceMesh:
     """The former tumour, in the frame that it moves with."""
