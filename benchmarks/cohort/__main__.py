@@ -169,13 +169,13 @@ def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> list[Goal]
     walls = ", ".join(f"{run['wall_s']:.0f} s with {run['workers']}" for run in whole)
     killed, again = runs[-1]["killed"], f"{second_s:.1f} s, bytes equal: {unchanged}"
     rows = (
-        ("equal bytes of all runs", " ".join(digests), len(digests) == 1),
-        (f"{KILLS} workers killed", f"{killed}", killed == KILLS),
-        (f"second run under {SECOND_RUN_S:g} s, without a change", again,
-         second_s < SECOND_RUN_S and unchanged),
-        (f"memory of a worker grows by {100 * MAX_GROWTH:g} % at most", growth,
-         max(growths, default=0.0) <= MAX_GROWTH),
-        ("wall clock falls with workers up to the number of processors", walls, falls),
+        ("bytes of all runs:", " ".join(digests), len(digests) == 1, "equal"),
+        ("killed workers:", f"{killed}", killed == KILLS, f"{KILLS}"),
+        ("second run:", again, second_s < SECOND_RUN_S and unchanged,
+         f"under {SECOND_RUN_S:g} s, without a change"),
+        ("growth of a worker's memory:", growth, max(growths, default=0.0) <= MAX_GROWTH,
+         f"at most {100 * MAX_GROWTH:g} %"),
+        ("wall clock:", walls, falls, "falls with workers up to the number of processors"),
     )  # fmt: skip
     cost = at_most("processor time of a case", cpu_s, CASE_CPU_S, "s", ".1f")
     return [cost, *(Goal(*row) for row in rows)]

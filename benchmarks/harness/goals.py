@@ -19,11 +19,11 @@ class Goal:
     what: str
     found: str
     good: bool | None
-    expected: str = ""
+    expected: str
 
     @property
     def text(self) -> str:
-        return f"{self.what} {self.expected}".strip()
+        return f"{self.what} {self.expected}"
 
 
 def _limited(
