@@ -1,4 +1,4 @@
-"""Whether points are inside a mesh, and how deep, by winding numbers (libigl).
+"""Whether points are inside a mesh, and their signed distances, by libigl.
 
 Independent of `app.fixture` (FCL and signed fields), of `app.synthetic.clearance` (the tumour's
 radius function) and of `app.case.tumor` (convex hulls and marching cubes). Methods: generalised
@@ -17,9 +17,15 @@ def any_point_inside(points_mm: FloatArray, mesh: SurfaceMesh) -> bool:
     return bool((winding > 0.5).any())
 
 
+def signed_distances_mm(mesh: SurfaceMesh, points_mm: FloatArray) -> FloatArray:
+    """The distances (n,) of points (n, 3) in the mesh's frame, negative inside."""
+    vertices, faces = np.array(mesh.vertices_mm), mesh.faces.astype(np.int64)
+    points = np.ascontiguousarray(points_mm)
+    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
+    inside = igl.winding_number(vertices, faces, points) > 0.5
+    return np.where(inside, -1.0, 1.0) * np.sqrt(squared)
+
+
 def depths_mm(mesh: SurfaceMesh, points_mm: FloatArray) -> FloatArray:
     """Depth (n,) of ``points_mm`` (n, 3) below the surface of ``mesh``; negative outside."""
-    vertices, faces = np.array(mesh.vertices_mm), np.array(mesh.faces)
-    squared = igl.point_mesh_squared_distance(points_mm, vertices, faces)[0]
-    inside = igl.winding_number(vertices, faces, points_mm) > 0.5
-    return np.where(inside, 1.0, -1.0) * np.sqrt(squared)
+    return -signed_distances_mm(mesh, points_mm)

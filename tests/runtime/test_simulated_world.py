@@ -6,6 +6,7 @@ import pytest
 from app.geometry import InputError, SurfaceMesh, Transform
 from app.runtime import BodyKind, RequestOutcome, SimulatedWorld, WorldBody
 from app.runtime.simulated_world import ANSWER_NS
+from tests.manual_clock import ManualClock
 
 EYE = np.eye(3)
 MESH = SurfaceMesh("box", np.eye(3), np.array([[0, 1, 2]]))
@@ -31,16 +32,9 @@ class Owner:
         self.requests.append(("remove", name, stamp))
 
 
-class Clock:
-    now_ns = 1000 * MS
-
-    def __call__(self):
-        return self.now_ns
-
-
 @pytest.fixture
 def clock():
-    return Clock()
+    return ManualClock(1000 * MS)
 
 
 @pytest.fixture
@@ -54,7 +48,7 @@ def world(owner, clock):
     world.connect(owner)
     kinds = {"wall": BodyKind.FIXED, "stone": BodyKind.FREE, "box": BodyKind.ADDED}
     world.set_bodies([WorldBody(name, kind, MESH) for name, kind in kinds.items()])
-    world.set_places(places(), clock.now_ns)
+    world.set_places(places(), clock.ns)
     return world
 
 
@@ -71,7 +65,7 @@ def test_move_is_relative_to_the_pose_and_has_the_time_of_the_request(world, own
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     world.move("stone", np.array([1.0, 2.0, 3.0]), quarter)
     kind, pose, stamp = owner.requests[0]
-    assert (kind, pose.target, pose.source, stamp.ns) == ("move", "world", "stone", clock.now_ns)
+    assert (kind, pose.target, pose.source, stamp.ns) == ("move", "world", "stone", clock.ns)
     np.testing.assert_allclose(pose.translation_mm, [11, 2, 3])
     np.testing.assert_allclose(pose.rotation, quarter)
     assert outcome(world) is RequestOutcome.WAITING
@@ -88,13 +82,13 @@ def test_second_move_before_the_answer_begins_where_the_first_ends(world, owner)
 def test_move_is_done_when_the_body_is_there(world, clock):
     world.move("wall", np.array([0.0, 0.0, 2.0]), EYE)
     for z_mm, expected in ((1.9, RequestOutcome.WAITING), (2.0, RequestOutcome.DONE)):
-        world.set_places(places(wall=(0.0, 0.0, z_mm, 0, 0, 0, 1)), clock.now_ns)
+        world.set_places(places(wall=(0.0, 0.0, z_mm, 0, 0, 0, 1)), clock.ns)
         assert outcome(world) is expected
 
 
 def test_late_refusal_of_a_move_that_is_too_small_to_be_seen_counts(world, clock):
     world.move("stone", np.array([0.0, 0.0, 0.1]), EYE)
-    world.set_places(places(), clock.now_ns + 1)
+    world.set_places(places(), clock.ns + 1)
     assert outcome(world) is RequestOutcome.DONE
     world.refused("body 'stone' overlaps 'wall' by 3.0 mm")
     assert outcome(world) is RequestOutcome.REFUSED
@@ -108,7 +102,7 @@ def test_free_body_may_fall_before_it_is_seen(world, clock):
         (10, 55.0, RequestOutcome.WAITING),
         (10, 30.0, RequestOutcome.DONE),
     ):
-        world.set_places(places(stone=(x_mm, 0, z_mm, 0, 0, 0, 1)), clock.now_ns)
+        world.set_places(places(stone=(x_mm, 0, z_mm, 0, 0, 0, 1)), clock.ns)
         assert outcome(world) is expected
 
 
@@ -124,11 +118,11 @@ def test_refusal_has_the_reason_of_the_simulation(world, reason):
 
 def test_request_without_effect_has_no_answer_until_it_has_one(world, clock):
     world.move("wall", np.array([5.0, 0.0, 0.0]), EYE)
-    clock.now_ns += ANSWER_NS + 1
+    clock.ns += ANSWER_NS + 1
     assert outcome(world) is RequestOutcome.UNANSWERED
     world.refused("body 'wall' overlaps 'stone'")  # of a later request of another program
     assert outcome(world) is RequestOutcome.UNANSWERED
-    world.set_places(places(wall=(5.0, 0, 0, 0, 0, 0, 1)), clock.now_ns)
+    world.set_places(places(wall=(5.0, 0, 0, 0, 0, 0, 1)), clock.ns)
     assert outcome(world) is RequestOutcome.DONE
 
 
@@ -136,7 +130,7 @@ def test_added_body_is_done_when_it_has_a_surface_and_a_place(world, owner, cloc
     world.add(MESH, Transform("world", "clip", EYE, np.array([1.0, 2.0, 3.0])))
     assert owner.requests[0][0] == "add"
     bodies = world.moment().bodies
-    world.set_places(places(clip=(1, 2, 3, 0, 0, 0, 1)), clock.now_ns + 1)
+    world.set_places(places(clip=(1, 2, 3, 0, 0, 0, 1)), clock.ns + 1)
     assert outcome(world) is RequestOutcome.WAITING
     world.set_bodies([*bodies, WorldBody("clip", BodyKind.ADDED, MESH)])
     assert outcome(world) is RequestOutcome.DONE
@@ -162,5 +156,5 @@ def test_nothing_is_requested_without_a_simulation_or_a_place(world, owner):
 
 
 def test_invalid_place_is_left_out(world, clock):
-    world.set_places(places(wall=(float("nan"), 0, 0, 0, 0, 0, 1)), clock.now_ns)
+    world.set_places(places(wall=(float("nan"), 0, 0, 0, 0, 0, 1)), clock.ns)
     assert set(world.moment().poses) == {"stone", "box"}

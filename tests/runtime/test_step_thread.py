@@ -8,19 +8,11 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.runtime import SeenHold, StepThread
+from tests.manual_clock import ManualClock
 
 DEADLINE_S = 60.0
 STAMP_NS = 5_000
 NEGATIVE, UNKNOWN = MarginState.NEGATIVE, MarginState.UNKNOWN
-
-
-class ClockDouble:
-    """Test double of a steady clock: changes only when the test sets ``ns``."""
-
-    ns = 100
-
-    def __call__(self):
-        return self.ns
 
 
 class RunDouble:
@@ -57,7 +49,7 @@ def step_double(seq=1, state=NEGATIVE, hold=False, stamp_ns=STAMP_NS):
 
 @pytest.fixture
 def clock():
-    return ClockDouble()
+    return ManualClock(100)
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ import pytest
 from tests.bridge.processes import Child
 from tests.field_cache import fields_folder as fields_folder
 from tests.field_cache import shared_fields as shared_fields
+from tests.manual_clock import ManualClock
 from tests.ros_domain import environment_of, reserved_domain
 from tests.slicer_module.ros2_values import URDF
 from tests.waiting import DEADLINE_S, wait_until
@@ -188,20 +189,11 @@ def opens_at_once(recorded: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.fixture
 def clock() -> Any:
-    return ClockDouble()
-
-
-class ClockDouble:
-    """TEST DOUBLE of the host's clock: changes only when the test sets ``ns``."""
-
-    ns = 0
-
-    def __call__(self) -> int:
-        return self.ns
+    return ManualClock()
 
 
 @pytest.fixture
-def replayed(application: Any, opens_at_once: Any, clock: ClockDouble) -> Iterator[Any]:
+def replayed(application: Any, opens_at_once: Any, clock: ManualClock) -> Iterator[Any]:
     """Logic of the panel with the case paused at its first frame; its clock stands still."""
     from tests.slicer_module.marginguard_module import CASE, PanelLogic, spin_until
 

@@ -9,7 +9,7 @@ from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.tool_grip import ToolGrip, distance_to_segments
 from app.viewer.hand_part import HandPart
 from app.viewer.pointer_area import PointerArea
-from tests.viewer.manual_clock import ManualClock
+from tests.manual_clock import ManualClock
 
 KEYS = {"ctrlKey": 0, "altKey": 0, "shiftKey": 0}
 

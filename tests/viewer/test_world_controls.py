@@ -20,7 +20,8 @@ from app.viewer.drawing.picture_points import PicturePoints
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from app.viewer.world_controls import WorldControls
-from tests.runtime.test_simulated_world import Clock, Owner
+from tests.runtime.test_simulated_world import clock as clock
+from tests.runtime.test_simulated_world import owner as owner
 from tests.runtime.test_simulated_world import world as world
 from tests.viewer.test_hand_part import event
 from tests.viewer.test_world_part import CORNERS, FACES, START_NS, Shown, body
@@ -28,16 +29,6 @@ from tests.viewer.test_world_part import CORNERS, FACES, START_NS, Shown, body
 pytestmark = pytest.mark.slow
 
 MESH = SurfaceMesh("mesh", CORNERS, FACES)
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
-@pytest.fixture
-def owner():
-    return Owner()
 
 
 class Page:

@@ -13,6 +13,7 @@ from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.scene_view import Part
 from app.viewer.world_part import WorldPart
+from tests.manual_clock import ManualClock
 
 pytestmark = pytest.mark.slow
 
@@ -24,13 +25,6 @@ TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
 """A quarter about z."""
 
 
-class Clock:
-    now_ns = START_NS
-
-    def __call__(self):
-        return self.now_ns
-
-
 def body(name, kind=BodyKind.FIXED):
     return WorldBody(name, kind, SurfaceMesh(name, CORNERS, FACES))
 
@@ -39,7 +33,7 @@ class Shown:
     """A page's view with a simulated world, whose frame is that of the tumour's sensor."""
 
     def __init__(self, parts):
-        self.clock = Clock()
+        self.clock = ManualClock(START_NS)
         self.world = SimulatedWorld("world", "tumor_sensor", self.clock)
         self.view = SceneView(parts.content, has_bodies=True)
         self.view.view.render_window().SetSize(640, 400)
@@ -97,11 +91,11 @@ def test_old_places_are_grey_and_have_their_age(shown, parts):
     display = shown.view.bodies["wall"].GetDisplayNode()
     assert display.GetColor() == pytest.approx(COLOR)
     assert (shown.values()["light"], shown.values()["age"]) == ("valid", "0 ms")
-    shown.clock.now_ns += parts.content.margins.stale_after_ns + 1
+    shown.clock.ns += parts.content.margins.stale_after_ns + 1
     shown.update()
     assert display.GetColor() == pytest.approx(MarginState.UNKNOWN.color)
     assert shown.values()["light"] == "stale"
-    shown.clock.now_ns = START_NS + 3 * S
+    shown.clock.ns = START_NS + 3 * S
     shown.update()
     assert shown.values()["age"] == "3.0 s"
 

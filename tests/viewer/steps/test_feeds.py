@@ -8,7 +8,7 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 from app.viewer import LiveFeed, ReplayFeed, ViewStateBuilder
-from tests.viewer.manual_clock import ManualClock
+from tests.manual_clock import ManualClock
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MS = 1_000_000

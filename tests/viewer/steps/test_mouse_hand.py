@@ -13,7 +13,7 @@ from app.viewer.steps.mouse_hand import (
     STIFFNESS_N_MM,
     MouseHand,
 )
-from tests.viewer.manual_clock import ManualClock
+from tests.manual_clock import ManualClock
 
 STEP_NS = 10_000_000
 FAR = np.array([50.0, 0.0, 0.0])

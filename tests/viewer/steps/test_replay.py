@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from app.viewer.errors import ViewerError
 from app.viewer.steps.replay import RATES, ReplayControl
-from tests.viewer.manual_clock import ManualClock
+from tests.manual_clock import ManualClock
 
 MS = 1_000_000
 STAMPS = [0, 20 * MS, 40 * MS, 100 * MS, 120 * MS]

@@ -2,10 +2,10 @@
 
 
 class ManualClock:
-    """Test double of a steady clock."""
+    """Test double of a clock in ns."""
 
-    def __init__(self) -> None:
-        self.ns = 0
+    def __init__(self, ns: int = 0) -> None:
+        self.ns = ns
 
     def __call__(self) -> int:
         return self.ns
