@@ -1,67 +1,33 @@
 """A simulated world in the scene of the ROS2 module: edits reach the physics, and come back."""
 
-import time
-
 import numpy as np
 import pytest
 from slicer import vtkMRMLModelNode
 
 from app.bridge import RosNode
-from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
-from app.geometry import MarginGuardError, SurfaceMesh, Transform
+from app.bridge.simulation import NODE_NAME
+from app.geometry import MarginGuardError
 from app.scene.nodes.convert import poly_data, world_matrix, world_points
-from app.simulation import BodyEntry, World, WorldDescription
+from app.simulation import BodyEntry, WorldDescription
+from tests.bridge.simulation.stepped_world import SteppedWorld, at, cube
 from tests.slicer_module.ros2_values import shifted
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
-CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
-FACES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
-    ]
-)
 
-
-class Physics:
-    """A world of two boxes, which the test steps."""
-
-    def __init__(self, ros):
-        bodies = tuple(
-            BodyEntry(name, SurfaceMesh(name, CORNERS, FACES), at(name, x), mass)
-            for name, x, mass in (("wall", 0.0, None), ("ball", 100.0, 0.1))
-        )
-        description = WorldDescription("boxes", 1, gravity_m_s2=0.0, bodies=bodies)
-        self.world = World(description)
-        self.node = SimulationNode(ros, description)
-        self.ros = ros
-        self.pace = RealTime(
-            self.world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
-        )
-
-    def step(self):
-        state = self.node.step(self.world, time.time_ns())
-        self.node.publish(state, time.time_ns())
-
-    def refusals_are_received(self):
-        """True once the simulation has found a subscriber of its refusals."""
-        refusals = [each for each in self.ros.node.publishers if "refused" in each.topic_name]
-        return min(each.get_subscription_count() for each in refusals) > 0
-
-    def x(self, body):
-        return float(self.world.state().bodies[body].translation_mm[0])
-
-
-def at(name, x):
-    return Transform("world", name, np.eye(3), np.array([x, 0.0, 0.0]))
+def boxes():
+    bodies = tuple(
+        BodyEntry(name, cube(name), at(name, x), mass)
+        for name, x, mass in (("wall", 0.0, None), ("ball", 100.0, 0.1))
+    )
+    return WorldDescription("boxes", 1, gravity_m_s2=0.0, bodies=bodies)
 
 
 @pytest.fixture
 def physics(node, ros_domain):
     with RosNode(NODE_NAME, domain_id=ros_domain) as ros:
-        yield Physics(ros)
+        yield SteppedWorld(ros, boxes())
 
 
 @pytest.fixture
@@ -127,9 +93,7 @@ def test_refused_move_goes_back_to_where_the_body_is(shown, physics):
 def test_model_becomes_a_body_and_is_removed(shown, physics, logic):
     member, until = shown
     model = vtkMRMLModelNode()
-    model.SetAndObservePolyData(
-        poly_data(SurfaceMesh("clip", CORNERS + np.array([200.0, 0, 0]), FACES))
-    )
+    model.SetAndObservePolyData(poly_data(cube("clip", 200.0)))
     logic.scene.AddNode(model)
     member.AddBody("clip", model)
     until(lambda: "clip" in member.GetBodies())

@@ -9,43 +9,26 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import RosNode
 from app.bridge.qos import STREAM, Topic
-from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+from app.bridge.simulation import NODE_NAME
 from app.bridge.simulation.body_edits import MAX_MOVES
 from app.bridge.tf.wire import TfMessageReader
 from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
 from app.files.meshes import write_mesh
 from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
-from app.simulation import World, open_world
+from app.simulation import open_world
+from tests.bridge.simulation.stepped_world import SteppedWorld, at, cube
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
-CORNERS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
-FACES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
-    ]
-)
+CUBE = cube("cube")
 
 
-def at(name, x, y=0.0, z=0.0, frame="world"):
-    return Transform(frame, name, np.eye(3), np.array([x, y, z]))
-
-
-def cube(name):
-    return SurfaceMesh(name, CORNERS, FACES)
-
-
-class Edited:
+class Edited(SteppedWorld):
     """The shipped world with its node, and a scene's node that edits it."""
 
     def __init__(self, ros, scene, description, body="tumor"):
-        self.world = World(description)
-        self.node = SimulationNode(ros, description, use_hand=False)
-        self.pace = RealTime(
-            self.world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
-        )
+        super().__init__(ros, description, use_hand=False)
         self.refused, self.truth = [], {}
         self.editor = WorldEditor(scene, NODE_NAME, self.refused.append)
         read = TfMessageReader()
@@ -54,9 +37,8 @@ class Edited:
             self.truth |= {each.child: each.pose for each in read(data)}
 
         scene.subscribe(Topic("/tf", TFMessage, STREAM), take, raw=True)
-        refusals = [each for each in ros.node.publishers if "refused" in each.topic_name]
         self.until(self.editor.is_connected)
-        self.until(lambda: min(each.get_subscription_count() for each in refusals) > 0)
+        self.until(self.refusals_are_received)
         self.until(lambda: TRUTH + body in self.truth)
 
     def until(self, condition):
@@ -65,20 +47,9 @@ class Edited:
             condition, self.step, pause_s=0.001, describe=lambda: (self.refused, sorted(self.truth))
         )
 
-    def step(self):
-        state = self.node.step(self.world, time.time_ns())
-        self.node.publish(state, time.time_ns())
-
-    def x(self, body):
-        return self.world.state().bodies[body].translation_mm[0]
-
-    @property
-    def fault(self):
-        return self.world.state().arms["arm"].fault
-
 
 def world_of_cubes(folder, count):
-    write_mesh(folder / "cube.stl", cube("cube"))
+    write_mesh(folder / "cube.stl", CUBE)
     bodies = "".join(
         f"  - {{name: body{number}, motion: fixed, position_mm: [0, {60 * number}, 0], "
         "mesh: {path: cube.stl, units: mm}}\n"
@@ -106,19 +77,19 @@ def test_moved_body_comes_back_as_truth_and_the_arm_goes_on(edited):
     edited.editor.move([at("chest_wall", 205, 0, 40)], now())
     edited.until(lambda: edited.truth[f"{TRUTH}chest_wall"][2] == pytest.approx(40.0))
     assert edited.world.state().bodies["chest_wall"].translation_mm[2] == pytest.approx(40.0)
-    assert edited.fault == ""
+    assert edited.arm.fault == ""
     assert edited.refused == []
 
 
 def test_added_body_appears_and_can_be_moved_and_removed(edited):
     edited.editor.add(cube("clip"), at("clip", 205, 200, 80), now())
     edited.until(lambda: f"{TRUTH}clip" in edited.truth)
-    assert edited.fault == "body 'clip' was added"
+    assert edited.arm.fault == "body 'clip' was added"
     edited.editor.move([at("clip", 215, 200, 80)], now())
     edited.until(lambda: edited.truth[f"{TRUTH}clip"][0] == pytest.approx(215.0))
     edited.editor.remove("clip", now())
     edited.until(lambda: "clip" not in edited.world.state().bodies)
-    assert edited.fault == "body 'clip' was removed"
+    assert edited.arm.fault == "body 'clip' was removed"
     assert edited.refused == []
 
 
@@ -139,7 +110,9 @@ REFUSED = (
     (lambda e: e.add(cube("x"), at("x", 0, frame="y"), now()), "frame 'y'"),
     (
         lambda e: e.add(
-            SurfaceMesh("x", CORNERS, np.tile(FACES, (500, 1))), at("x", 0, 300), now()
+            SurfaceMesh("x", CUBE.vertices_mm, np.tile(CUBE.faces, (500, 1))),
+            at("x", 0, 300),
+            now(),
         ),
         "18000 points; expected three for each of 1 to 5000 triangles",
     ),
@@ -158,7 +131,7 @@ def test_refused_edits_are_answered_and_change_nothing(edited):
     after = edited.world.state().bodies
     assert set(after) == {"cautery", "chest_wall", "tumor"}
     np.testing.assert_allclose(after["chest_wall"].matrix, before, atol=1e-9)
-    assert edited.fault == ""
+    assert edited.arm.fault == ""
 
 
 def test_body_may_not_be_placed_in_the_tool(edited):
@@ -200,11 +173,12 @@ def test_flood_of_requests_is_refused(edited):
         return any("too many" in each or "wait" in each for each in edited.refused)
 
     edited.until(is_refused)
-    assert edited.fault == ""
+    assert edited.arm.fault == ""
 
 
 def test_nodes_of_26_bodies_that_a_user_moves_come_back_from_the_physics(domain_id, tmp_path):
-    slicer = pytest.importorskip("slicer", reason="the scene is not installed")
+    import slicer
+
     from app.scene.frames.edited_world import EditedWorld
     from app.scene.nodes.convert import vtk_matrix
 
