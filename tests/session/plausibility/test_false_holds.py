@@ -1,4 +1,4 @@
-"""No false hold in seconds of operation and in recordings; each fault is found once."""
+"""No false hold in a minute of operation and in recordings; each fault is found once."""
 
 from dataclasses import replace
 from itertools import islice
@@ -21,10 +21,9 @@ from tests.shipped_case import DROPOUTS
 pytestmark = pytest.mark.slow
 
 
-def test_no_false_hold_in_20_seconds_of_the_simulated_operation(motion, prepared):
+def test_no_false_hold_in_a_minute_of_the_simulated_operation(motion, prepared):
     setup = replace(prepared.setup, plausibility=RELATIONS)
-    frames = islice(simulated_operation(motion, 1), 1000)
-    assert run_session(setup, frames) == Run(1000, {}, 0)
+    assert run_session(setup, simulated_operation(motion, 1)) == Run(3000, {}, 0)
 
 
 def test_no_false_hold_in_the_recorded_case_whose_dropouts_hold(prepared):
