@@ -62,7 +62,12 @@ def _encode(
                 f"{stream.width} x {stream.height}; expected one size"
             )
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-        encoded = frame.reformat(format="yuv420p", dst_colorspace=_ITU601, dst_color_range=_LIMITED)
+        encoded = frame.reformat(
+            format="yuv420p",
+            dst_colorspace=_ITU601,
+            dst_color_range=_LIMITED,
+            threads=1,  # as of the encoder
+        )
         container.mux(stream.encode(encoded))
     if stream is None:
         raise InputError("video: no picture; expected at least one")

@@ -1,6 +1,7 @@
 """Programs under test and peers as child processes, controlled by lines of JSON."""
 
 import json
+import os
 import queue
 import signal
 import subprocess
@@ -11,8 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
-
-import psutil
 
 CLI = ("-m", "app.cli")
 
@@ -49,11 +48,13 @@ class Child:
 
     @property
     def cpu_s(self) -> float:
-        """User and system time in s; 0 if it has ended."""
-        if not self.running:
+        """User and system time in s (proc(5)); 0 if it has ended."""
+        try:
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text()
+        except OSError:
             return 0.0
-        times = psutil.Process(self.process.pid).cpu_times()
-        return float(times.user + times.system)
+        fields = stat.rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def send(self, **command: Any) -> None:
         """Write one line of JSON; raises `ChildError` if the process has ended."""
@@ -166,6 +167,10 @@ def children(folder: Path) -> Iterator[tuple[dict[str, Child], Start]]:
             child.end()
 
 
-def resident_mb(pid: int | None = None) -> float:
-    """Resident memory in MB of a process, by default of this one."""
-    return float(psutil.Process(pid).memory_info().rss / 1e6)
+def resident_mb(pid: int | str = "self") -> float:
+    """Resident memory of a process in MB, by default of this one; 0 if it has ended."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except OSError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -14,7 +14,7 @@ from app.cli.gc_control import GcPause
 from app.cli.prompt_process import prompt_process
 from tests.conftest import unfreeze
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -175,7 +175,7 @@ def test_model_is_published_in_metres_at_its_pose(publisher, peer, model):
     (received,) = peer("take", topic=publisher.GetTopic())
     assert (received["id"], received["header"]["frame_id"]) == ("chest wall", "world")
     assert received["header"]["stamp"]["sec"] > 0
-    assert received["operation"] == [0]
+    assert received["operation"] == 0
     assert received["pose"]["position"] == pytest.approx({"x": 0.1, "y": 0.0, "z": -0.03})
     half = np.sqrt(0.5)
     assert received["pose"]["orientation"] == pytest.approx(
@@ -219,8 +219,8 @@ def test_source_node_is_published_and_removed(publisher, peer, model):
     assert publisher.Publish() == 1
     assert publisher.PublishRemove() == 1
     added, removed = peer("take", topic=publisher.GetTopic(), count=2)
-    assert (added["id"], added["operation"]) == ("chest wall", [0])
-    assert (removed["id"], removed["operation"], removed["meshes"]) == ("chest wall", [1], [])
+    assert (added["id"], added["operation"]) == ("chest wall", 0)
+    assert (removed["id"], removed["operation"], removed["meshes"]) == ("chest wall", 1, [])
     assert publisher.GetNumberOfMessagesSent() == 2
     publisher.SetSourceNodeID(None)
     assert publisher.GetSourceNode() is None
@@ -251,7 +251,7 @@ def test_message_is_filled_in_by_its_accessors(publisher, peer):
     message.SetPose(shifted(0.0, 0.0, -500.0))
     assert publisher.Publish(message) == 1
     (received,) = peer("take", topic=publisher.GetTopic())
-    assert (received["id"], received["operation"]) == ("table", [3])
+    assert (received["id"], received["operation"]) == ("table", 3)
     assert received["pose"]["position"]["z"] == -0.5
 
 
