@@ -2,21 +2,11 @@
 
 from dataclasses import replace
 
-from app.fixture import FixtureDecision, Reason
-
-DOUBTS = frozenset(
-    {
-        Reason.SECOND_SENDER,
-        Reason.IMPLAUSIBLE,
-        Reason.CONTRADICTION,
-        Reason.REGISTRATION_DRIFT,
-    }
-)
-"""Faults after which no pose of the tool is known to be true until an operator re-arms."""
+from app.fixture import POSE_DOUBTS, FixtureDecision
 
 
 class PoseDoubt:
-    """Remembers one of `DOUBTS` for as long as the hold lasts that it began or prolonged."""
+    """Remembers one of `POSE_DOUBTS` for as long as the hold lasts that it began or prolonged."""
 
     def __init__(self) -> None:
         self._doubted = False
@@ -30,6 +20,6 @@ class PoseDoubt:
 
         The jump to a wrong place lasts for one sample, and what follows is plausible again.
         """
-        new = not DOUBTS.isdisjoint(decision.reasons)
+        new = not POSE_DOUBTS.isdisjoint(decision.reasons)
         self._doubted = decision.hold and (self._doubted or new)
         return replace(decision, constraint_is_current=False) if self._doubted else decision

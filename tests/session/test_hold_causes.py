@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from app.fixture import NotRearmableError, Reason
+from app.fixture import POSE_DOUBTS, MarginState, NotRearmableError, Reason
 from app.geometry import TrackingStatus, Transform
 from app.session import Session
 from app.session.hold_causes import MAX_CAUSES
-from app.session.pose_doubt import DOUBTS
 from tests.session.test_session import cautery_at, frame, lost, make_setup, needle, steps
 
 
@@ -84,7 +83,7 @@ def test_newest_fault_stays_listed_when_a_change_follows(session):
 AFTER_MS = range(60, 400, 20)
 
 
-@pytest.mark.parametrize("doubt", sorted(DOUBTS))
+@pytest.mark.parametrize("doubt", sorted(POSE_DOUBTS))
 def test_no_planes_are_current_after_a_doubt_although_the_poses_are_good_again(session, doubt):
     assert good(session, 20).decision.constraint_is_current
     sample = frame(40, needle(40), cautery_at(30.1, 40))
@@ -95,6 +94,30 @@ def test_no_planes_are_current_after_a_doubt_although_the_poses_are_good_again(s
     session.rearm()
     decision = good(session, 400).decision
     assert (decision.hold, decision.constraint_is_current) == (False, True)
+
+
+@pytest.mark.parametrize("doubt", sorted(POSE_DOUBTS))
+def test_a_doubt_before_the_first_clean_step_is_latched(doubt):
+    """The fault, then good poses: an operator opens the fixture, not the first of them."""
+    session = Session(make_setup())
+    for at_ms in range(0, 400, 20):
+        sample = frame(at_ms, needle(at_ms), cautery_at(30.0 + at_ms / 1000.0, at_ms))
+        assert session.step(sample, {doubt: "a doubt"}).decision.state is MarginState.UNKNOWN
+    step = good(session, 400)
+    decision = step.decision
+    assert (decision.hold, decision.constraint_is_current) == (True, False)
+    assert step.hold_causes == ("a doubt", Reason.STARTING.text)
+    session.rearm()
+    decision = good(session, 420).decision
+    assert (decision.hold, decision.constraint_is_current) == (False, True)
+
+
+@pytest.mark.parametrize("seconds", [0, 5])
+def test_no_data_before_the_first_clean_step_need_no_rearm(seconds):
+    session = Session(make_setup())
+    for at_ms in range(0, 1000 * seconds, 20):
+        assert session.step(frame(at_ms)).decision.state is MarginState.UNKNOWN
+    assert not good(session, 1000 * seconds).decision.hold
 
 
 def test_planes_of_a_pose_that_was_only_lost_are_current_again(session):
