@@ -48,11 +48,11 @@ class BenchParser(argparse.ArgumentParser):
             value = kind(word)
             enough = low < value if above else low <= value
             if not (enough and value <= high and value < math.inf):
-                wanted = f"more than {low:g}" if above else f"{low:g}"
+                lowest = f"more than {low:g}" if above else f"{low:g}"
                 limit = f", at most {high:g}" if above else f" to {high:g}"
                 if high == math.inf:
                     limit = "" if above else " or more"
-                raise argparse.ArgumentTypeError(f"{word}; expected {wanted}{limit}")
+                raise argparse.ArgumentTypeError(f"{word}; expected {lowest}{limit}")
             return value
 
         checked.__name__ = kind.__name__  # named in the message for a word that is no number

@@ -44,7 +44,7 @@ class Child:
     @property
     def rss_mb(self) -> float:
         """Resident memory in MB; 0 if it has ended."""
-        return resident_mb(self.process.pid) if self.running else 0.0
+        return resident_mb(self.process.pid)
 
     @property
     def cpu_s(self) -> float:
