@@ -45,18 +45,19 @@ demo: $(run)
 
 # A crashed worker ends the run (--max-worker-restart 0): pytest-xdist can hang when it replaces one.
 # The times of all tests are kept for `python -m tools.durations`.
-pytest = $(python) -m pytest -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
+pytest = $(python) -m pytest -n $(2) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
   --tier $(1) --junitxml out/tests/$(1).xml
 
 test: $(test)
-	@$(call pytest,suite) $(PYTEST_ARGS)
+	@$(call pytest,suite,3) $(PYTEST_ARGS)
 
 # Each test file names its tier: tests/tiers.py.
 test-fast: $(test)
-	@$(call pytest,fast) $(PYTEST_ARGS)
+	@$(call pytest,fast,3) $(PYTEST_ARGS)
 
+# Two workers: most of these tests run live sessions, which miss their deadlines on a busy machine.
 test-long: $(test)
-	@$(call pytest,long) $(PYTEST_ARGS)
+	@$(call pytest,long,2) $(PYTEST_ARGS)
 
 test-exhaustive: $(test)
 	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)

@@ -32,7 +32,7 @@ EXPLANATIONS = (
     ),
     (r"No matching distribution found for (?P<what>\S+)", NO_WHEEL),
     (r"there is no version of (?P<what>\S+)", NO_WHEEL),
-    (r"was not found .* you require (?P<what>[^\s,]+)", NO_WHEEL),
+    (r"was not found[\s\S]*\syou\s+require\s+(?P<what>[^\s,]+)", NO_WHEEL),
     (r"Because (?P<what>\S+) (was not found|has no wheels)", NO_WHEEL),
     (r"(?P<what>\S+) (was )?not found: install (?P<rest>.*)", "{what} not found: install {rest}"),
     (r"fatal error: (?P<what>Python\.h)", "{what} is missing: apt install python3-dev"),

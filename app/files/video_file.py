@@ -24,9 +24,10 @@ _ITU601, _SMPTE170M, _LIMITED = 5, 6, 1
 def video_mp4(pictures: Iterable[NDArray[np.uint8]], pictures_per_s: Fraction) -> bytes:
     """Encode ``pictures``, each (height, width, 3) RGB of one size, as an MP4 file.
 
-    Colours have half of the resolution (4:2:0), which every player and browser decodes. The same
-    pictures give the same bytes. Raises `InputError` without the extra ``video`` or its encoder,
-    without a picture, for an odd width or height, and for pictures of different sizes.
+    Colours have half of the resolution (4:2:0), which every player and browser decodes. The
+    bytes may differ between two calls with the same pictures. Raises `InputError` without the extra
+    ``video`` or its encoder, without a picture, for an odd width or height, and for pictures of
+    different sizes.
     """
     check_installed("av")
     import av

@@ -12,7 +12,7 @@ from app.analysis.breach_probability import (
 from app.geometry import InputError
 from tests.analysis.simulated_outcomes import predictions
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 RADIUS_MM = 12.0
 SIGMAS = {"registration": 0.9, "pivot": 0.4, "contour": 0.6}

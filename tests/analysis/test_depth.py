@@ -5,7 +5,7 @@ from app.analysis import Jitter, estimate_depth
 from app.geometry import InputError
 from tests.analysis.simulated_breaches import DepthErrors
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 TIMES = np.arange(0.0, 2.0, 0.02)
 

@@ -16,7 +16,7 @@ from app.analysis.swept_volume import MAX_POINTS, MAX_STEPS, cutting_points, sol
 from app.geometry import InputError, MeshError, SurfaceMesh
 from tests.analysis.case_samples import mesh, samples
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 STALE_NS = 100_000_000
 RADIUS_MM = 1.5

@@ -12,7 +12,7 @@ from app.cli import benchmark
 from tests.cli.command import refused
 from tests.cli.small_case import write_small_case
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 

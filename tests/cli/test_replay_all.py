@@ -23,7 +23,7 @@ from app.report.analysis_files import CSV_FILES
 from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import FRAMES, write_small_case
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 ALL = {*REPORT_FILES, *ANALYSIS_FILES, "report.pdf", "frames.parquet", *CSV_FILES, DICOM, BAG}
 

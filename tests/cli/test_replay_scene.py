@@ -21,7 +21,7 @@ from tests.cli.small_case import edit_manifest, write_small_case
 from tests.cut_case import write_cut_case
 from tests.shipped_case import BRIEF
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def replay(case, *options):

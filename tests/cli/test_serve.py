@@ -17,7 +17,7 @@ from tests.cli.small_case import FRAMES, write_small_case
 from tests.forking import forked
 from tests.ros_domain import environment_of, reserved_domain
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 BRIDGE = Path(__file__).resolve().parents[1] / "bridge"
 SENDER, CALLER = BRIDGE / "calls" / "goal_sender.py", BRIDGE / "caller.py"

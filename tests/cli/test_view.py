@@ -22,7 +22,7 @@ from tests.viewer.conftest import can_draw as can_draw
 from tests.viewer.conftest import viewed_case as viewed_case
 from tests.viewer.test_server_gone import check_lost
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
 
@@ -175,7 +175,7 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     others = [line for line in lines if line not in refused]
     # A trace of the server would be a line that is neither printed at start nor a record of the
     # session's log. How many records there are depends on how late the machine lets a step come.
-    printed = ("ROS discovery", "audit log")
+    printed = ("ROS discovery", "audit log", "compiling for this machine")
     record = re.compile(r"\[(INFO|WARN)\] \[\d+\.\d+\] \[marginguard[^\]]*\]: ")
     assert all(record.match(line) or line.startswith(printed) for line in others), others
     context.close()

@@ -100,6 +100,8 @@ OPENS_FILES = {
     "case/readers/rosbag2/database_file.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.
     "runtime/persistence/instance_lock.py": {"os.open"},
+    # A source file, locked while its functions are compiled.
+    "fixture/jit.py": {"os.open"},
     # The lock of a cohort's results.
     "cli/cohort/run.py": {"(folder / LOCK_FILE).open"},
     # A video in a temporary folder of its own.

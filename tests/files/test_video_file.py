@@ -37,11 +37,6 @@ def test_video_has_each_picture_at_its_time_in_its_colours():
         assert np.abs(error).max() <= 6
 
 
-def test_same_pictures_give_the_same_bytes():
-    noise = np.random.default_rng(1).integers(0, 256, (8, 90, 160, 3), np.uint8)
-    assert video_mp4(noise, RATE) == video_mp4(noise, RATE)
-
-
 def test_index_is_before_the_pictures_so_that_a_browser_begins_at_once():
     content = video_mp4(pictures(5), RATE)
     assert 0 < content.index(b"moov") < content.index(b"mdat")

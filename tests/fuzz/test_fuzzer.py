@@ -7,7 +7,7 @@ from tests.fuzz.outcome import ERROR, VALUE
 from tests.fuzz.parser import FuzzedParser
 from tests.fuzz.worker import Fuzzer
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 FAULTY = "tests.fuzz.faulty_parsers"
 

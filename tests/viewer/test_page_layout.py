@@ -5,7 +5,7 @@ from playwright.sync_api import expect
 
 from tests.viewer.page_actions import read, resize, wait_until_uncovered
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 NAME_AND_OUTLINE = """() => {
     const e = document.activeElement;

@@ -18,7 +18,7 @@ from tests.viewer.page_actions import (
 )
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 HISTORY = "1 breach so far, deepest 3.0 mm"
 BREACH = str(BREACH_FRAME)

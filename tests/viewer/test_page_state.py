@@ -16,7 +16,7 @@ from app.viewer.drawing.scene_view import SceneView
 from app.viewer.page import Page
 from app.viewer.steps.view_state import ViewState
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 class FeedDouble:

@@ -8,9 +8,9 @@ from playwright.sync_api import expect
 
 from app.fixture import MarginState
 from tests.viewer.conftest import SIZE, watching
-from tests.viewer.page_actions import wait_until_uncovered
+from tests.viewer.page_actions import show_frame, wait_until_uncovered
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 GREY = f"rgb({', '.join(str(round(255 * part)) for part in MarginState.UNKNOWN.color)})"
 
@@ -37,6 +37,7 @@ def check_lost(page):
 
 def test_page_is_covered_while_the_server_is_stopped(browser, server):
     with watching(browser, server) as watched:
+        show_frame(watched.page, 0)  # a known state, whatever the last page has shown
         server.process.send_signal(signal.SIGSTOP)
         try:
             check_lost(watched.page)

@@ -29,7 +29,7 @@ from tests.bridge.conftest import TRACKED as TRACKED
 from tests.bridge.service_calls import tumor
 from tests.waiting import DEADLINE_S, wait_until
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture

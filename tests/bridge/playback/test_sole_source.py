@@ -17,7 +17,7 @@ from app.bridge.qos import STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 from tests.waiting import DEADLINE_S
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 ALONE = "expected no publisher besides the playback"
 

@@ -27,7 +27,7 @@ from tests.cli.calibration.white_noise import write_white_case
 from tests.cli.small_case import write_small_case
 from tests.shipped_case import CLOCK_OFFSET_MS
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 KEY = "offset_robot_to_tracker_ms"
 TRUE_LAG_MS = ROBOT_TO_TRACKER_OFFSET_NS / 1e6 + 1000.0 * AURORA.latency_s

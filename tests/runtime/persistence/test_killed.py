@@ -10,7 +10,7 @@ import pytest
 from app.runtime.persistence.instance_key import InstanceKey
 from app.runtime.persistence.live_state import live_state
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 KEY = InstanceKey("host", 7, "/", "touch /joint_states")
 KILLS = 30

@@ -18,7 +18,7 @@ from tests.session.plausibility.long_runs import (
 )
 from tests.shipped_case import DROPOUTS
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def test_no_false_hold_in_a_minute_of_the_simulated_operation(motion, prepared):
