@@ -53,8 +53,10 @@ class Plausibility:
         """Replace the setup ``before``; what is known of the sensors' motion is kept."""
         changed = setup.plausibility is not before.plausibility
         self._motion.use(_limits(setup.plausibility))
-        if changed or setup.tool_from_tip is not before.tool_from_tip:
+        if changed:
             self._relations = Relations(setup.plausibility, setup.tool_from_tip)
+        elif setup.tool_from_tip is not before.tool_from_tip:
+            self._relations.use_tip(setup.tool_from_tip)
         if changed or setup.robot is not before.robot:
             self._joints = _joints(setup)
         self._set_up(setup)

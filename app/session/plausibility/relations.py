@@ -47,26 +47,36 @@ class Relations:
     """
 
     def __init__(self, entry: PlausibilityEntry, tool_from_tip: Transform) -> None:
-        self._relations: list[Relation] = [
+        self._entry = entry
+        self._pairs: list[Relation] = [
             _Envelope(pair) if isinstance(pair, EnvelopeEntry) else _Distance(pair)
             for pair in entry.pairs
         ]
         self._failed: dict[str, tuple[int, str]] = {}
         """Time of the last failure of each relation, and its first text."""
+        self.use_tip(tool_from_tip)
+
+    def use_tip(self, tool_from_tip: Transform) -> None:
+        """Check with another tip in the same frames.
+
+        What the relations of two sensors have learned stays, and so does every contradiction.
+        """
+        entry = self._entry
+        self._of_tip: list[Relation] = []
         if entry.workspace is not None:
-            self._relations.append(_Workspace(entry.workspace, tool_from_tip))
+            self._of_tip.append(_Workspace(entry.workspace, tool_from_tip))
         if entry.approach is not None:
-            self._relations.append(_Approach(entry.approach, tool_from_tip))
+            self._of_tip.append(_Approach(entry.approach, tool_from_tip))
 
     def __bool__(self) -> bool:
         """True if there is a relation."""
-        return bool(self._relations)
+        return bool(self._pairs or self._of_tip)
 
     def check(self, pose_of: PoseOf, now: Stamp) -> tuple[Problems, Problems]:
         """The relations that fail at ``now``, and those that cannot be checked."""
         failed: Problems = {}
         unknown: Problems = {}
-        for relation in self._relations:
+        for relation in (*self._pairs, *self._of_tip):
             name, problem = relation.name, relation.check(pose_of, now)
             last_ns, text = self._failed.get(name, (now.ns, f"{name} {problem}"))
             if problem is None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.case import EnvelopeEntry, MotionEntry, PlausibilityEntry, SphereEntry, TrackingFrame
-from app.fixture import MarginState, Reason
+from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, Transform
 from app.registration import DriftBound, given_registration
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
@@ -157,6 +157,23 @@ def test_creep_of_the_needle_contradicts_its_pair_and_ends_with_it():
     assert text.startswith("contradiction: needle in reference is 6")
     assert "expected at most 6 mm and " in text
     assert len(found[-1].hold_causes) <= 2
+
+
+def test_another_tip_ends_no_contradiction_and_forgets_no_relation_of_two_sensors():
+    """A needle that has slipped by 10 mm is no new normal after a calibration of the tool."""
+    pair = EnvelopeEntry("reference", "needle", max_mm=6.0, max_rad=0.2)
+    session, tracker = Session(make_setup(pairs=(pair,))), Tracker()
+    tracker.run(session, 300)
+    for _ in range(250):
+        tracker.shift = {"needle": tracker.shift.get("needle", 0.0) + np.array([0.0, 0.04, 0.0])}
+        step = session.step(tracker.frame())
+    assert faults(step) == {Reason.CONTRADICTION}
+    tip = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 0.2])
+    session.use(replace(session.setup, tool_from_tip=tip))
+    after = tracker.run(session, 400)
+    assert {frozenset(faults(step)) for step in after} == {frozenset({Reason.CONTRADICTION})}
+    with pytest.raises(NotRearmableError):
+        session.rearm()
 
 
 def test_relation_without_its_frame_is_lost_redundancy():

@@ -130,6 +130,22 @@ def test_no_relation_is_false_and_some_are_true():
     assert all(Relations(entry, TOOL_FROM_TIP) for entry, *_ in CASES.values())
 
 
+@pytest.mark.parametrize("case", ["sphere", "approach"])
+def test_another_tip_is_checked_and_ends_a_contradiction_after_half_a_second(case):
+    entry, _, outside, text = CASES[case]
+    relations = Relations(entry, TOOL_FROM_TIP)
+    assert list(checked(relations, outside, 0)[0].values()) == [text]
+    short = Transform.from_rotation_vector(
+        (math.radians(-10), 0.0, 0.0),
+        np.array([0.0, 0.0, 60.0]),
+        target="cautery",
+        source="cautery_tip",
+    )
+    relations.use_tip(short)
+    assert list(checked(relations, outside, 499)[0].values()) == [text]
+    assert checked(relations, outside, 500)[0] == {}
+
+
 def test_contradiction_ends_once_the_relation_has_held_for_half_a_second():
     entry, inside, outside, text = CASES["distance"]
     relations = Relations(entry, TOOL_FROM_TIP)
