@@ -2,13 +2,15 @@
 
 import shutil
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 import yaml
 
 from app.case import Dwell, open_case
-from app.fixture import MarginState, Reason
+from app.fixture import FixtureRule, MarginState, PlainConstraint, Reason, RulePermission
+from app.fixture.control.constraint import MAX_PLANES
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Stamp, Transform
 from app.registration import TooFewError
 from app.session import PoseTree, Session, setup_from_case, tip_signals, with_estimated_clock
@@ -168,3 +170,35 @@ def test_wrong_registration_is_reported_as_drift(recorded):
     for step in steps[5:]:
         assert step.decision.state is MarginState.UNKNOWN
         assert Reason.REGISTRATION_DRIFT in step.decision.reasons
+
+
+def test_every_constraint_of_a_stretch_with_many_witnesses_is_accepted_by_the_rule(case):
+    """Up to 10 witnesses, of which a controller accepts 8 planes."""
+    session = Session(setup_from_case(case))
+    rule = FixtureRule(frame="tumor", accept_simulated=True)
+    numbers = []
+    for each in islice(case.frames(), 5700, 5776):
+        decision = session.step(each).decision
+        constraint = decision.constraint
+        if constraint is None or decision.proximity is None:
+            continue
+        numbers.append(len(decision.proximity.witnesses))
+        message = PlainConstraint(
+            instance_id="guard",
+            seq=decision.seq,
+            frame=constraint.frame,
+            stamp_ns=decision.stamp.ns,
+            valid_until_ns=decision.stamp.ns + 200 * NS_PER_MS,
+            state=decision.state,
+            hold=decision.hold,
+            simulated=True,
+            planes_current=True,
+            normals=constraint.normals,
+            offsets_mm=constraint.offsets_mm,
+            points_on_tool_mm=constraint.points_on_tool_mm,
+            tumor_velocities_mm_s=constraint.tumor_velocities_mm_s,
+        )
+        rule.receive(message, decision.stamp.ns)
+        allowed = rule.allow(np.zeros(6), np.zeros(3), decision.stamp.ns)
+        assert allowed.permission is not RulePermission.NO_MOTION, allowed.reason
+    assert max(numbers) > MAX_PLANES
