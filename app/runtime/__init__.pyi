@@ -26,6 +26,7 @@ from .persistence.errors import SecondInstanceError, StateFileError
 from .persistence.hold_keeper import HoldKeeper
 from .persistence.instance_key import InstanceKey, arm_name, host_id
 from .persistence.live_state import LiveState, live_state, refuse_beside_guard
+from .persistence.used_values import used_values
 from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
@@ -196,5 +197,6 @@ __all__ = [
     "tip_of",
     "tip_request_kind",
     "use_tip",
+    "used_values",
     "workflow_steps",
 ]

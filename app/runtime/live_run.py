@@ -22,7 +22,7 @@ class LiveRun:
     withdraw what they permitted. ``commands`` changes the session from any thread; ``holds``
     identifies the hold that an output publishes, by default that of the last step; ``requests``
     lists what is requested; ``compute`` prepares a new tumour; ``recorder`` records the session.
-    ``keeper`` keeps the hold of each step for the next run.
+    ``keeper`` keeps the hold of each step and the values in use for the next run.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class LiveRun:
                 for step in steps:
                     self._publish(step)
                     if self._keeper is not None:
-                        self._keeper.note(step)
+                        self._keeper.note(step, self.commands.content)
                     yield step
 
     def stop(self) -> None:

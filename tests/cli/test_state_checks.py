@@ -20,7 +20,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(folder, *, held):
-    with live_state(folder, KEY, clock_ns=time.time_ns, log=print) as state:
+    with live_state(folder, KEY, {}, clock_ns=time.time_ns, log=print) as state:
         state.resume()
         state.end(held, ("stale",))
 
@@ -43,7 +43,7 @@ def test_hold_and_damaged_record_are_named(folder):
 
 
 def test_running_session_is_named(folder):
-    with live_state(folder, KEY, clock_ns=time.time_ns, log=print):
+    with live_state(folder, KEY, {}, clock_ns=time.time_ns, log=print):
         assert f"a session runs (process {os.getpid()})" in check_state(folder).found
 
 

@@ -12,7 +12,15 @@ from app.bridge.live.other_guard import SilentPublishers, find_silent_publishers
 from app.bridge.node import RosNode
 from app.files.state_folder import state_folder
 from app.fixture import Reason
-from app.runtime import InstanceKey, LiveState, PreparedLive, arm_name, host_id, live_state
+from app.runtime import (
+    InstanceKey,
+    LiveState,
+    PreparedLive,
+    arm_name,
+    host_id,
+    live_state,
+    used_values,
+)
 from app.session.session import NOTHING_OUTSIDE
 
 
@@ -37,7 +45,7 @@ class GuardStart:
 def guard_start(
     prepared: PreparedLive, name: str, namespace: str, ros: RosNode | None
 ) -> Iterator[GuardStart]:
-    """Make sure that this is the only guard, and keep its hold on disk within the context.
+    """Make sure that this is the only guard; keep its hold and values on disk within the context.
 
     ``name`` is that of the node. Raises `SecondInstanceError` or `BridgeError` beside another
     guard, and `StateFileError` if a hold could not be kept for the next run.
@@ -45,7 +53,8 @@ def guard_start(
     logger = get_logger(name)
     domain_id = domain_of() if ros is None else ros.node.context.get_domain_id()
     key = _key(prepared, domain_id, namespace if ros is None else ros.node.get_namespace())
-    with live_state(state_folder(), key, clock_ns=time.time_ns, log=logger.error) as state:
+    used = used_values(prepared.content)
+    with live_state(state_folder(), key, used, clock_ns=time.time_ns, log=logger.error) as state:
         silent = find_silent_publishers(name, key.namespace, domain_id)
         for cause in state.start_causes:
             logger.warning(f"HOLD: {cause}")

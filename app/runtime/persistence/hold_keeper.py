@@ -4,12 +4,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from app.fixture import Reason
+from app.runtime.content import SessionContent
 from app.runtime.persistence.live_state import LiveState
+from app.runtime.persistence.used_values import used_values
 from app.session import LiveSession, StepResult
 
 
 class HoldKeeper:
-    """Begins a session on hold where ``state`` demands it, and notes how the session ends.
+    """Begins a session on hold where ``state`` demands it, and notes the values that it uses.
+
+    At the end it notes how the session has ended.
 
     ``has_expired()`` is True while a constraint has become stale that no step has replaced yet: the
     hold that it began is not latched in the session.
@@ -19,6 +23,7 @@ class HoldKeeper:
         self._state = state
         self._has_expired = has_expired
         self._begun = False
+        self._content: SessionContent | None = None
 
     @contextmanager
     def kept(self, live: LiveSession) -> Iterator[None]:
@@ -39,8 +44,11 @@ class HoldKeeper:
             latched = session.latched or self._has_expired()
             self._state.end(latched, session.hold_causes)
 
-    def note(self, step: StepResult) -> None:
-        """Note the hold of ``step``. Does not wait for the disk."""
+    def note(self, step: StepResult, content: SessionContent) -> None:
+        """Note the hold of ``step``, and ``content`` if it is another one. Returns at once."""
+        if content is not self._content:
+            self._content = content
+            self._state.use(used_values(content))
         self._state.update(Reason.LATCHED in step.decision.reasons, step.hold_causes)
 
     def _causes(self, live: LiveSession) -> tuple[str, ...]:

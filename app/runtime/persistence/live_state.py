@@ -1,4 +1,4 @@
-"""What a live session keeps on disk while it runs: its locks and the record of its hold."""
+"""What a live session keeps on disk while it runs: its locks, its hold and the values in use."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -13,19 +13,22 @@ from app.runtime.persistence.instance_lock import InstanceLock, check_no_guard, 
 from app.runtime.persistence.record_writer import RecordWriter
 from app.runtime.persistence.restart_causes import causes_of_damage, causes_of_record
 from app.runtime.persistence.run_record import HoldRecord, RunRecord, as_bytes, read_record
+from app.runtime.persistence.used_values import UsedValues, causes_of_change
 
 
 @contextmanager
 def live_state(
     folder: Path,
     key: InstanceKey,
+    used: UsedValues,
     *,
     clock_ns: Callable[[], int],
     log: Callable[[str], None],
 ) -> Iterator["LiveState"]:
     """Lock the namespace and the arm of ``key``, read how the last run ended, note that one runs.
 
-    ``clock_ns`` is the system time. ``log`` gets a line if a record cannot be written later.
+    ``used`` are the values that this run begins with. ``clock_ns`` is the system time. ``log`` gets
+    a line if a record cannot be written later.
 
     Raises `SecondInstanceError` if another guard runs, and `StateFileError` if ``folder`` cannot
     be written: a guard that cannot keep a hold does not start.
@@ -43,7 +46,7 @@ def live_state(
         opened.callback(_close_all, locks)
         for slot in key.slots:
             locks[slot] = InstanceLock(lock_path(folder, slot), slot, holder)
-        state = LiveState(folder, key, locks, clock_ns=clock_ns, log=log)
+        state = LiveState(folder, key, used, locks, clock_ns=clock_ns, log=log)
         try:
             yield state
         finally:
@@ -63,6 +66,7 @@ class LiveState:
         self,
         folder: Path,
         key: InstanceKey,
+        used: UsedValues,
         locks: dict[Slot, InstanceLock],
         *,
         clock_ns: Callable[[], int],
@@ -74,14 +78,23 @@ class LiveState:
         self._clock_ns = clock_ns
         self._log = log
         self.problem = ""
-        self.start_causes, since_ns = self._read()
+        self.start_causes, since_ns = self._read(used)
         now_ns = clock_ns()
         hold = HoldRecord(since_ns or now_ns, self.start_causes) if self.start_causes else None
-        self._record = RunRecord(key, os.getpid(), now_ns, now_ns, ended=False, hold=hold)
+        self._record = RunRecord(
+            key, os.getpid(), now_ns, now_ns, ended=False, hold=hold, used=used
+        )
         # Before the first step: nothing is permitted while the files say that no guard runs.
         self._write(self._record)
         self._record = replace(self._record, ended=True)  # written by `close` if no step follows
         self._writer = RecordWriter(self._write, self._beat, self._failed)
+
+    def use(self, used: UsedValues) -> None:
+        """Note the values in use, which an operator may have changed. Returns at once."""
+        if used == self._record.used:
+            return
+        self._record = replace(self._record, used=used, written_ns=self._clock_ns())
+        self._writer.put(replace(self._record, ended=False))
 
     def update(self, latched: bool, causes: tuple[str, ...]) -> None:
         """Note after a step whether a hold is latched, and its causes. Returns at once."""
@@ -115,7 +128,7 @@ class LiveState:
         if not self._writer.close(self._record):
             self._log("the state folder does not answer: the next start will be on hold")
 
-    def _read(self) -> tuple[tuple[str, ...], int | None]:
+    def _read(self, used: UsedValues) -> tuple[tuple[str, ...], int | None]:
         """Causes of a hold at the start, and since when it has been latched."""
         causes: dict[str, None] = {}
         since: list[int] = []
@@ -129,6 +142,7 @@ class LiveState:
                 continue
             if record is not None:
                 causes |= dict.fromkeys(causes_of_record(record, alive_ns))
+                causes |= dict.fromkeys(causes_of_change(record.used, used))
                 if record.hold is not None:
                     since.append(record.hold.since_ns)
         return tuple(causes), min(since, default=None)

@@ -8,7 +8,7 @@ from app.runtime.persistence.run_record import RunRecord
 RESTARTED = "guard restarted"
 """Begins the first cause of a hold that an earlier run has left."""
 
-_MAX_EARLIER = 4
+_MAX_EARLIER = 7
 
 
 def causes_of_record(record: RunRecord, alive_ns: int | None) -> tuple[str, ...]:

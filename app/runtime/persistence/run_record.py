@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from app.files.bounded_io import read_bounded
 from app.runtime.persistence.errors import StateFileError
 from app.runtime.persistence.instance_key import InstanceKey, Slot
 
-VERSION = 1
+VERSION = 2
 MAX_BYTES = 64 * 1024
 MAX_CAUSES = 16
 MAX_CAUSE_CHARS = 400
@@ -32,6 +33,7 @@ class RunRecord:
 
     ``ended`` is False from the start of the run to its orderly end. So the record of a killed run
     says that it did not end, whatever was written last. ``hold`` is None without a latched hold.
+    ``used``: the values that the run used last (`used_values`).
     """
 
     key: InstanceKey
@@ -40,6 +42,7 @@ class RunRecord:
     written_ns: int
     ended: bool
     hold: HoldRecord | None
+    used: Mapping[str, Any]
 
     @property
     def allows_start(self) -> bool:
@@ -84,12 +87,13 @@ def read_any_record(path: Path) -> RunRecord:
 
 def _record(values: dict[str, Any]) -> RunRecord:
     version = values["version"]
-    if type(version) is int and version > VERSION:
+    if type(version) is int and version != VERSION:
+        age = "a newer" if version > VERSION else "an older"
         raise StateFileError(
-            f"the record has version {version}, of a newer program; expected {VERSION}"
+            f"the record has version {version}, of {age} program; expected {VERSION}"
         )
     digest = values.pop("sha256")
-    if version != VERSION or digest != _digest(values):
+    if type(version) is not int or digest != _digest(values):
         raise ValueError("digest")
     del values["version"]
     key, hold = values.pop("key"), values.pop("hold")
@@ -99,6 +103,8 @@ def _record(values: dict[str, Any]) -> RunRecord:
         hold=None if hold is None else HoldRecord(hold["since_ns"], tuple(hold["causes"])),
     )
     times = [record.started_ns, record.written_ns, *([record.hold.since_ns] if record.hold else [])]
+    if not isinstance(record.used, dict):
+        raise ValueError("types")
     if type(record.ended) is not bool or not all(
         type(time) is int and 0 <= time <= _MAX_NS for time in times
     ):

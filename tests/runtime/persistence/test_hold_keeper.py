@@ -1,15 +1,18 @@
 """A live run keeps its hold, and begins with that of the run before it."""
 
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from app.fixture import Reason
-from app.runtime import HoldKeeper, InstanceKey, LiveRun, live_state
+from app.runtime import HoldKeeper, InstanceKey, LiveRun, live_state, used_values
 from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
 
 CONTENT = one_link_content()
+USED = used_values(CONTENT)
 KEY = InstanceKey("host", 7, "/", "")
 
 
@@ -22,7 +25,7 @@ def run(tmp_path):
         track(host, 0, 400)
         host.at(stop_ms, host.live.stop)
         change(host)
-        with live_state(tmp_path / "state", KEY, clock_ns=time.time_ns, log=print) as state:
+        with live_state(tmp_path / "state", KEY, USED, clock_ns=time.time_ns, log=print) as state:
             keeper = HoldKeeper(state, expired)
             return list(LiveRun(host.live, CONTENT, outputs, keeper).steps())
 
@@ -92,18 +95,51 @@ def test_error_of_an_output_or_of_the_reader_is_a_hold(run, tmp_path):
 
     host = SimulatedHost()
     track(host, 0, 400)
-    with live_state(tmp_path / "other", KEY, clock_ns=time.time_ns, log=print) as state:
+    with live_state(tmp_path / "other", KEY, USED, clock_ns=time.time_ns, log=print) as state:
         steps = LiveRun(host.live, CONTENT, (), HoldKeeper(state, lambda: False)).steps()
         next(steps)
         steps.close()
-    with live_state(tmp_path / "other", KEY, clock_ns=time.time_ns, log=print) as state:
+    with live_state(tmp_path / "other", KEY, USED, clock_ns=time.time_ns, log=print) as state:
         assert "the session has failed: GeneratorExit" in state.start_causes
+
+
+def test_values_that_the_last_run_did_not_use_begin_on_hold_until_a_rearm(tmp_path):
+    """An accepted tip is not forgotten: the file's one needs an operator's consent."""
+
+    def steps_of(content, change=lambda host, run: None):
+        host = SimulatedHost()
+        track(host, 0, 400)
+        host.at(390, host.live.stop)
+        used = used_values(content)
+        with live_state(tmp_path, KEY, used, clock_ns=time.time_ns, log=print) as state:
+            run = LiveRun(host.live, content, (), HoldKeeper(state, lambda: False))
+            change(host, run)
+            return list(run.steps())
+
+    def accept(tip):
+        def at_its_time(host, run):
+            host.at(100, lambda: run.commands.set_tip(tip))
+            host.at(200, host.rearm)
+
+        return at_its_time
+
+    file_tip = CONTENT.tool_from_tip
+    accepted = replace(file_tip, translation_mm=np.add(file_tip.translation_mm, (0.0, 0.0, 10.0)))
+    assert not steps_of(CONTENT, accept(accepted))[-1].decision.hold
+    for _ in range(2):  # also after a restart on hold
+        steps = steps_of(CONTENT)
+        assert is_held(steps)
+        assert [cause for cause in steps[0].hold_causes if cause.startswith("not as in")] == [
+            "not as in the last run: the tip is moved by 10.00 mm and turned by 0.00 degrees"
+        ]
+    assert not steps_of(CONTENT, lambda host, run: host.at(200, host.rearm))[-1].decision.hold
+    assert not is_held(steps_of(CONTENT))
 
 
 def test_second_activation_of_one_run_is_kept_as_well(tmp_path):
     host = SimulatedHost()
     track(host, 0, 800)
-    with live_state(tmp_path, KEY, clock_ns=time.time_ns, log=print) as state:
+    with live_state(tmp_path, KEY, USED, clock_ns=time.time_ns, log=print) as state:
         run = LiveRun(host.live, CONTENT, (), HoldKeeper(state, lambda: False))
         host.at(390, host.live.stop)
         assert list(run.steps())
@@ -111,5 +147,5 @@ def test_second_activation_of_one_run_is_kept_as_well(tmp_path):
         host.live.hold("while active again")
         host.at(790, host.live.stop)
         assert list(run.steps())
-    with live_state(tmp_path, KEY, clock_ns=time.time_ns, log=print) as state:
+    with live_state(tmp_path, KEY, USED, clock_ns=time.time_ns, log=print) as state:
         assert "while active again" in state.start_causes

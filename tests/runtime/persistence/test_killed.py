@@ -24,7 +24,7 @@ def run(folder, report):
     Reports a byte when an orderly end without hold begins, and one when another run has started.
     """
     while True:
-        with live_state(folder, KEY, clock_ns=time.time_ns, log=print) as state:
+        with live_state(folder, KEY, {}, clock_ns=time.time_ns, log=print) as state:
             os.write(report, b"+")
             state.resume()
             for number in range(random.randrange(20)):
@@ -56,7 +56,7 @@ def test_only_an_orderly_end_allows_a_start(tmp_path, seed):
         while rest := os.read(reader, 4096):
             last = rest[-1:]
         os.close(reader)
-        with live_state(folder, KEY, clock_ns=time.time_ns, log=print) as state:
+        with live_state(folder, KEY, {}, clock_ns=time.time_ns, log=print) as state:
             causes = state.start_causes  # also: the lock of the killed process is free
             state.resume()
             state.end(False)

@@ -34,7 +34,7 @@ def folder(tmp_path):
 
 
 def opened(folder, key=KEY, log=lambda line: None, now_ns=NOW_NS):
-    return live_state(folder, key, clock_ns=lambda: now_ns, log=log)
+    return live_state(folder, key, {}, clock_ns=lambda: now_ns, log=log)
 
 
 def record_of(folder, slot=KEY.slots[0]):

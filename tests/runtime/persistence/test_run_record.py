@@ -19,11 +19,14 @@ from app.runtime.persistence.run_record import (
     as_bytes,
     read_record,
 )
+from app.runtime.persistence.used_values import used_values
+from tests.session_content import one_link_content
 
 KEY = InstanceKey("host", 7, "/watch", "touch /joint_states")
 NAMESPACE, ARM = KEY.slots
-RUN = RunRecord(KEY, pid=42, started_ns=10**18, written_ns=10**18 + 5, ended=False, hold=None)
-HELD = RunRecord(KEY, 42, 10**18, 10**18, ended=True, hold=HoldRecord(10**18, ("stale", "é 腫")))
+USED = used_values(one_link_content())
+RUN = RunRecord(KEY, 42, 10**18, 10**18 + 5, ended=False, hold=None, used=USED)
+HELD = RunRecord(KEY, 42, 10**18, 10**18, True, HoldRecord(10**18, ("stale", "é 腫")), USED)
 
 
 @pytest.fixture
@@ -45,7 +48,7 @@ def test_no_file_is_no_record(path):
 def test_only_an_orderly_end_without_hold_allows_a_start():
     assert not RUN.allows_start
     assert not HELD.allows_start
-    assert RunRecord(KEY, 42, 0, 0, ended=True, hold=None).allows_start
+    assert RunRecord(KEY, 42, 0, 0, ended=True, hold=None, used=USED).allows_start
 
 
 @given(position=st.integers(0), byte=st.integers(1, 255))
@@ -84,9 +87,10 @@ def test_other_json_is_an_error(path, content):
         read_record(path, NAMESPACE)
 
 
-def test_newer_version_is_an_error_that_says_so(path):
-    path.write_text(json.dumps({**json.loads(as_bytes(RUN)), "version": 2}))
-    with pytest.raises(StateFileError, match="version 2, of a newer program; expected 1"):
+@pytest.mark.parametrize(("version", "age"), [(1, "an older"), (3, "a newer")])
+def test_other_version_is_an_error_that_says_so(path, version, age):
+    path.write_text(json.dumps({**json.loads(as_bytes(RUN)), "version": version}))
+    with pytest.raises(StateFileError, match=f"version {version}, of {age} program; expected 2"):
         read_record(path, NAMESPACE)
 
 
@@ -116,7 +120,7 @@ def test_record_of_another_session_is_an_error(path):
 
 def test_causes_are_bounded(path):
     many = HoldRecord(0, ("x" * 100_000,) * 1000)
-    path.write_bytes(as_bytes(RunRecord(KEY, 1, 0, 0, ended=False, hold=many)))
+    path.write_bytes(as_bytes(RunRecord(KEY, 1, 0, 0, ended=False, hold=many, used=USED)))
     record = read_record(path, NAMESPACE)
     assert record.hold.causes == ("x" * MAX_CAUSE_CHARS,) * MAX_CAUSES
 
