@@ -27,7 +27,7 @@ help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
 	@echo 'make test       install the test dependencies, then run the suite'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
-	@echo 'make test-long  run the long tests: whole cohorts, examples, notebooks, long browser runs'
+	@echo 'make test-long  run the long tests on an idle machine: cohorts, real time, notebooks, browser runs'
 	@echo 'make test-exhaustive  repeat in full what shorter tests of the suite show (hours, idle machine)'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
