@@ -19,6 +19,8 @@ interfaces := $(shell find interfaces interfaces_extra -type f -not -path '*/bui
 
 # If the start-up hook of the ROS wheels of another environment set it, the hook of this one would not run.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# Else each of the many processes of the tests would compile the sources again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
 .PHONY: help environment demo test test-fast test-long test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
