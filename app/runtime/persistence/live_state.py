@@ -141,8 +141,10 @@ class LiveState:
                 causes |= dict.fromkeys(causes_of_damage(error))
                 continue
             if record is not None:
-                causes |= dict.fromkeys(causes_of_record(record, alive_ns))
-                causes |= dict.fromkeys(causes_of_change(record.used, used))
+                found = causes_of_record(record, alive_ns)
+                # Before the earlier causes: of too many the last ones are not displayed.
+                changes = causes_of_change(record.used, used)
+                causes |= dict.fromkeys((*found[:1], *changes, *found[1:]))
                 if record.hold is not None:
                     since.append(record.hold.since_ns)
         return tuple(causes), min(since, default=None)

@@ -136,6 +136,21 @@ def test_values_that_the_last_run_did_not_use_begin_on_hold_until_a_rearm(tmp_pa
     assert not is_held(steps_of(CONTENT))
 
 
+def test_other_values_are_named_before_the_causes_of_earlier_holds(tmp_path):
+    earlier = tuple(f"cause {number}" for number in range(9))
+    with live_state(tmp_path, KEY, USED, clock_ns=time.time_ns, log=print) as state:
+        state.resume()
+        state.end(True, earlier)
+    changed = {**USED, "image_depth_mm": 40.0}
+    with live_state(tmp_path, KEY, changed, clock_ns=time.time_ns, log=print) as state:
+        restarted, change, *others = state.start_causes
+    assert restarted.startswith("guard restarted")
+    assert (
+        change == "not as in the last run: the depth of the images is 40 mm instead of not stated"
+    )
+    assert others == list(earlier[: len(others)]) and others
+
+
 def test_second_activation_of_one_run_is_kept_as_well(tmp_path):
     host = SimulatedHost()
     track(host, 0, 800)
