@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.bridge.conftest import CONSTRAINT, TRACKED
 from tests.bridge.live.restarts import REARM, live, refusal
@@ -65,6 +66,30 @@ def test_killed_guard_restarts_on_hold_with_the_reason_until_an_operator_rearms(
     )
     assert not again["hold"]
     assert "HOLD" not in third.log.read_text()
+
+
+def test_file_with_another_stop_margin_is_a_start_on_hold_until_an_operator_rearms(
+    start_sender, start_live, start, start_receiver, config
+):
+    guard = start_live(config)
+    receiver = start_receiver(CONSTRAINT)
+    start_sender("tracked", "again")
+    free = receiver.until(lambda message: not message["hold"])
+    guard.stop(signal.SIGTERM)
+    values = yaml.safe_load(config.read_text())
+    stop_mm = values["margins"]["stop_mm"]
+    values["margins"]["stop_mm"] = 0.5 * stop_mm
+    config.write_text(yaml.safe_dump(values))
+
+    second = start(*live(config))
+    known = receiver.until(
+        lambda message: message["instance_id"] != free["instance_id"] and message["state"] != 3
+    )
+    cause = f"not as in the last run: stop_mm lowered from {stop_mm:g} to {0.5 * stop_mm:g}"
+    assert known["hold"] and cause in known["hold_causes"]
+    assert f"HOLD: {cause}" in second.log.read_text()
+    start(*REARM).line(lambda line: line == "re-armed\n")
+    assert receiver.until(lambda message: not message["hold"])["hold_causes"] == []
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00random\xff", b'{"version": 2}'])
