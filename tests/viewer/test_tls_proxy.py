@@ -14,7 +14,7 @@ from tests.viewer.conftest import SIZE
 from tests.viewer.page_actions import show_frame, wait_until_uncovered
 from tests.viewer.test_server_gone import check_lost
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")

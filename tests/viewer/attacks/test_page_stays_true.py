@@ -9,7 +9,7 @@ from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES, POLICY
 from tests.viewer.page_actions import UNCOVERED, show_frame, wait_for
 from tests.viewer.viewed_case import BREACH_FRAME
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 SCRIPT = "<img src=x onerror='window.attacked = true'>"
 TEMPLATE = {
