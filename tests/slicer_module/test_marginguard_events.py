@@ -9,6 +9,7 @@ from app.runtime import stop_surface
 from app.session import AxisDistances
 from tests.shipped_case import BREACHES, DEEP, middle_s
 from tests.slicer_module.marginguard_module import CASE, CLEAR_S, node_of, show, spin_until
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +122,7 @@ def test_widgets_list_events_and_jump(panel, opens_at_once, errors):
     ui.noteTableWidget.setCurrentCell(0, 1)
     ui.goToNoteButton.click()
     assert spin_until(logic, lambda now: now.position_s is not None).position_s > 0.0
-    spin_until(logic, lambda now: now.directions)
-    panel.spin()
-    assert "A" in ui.directionsLabel.text()
+
+    # The replay plays on: the step after one with directions may have none.
+    wait_until(lambda: "A" in ui.directionsLabel.text(), panel.spin)
     assert errors == []
