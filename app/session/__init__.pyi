@@ -19,6 +19,7 @@ from .live_images import LiveImages
 from .loosening import (
     loosened_margins,
     margin_changes,
+    moved_text,
     tightest_margins,
     tip_change_text,
 )
@@ -94,6 +95,7 @@ __all__ = [
     "margin_changes",
     "margin_parameters",
     "mean_dwell_pose",
+    "moved_text",
     "place_letters",
     "prepare_replacement",
     "robot_from_case",

@@ -119,6 +119,12 @@ def tip_change_text(before: Transform, after: Transform) -> str:
     return f"the tip is moved by {shift_mm:.2f} mm and its axis turned by {turn_deg:.2f} degrees"
 
 
+def moved_text(what: str, before: Transform, after: Transform) -> str:
+    """How far ``what`` is moved and turned between two poses of the same frames."""
+    shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
+    return f"{what} is moved by {shift_mm:.2f} mm and turned by {turn_deg:.2f} degrees"
+
+
 def _robot_change(before: RobotSetup | None, after: RobotSetup | None) -> str:
     if before is None or after is None:
         return "robot added" if before is None else "robot removed"
@@ -131,8 +137,6 @@ def _robot_change(before: RobotSetup | None, after: RobotSetup | None) -> str:
 
 
 def _registration_change(old: RegistrationResult, new: RegistrationResult) -> str:
-    shift_mm = old.transform.distance_mm_to(new.transform)
-    turn_deg = math.degrees(old.transform.angle_to(new.transform))
     fre = "FRE not known" if new.fre_mm is None else f"FRE {new.fre_mm:.2f} mm"
-    text = f"the base is moved by {shift_mm:.2f} mm and turned by {turn_deg:.2f} degrees, {fre}"
+    text = f"{moved_text('the base', old.transform, new.transform)}, {fre}"
     return f"{text}, uncertainty not known" if new.covariance is None else text

@@ -1,6 +1,5 @@
 """The values of a run on which its permissions depend, and how those of the next run differ."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from app.fixture import MarginParameters
 from app.geometry import Transform
 from app.runtime.content import SessionContent
-from app.session import margin_changes
+from app.session import margin_changes, moved_text
 
 UsedValues = Mapping[str, Any]
 """Values for JSON: ``tumor``, ``tip``, ``registration``, ``margins`` and ``image_depth_mm``."""
@@ -67,8 +66,7 @@ def _moved(what: str, old: list[Any], new: list[Any]) -> str:
         Transform.from_matrix(np.reshape(numbers, (4, 4)), target=target, source=source)
         for target, source, numbers in (old, new)
     )
-    shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
-    return f"{what} is moved by {shift_mm:.2f} mm and turned by {turn_deg:.2f} degrees"
+    return moved_text(what, before, after)
 
 
 def _sigma_text(what: str, old: float, new: float) -> str:
