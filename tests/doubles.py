@@ -7,10 +7,13 @@ import numpy as np
 
 from app.case import JointSample, TrackingFrame
 from app.fixture import (
+    Constraint,
     FixtureDecision,
     MarginMonitor,
     MarginObservation,
     MarginParameters,
+    MarginState,
+    PlainConstraint,
     Proximity,
     Reason,
     SweptProximity,
@@ -128,4 +131,25 @@ def frame(at_ms: float, *poses: TrackedTransform, joints: tuple[JointSample, ...
 def joint_sample(positions: Mapping[str, float], at_ms: float) -> JointSample:
     return JointSample(
         tuple(positions), np.array(list(positions.values())), Stamp(int(at_ms * NS_PER_MS))
+    )
+
+
+def simulated_message(
+    planes: Constraint, state: MarginState, seq: int, stamp_ns: int, valid_ns: int
+) -> PlainConstraint:
+    """What a controller receives from a guard whose poses are simulated."""
+    return PlainConstraint(
+        instance_id="guard",
+        seq=seq,
+        frame=planes.frame,
+        stamp_ns=stamp_ns,
+        valid_until_ns=stamp_ns + valid_ns,
+        state=int(state),
+        hold=planes.hold,
+        simulated=True,
+        planes_current=True,
+        normals=planes.normals,
+        offsets_mm=planes.offsets_mm,
+        points_on_tool_mm=planes.points_on_tool_mm,
+        tumor_velocities_mm_s=planes.tumor_velocities_mm_s,
     )

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from app.case import Dwell, open_case
-from app.fixture import FixtureRule, MarginState, PlainConstraint, Reason, RulePermission
+from app.fixture import FixtureRule, MarginState, Reason, RulePermission
 from app.fixture.control.constraint import MAX_PLANES
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Stamp, Transform
 from app.registration import TooFewError
@@ -17,7 +17,7 @@ from app.session import PoseTree, Session, setup_from_case, tip_signals, with_es
 from app.session.dwelling import dwell_poses
 from app.synthetic.presets import AURORA
 from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
-from tests.doubles import frame, sample
+from tests.doubles import frame, sample, simulated_message
 from tests.shipped_case import CLOCK_OFFSET_MS
 
 pytestmark = pytest.mark.slow
@@ -183,20 +183,8 @@ def test_every_constraint_of_a_stretch_with_many_witnesses_is_accepted_by_the_ru
         if constraint is None or decision.proximity is None:
             continue
         numbers.append(len(decision.proximity.witnesses))
-        message = PlainConstraint(
-            instance_id="guard",
-            seq=decision.seq,
-            frame=constraint.frame,
-            stamp_ns=decision.stamp.ns,
-            valid_until_ns=decision.stamp.ns + 200 * NS_PER_MS,
-            state=decision.state,
-            hold=decision.hold,
-            simulated=True,
-            planes_current=True,
-            normals=constraint.normals,
-            offsets_mm=constraint.offsets_mm,
-            points_on_tool_mm=constraint.points_on_tool_mm,
-            tumor_velocities_mm_s=constraint.tumor_velocities_mm_s,
+        message = simulated_message(
+            constraint, decision.state, decision.seq, decision.stamp.ns, 200 * NS_PER_MS
         )
         rule.receive(message, decision.stamp.ns)
         allowed = rule.allow(np.zeros(6), np.zeros(3), decision.stamp.ns)

@@ -34,6 +34,7 @@ from app.simulation import (
     WorldTracker,
     open_world,
 )
+from tests.doubles import simulated_message
 from tests.fixture.control.push_simulation import Fixture
 
 STILL_S, PUSH_S, RETREAT_S = 1.0, 1.5, 0.5
@@ -114,21 +115,7 @@ class Guard:
         if planes is None:
             return
         self._sent.append(
-            PlainConstraint(
-                "guided",
-                next(self._numbers),
-                "tumor",
-                now_ns,
-                now_ns + VALID_NS,
-                int(decision.state),
-                planes.hold,
-                True,
-                True,
-                planes.normals,
-                planes.offsets_mm,
-                planes.points_on_tool_mm,
-                planes.tumor_velocities_mm_s,
-            )
+            simulated_message(planes, decision.state, next(self._numbers), now_ns, VALID_NS)
         )
 
     def arrived(self, now_ns: int) -> list[PlainConstraint]:
