@@ -6,7 +6,8 @@ Prints ``ready``, then each reply as a line of JSON. It uses plain rclpy, not th
 
 A server drops a reply to a client that it has not discovered, and a client cannot see when it has.
 Endpoints are discovered in the order of their creation: so the last client calls a harmless service
-of the same node until a reply arrives.
+of the same node until a reply arrives. Each client receives the replies to all clients; more than
+ROS's default of 10 must wait, or a burst of replies to another one drops ours.
 """
 
 import json
@@ -14,10 +15,12 @@ import sys
 
 import rclpy
 from rcl_interfaces.srv import GetParameters
+from rclpy.qos import QoSProfile
 
 from tests.bridge.peers import as_plain, filled, interface
 
 DEADLINE_S = 90.0
+QOS = QoSProfile(depth=1000)
 
 
 def main():
@@ -25,7 +28,9 @@ def main():
     node = rclpy.create_node("caller")
     calls = [argument.split(":", 2) for argument in sys.argv[1:]]
     kinds = {name: interface(kind) for name, kind, _ in calls}
-    clients = {name: node.create_client(kind, name) for name, kind in kinds.items()}
+    clients = {
+        name: node.create_client(kind, name, qos_profile=QOS) for name, kind in kinds.items()
+    }
     servers = {name.rpartition("/")[0] for name in kinds}
     harmless = [node.create_client(GetParameters, f"{each}/get_parameters") for each in servers]
     for client in (*clients.values(), *harmless):

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
@@ -24,6 +25,9 @@ from app.bridge.node import RosNode
 
 _MAX_OPEN = 1000
 _MAX_ABANDONED = 100
+_MAX_REPLIES = 1000
+"""Replies that wait for the node's thread. Replies to other clients count, because each client
+receives all of them: with ROS's default of 10 a burst of another client would drop our reply."""
 
 
 class ServiceClient:
@@ -37,7 +41,8 @@ class ServiceClient:
         self.type = service_type(service)
         self._ros = ros
         try:
-            self._client = ros.node.create_client(self.type, name)
+            qos = QoSProfile(depth=_MAX_REPLIES)  # reliable and volatile, as ROS's default
+            self._client = ros.node.create_client(self.type, name, qos_profile=qos)
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             raise CallError(f"no client for a service {name!r}: {reason_of(error)}") from error
         self.name = str(self._client.service_name)

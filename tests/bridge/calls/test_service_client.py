@@ -13,6 +13,7 @@ from app.bridge.calls import (
     ServerGoneError,
     ServerUnavailableError,
     ServiceClient,
+    ServiceServer,
 )
 from app.bridge.convert import ConversionError, UnknownTypeError
 from app.bridge.node import RosNode
@@ -56,6 +57,30 @@ def test_started_call_passes_its_reply_to_a_callback(ros, peer):
     assert pending.result(DEADLINE_S).success
     assert arrived.wait(DEADLINE_S)
     assert replies[0] is pending.result(0.0)
+
+
+def test_reply_is_kept_in_a_burst_of_replies_to_another_client(ros, domain_id):
+    taking, proceed = threading.Event(), threading.Event()
+    with RosNode("server", domain_id=domain_id) as server, RosNode("b", domain_id=domain_id) as b:
+        served = threading.Event()
+
+        def serve(request, response):
+            response.success = True
+            if request.data:
+                served.set()
+
+        ServiceServer(server, SetBool, "/burst", serve, max_waiting=100)
+        mine, other = ServiceClient(ros, SetBool, "/burst"), ServiceClient(b, SetBool, "/burst")
+        for client in (mine, other):
+            assert client.call({}, timeout_s=DEADLINE_S, repeat_s=1.0).success
+        ros.call_soon(lambda: (taking.set(), proceed.wait(DEADLINE_S)))
+        assert taking.wait(DEADLINE_S)
+        pending = mine.start({"data": True})
+        assert served.wait(DEADLINE_S)
+        for _ in range(50):
+            other.call({}, timeout_s=DEADLINE_S)
+        proceed.set()
+        assert pending.result(DEADLINE_S).success
 
 
 def test_missing_server_raises(ros):

@@ -38,7 +38,9 @@ class Peer:
             "set_parameters_atomically": SetParametersAtomically,
         }
         self.clients = {
-            name: self.node.create_client(kind, f"/marginguard/{name}")
+            name: self.node.create_client(
+                kind, f"/marginguard/{name}", qos_profile=QoSProfile(depth=1000)
+            )
             for name, kind in names.items()
         }
         for client in self.clients.values():
