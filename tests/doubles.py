@@ -152,4 +152,9 @@ def simulated_message(
         offsets_mm=planes.offsets_mm,
         points_on_tool_mm=planes.points_on_tool_mm,
         tumor_velocities_mm_s=planes.tumor_velocities_mm_s,
+        free_distance_mm=planes.free.distance_mm,
+        free_turn_rad=planes.free.turn_rad,
+        max_tool_speed_mm_s=250.0,
+        max_tool_turn_rad_s=2.0,
+        setup_id="setup",
     )

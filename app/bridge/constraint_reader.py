@@ -16,7 +16,7 @@ from app.bridge.node import RosNode
 from app.bridge.plain_constraint import plain_constraint
 from app.bridge.qos import NEWEST, Topic
 from app.bridge.sender_names import node_name, nodes_text
-from app.fixture import Constraint, MarginState, PlainConstraint
+from app.fixture import Constraint, FreeMotion, MarginState, PlainConstraint
 from app.geometry import InputError
 from app.runtime import LatestValue, ReceivedConstraint
 from app.session import Sample, SenderTrail
@@ -132,6 +132,9 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
         sigma_tre_mm=_mm(message.sigma_tre),
         model_id=message.model_id,
         registration_id=message.registration_id,
+        setup_id=message.setup_id,
+        max_tool_speed_mm_s=plain.max_tool_speed_mm_s,
+        max_tool_turn_rad_s=plain.max_tool_turn_rad_s,
         instance_id=message.instance_id,
         rearm_nonce=message.rearm_nonce,
         hold_causes=tuple(message.hold_causes),
@@ -152,6 +155,7 @@ def _constraint(plain: PlainConstraint, topic: str) -> Constraint | None:
             points_on_tool_mm=plain.points_on_tool_mm,
             tumor_velocities_mm_s=plain.tumor_velocities_mm_s,
             hold=plain.hold,
+            free=FreeMotion(plain.free_distance_mm, plain.free_turn_rad),
         )
     except InputError as error:
         raise BridgeError(f"{topic}: invalid half-spaces: {error}") from error

@@ -24,7 +24,7 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
     {
         "action/Calibrate": "d06993f7706cb31cd40afb9aa427e451bd9e78b51bf79dae4766292ca70b8404",
         "action/Replay": "067bca1b542924cc25ac8461f06a0c824c9dba52fd7d02a60e9f8f5cc657a626",
-        "msg/FixtureConstraint": "f7751a39ae460a171a6c05c5e15fb9f938a9d52655f3878a9833c074a5356f7a",
+        "msg/FixtureConstraint": "c89875baca4f6b9fcd9897b53c212602c052b1f4260a8066db5d1d73871c93f3",
         "msg/HalfSpace": "02bce709059039dd01c9b15c4c43179381416f98d7c21f161a35cc07d894ee99",
         "msg/TrackedTransform": "0066dc1ca1ca07df51e52382b52d9e6501d4a48e505d3ea5b1cee01413ffbb8e",
         "srv/LoadCase": "bac3f9dfc27130b32a998903683f7680cd36ede487bca86b29e1d85ad7df9f6a",

@@ -26,6 +26,11 @@ def plain_constraint(message: FixtureConstraint) -> PlainConstraint:
         offsets_mm=MM_PER_M * np.array([plane.offset for plane in planes]),
         points_on_tool_mm=MM_PER_M * _vectors([plane.point_on_tool for plane in planes]),
         tumor_velocities_mm_s=MM_PER_M * _vectors([plane.tumor_velocity for plane in planes]),
+        free_distance_mm=MM_PER_M * message.free_distance,
+        free_turn_rad=message.free_turn,
+        max_tool_speed_mm_s=MM_PER_M * message.max_tool_speed,
+        max_tool_turn_rad_s=message.max_tool_turn,
+        setup_id=message.setup_id,
     )
 
 

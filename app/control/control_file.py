@@ -29,10 +29,11 @@ BASE = "base"
 class ControlDescription:
     """The values of ``control.yaml``.
 
-    ``frame_from_tumor`` is the tumour in the tracked frame that it moves with. ``frame_from_base``
-    is the registered pose of the arm's root link in the tracker's frame, or in one that the tracker
-    measures. ``hand_topic`` has the wrench in the tool's axes if ``hand_in_tool``, else in those of
-    the base. ``max_speed_mm_s`` limits the tip. ``impedance``: the arm closes the loop itself.
+    ``frame_from_base`` is the registered pose of the arm's root link in the tracker's frame, or
+    in one that the tracker measures; it is used where the guard publishes no registration, and
+    None if it always has to. The pose of the tumour is that of the guard. ``hand_topic`` has
+    the wrench in the tool's axes if ``hand_in_tool``, else in those of the base.
+    ``max_speed_mm_s`` limits the tip. ``impedance``: the arm closes the loop itself.
     """
 
     name: str
@@ -40,8 +41,7 @@ class ControlDescription:
     tool: ToolKinematics
     tracker_topic: str
     constraint_topic: str
-    frame_from_tumor: Transform
-    frame_from_base: Transform
+    frame_from_base: Transform | None
     hand_topic: str
     hand_in_tool: bool
     parameters: ControllerParameters
@@ -55,6 +55,7 @@ class ControlDescription:
             frame=RULE_FRAME,
             parameters=LimiterParameters(most_mm_s=self.max_speed_mm_s),
             accept_simulated=self.accept_simulated,
+            follows_setup=True,
         )
         return CooperativeController(self.tool, rule, self.parameters)
 
@@ -88,8 +89,7 @@ def read_control(document: Section, folder: Path) -> ControlDescription:
         tool,
         _topic(document, "tracked_transforms", "/tracked_transforms"),
         _topic(document, "constraint", "/marginguard/constraint"),
-        _pose(document.section("tumor"), RULE_FRAME),
-        _pose(document.section("base"), BASE),
+        _base_pose(document.section("base")) if "base" in document else None,
         f"{arm}/body/measured_cf"
         if hand is None
         else _topic(hand, "topic", f"{arm}/body/measured_cf"),
@@ -152,9 +152,9 @@ def _link_from_tip(block: Section) -> Transform:
     )
 
 
-def _pose(block: Section, source: str) -> Transform:
+def _base_pose(block: Section) -> Transform:
     frame, pose = block.frame("frame"), block.section("pose")
     try:
-        return Transform.from_matrix(pose.numbers("matrix"), target=frame, source=source)
+        return Transform.from_matrix(pose.numbers("matrix"), target=frame, source=BASE)
     except MarginGuardError as error:
         raise InputError(f"{pose.place('matrix')}: {error}") from error

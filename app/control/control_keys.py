@@ -40,20 +40,13 @@ _TOOL: dict[str, Key] = {
     "rotation_deg": Numbers("axis times angle; default: none", 3, optional=True),
 }
 
-_TUMOR = Block(
-    "the tracked frame of the tumour, as in live.yaml",
-    {
-        "frame": Frame("frame that the tracker measures"),
-        "pose": Block("the tumour's surface in that frame", {"matrix": _MATRIX}),
-    },
-)
-
 _BASE = Block(
-    "the registration of the arm's base, which this controller alone uses",
+    "the registration of the arm's base, used where the guard publishes none",
     {
         "frame": Frame("the tracker's frame, or a frame that it measures: the reference"),
         "pose": Block("the arm's root link in that frame", {"matrix": _MATRIX}),
     },
+    optional=True,
 )
 
 _HAND = Block(
@@ -95,7 +88,6 @@ CONTROL = Block(
             "topic of the tracker (marginguard_msgs/TrackedTransform)",
             optional=True,
         ),
-        "tumor": _TUMOR,
         "base": _BASE,
         "constraint": Text(
             "topic of the guard's constraint; default: /marginguard/constraint", optional=True
@@ -103,7 +95,7 @@ CONTROL = Block(
         "hand": _HAND,
         "impedance": _IMPEDANCE,
         "max_speed_mm_s": Number(
-            "largest speed of the tip; expected at most v_max_mm_s of the guard",
+            "largest speed of the tip; planes are approached at most at v_max_mm_s of the guard",
             default=100.0,
             above=0.0,
             maximum=250.0,

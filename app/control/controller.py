@@ -161,8 +161,8 @@ class CooperativeController:
 
     def _watch(self, now_ns: int) -> None:
         """Latch after `watchdog_ns` without a valid constraint, once there has been one."""
-        still = np.zeros(6)
-        permission = self._rule.allow(still, still[:3], now_ns).permission
+        self._rule.stand(now_ns)  # until this step allows more
+        permission, _ = self._rule.permission(now_ns)
         if permission is not RulePermission.NO_MOTION:
             self._valid_ns = now_ns
         elif self._valid_ns is not None and now_ns - self._valid_ns > self.parameters.watchdog_ns:

@@ -25,7 +25,7 @@ def warm_up(description: ControlDescription) -> None:
         constraint = PlainConstraint(
             "warm-up", number, RULE_FRAME, now_ns, now_ns + NS_PER_MS, int(MarginState.NEGATIVE),
             False, description.accept_simulated, True, planes, np.array([-_FAR_MM]),
-            np.zeros((1, 3)), np.zeros((1, 3)),
+            np.zeros((1, 3)), np.zeros((1, 3)), _FAR_MM, 1.0, 1.0, 1.0, "warm-up",
         )  # fmt: skip
         controller.receive(constraint, now_ns)
         controller.step(

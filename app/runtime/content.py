@@ -106,6 +106,12 @@ class SessionContent:
         return "" if registration is None else _digest(registration.transform.matrix)
 
     @property
+    def setup_id(self) -> str:
+        """Digest that changes with the tumour, its pose and the registration."""
+        numbers = (self.model_id, self.registration_id, _digest(self.frame_from_tumor.matrix))
+        return hashlib.sha256("/".join(numbers).encode()).hexdigest()[:16]
+
+    @property
     def frame_from_tumor(self) -> Transform:
         """The tumour in the tracked frame that it moves with. Raises `FrameError` without one."""
         for edge in self.static_edges:

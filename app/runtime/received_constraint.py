@@ -16,6 +16,8 @@ class ReceivedConstraint:
     ``instance_id`` is another run of the session, which does not know earlier holds: stop.
     ``rearm_nonce`` identifies a hold that has to be re-armed, 0 if none has. ``hold_causes`` are
     texts on what began and prolonged the hold. ``simulated``: the poses are not those of a patient.
+    ``setup_id`` changes with the tumour, its pose and the registration. ``max_tool_speed_mm_s`` and
+    ``max_tool_turn_rad_s`` are what the margins assume of the tool.
     ``planes_current``: the half-spaces belong to the tool's present pose; otherwise no motion is
     allowed. ``single_source``: nothing independent can contradict the tracker.
 
@@ -24,7 +26,8 @@ class ReceivedConstraint:
     ...     seq=0, stamp_ns=0, valid_until_ns=0, state=mg.MarginState.UNKNOWN,
     ...     reasons=("starting",), hold=True, constraint=None, signed_distance_mm=None,
     ...     lower_bound_mm=None, stop_total_mm=None, warn_total_mm=None, sigma_tre_mm=None,
-    ...     model_id="", registration_id="",
+    ...     model_id="", registration_id="", setup_id="",
+    ...     max_tool_speed_mm_s=0.0, max_tool_turn_rad_s=0.0,
     ...     instance_id="",
     ...     rearm_nonce=0,
     ...     hold_causes=(),
@@ -50,6 +53,9 @@ class ReceivedConstraint:
     sigma_tre_mm: float | None
     model_id: str
     registration_id: str
+    setup_id: str
+    max_tool_speed_mm_s: float
+    max_tool_turn_rad_s: float
     instance_id: str
     rearm_nonce: int
     hold_causes: tuple[str, ...]

@@ -23,7 +23,8 @@ class ReplayRun:
     before the first frame and ``end_s`` ends the run, both in seconds from the recording's first
     frame; a seek later needs another run, because a session whose clock jumps latches a fault.
     ``setup`` and ``content`` replace those of ``prepared`` after an operator has changed them.
-    ``clock_ns`` paces the player, ``stopwatch_ns`` measures each step.
+    ``clock_ns`` paces the player, ``stopwatch_ns`` measures each step. ``free_motion`` is that of
+    `Session`.
     """
 
     def __init__(
@@ -40,9 +41,10 @@ class ReplayRun:
         setup: SessionSetup | None = None,
         content: SessionContent | None = None,
         outputs: Sequence[Output] = (),
+        free_motion: bool = False,
     ) -> None:
         self.prepared = prepared
-        self.session = Session(setup or prepared.setup)
+        self.session = Session(setup or prepared.setup, free_motion=free_motion)
         self.player = Player(prepared.case.frames, clock_ns=clock_ns, rate=rate, loop=loop)
         if paused:
             self.player.pause()

@@ -46,10 +46,14 @@ _DEPTH_EVALUATIONS = 16
 
 
 class Session:
-    """Joins tracking, registration, robot and fixture. Reads no clock: frames carry the time."""
+    """Joins tracking, registration, robot and fixture. Reads no clock: frames carry the time.
 
-    def __init__(self, setup: SessionSetup) -> None:
+    ``free_motion``: a controller obeys the constraints, so they say how far its tool may move.
+    """
+
+    def __init__(self, setup: SessionSetup, *, free_motion: bool = False) -> None:
         self.setup = self.requested = setup
+        self._free_motion = free_motion
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
         self._poses = PoseTree(
             limits=setup.margins.freshness_limits,
@@ -279,6 +283,8 @@ class Session:
             return None, None
         model = self.setup.proximity
         here = self._recent.augment(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
+        if self._free_motion:
+            here = model.add_free_motion(here, tumor_from_tip)
         end = PathPoint(now, tumor_from_tip, here)
         last, self._last = self._last, end
         if last is None or not self._is_fresh(last.stamp, now):

@@ -35,6 +35,9 @@ class ProximityModel(Protocol):
     ) -> SweptProximity:
         """Lowest signed distance in mm on the path from one pose to the next."""
 
+    def add_free_motion(self, proximity: Proximity, tumor_from_tool: Transform) -> Proximity:
+        """``proximity``, which is that of the pose, with its free motion."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSetup:

@@ -5,6 +5,7 @@ pushes without the fixture; the controller and all else are the same. ``tracker`
 driver: it passes the samples of the simulated tracker on, unchanged.
 """
 
+import math
 import sys
 import time
 
@@ -13,6 +14,7 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace, TrackedTransform
 from app.bridge import RosNode, prepare_environment
 from app.bridge.qos import NEWEST, STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
+from app.fixture import MAX_TURN_RAD_S
 from app.geometry import NS_PER_MS, NS_PER_S
 from benchmarks.harness.peer import emit, input_ended
 
@@ -29,8 +31,19 @@ def guard() -> None:
         emit("ready")
         half_space = HalfSpace(offset=-FAR_M)
         half_space.normal.z = 1.0
-        message = FixtureConstraint(instance_id="open", simulated=True, planes_current=True)
+        message = FixtureConstraint(
+            instance_id="open",
+            setup_id="open",
+            simulated=True,
+            planes_current=True,
+            free_distance=FAR_M,
+            free_turn=math.pi,
+            max_tool_speed=FAR_M,
+            max_tool_turn=MAX_TURN_RAD_S,
+        )
         message.header.frame_id = "tumor"
+        # As in the world's live.yaml, where the sensor's frame is that of the tumour.
+        message.tumor.header.frame_id, message.tumor.child_frame_id = "tumor_sensor", "tumor"
         message.half_spaces = [half_space]
         while not stop.wait(PERIOD_S):
             now_ns = time.time_ns()

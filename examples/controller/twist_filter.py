@@ -85,6 +85,8 @@ class TwistFilter(Node):
         if all(each and 0 <= now_ns - each[0] <= MAX_COMMAND_AGE_NS for each in inputs):
             decision = self.rule.allow(self.desired[1], self.tip[1], now_ns)
             twist, reason = decision.twist, str(decision.reason)
+        else:
+            self.rule.stand(now_ns)
         if reason != self.logged:
             self.logged = reason
             self.get_logger().info(f"{reason}, guard {self.rule.instance_id}")

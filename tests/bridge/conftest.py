@@ -19,6 +19,7 @@ from app.fixture import (
     AppliedMargin,
     Constraint,
     FixtureDecision,
+    FreeMotion,
     MarginState,
     Proximity,
     Reason,
@@ -251,6 +252,7 @@ def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -
         points_on_tool_mm=np.array([[1.0, 2.0, 17.5]]),
         tumor_velocities_mm_s=np.array([[0.0, 4.0, 0.0]]),
         hold=lost,
+        free=FreeMotion(1000.0, 10.0),
     )
     decision = FixtureDecision(
         state=state,

@@ -53,7 +53,7 @@ def plane(seq: int, now_ns: int, height_mm: float, point: np.ndarray) -> PlainCo
     """The tip must stay above a height in the frame of the tumour."""
     arrays = np.array([[0.0, 0.0, 1.0]]), np.array([height_mm]), np.array([point]), np.zeros((1, 3))
     valid = ("guard", seq, "tumor", now_ns, now_ns + 50 * MS, int(MarginState.NEGATIVE))
-    return PlainConstraint(*valid, False, True, True, *arrays)
+    return PlainConstraint(*valid, False, True, True, *arrays, 1000.0, 1.0, 250.0, 2.0, "setup")
 
 
 def tip_and_jacobian(tool: ToolKinematics) -> tuple[np.ndarray, np.ndarray]:

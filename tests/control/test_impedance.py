@@ -18,7 +18,7 @@ GIVEN = ImpedanceParameters(
 def constraint(normals, offsets, points):
     return PlainConstraint(
         "guard", 1, "tumor", 1, 2, int(MarginState.NEGATIVE), False, True, True, normals, offsets,
-        points, np.zeros((len(normals), 3)),
+        points, np.zeros((len(normals), 3)), 0.0, 0.0, 0.0, 2.0, "setup",
     )  # fmt: skip
 
 

@@ -173,7 +173,7 @@ def test_wrong_registration_is_reported_as_drift(recorded):
 
 
 def test_every_constraint_of_a_stretch_with_many_witnesses_is_accepted_by_the_rule(case):
-    """Up to 10 witnesses, of which a controller accepts 8 planes."""
+    """There would be up to 10 witnesses; a controller accepts 8 planes."""
     session = Session(setup_from_case(case))
     rule = FixtureRule(frame="tumor", accept_simulated=True)
     numbers = []
@@ -189,4 +189,4 @@ def test_every_constraint_of_a_stretch_with_many_witnesses_is_accepted_by_the_ru
         rule.receive(message, decision.stamp.ns)
         allowed = rule.allow(np.zeros(6), np.zeros(3), decision.stamp.ns)
         assert allowed.permission is not RulePermission.NO_MOTION, allowed.reason
-    assert max(numbers) > MAX_PLANES
+    assert max(numbers) == MAX_PLANES

@@ -89,7 +89,7 @@ class SpringTouch:
             PlainConstraint(
                 "passivity", self._seq, "tumor", now_ns, now_ns + 50 * NS_PER_MS,
                 int(MarginState.NEGATIVE), False, True, True, planes, np.zeros(1),
-                self._tool_mm[None], np.zeros((1, 3)),
+                self._tool_mm[None], np.zeros((1, 3)), 1e4, 1.0, 250.0, 2.0, "setup",
             ),
             now_ns,
         )  # fmt: skip

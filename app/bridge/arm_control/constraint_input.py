@@ -6,6 +6,7 @@ from collections import OrderedDict
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import deserialize_message
 
+from app.bridge.arm_control.base_pose import Setup, setup_of
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.plain_constraint import plain_constraint
@@ -26,14 +27,18 @@ class ConstraintInput:
         """Number of messages that could not be read."""
         ros.subscribe_with_origin(Topic(name, FixtureConstraint, NEWEST), self._take)
 
-    def arrived(self) -> list[PlainConstraint]:
-        """The newest constraint of each sender that has sent since the last call."""
+    def arrived(self) -> list[tuple[PlainConstraint, Setup | None]]:
+        """The newest constraint of each sender that has sent since the last call, with its poses.
+
+        The poses are None if they are not valid.
+        """
         with self._lock:
             waiting, self._waiting = self._waiting, OrderedDict()
         found = []
         for data in waiting.values():
             try:
-                found.append(plain_constraint(deserialize_message(data, FixtureConstraint)))
+                message = deserialize_message(data, FixtureConstraint)
+                found.append((plain_constraint(message), setup_of(message)))
             except Exception:  # rclpy raises several unrelated types for invalid bytes
                 self.refused += 1
         return found

@@ -6,8 +6,8 @@
                                                               topic
 ``/marginguard/constraint``    marginguard_msgs/              input: the guard's constraint
                                FixtureConstraint
-``/tracked_transforms``        marginguard_msgs/              input: the tumour, and the reference
-                               TrackedTransform               that the base is registered in
+``/tracked_transforms``        marginguard_msgs/              input: the frame of the tumour, and
+                               TrackedTransform               the one that the base is registered in
 ``/ARM/servo_jv``              sensor_msgs/JointState         joint velocities, 200 Hz; or, with
                                                               ``impedance``, `impedance_output`
 ``~/rearm``                    std_srvs/Trigger               end the stop of the watchdog
@@ -81,12 +81,7 @@ class ControlNode:
             description.hand_topic,
             hand_in_tool=description.hand_in_tool,
         )
-        self._base = BasePose(
-            ros,
-            description.tracker_topic,
-            description.frame_from_tumor,
-            description.frame_from_base,
-        )
+        self._base = BasePose(ros, description.tracker_topic, description.frame_from_base)
         self._constraints = ConstraintInput(ros, description.constraint_topic)
         self._command: Publisher | None = None
         self._impedance: ImpedanceOutput | None = None
@@ -130,12 +125,14 @@ class ControlNode:
     def step(self) -> ControlDecision:
         """One control step: read, decide, send. The command has the time after the reading."""
         constraints = self._constraints.arrived()
+        for _, setup in constraints:
+            self._base.use(setup)
         joints, wrench = self._inputs.joints(), self._inputs.wrench()
         pose = self._base.measurement()
         with self._lock:
             now_ns = self._clock_ns()
             was_latched = self._controller.latched
-            for constraint in constraints:
+            for constraint, _ in constraints:
                 self._constraint_ns = now_ns
                 self._controller.receive(constraint, now_ns)
                 self._newest = constraint

@@ -15,7 +15,15 @@ from app.bridge.node import RosNode
 from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.errors import TfError
-from app.fixture import Constraint, LimiterParameters, limit_twist
+from app.fixture import (
+    MAX_TURN_RAD_S,
+    Constraint,
+    Delay,
+    LimiterParameters,
+    MarginParameters,
+    OwnMotion,
+    limit_twist,
+)
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
@@ -73,6 +81,12 @@ class _Allowance:
     stale_after_ns: int
     since_ns: int
     until_ns: int
+    max_approach_mm_s: float
+
+    @property
+    def poses_ns(self) -> int:
+        """``stamp_ns`` on the steady clock."""
+        return self.since_ns - (self.now_ns - self.stamp_ns)
 
     def until_of(self, stamp: Stamp | None) -> int:
         """Steady time until which a pose of ``stamp`` may be used, None for static edges."""
@@ -84,9 +98,13 @@ class _Allowance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answer:
-    """The allowed ``twist`` (6,) by ``allowance``, valid until ``until_ns`` of the steady clock."""
+    """The allowed ``twist`` (6,) by ``allowance``, valid until ``until_ns`` of the steady clock.
+
+    ``in_tumor`` (6,) is the twist along the tumour's axes.
+    """
 
     twist: FloatArray
+    in_tumor: FloatArray
     allowance: _Allowance
     until_ns: int
 
@@ -111,9 +129,10 @@ class TwistLimiter:
     no command for ``timeout_ns``                       zero twist, repeated every ``timeout_ns``
     =================================================== ===========================================
 
-    The time constant of the approach is at least the validity of the planes: until they expire, the
-    tool must not travel further than its clearance. Ages are checked again directly before a reply
-    is sent, and after it: the process may have been stopped in between.
+    The planes are those of the poses of the step. What has been allowed since is subtracted from
+    their clearances, as in `app.fixture.FixtureRule`: each reply is executed until the next one.
+    Ages are checked again directly before a reply is sent, and after it: the process may have been
+    stopped in between.
 
     `refused` counts each problem by kind; at most one per second is logged. A separate thread
     checks the timeout, so motion also stops while the node's thread is busy.
@@ -134,6 +153,8 @@ class TwistLimiter:
         self._lock = threading.Lock()
         self._publish_lock = threading.Lock()
         self._allowance: _Allowance | None = None
+        self._own = OwnMotion()
+        self._lag_ns = round(self._parameters.tau_s * NS_PER_S / 2)
         self._commanded_ns: int | None = None
         self._frame = ""
         self._logged_ns: int | None = None
@@ -146,16 +167,21 @@ class TwistLimiter:
         self._watchdog.start()
 
     def allow(
-        self, step: StepResult, stale_after_ns: int, spent_ns: int = 0, since_ns: int | None = None
+        self,
+        step: StepResult,
+        margins: MarginParameters,
+        spent_ns: int = 0,
+        since_ns: int | None = None,
     ) -> None:
-        """Use the constraint of ``step`` until its data are stale. Thread-safe.
+        """Use the constraint of ``step``, made with ``margins``, until its data are stale.
+        Thread-safe.
 
         ``spent_ns`` is the time from the moment when the step's frame was current until
         ``since_ns`` (of `steady_ns`, the present by default). A constraint whose planes belong to
         an earlier pose of the tool allows no motion.
         """
         begin_ns = (steady_ns() if since_ns is None else since_ns) - spent_ns
-        self._use(_allowance_of(step, stale_after_ns, begin_ns, self._parameters))
+        self._use(_allowance_of(step, margins, begin_ns, self._parameters))
 
     def forbid(self) -> None:
         """Allow no motion until the next `allow`: no such reply is sent afterwards. Thread-safe."""
@@ -199,6 +225,7 @@ class TwistLimiter:
         with self._publish_lock:
             if not self._closing.is_set():
                 self._publish(self._serialised(command.header.stamp, np.zeros(6)))
+                self._own.command(np.zeros(6), steady_ns())
 
     def _reply(self, command: TwistStamped, answer: _Answer) -> bool:
         """Publish ``answer``; False if another step has replaced its allowance meanwhile.
@@ -216,6 +243,7 @@ class TwistLimiter:
             if steady_ns() >= answer.until_ns:
                 raise TwistRefusedError("the constraint is stale")
             self._publish(raw)
+            self._own.command(answer.in_tumor, steady_ns())
             if steady_ns() >= answer.until_ns:  # stopped while it was sent
                 self._publish(zero)
         return True
@@ -238,9 +266,21 @@ class TwistLimiter:
             allowance.constraint,
             allowance.tip_mm,
             allowance.parameters,
+            self._delay(allowance),
         )
         twist = np.concatenate([rotation.T @ allowed[:3], rotation.T @ allowed[3:]])
-        return _Answer(twist, allowance, until_ns)
+        return _Answer(twist, allowed, allowance, until_ns)
+
+    def _delay(self, allowance: _Allowance) -> Delay:
+        with self._publish_lock:
+            now_ns = steady_ns()
+            self._own.hold_until(now_ns)
+            if not self._own.knows(allowance.poses_ns - self._lag_ns):
+                raise TwistRefusedError("the constraint is stale")
+            moved = self._own.since(
+                allowance.poses_ns, self._lag_ns, now_ns, allowance.constraint, allowance.tip_mm
+            )
+        return Delay(moved, allowance.max_approach_mm_s, allowance.stale_after_ns / NS_PER_S)
 
     def _check_age(self, command: TwistStamped) -> None:
         stamp = command.header.stamp
@@ -314,6 +354,7 @@ class TwistLimiter:
     def _stop(self, reason: str) -> None:
         self._count(reason, reason)
         self._publish(self._serialised(self._ros.node.get_clock().now().to_msg(), np.zeros(6)))
+        self._own.command(np.zeros(6), steady_ns())
 
     def _count(self, kind: str, reason: str) -> None:
         now_ns = steady_ns()
@@ -339,7 +380,7 @@ class TwistLimiter:
 
 
 def _allowance_of(
-    step: StepResult, stale_after_ns: int, begin_ns: int, parameters: LimiterParameters
+    step: StepResult, margins: MarginParameters, begin_ns: int, parameters: LimiterParameters
 ) -> _Allowance | None:
     """None if the step has no planes for the tool's pose in that step.
 
@@ -349,20 +390,21 @@ def _allowance_of(
     constraint, stamp = decision.constraint, decision.stamp
     if constraint is None or not decision.constraint_is_current or stamp is None or pose is None:
         return None
-    limits, now = FreshnessLimits(stale_after_ns), step.frame.stamp
+    limits, now = FreshnessLimits(margins.stale_after_ns), step.frame.stamp
     if freshness_of_stamp(stamp, now, limits) is not Freshness.VALID:
         return None
-    validity_s = stale_after_ns / NS_PER_S
+    most_rad_s = min(parameters.most_rad_s, MAX_TURN_RAD_S)
     return _Allowance(
         constraint=constraint,
-        parameters=replace(parameters, tau_s=max(parameters.tau_s, validity_s)),
+        parameters=replace(parameters, most_rad_s=most_rad_s),
         tip_mm=pose.translation_mm,
         edges=step.edges,
         stamp_ns=stamp.ns,
         now_ns=now.ns,
-        stale_after_ns=stale_after_ns,
+        stale_after_ns=margins.stale_after_ns,
         since_ns=begin_ns,
         until_ns=begin_ns + stale_in_ns(stamp.ns, now.ns, limits),
+        max_approach_mm_s=margins.v_max_mm_s,
     )
 
 

@@ -166,7 +166,7 @@ def live_node(
         rule = PlaybackRule(playback.found, accepted=case.manifest.provenance.kind == "simulated")
         cautery = cautery_input(node, config)
         live = LiveSession(
-            Session(setup),
+            Session(setup, free_motion=True),
             host_ns=_host_clock(config.stamps_of_host),
             stamps_of_host=config.stamps_of_host,
             edges=named,

@@ -13,14 +13,14 @@ class TwistOutput(PassiveOutput):
 
     def __init__(self, limiter: TwistLimiter, margins: MarginParameters) -> None:
         self._limiter = limiter
-        self._stale_after_ns = margins.stale_after_ns
+        self._margins = margins
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Allow the motion of ``step``; none if an earlier output found the step too late."""
         if timing.in_time:
             # Read before the time that has been spent: a stop in between shortens the validity.
             since_ns = steady_ns()
-            self._limiter.allow(step, self._stale_after_ns, timing.spent_now_ns(), since_ns)
+            self._limiter.allow(step, self._margins, timing.spent_now_ns(), since_ns)
         else:
             self._limiter.forbid()
         return True
@@ -38,7 +38,7 @@ class TwistOutput(PassiveOutput):
         self._limiter.forbid()
 
     def _use(self, content: SessionContent) -> None:
-        self._stale_after_ns = content.margins.stale_after_ns
+        self._margins = content.margins
 
 
 class GuidanceOutput(PassiveOutput):

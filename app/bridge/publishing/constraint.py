@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 
+from geometry_msgs.msg import TransformStamped
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 
 from app.bridge import messages
-from app.fixture import Constraint, FixtureDecision, MarginState
+from app.fixture import MAX_TURN_RAD_S, Constraint, FixtureDecision, MarginState
 from app.geometry import Stamp
 from app.runtime import SessionContent
 
@@ -28,8 +29,14 @@ class ConstraintBuilder:
         self._frame = content.tumor.frame
         self._stale_after_ns = content.margins.stale_after_ns
         self._k_tre = content.margins.k_tre
+        self._max_tool_speed = _metres(content.margins.v_max_mm_s)
         self._model_id = content.model_id
         self._registration_id = content.registration_id
+        self._setup_id = content.setup_id
+        self._tumor = messages.transform_message(content.frame_from_tumor, Stamp(0))
+        self._base = TransformStamped()
+        if content.registration is not None:
+            self._base = messages.transform_message(content.registration.transform, Stamp(0))
 
     def message(
         self,
@@ -61,8 +68,13 @@ class ConstraintBuilder:
             stop_distance=math.nan,
             warn_distance=math.nan,
             sigma_tre=math.nan,
+            max_tool_speed=self._max_tool_speed,
+            max_tool_turn=MAX_TURN_RAD_S,
             model_id=self._model_id,
             registration_id=self._registration_id,
+            setup_id=self._setup_id,
+            tumor=self._tumor,
+            base=self._base,
         )
         message.header.frame_id = self._frame
         if self._planes_from is not None:
@@ -70,6 +82,8 @@ class ConstraintBuilder:
             messages.set_time(message.valid_until, self._until(self._planes_from))
         if decision.constraint is not None:
             message.half_spaces = half_space_messages(decision.constraint)
+            message.free_distance = _metres(decision.constraint.free.distance_mm)
+            message.free_turn = decision.constraint.free.turn_rad
         if known and decision.proximity is not None:
             message.signed_distance = _metres(decision.proximity.signed_distance_mm)
             message.lower_bound = _metres(decision.proximity.lower_bound_mm)

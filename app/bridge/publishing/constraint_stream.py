@@ -325,6 +325,11 @@ def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
         stop_distance=math.nan,
         warn_distance=math.nan,
         sigma_tre=math.nan,
+        max_tool_speed=message.max_tool_speed,
+        max_tool_turn=message.max_tool_turn,
         model_id=message.model_id,
         registration_id=message.registration_id,
+        setup_id=message.setup_id,
+        tumor=message.tumor,
+        base=message.base,
     )

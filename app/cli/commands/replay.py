@@ -152,6 +152,7 @@ def _replay(
             rate=options.rate,
             loop=options.loop,
             outputs=() if options.loop else (log, scene_log),
+            free_motion=not options.no_ros,
         )
         received.stops(replay.stop)
         if report is not None and options.all:

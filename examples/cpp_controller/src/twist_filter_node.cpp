@@ -2,11 +2,12 @@
 //
 // Subscribes /marginguard/constraint, desired_twist and tip (geometry_msgs/PointStamped), publishes
 // safe_twist at 200 Hz, and serves controller_rearm for the operator of this controller. All
-// vectors are along the axes of the constraint's frame, in m and m/s. The node's clock must be that of the
-// stamps: `source.clock: host` in live.yaml, with PTP between two machines.
+// vectors are along the axes of the constraint's frame, in m and m/s. The node's clock must be that
+// of the stamps: `source.clock: host` in live.yaml, with PTP between two machines.
 //
 // The watchdog is the timer: at each period the rule decides anew, and a guard that is silent, lost
-// or replaced allows nothing (FixtureRule). Each change of the reason is logged.
+// or replaced allows nothing (FixtureRule), nor does another tumour or registration. Each change of
+// the reason is logged.
 #include <chrono>
 #include <functional>
 #include <memory>
@@ -67,6 +68,7 @@ class TwistFilter : public rclcpp::Node {
           tip_.reset();
           if (message.header.frame_id != frame_) return;
           tip_ = Timed<marginguard::Vector3>{now_ns(), vector_of(message.point)};
+          last_tip_ = tip_->value;
         });
     rearm_ = create_service<Trigger>(
         "controller_rearm",
@@ -112,6 +114,11 @@ class TwistFilter : public rclcpp::Node {
       plain.planes[k] = {vector_of(plane.normal), plane.offset, vector_of(plane.point_on_tool),
                          vector_of(plane.tumor_velocity)};
     }
+    plain.free_distance = message.free_distance;
+    plain.free_turn = message.free_turn;
+    plain.max_tool_speed = message.max_tool_speed;
+    plain.max_tool_turn = message.max_tool_turn;
+    plain.setup_id = message.setup_id;
     rule_.receive(plain, now_ns());
   }
 
@@ -122,6 +129,9 @@ class TwistFilter : public rclcpp::Node {
     if (is_recent(command_, now) && is_recent(tip_, now)) {
       decision = rule_.allow(command_->value, tip_->value, now);
       reason = name_of(decision.reason);
+    } else if (last_tip_) {
+      // The tool stands still. The rule has to know, or it takes the last twist to go on.
+      rule_.allow(marginguard::Vector6{}, *last_tip_, now);
     }
     if (reason != logged_) {
       logged_ = reason;
@@ -144,6 +154,7 @@ class TwistFilter : public rclcpp::Node {
   std::string logged_;
   std::optional<Timed<marginguard::Vector6>> command_;
   std::optional<Timed<marginguard::Vector3>> tip_;
+  std::optional<marginguard::Vector3> last_tip_;
   rclcpp::Subscription<FixtureConstraint>::SharedPtr constraints_;
   rclcpp::Subscription<TwistStamped>::SharedPtr commands_;
   rclcpp::Subscription<PointStamped>::SharedPtr tips_;

@@ -1,8 +1,9 @@
 // Applies the rule to lines on standard input and prints one line per decision; for the tests.
 //
-//   new FRAME                                        a new rule
+//   new FRAME FOLLOWS                                a new rule
 //   rearm
-//   receive NOW ID SEQ FRAME STAMP UNTIL STATE HOLD SIMULATED CURRENT COUNT [normal offset point velocity]*COUNT
+//   receive NOW ID SETUP SEQ FRAME STAMP UNTIL STATE HOLD SIMULATED CURRENT FREE_DISTANCE FREE_TURN
+//           TOOL_SPEED TOOL_TURN COUNT [normal offset point velocity]*COUNT, on one line
 //   allow NOW TWIST(6) TIP(3)                        prints: PERMISSION REASON LATCHED TWIST(6)
 //
 // Times are in ns, lengths in m. "-" is an empty id. Numbers may be nan or inf.
@@ -31,12 +32,18 @@ std::array<double, N> numbers(std::istream& in) {
 
 void receive(marginguard::FixtureRule& rule, std::istream& in) {
   std::int64_t now_ns = 0;
-  std::string id, frame;
+  std::string id, setup, frame;
   int hold = 0, simulated = 0, current = 0;
   marginguard::PlainConstraint message;
-  in >> now_ns >> id >> message.seq >> frame >> message.stamp_ns >> message.valid_until_ns >>
-      message.state >> hold >> simulated >> current >> message.count;
+  in >> now_ns >> id >> setup >> message.seq >> frame >> message.stamp_ns >>
+      message.valid_until_ns >> message.state >> hold >> simulated >> current;
+  message.free_distance = number(in);
+  message.free_turn = number(in);
+  message.max_tool_speed = number(in);
+  message.max_tool_turn = number(in);
+  in >> message.count;
   message.instance_id = id == "-" ? std::string_view{} : std::string_view{id};
+  message.setup_id = setup == "-" ? std::string_view{} : std::string_view{setup};
   message.frame = frame;
   message.hold = hold != 0;
   message.simulated = simulated != 0;
@@ -73,8 +80,9 @@ int main() {
     in >> command;
     if (command == "new") {
       std::string frame;
-      in >> frame;
-      rule = marginguard::FixtureRule(frame);
+      marginguard::RuleParameters parameters;
+      in >> frame >> parameters.follows_setup;
+      rule = marginguard::FixtureRule(frame, parameters);
     } else if (command == "rearm") {
       rule.rearm();
     } else if (command == "receive") {

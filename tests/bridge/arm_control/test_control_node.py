@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import replace
 
 import jsonschema
 import numpy as np
@@ -44,6 +45,12 @@ class Peer:
         ros.subscribe(Topic("/arm/servo_jv", JointState, STREAM), self.commands.append)
         self.seq = 0
         self.instance = "guard"
+        self.setup = "setup"
+        self.tumor_turn = [0.0, 0.0, 0.0, 1.0]
+        """Quaternion of the tumour in its tracked frame."""
+        self.base = ""
+        self.point_mm = np.zeros(3)
+        """Point of the tool that the plane holds for, in the tumour's frame."""
 
     def send(self, *, constraint=True, tumor=True, force=(0.0, 0.0, 5.0), plane=-FAR_M):
         """Send one message of each kind with the present stamp; force in N, plane in m."""
@@ -70,8 +77,18 @@ class Peer:
                 now_ns + VALID_NS, NS_PER_S
             )
             message.planes_current = True
+            message.free_distance, message.free_turn = 1.0, 1.0
+            message.max_tool_speed, message.max_tool_turn = 0.25, 2.0
+            message.setup_id = self.setup
+            turn = message.tumor.transform.rotation
+            turn.x, turn.y, turn.z, turn.w = self.tumor_turn
+            if self.base:
+                message.base.header.frame_id, message.base.child_frame_id = "tracker", "base"
+            message.tumor.header.frame_id, message.tumor.child_frame_id = "tumor_sensor", "tumor"
             half_space = HalfSpace(offset=plane)
             half_space.normal.z = 1.0
+            point = half_space.point_on_tool
+            point.x, point.y, point.z = (self.point_mm / 1000.0).tolist()
             message.half_spaces = [half_space]
             self._constraint.publish(message)
 
@@ -164,6 +181,43 @@ def test_other_guard_stops_the_arm_until_an_operator_rearms(controlled):
     assert stopped.rule == "instance_changed"
     assert controlled.rearm().success
     controlled.until(lambda d: d.reason == "follows")
+
+
+def test_arm_takes_the_pose_of_another_tumor_from_the_guard(controlled):
+    """Its axes are turned by 90 degrees: beyond the same plane another way leads back."""
+    pose, jacobian = controlled.node._description.tool.evaluate(np.array(POSITIONS))
+    down = {"force": (0.0, 0.0, 5.0), "plane": FAR_M}  # the tool's z points downwards
+    controlled.peer.point_mm = pose.translation_mm
+    controlled.until(lambda d: (jacobian @ d.velocities)[2] > 10.0, **down)
+    half = np.sqrt(0.5)
+    controlled.peer.setup, controlled.peer.tumor_turn = "other", [0.0, half, 0.0, half]
+    turned = Rotation.from_quat(controlled.peer.tumor_turn)
+    controlled.peer.point_mm = turned.inv().apply(np.array(pose.translation_mm))
+
+    # Now the tumour's z is the base's x, and downwards the hand is free.
+    def goes_back_along_x(decision):
+        velocity = jacobian @ decision.velocities
+        return velocity[0] > 1.0 and velocity[2] < -10.0
+
+    assert controlled.until(goes_back_along_x, **down).reason == "follows"
+
+
+def test_arm_stands_without_a_pose_of_the_tumor(controlled):
+    controlled.until(lambda d: d.reason == "follows")
+    controlled.peer.tumor_turn = [0.0, 0.0, 0.0, 0.5]
+    assert not controlled.until(lambda d: d.reason == "no_pose").velocities.any()
+
+
+def test_registration_of_the_guard_replaces_a_missing_one(domain_id, project_root):
+    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
+    with (
+        RosNode("marginguard_control", domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer,
+    ):
+        controlled = Controlled(ros, peer, replace(description, frame_from_base=None))
+        controlled.until(lambda d: d.reason == "no_pose" and controlled.peer.seq > 100)
+        controlled.peer.base = "base"
+        controlled.until(lambda d: d.reason == "follows")
 
 
 def test_second_sender_of_a_measurement_stops_the_arm(controlled, domain_id):

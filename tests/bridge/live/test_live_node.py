@@ -71,7 +71,7 @@ def test_twists_are_allowed_in_time_and_forbidden_late_revoked_and_at_the_end():
     assert output.publish("late", StepTiming(in_time=False))
     output.revoke()
     output.end()
-    assert limiter.calls == [("step", PARAMETERS.stale_after_ns, 7), None, None, None]
+    assert limiter.calls == [("step", PARAMETERS, 7), None, None, None]
 
 
 def test_twists_last_no_longer_than_the_margins_of_a_new_content_allow():
@@ -81,4 +81,4 @@ def test_twists_last_no_longer_than_the_margins_of_a_new_content_allow():
     shorter = content.margins.replaced(stale_after_ns=PARAMETERS.stale_after_ns // 2)
     output.prepare(content)(replace(content, margins=shorter))
     output.publish("step", StepTiming())
-    assert limiter.calls == [("step", PARAMETERS.stale_after_ns // 2, 0)]
+    assert limiter.calls == [("step", shorter, 0)]

@@ -15,6 +15,11 @@ using Vector3 = std::array<double, 3>;
 using Vector6 = std::array<double, 6>;
 
 constexpr std::size_t kMaxPlanes = 8;
+constexpr double kTurnRad = 0.1;      // largest turn of the tool for which the planes are made
+constexpr double kCoverM = 0.002;     // the planes leave room for the turn times this
+constexpr double kLeastShare = 1e-9;  // of the free motion: what is left where it is used up
+constexpr double kLeastFreeM = 1e-9;  // a free motion of less is none
+constexpr double kLeastFreeRad = 1e-6;
 
 // A half-space of the constraint, as marginguard_msgs/HalfSpace.
 struct HalfSpace {
@@ -32,6 +37,28 @@ struct LimiterParameters {
   double max_rad_s = 2.0;
 };
 
+// How far the tool may move before something counts that its planes do not describe: the way of its
+// tip and its turn. Both at once share: way / distance + angle / turn < 1.
+struct FreeMotion {
+  double distance = 0.0;
+  double turn = 0.0;
+};
+
+// Upper bounds of the tool's motion since a time.
+struct Moved {
+  std::array<double, kMaxPlanes> approach{};  // of the planes' points, relative to the tumour
+  double way = 0.0;                           // path of the tip
+  double turn = 0.0;                          // path of the rotation
+};
+
+// The planes are those of an earlier time; the tool has `moved` since.
+struct Delay {
+  Moved moved{};
+  FreeMotion free{};
+  double max_approach_m_s = 0.0;  // the approach that the guard's margin assumes
+  double validity_s = 0.0;        // a plane is approached faster only where it is farther than this
+};
+
 template <std::size_t N>
 bool all_finite(const std::array<double, N>& values) {
   return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
@@ -39,7 +66,8 @@ bool all_finite(const std::array<double, N>& values) {
 
 namespace detail {
 
-constexpr double kRelativeTolerance = 1e-9;
+// Of the sizes of the terms. The second one is for planes that are almost parallel.
+constexpr std::array<double, 2> kRelativeTolerances{1e-12, 1e-9};
 constexpr double kDependent = 1e-9;  // share of a row that must be independent of the others
 
 template <std::size_t N>
@@ -58,12 +86,12 @@ struct Inequalities {
   std::size_t count = 0;
 
   // True if `x`, which was computed from `desired`, keeps all of them; false if it is not finite.
-  bool hold_for(const Vector6& x, const Vector6& desired) const {
+  bool hold_for(const Vector6& x, const Vector6& desired, double tolerance) const {
     const double speed = norm(x) + norm(desired);
     for (std::size_t i = 0; i < count; ++i) {
       const double size = std::abs(lower[i]) + norm(rows[i]) * speed;
       const double value = dot(rows[i], x);
-      if (!(value >= lower[i] - kRelativeTolerance * size) || !std::isfinite(size)) return false;
+      if (!(value >= lower[i] - tolerance * size) || !std::isfinite(size)) return false;
     }
     return true;
   }
@@ -84,8 +112,12 @@ class Projection {
   bool of(const Vector6& point, Vector6& nearest) {
     start_ = point;
     found_ = false;
-    best_ = std::numeric_limits<double>::infinity();
-    visit(point, 0, 0);
+    for (const double tolerance : kRelativeTolerances) {
+      tolerance_ = tolerance;
+      best_ = std::numeric_limits<double>::infinity();
+      visit(point, 0, 0);
+      if (found_) break;
+    }
     nearest = nearest_;
     return found_;
   }
@@ -95,7 +127,7 @@ class Projection {
     double distance = 0.0;
     for (std::size_t k = 0; k < 6; ++k) distance += (x[k] - start_[k]) * (x[k] - start_[k]);
     if (!(distance < best_)) return;  // a larger set is not nearer
-    if (inequalities_.hold_for(x, start_)) {
+    if (inequalities_.hold_for(x, start_, tolerance_)) {
       best_ = distance;
       nearest_ = x;
       found_ = true;
@@ -126,6 +158,7 @@ class Projection {
   Vector6 start_{};
   Vector6 nearest_{};
   std::array<Vector6, 6> basis_{};
+  double tolerance_ = 0.0;
   double best_ = 0.0;
   bool found_ = false;
 };
@@ -141,25 +174,55 @@ inline Vector6 limited_speed(Vector6 twist, const LimiterParameters& parameters)
   return twist;
 }
 
-// False if there is no twist within `inequalities`, or if it is too fast and leaves them when scaled.
+// Shares of a speed in m/s and in rad/s, which together may be 1 at most.
+struct Shares {
+  double per_m_s = 0.0;
+  double per_rad_s = 0.0;
+
+  // `twist` scaled down to its share of speed.
+  Vector6 limited_speed(Vector6 twist) const {
+    const double share = std::hypot(twist[0], twist[1], twist[2]) * per_m_s +
+                         std::hypot(twist[3], twist[4], twist[5]) * per_rad_s;
+    if (!(share <= 1.0)) {
+      for (double& value : twist) value /= share;
+    }
+    return twist;
+  }
+};
+
+// The shares with which the free motion is never used up: it is approached as a plane is, at most
+// at what is left / tau. Where there is none at all, the tool may be moved at the speed of retreat
+// within its planes, or it could not leave that place.
+inline Shares shares_of(const FreeMotion& free, const Moved& moved,
+                        const LimiterParameters& parameters) {
+  const double turn = std::min(free.turn, kTurnRad);
+  if (!(free.distance > kLeastFreeM && turn > kLeastFreeRad)) {
+    return {1.0 / parameters.retreat_m_s, parameters.lever_m / parameters.retreat_m_s};
+  }
+  const double left = std::max(1.0 - moved.way / free.distance - moved.turn / turn, kLeastShare);
+  return {parameters.tau_s / (left * free.distance), parameters.tau_s / (left * turn)};
+}
+
+// False if there is no twist within `inequalities`, or if it is too fast and leaves them when
+// scaled.
 inline bool nearest_feasible(const Vector6& desired, const Inequalities& inequalities,
-                             const LimiterParameters& parameters, Vector6& allowed) {
-  if (inequalities.hold_for(desired, desired)) {
-    allowed = desired;
-    return true;
+                             const Shares& shares, const LimiterParameters& parameters,
+                             Vector6& allowed) {
+  allowed = desired;
+  if (!inequalities.hold_for(desired, desired, kRelativeTolerances.front())) {
+    // Scale the rotation by the lever, so that the cost is the Euclidean distance.
+    Inequalities scaled = inequalities;
+    Vector6 point = desired;
+    for (std::size_t k = 3; k < 6; ++k) {
+      point[k] *= parameters.lever_m;
+      for (Vector6& row : scaled.rows) row[k] /= parameters.lever_m;
+    }
+    Projection projection(scaled);
+    if (!projection.of(point, allowed)) return false;
+    for (std::size_t k = 3; k < 6; ++k) allowed[k] /= parameters.lever_m;
   }
-  // Scale the rotation by the lever, so that the cost is the Euclidean distance.
-  Inequalities scaled = inequalities;
-  Vector6 point = desired;
-  for (std::size_t k = 3; k < 6; ++k) {
-    point[k] *= parameters.lever_m;
-    for (Vector6& row : scaled.rows) row[k] /= parameters.lever_m;
-  }
-  Projection projection(scaled);
-  if (!projection.of(point, allowed)) return false;
-  for (std::size_t k = 3; k < 6; ++k) allowed[k] /= parameters.lever_m;
-  allowed = limited_speed(allowed, parameters);
-  return all_finite(allowed) && inequalities.hold_for(allowed, desired);
+  allowed = shares.limited_speed(limited_speed(allowed, parameters));
+  return all_finite(allowed) && inequalities.hold_for(allowed, desired, kRelativeTolerances.back());
 }
 
 }  // namespace detail
@@ -169,13 +232,18 @@ inline bool nearest_feasible(const Vector6& desired, const Inequalities& inequal
 // A twist is the velocity of the tool's origin, then the angular velocity, along the axes of the
 // planes. For each plane with normal n, tool point p and clearance c:
 // n . (v + w x (p - origin) - v_tumor) >= min(-c / tau, retreat). With `hold` the right side is 0.
-// Where the tool cannot be driven back from all planes, it is not driven back. No plane is violated
-// by more than 1e-9 of |bound| + |row| (|twist| + |desired|). All arguments must be finite, `count` at most 8.
+// Where the tool cannot be driven back from all planes, it is not driven back. Without `delay` the
+// planes are those of now; with it the motion since is subtracted from c and from the free motion,
+// and the right side is not below -max(max_approach, c / validity). A twist that is too fast is
+// scaled down, which keeps its direction. No plane is violated by more than 1e-9 of
+// |bound| + |row| (|twist| + |desired|). Twist, origin and planes must be finite, `count` at most 8.
 inline Vector6 limit_twist(const Vector6& desired, const std::array<HalfSpace, kMaxPlanes>& planes,
                            std::size_t count, bool hold, const Vector3& origin,
-                           const LimiterParameters& parameters) {
+                           const LimiterParameters& parameters, const Delay* delay = nullptr) {
   detail::Inequalities driven, still;
   driven.count = still.count = std::min(count, kMaxPlanes);
+  detail::Shares shares;
+  if (delay != nullptr) shares = detail::shares_of(delay->free, delay->moved, parameters);
   for (std::size_t i = 0; i < driven.count; ++i) {
     const HalfSpace& plane = planes[i];
     const Vector3& n = plane.normal;
@@ -187,9 +255,14 @@ inline Vector6 limit_twist(const Vector6& desired, const std::array<HalfSpace, k
                       r[1] * n[2] - r[2] * n[1],
                       r[2] * n[0] - r[0] * n[2],
                       r[0] * n[1] - r[1] * n[0]};
-    const double clearance = detail::dot(n, plane.point_on_tool) - plane.offset;
-    const double approach =
-        hold ? 0.0 : std::min(-clearance / parameters.tau_s, parameters.retreat_m_s);
+    double clearance = detail::dot(n, plane.point_on_tool) - plane.offset;
+    if (delay != nullptr) clearance -= delay->moved.approach[i] + kCoverM * delay->moved.turn;
+    double approach = std::min(-clearance / parameters.tau_s, parameters.retreat_m_s);
+    if (delay != nullptr) {
+      const double far_m_s = clearance / delay->validity_s;
+      approach = std::max(approach, -std::max(delay->max_approach_m_s, far_m_s));
+    }
+    if (hold) approach = 0.0;
     const double tumor = detail::dot(n, plane.tumor_velocity);
     driven.lower[i] = approach + tumor;
     still.lower[i] = std::min(approach, 0.0) + tumor;
@@ -197,8 +270,12 @@ inline Vector6 limit_twist(const Vector6& desired, const std::array<HalfSpace, k
   still.rows = driven.rows;
   const Vector6 slow = detail::limited_speed(desired, parameters);
   Vector6 allowed{};
-  if (detail::nearest_feasible(slow, driven, parameters, allowed)) return allowed;
-  if (detail::nearest_feasible(slow, still, parameters, allowed)) return allowed;
+  for (const detail::Inequalities& bounds : {driven, still}) {
+    if (detail::nearest_feasible(slow, bounds, shares, parameters, allowed)) return allowed;
+    if (delay == nullptr) continue;
+    // The hand's motion and driving the tool back are too fast together: it is driven back.
+    if (detail::nearest_feasible({}, bounds, shares, parameters, allowed)) return allowed;
+  }
   return Vector6{};
 }
 
