@@ -107,7 +107,7 @@ def listed_as_tracked_in_diagnostics(stamp_ns: int) -> bool:
 
 
 def allows_motion(stamp_ns: int) -> bool:
-    return _allowance_of(step(stamp_ns), STALE_NS, 0, LimiterParameters()) is not None
+    return _allowance_of(step(stamp_ns), PARAMETERS, 0, LimiterParameters()) is not None
 
 
 def followed_by_joints(stamp_ns: int) -> bool:

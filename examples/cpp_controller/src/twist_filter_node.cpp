@@ -68,7 +68,6 @@ class TwistFilter : public rclcpp::Node {
           tip_.reset();
           if (message.header.frame_id != frame_) return;
           tip_ = Timed<marginguard::Vector3>{now_ns(), vector_of(message.point)};
-          last_tip_ = tip_->value;
         });
     rearm_ = create_service<Trigger>(
         "controller_rearm",
@@ -129,9 +128,8 @@ class TwistFilter : public rclcpp::Node {
     if (is_recent(command_, now) && is_recent(tip_, now)) {
       decision = rule_.allow(command_->value, tip_->value, now);
       reason = name_of(decision.reason);
-    } else if (last_tip_) {
-      // The tool stands still. The rule has to know, or it takes the last twist to go on.
-      rule_.allow(marginguard::Vector6{}, *last_tip_, now);
+    } else {
+      rule_.stand(now);
     }
     if (reason != logged_) {
       logged_ = reason;
@@ -154,7 +152,6 @@ class TwistFilter : public rclcpp::Node {
   std::string logged_;
   std::optional<Timed<marginguard::Vector6>> command_;
   std::optional<Timed<marginguard::Vector3>> tip_;
-  std::optional<marginguard::Vector3> last_tip_;
   rclcpp::Subscription<FixtureConstraint>::SharedPtr constraints_;
   rclcpp::Subscription<TwistStamped>::SharedPtr commands_;
   rclcpp::Subscription<PointStamped>::SharedPtr tips_;
