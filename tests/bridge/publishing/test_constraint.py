@@ -3,10 +3,13 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from app.bridge.arm_control.base_pose import setup_of
 from app.bridge.publishing.constraint import ConstraintBuilder
 from app.fixture import FixtureDecision, MarginState, Reason
+from app.geometry import Transform
 
 pytestmark = pytest.mark.slow
 
@@ -39,6 +42,29 @@ def test_every_field_is_in_metres(content, make_step):
     point = plane.point_on_tool
     assert (point.x, point.y, point.z) == (0.001, 0.002, 0.0175)
     assert plane.tumor_velocity.y == 0.004
+    assert (message.free_distance, message.free_turn) == (1.0, 10.0)
+    assert message.max_tool_speed == pytest.approx(content.margins.v_max_mm_s / 1000.0)
+    assert message.max_tool_turn == 2.0
+
+
+def test_poses_of_tumor_and_base_are_those_in_use(content, make_step):
+    builder, decision = ConstraintBuilder(content), make_step(0).decision
+    first = builder.message(decision)
+    base = content.registration.transform
+    assert (first.tumor.header.frame_id, first.tumor.child_frame_id) == ("needle", "tumor")
+    assert (first.base.header.frame_id, first.base.child_frame_id) == (base.target, base.source)
+    assert first.base.transform.translation.x == pytest.approx(base.translation_mm[0] / 1000.0)
+    turned = Transform("needle", "tumor", np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 5.0])
+    edges = tuple(turned if e.source == "tumor" else e for e in content.static_edges)
+    builder.use(replace(content, static_edges=edges))
+    second = builder.message(decision)
+    assert second.model_id == first.model_id
+    assert second.setup_id != first.setup_id
+    np.testing.assert_allclose(setup_of(second).frame_from_tumor.matrix, turned.matrix, atol=1e-12)
+    by_hand = ConstraintBuilder(replace(content, robot=None)).message(decision)
+    assert by_hand.base.child_frame_id == ""
+    assert by_hand.setup_id != first.setup_id
+    assert setup_of(by_hand).frame_from_base is None
 
 
 @pytest.mark.parametrize("state", MarginState)
