@@ -106,6 +106,11 @@ class CooperativeController:
         """True if the watchdog has stopped the arm; see `rearm`."""
         return self._latched
 
+    @property
+    def constraint(self) -> PlainConstraint | None:
+        """The constraint in use; None before the first one."""
+        return self._rule.message
+
     def rearm(self) -> None:
         """Let the arm move again. Call it only on a request of the operator."""
         self._rule.rearm()

@@ -180,7 +180,7 @@ def rule_approaches(constraints: Iterable[Constraint], scene: Scene, *, after_ns
             tip = 1000.0 * np.array([point.x, point.y, point.z])
         desired = np.concatenate([PUSH_MM_S * approach, np.zeros(3)])
         decision = rule.allow(desired, tip, each.arrived_ns)
-        rule.allow(np.zeros(6), tip, each.arrived_ns)  # the tool is not moved
+        rule.stand(each.arrived_ns)  # the tool is not moved
         allowed = float(decision.twist[:3] @ approach) > APPROACH_MM_S
         count += allowed and each.sent_ns > after_ns and decision.reason is RuleReason.ALLOWED
     return count

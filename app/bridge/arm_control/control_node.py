@@ -125,17 +125,18 @@ class ControlNode:
     def step(self) -> ControlDecision:
         """One control step: read, decide, send. The command has the time after the reading."""
         constraints = self._constraints.arrived()
-        for _, setup in constraints:
-            self._base.use(setup)
-        joints, wrench = self._inputs.joints(), self._inputs.wrench()
-        pose = self._base.measurement()
         with self._lock:
             now_ns = self._clock_ns()
             was_latched = self._controller.latched
-            for constraint, _ in constraints:
+            for constraint, setup in constraints:
                 self._constraint_ns = now_ns
                 self._controller.receive(constraint, now_ns)
                 self._newest = constraint
+                if self._controller.constraint is constraint:  # not a repeated or old one
+                    self._base.use(setup)
+            joints, wrench = self._inputs.joints(), self._inputs.wrench()
+            pose = self._base.measurement()
+            now_ns = self._clock_ns()
             if self._impedance is not None:  # the arm feels the hand, nothing else does
                 wrench = WrenchMeasurement(now_ns, np.zeros(3), np.zeros(3))
             decision = self._controller.step(joints, wrench, pose, now_ns)

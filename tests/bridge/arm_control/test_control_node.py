@@ -202,6 +202,19 @@ def test_arm_takes_the_pose_of_another_tumor_from_the_guard(controlled):
     assert controlled.until(goes_back_along_x, **down).reason == "follows"
 
 
+def test_poses_of_a_message_that_the_rule_refuses_are_not_used(controlled):
+    controlled.until(lambda d: d.reason == "follows")
+    controlled.peer.seq = 0  # as a recorded message of another setup would
+    controlled.peer.setup, controlled.peer.tumor_turn = "other", [0.0, 0.0, 0.0, 0.5]
+    reasons = set()
+    controlled.until(lambda d: reasons.add(str(d.reason)) or d.rule == "seq_not_increasing")
+    for _ in range(20):
+        controlled.peer.seq = 0
+        controlled.peer.send()
+        reasons.add(str(controlled.node.step().reason))
+    assert "no_pose" not in reasons
+
+
 def test_arm_stands_without_a_pose_of_the_tumor(controlled):
     controlled.until(lambda d: d.reason == "follows")
     controlled.peer.tumor_turn = [0.0, 0.0, 0.0, 0.5]
