@@ -7,12 +7,15 @@ its own kinematics.
     python examples/controller/push.py
 """
 
+import signal
 import sys
+import threading
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped, TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -74,14 +77,17 @@ class Push(Node):
 def main() -> int:
     """Push until interrupted."""
     mg.prepare_ros()
-    # rclpy's own handler of signals can shut down at the same time as the last line.
+    # rclpy's own handler of signals can shut down at the same time as the last line, and a
+    # KeyboardInterrupt while a message is converted becomes another exception.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        rclpy.spin(Push())
-    except KeyboardInterrupt:
-        pass
-    finally:
-        rclpy.shutdown()
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
+    executor = SingleThreadedExecutor()
+    executor.add_node(Push())
+    while not stopped.is_set():
+        executor.spin_once()  # returns at each push
+    rclpy.shutdown()
     return 0
 
 
