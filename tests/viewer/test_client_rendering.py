@@ -51,9 +51,13 @@ def client_server(serve, viewed_case):
 
 
 def show(page, frame, label):
-    """Show ``frame``, which has the state ``label``."""
+    """Show ``frame``, which has the state ``label``, in the overview of this frame.
+
+    A page's first overview is that of the frame that its replay played when the page had a size.
+    """
     show_frame(page, frame)
     expect(page.locator("#state-label")).to_have_text(label)
+    page.get_by_role("button", name="Overview").click()
     wait_for(page, PICTURE_FITS)
 
 
