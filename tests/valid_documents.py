@@ -64,6 +64,7 @@ CONTROL = {
         "retreat_mm_s": 10,
         "most_mm_s": 100,
         "most_rad_s": 1,
+        "accept_simulated": True,
     },
     "tumor_motion": {
         "swing_mm": 5,

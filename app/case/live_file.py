@@ -69,7 +69,8 @@ class LiveCase:
     of its clock is estimated as samples arrive. ``joints_of_host``: whether the robot does;
     otherwise its stamps plus ``clock.offset_robot_to_tracker_ms`` are times on the source's clock,
     as in a case. ``guidance``: all values of a guidance force, None without one. ``limiter``: the
-    values of the twist limiter. ``tumor_motion``: all values of the tumour's expected motion,
+    values of the twist limiter, ``moves_by_simulated``: whether it allows motion by recorded or
+    simulated poses. ``tumor_motion``: all values of the tumour's expected motion,
     None for a tumour at rest; ``motion_frame`` is the frame in which it moves, None for the
     reference. Values are by name, in seconds and radians. ``operators``: full names
     of the nodes that may change the session, None for all. ``needs_security``: refuse to start
@@ -84,6 +85,7 @@ class LiveCase:
     joints_of_host: bool
     guidance: Mapping[str, float] | None
     limiter: Mapping[str, float]
+    moves_by_simulated: bool
     tumor_motion: Mapping[str, float] | None
     operators: tuple[str, ...] | None = None
     needs_security: bool = False
@@ -147,6 +149,8 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
         joints_of_host="clock" not in document,
         guidance=_numbers(document, "guidance"),
         limiter=_numbers(document, "limiter") or MappingProxyType({}),
+        moves_by_simulated="limiter" in document
+        and document.section("limiter").boolean("accept_simulated"),
         tumor_motion=_numbers(document, "tumor_motion"),
         operators=document.texts("operators") if "operators" in document else None,
         needs_security=document.choice("security") == "required",

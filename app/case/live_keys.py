@@ -15,7 +15,18 @@ from app.case.manifest.keys import (
     REGISTRATION,
 )
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
-from app.files.keys import Block, Choice, Frame, Integer, Key, ListOf, Number, Text, Variant
+from app.files.keys import (
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Integer,
+    Key,
+    ListOf,
+    Number,
+    Text,
+    Variant,
+)
 
 ABOVE_0 = "every value is more than 0"
 PASSIVE = "the force is passive with its period, delay and damping"
@@ -112,6 +123,10 @@ _LIMITER = Block(
         ),
         "most_mm_s": Number("largest speed", default=250.0, minimum=0.0),
         "most_rad_s": Number("largest angular speed", default=2.0, minimum=0.0),
+        "accept_simulated": Boolean(
+            "allow motion by recorded or simulated poses; only where no patient and no robot is",
+            default=False,
+        ),
     },
     optional=True,
     rules=(ABOVE_0,),

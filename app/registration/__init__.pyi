@@ -40,7 +40,6 @@ from .uncertainty.result import RegistrationResult, given_registration
 from .uncertainty.tre import (
     predict_layout_tre,
     predict_tre,
-    tre_at,
     tre_covariances,
     tre_upper_bound,
 )
@@ -95,7 +94,6 @@ __all__ = [
     "select_poses",
     "solve_robot_world",
     "tip_transform",
-    "tre_at",
     "tre_covariances",
     "tre_upper_bound",
     "usable_poses",

@@ -59,8 +59,13 @@ class FrameSenders:
         self._heard: dict[Sender, int] = {}
         self._loops: dict[Edge, _Loop] = {}
 
-    def observe(self, edge: Edge, sender: Sender, sample: Sample, now_ns: int) -> bool:
-        """Process a sample of an identified sender; False if it must not be used."""
+    def observe(
+        self, edge: Edge, sender: Sender, sample: Sample, now_ns: int, fresh_ns: int = 0
+    ) -> bool:
+        """Process a sample of an identified sender; False if it must not be used.
+
+        ``fresh_ns`` as in `SenderTrail`.
+        """
         child = edge[1]
         if child not in self._trails:
             if len(self._trails) >= self._limit:
@@ -72,7 +77,7 @@ class FrameSenders:
             edge not in self._edges and self._closes_loop(edge, sender, now_ns)
         ):
             return False
-        if not self._trails[child].observe(sender, _of_edge(sample, edge), now_ns):
+        if not self._trails[child].observe(sender, _of_edge(sample, edge), now_ns, fresh_ns):
             return False
         is_copy = self._trails[child].owner != sender
         if not is_copy and (edge in self._edges or len(self._edges) < self._limit):

@@ -58,7 +58,8 @@ class LiveFrames:
     (`AsideSamples`). A frame is ready when it holds all edges that came with the previous stamp,
     or when its first sample has waited for `COMPLETE_WITHIN_NS`. Frames that are ready together are
     merged into one with the newest sample of each edge, so that a session that is slower than its
-    source stays in the present and no queue grows. The first sample of the next stamp does not
+    source stays in the present and no queue grows; a lost pose ends such a frame, so that none is
+    hidden by a newer one. The first sample of the next stamp does not
     split a complete frame.
 
     Duplicates are dropped; two samples with one stamp that differ become INVALID. `left_out` counts
@@ -155,6 +156,8 @@ class LiveFrames:
                 self._last_stamp_of[edge] = ns
             self.left_out[REPLACED] += len(poses.keys() & samples.keys())
             poses.update(samples)
+            if any(sample.transform is None for sample in samples.values()):
+                break  # a step of its own: newer samples would hide that a pose was lost
         return self._frame(now, tuple(poses.values()))
 
     def take_others(self, now: Stamp) -> TrackingFrame:

@@ -53,7 +53,9 @@ class SenderTrail:
 
     A sample of another sender is refused while the owner is heard. If the owner sends afterwards,
     both send: a conflict. If the owner remains silent for `HANDOVER_NS`, the other one becomes the
-    owner; if an earlier owner returns later, that is a conflict too.
+    owner. That is a conflict too if an earlier owner returns, and if the silence was too short to
+    be noticed: the owner's last sample is in use for ``fresh_ns``, and `HANDOVER_NS` later at most
+    a step has found it stale.
 
     An exact copy of a remembered sample (same stamp, same content) is not counted: a relay that
     repeats samples adds no second source. A copy that arrives before its original is refused, and
@@ -72,15 +74,15 @@ class SenderTrail:
         self._unmatched: dict[Sender, dict[Sample, int]] = {}
         """Refused samples, and for how many samples of the owner each has waited."""
 
-    def observe(self, sender: Sender, sample: Sample, now_ns: int) -> bool:
+    def observe(self, sender: Sender, sample: Sample, now_ns: int, fresh_ns: int = 0) -> bool:
         """Process a sample that arrived at ``now_ns``; False if it must not be used."""
         if sender != self.owner and sample in self._recent:
             return True  # a copy, which the session drops
         if self.owner is None:
             self.owner = sender
         is_owner = sender == self.owner
-        if not is_owner and now_ns - self._heard[self.owner] >= HANDOVER_NS:
-            self._hand_over(sender)
+        if not is_owner and (silent_ns := now_ns - self._heard[self.owner]) >= HANDOVER_NS:
+            self._hand_over(sender, is_noticed=silent_ns - HANDOVER_NS >= fresh_ns)
             is_owner = True
         self._heard[sender] = now_ns
         self._heard.move_to_end(sender)
@@ -104,8 +106,8 @@ class SenderTrail:
                 self._unmatched.clear()
         return self.conflict
 
-    def _hand_over(self, sender: Sender) -> None:
-        if sender in self._former:
+    def _hand_over(self, sender: Sender, is_noticed: bool) -> None:
+        if sender in self._former or not is_noticed:
             self._add_conflict(sender)
         self._remember(self._former, self.owner, MAX_SENDERS)
         self.owner = sender

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
 from app.case import JointSample, TrackingFrame
 from app.fixture import (
     MarginMonitor,
@@ -22,7 +24,7 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
-from app.registration import tre_at
+from app.registration import predict_tre
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
 from app.session.hold_causes import HoldCauses
@@ -99,9 +101,6 @@ class Session:
         if in_reference.transform is not None:
             reference_from_tip = in_reference.transform @ self.setup.tool_from_tip
         links, robot_problem = self._links(frame, reference_from_tip)
-        sigma_tre_mm, registration_problems = self._registration_at_tip(
-            reference_from_tip, in_reference.problems
-        )
         drift = self._plausibility.drift(links, reference_from_tip, frame.stamp)
         found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
@@ -109,6 +108,9 @@ class Session:
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
         proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
+        sigma_tre_mm, registration_problems = self._registration_at_tool(
+            reference_from_tip, in_reference.problems, proximity, tumor_from_tip
+        )
         tracking_mm = self._tracking_sigma(proximity, tumor_from_tool)
         stated = self.setup.tumor_sigma_mm, self.setup.tip_sigma_mm
         sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, *stated)
@@ -308,14 +310,20 @@ class Session:
             max_evaluations=_DEPTH_EVALUATIONS,
         )
 
-    def _registration_at_tip(
-        self, tip: Transform | None, problems: frozenset[Reason]
+    def _registration_at_tool(
+        self,
+        tip: Transform | None,
+        problems: frozenset[Reason],
+        proximity: Proximity | None,
+        tumor_from_tip: Transform | None,
     ) -> tuple[float, frozenset[Reason]]:
-        """Standard deviation in mm of the registration at the tip, and the registration's problems.
+        """Standard deviation in mm of the registration at the tool, and its problems.
 
-        Without a robot both are empty. With one, the tip must be known in the reference frame,
-        because the constraint reaches the robot through it. A given registration has no covariance
-        and adds nothing. ``tip`` is ``reference_from_tip``; if it is None, ``problems`` holds why.
+        It is the largest at the tip and at the witnesses of ``proximity``: a shaft that touches is
+        not where the tip is. Without a robot both are empty. With one, the tip must be known in the
+        reference frame, because the constraint reaches the robot through it. A given registration
+        has no covariance and adds nothing. ``tip`` is ``reference_from_tip``; if it is None,
+        ``problems`` holds why.
         """
         robot = self.setup.robot
         if robot is None:
@@ -327,7 +335,12 @@ class Session:
             problems |= {Reason.REGISTRATION_REFUSED}
         if tip is None or registration.covariance is None:
             return 0.0, problems
-        return tre_at(registration, tip.translation_mm), problems
+        points_mm = tip.translation_mm[None]
+        if proximity is not None and tumor_from_tip is not None:
+            reference_from_tumor = tip @ tumor_from_tip.inverse()
+            touched_mm = reference_from_tumor.apply(proximity.witnesses.on_tool_mm)
+            points_mm = np.concatenate([points_mm, touched_mm])
+        return float(predict_tre(registration, points_mm).max()), problems
 
     def _links(
         self, frame: TrackingFrame, reference_from_tip: Transform | None

@@ -79,6 +79,7 @@ class Bench:
         """Start a further `marginguard live` with the same configuration."""
         path = self.folder / "live.yaml"
         values = yaml.safe_load(shipped("data", "live_example", "live.yaml").read_text())
+        values["limiter"] = {"accept_simulated": True}
         if not self._with_robot:
             for key in ("robot", "registration", "clock"):
                 values.pop(key, None)

@@ -21,6 +21,7 @@ import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -80,7 +81,7 @@ class GuardBond(Node):
         self.create_subscription(FixtureConstraint, "/marginguard/constraint", self.receive, NEWEST)
         self.create_service(Trigger, "~/form", self.form)
         self.controller = self.create_client(ChangeState, f"{controller}/change_state")
-        self.create_timer(PERIOD_S, self.step)
+        self.create_timer(PERIOD_S, self.step, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def receive(self, message: FixtureConstraint) -> None:
         """Take a heartbeat."""

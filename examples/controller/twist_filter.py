@@ -13,15 +13,18 @@ import argparse
 import signal
 import sys
 import threading
+import time
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped, TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -49,11 +52,15 @@ class TwistFilter(Node):
         self.create_subscription(PointStamped, "tip", self.move, NEWEST)
         self.create_service(Trigger, "controller_rearm", self.rearm)
         self.safe = self.create_publisher(TwistStamped, "safe_twist", NEWEST)
-        self.create_timer(PERIOD_S, self.step)
+        self.create_timer(PERIOD_S, self.step, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def now_ns(self) -> int:
-        """System time; the stamps of the constraint have to be on this clock."""
-        return self.get_clock().now().nanoseconds
+        """System time; the stamps of the constraint have to be on this clock.
+
+        The node's own clock is not used: with ``use_sim_time`` a paused ``/clock`` would stop it,
+        and silence would have no age.
+        """
+        return time.time_ns()
 
     def receive(self, message: FixtureConstraint) -> None:
         """Pass a constraint to the rule."""
@@ -92,7 +99,7 @@ class TwistFilter(Node):
             self.get_logger().info(f"{reason}, guard {self.rule.instance_id}")
         message = TwistStamped()
         message.header.frame_id = self.frame
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = Time(nanoseconds=now_ns).to_msg()
         v, w = message.twist.linear, message.twist.angular
         v.x, v.y, v.z, w.x, w.y, w.z = map(float, twist / ([MM_PER_M] * 3 + [1.0] * 3))
         self.safe.publish(message)

@@ -53,6 +53,15 @@ def test_one_sender_may_measure_a_frame_from_several_parents():
     assert found(senders, 2000) == []
 
 
+def test_frame_that_another_sender_takes_over_while_its_pose_is_in_use_is_a_conflict():
+    senders = FrameSenders()
+    send(senders, "tracker", USED, 0, 17)
+    edge, fresh_ns = ("tracker", "cautery"), 200 * MS
+    assert senders.observe(edge, "other", Sample(150 * MS, "other"), 150 * MS, fresh_ns)
+    assert senders.has_conflict("cautery")
+    assert found(senders, 150) == [SenderConflict(edge, frozenset({"tracker", "other"}))]
+
+
 def test_second_sender_of_an_unused_frame_is_no_conflict_unless_it_is_listed():
     senders = FrameSenders()
     for ms in range(0, 100, 10):

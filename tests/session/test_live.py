@@ -251,6 +251,25 @@ def test_lost_tool_is_unknown_with_the_trackers_reason():
     assert Reason.MISSING in step.decision.reasons
 
 
+@pytest.mark.parametrize("invalid", range(5))
+def test_lost_pose_is_not_hidden_by_newer_samples_of_the_same_batch(invalid):
+    """A stall of 60 ms: four periods of samples wait, one of them with a lost pose."""
+    host = tracked(0, 100)
+    host.run(110)
+    host.live.resume()
+    times = [100, 115, 130, 145, 160]
+    samples = [
+        lost("tracker", "cautery", at, TrackingStatus.INVALID) if n == invalid else cautery(at)
+        for n, at in enumerate(times)
+    ]
+    host.arrive(163, *(needle(at) for at in times), *samples)
+    steps = [step for at, step in host.run(200) if at > 162]
+    found = [Reason.INVALID in step.decision.reasons for step in steps]
+    assert found == ([True] if invalid == 4 else [True, False])
+    assert all(step.decision.hold for step in steps)
+    assert invalid == 4 or steps[-1].decision.stamp.ns == 160 * NS_PER_MS
+
+
 class SlowLock:
     """Test double of a lock that others hold for ``wait_ms`` at its ``entry``-th use."""
 

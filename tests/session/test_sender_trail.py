@@ -79,6 +79,19 @@ def test_publisher_that_is_replaced_at_once_is_used_after_the_handover():
     assert not trail.check(used[-1], present)
 
 
+@pytest.mark.parametrize("silent_ms", [100, 150, 299, 300, 2000])
+def test_another_sender_that_takes_over_before_the_silence_is_noticed_is_a_conflict(silent_ms):
+    trail, fresh_ns = SenderTrail(), 200 * NS_PER_MS
+    send(trail, "a", 0, 1)
+    now_ns = silent_ms * NS_PER_MS
+    assert trail.observe("b", sample(now_ns, "b"), now_ns, fresh_ns)
+    is_noticed = now_ns >= fresh_ns + HANDOVER_NS
+    assert trail.check(now_ns, present) == (set() if is_noticed else {"a", "b"})
+    ended_ns = now_ns + SILENT_NS
+    trail.observe("b", sample(ended_ns, "b"), ended_ns, fresh_ns)
+    assert not trail.check(ended_ns, lambda sender: sender == "b")
+
+
 def test_earlier_owner_that_returns_after_a_handover_is_a_conflict():
     trail = SenderTrail()
     send(trail, "a", 0, NS_PER_S)

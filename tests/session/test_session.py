@@ -13,7 +13,7 @@ from app.fixture import (
     limit_twist,
 )
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
-from app.registration import DriftBound, given_registration, register_points
+from app.registration import DriftBound, given_registration, predict_tre, register_points
 from app.robot import Robot
 from app.session import RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
@@ -263,6 +263,33 @@ def test_registration_error_at_the_tip_widens_the_margin(touch):
 
     assert tre_mm(0.3) > 0.1
     assert tre_mm(0.0) == pytest.approx(0.0, abs=1e-9)
+
+
+class TouchingShaft(AnalyticSphere):
+    """Test double: the tool touches with a point of its shaft, 130 mm behind the tip."""
+
+    SHAFT_MM = np.array([0.0, 0.0, 130.0])
+
+    def evaluate(self, tumor_from_tool, stamp=None):
+        tip = super().evaluate(tumor_from_tool, stamp)
+        points = (each + self.SHAFT_MM for each in (tip.on_tool_mm, tip.on_tumor_mm))
+        return replace(tip, witnesses=Witnesses.single(tip.signed_distance_mm, *points, tip.normal))
+
+
+def test_registration_error_counts_where_the_shaft_touches(touch):
+    """The landmarks are around the tip: the registration's rotation errs more beside the shaft."""
+    registration = found_registration(0.3)
+    setup = make_setup(registered(touch, registration))
+    steps = [
+        Session(replace(setup, proximity=model(10.0))).step(frame_at(0, 40.0, reference(0)))
+        for model in (AnalyticSphere, TouchingShaft)
+    ]
+    at_tip, at_shaft = (step.decision.margin.tre_mm for step in steps)
+    points_mm = np.array([[40.0, 0.0, 0.0], [40.0, 0.0, 130.0]])
+    in_reference_mm = (TRACKER_FROM_NEEDLE @ NEEDLE_FROM_TUMOR).apply(points_mm) - [1.0, 2.0, 3.0]
+    expected = predict_tre(registration, in_reference_mm)
+    assert (at_tip, at_shaft) == pytest.approx(PARAMETERS.k_tre * expected)
+    assert at_shaft > 1.5 * at_tip
 
 
 @pytest.mark.parametrize(

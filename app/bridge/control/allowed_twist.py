@@ -121,6 +121,7 @@ class TwistLimiter:
     =================================================== ===========================================
     problem                                             reply
     =================================================== ===========================================
+    poses recorded or simulated (``simulated``)         zero twist
     no step yet, or its planes belong to another pose   zero twist
     the step's data are too old                         zero twist
     not finite, older than ``timeout_ns``, from future  zero twist
@@ -135,7 +136,8 @@ class TwistLimiter:
     stopped in between.
 
     `refused` counts each problem by kind; at most one per second is logged. A separate thread
-    checks the timeout, so motion also stops while the node's thread is busy.
+    checks the timeout, so motion also stops while the node's thread is busy. ``simulated``: the
+    poses are recorded or simulated, and nobody has accepted that motion follows them.
     """
 
     def __init__(
@@ -145,11 +147,13 @@ class TwistLimiter:
         *,
         parameters: LimiterParameters | None = None,
         timeout_ns: int = 100 * NS_PER_MS,
+        simulated: bool = False,
     ) -> None:
         self._ros = ros
         self._buffer = buffer
         self._parameters = parameters or LimiterParameters()
         self._timeout_ns = timeout_ns
+        self._simulated = simulated
         self._lock = threading.Lock()
         self._publish_lock = threading.Lock()
         self._allowance: _Allowance | None = None
@@ -253,6 +257,9 @@ class TwistLimiter:
         if len(frame) > _MAX_FRAME_CHARS:
             detail = f"its name has {len(frame)} characters; expected at most {_MAX_FRAME_CHARS}"
             raise TwistRefusedError("frame of a command", detail)
+        if self._simulated:
+            detail = "limiter.accept_simulated in live.yaml is false"
+            raise TwistRefusedError("the poses are recorded or simulated", detail)
         self._check_age(command)
         desired = _twist_of(command)
         allowance = self._allowance

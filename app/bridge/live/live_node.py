@@ -156,6 +156,7 @@ def live_node(
                 joint_names=frozenset() if setup.robot is None else setup.robot.joint_names,
                 edges=lambda: live.edges,
                 static_edges=lambda: run.commands.content.tf_static_edges,
+                fresh_ns=lambda: run.commands.content.margins.stale_after_ns,
                 restore_static=publisher.publish_static,
                 named=named,
             ),
@@ -179,7 +180,8 @@ def live_node(
         log = opened(audit_log(node, publisher.constraints, audit or audit_file(node)))
         buffer = TransformBuffer()
         TfListener(node, buffer, clock=False, qos=INCOMING)
-        twists = TwistLimiter(node, buffer, parameters=limits)
+        simulated = prepared.content.simulated and not config.moves_by_simulated
+        twists = TwistLimiter(node, buffer, parameters=limits, simulated=simulated)
         guidance = () if guides is None else (GuidanceOutput(GuidancePublisher(node, guides)),)
         recorder = opened(case_recorder(config, namespace, cases))
         run = LiveRun(

@@ -39,8 +39,8 @@ class WatchedSession:
     ``pose_topic``: where its poses arrive, None for a source that is not on the graph.
     ``named``: the edges that the configuration names. ``joint_topic``: the robot's, None without;
     ``joint_names``: those that move its tool. The functions return the present measured edges and
-    the present static transforms, without waiting for a step. ``restore_static`` publishes the
-    static ones again.
+    the present static transforms, without waiting for a step, and the time in ns for which a sample
+    is in use. ``restore_static`` publishes the static ones again.
     """
 
     pose_topic: str | None
@@ -48,6 +48,7 @@ class WatchedSession:
     joint_names: frozenset[str]
     edges: Callable[[], Collection[tuple[str, str]]]
     static_edges: Callable[[], Sequence[Transform]]
+    fresh_ns: Callable[[], int]
     restore_static: Callable[[], None]
     named: Collection[tuple[str, str]] = ()
 
@@ -140,7 +141,8 @@ class SenderWatch:
                 self._joint_sequences.observe(origin.sequence, sample, now_ns)
             is_accepted = True
         else:
-            is_accepted = self._joint_trail.observe(origin.sender, sample, now_ns)
+            fresh_ns = self._session.fresh_ns()
+            is_accepted = self._joint_trail.observe(origin.sender, sample, now_ns, fresh_ns)
         if not is_accepted:
             self._refused += 1
         has_conflict = self._joint_trail.conflict or self._joint_sequences.check(now_ns)
@@ -189,7 +191,8 @@ class SenderWatch:
         sample = Sample(pose.ns, _CONTENT.pack(*pose.translation_m, *pose.quaternion, pose.status))
         now_ns = time.monotonic_ns()
         if origin.sender is not None:
-            is_accepted = frames.observe(pose.edge, origin.sender, sample, now_ns)
+            fresh_ns = self._session.fresh_ns()
+            is_accepted = frames.observe(pose.edge, origin.sender, sample, now_ns, fresh_ns)
         else:
             is_accepted = True
             if origin.sequence is not None:

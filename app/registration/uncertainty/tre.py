@@ -18,7 +18,6 @@ from app.registration.errors import CovarianceError, ShapeError, TooFewError
 from app.registration.inputs import (
     MIN_POINTS,
     as_covariances,
-    as_point,
     as_points,
     check_spread,
 )
@@ -49,15 +48,6 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     points = as_points(points_mm, "points_mm of a target error")
     variance = (points.dot(quadratic) * points).sum(axis=1) - 2.0 * points.dot(linear) + constant
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
-def tre_at(result: RegistrationResult, point_mm: FloatArray) -> float:
-    """As `predict_tre`, at one point (3,): faster, for calls in every session step."""
-    quadratic, linear, constant = _trace_terms(result)
-    variance = float(point_mm.dot(quadratic).dot(point_mm) - 2.0 * point_mm.dot(linear) + constant)
-    if not math.isfinite(variance):
-        as_point(point_mm, "point_mm of a target error")
-    return math.sqrt(max(variance, 0.0))
 
 
 @lru_cache(maxsize=16)  # called in every step of a session, which has one registration

@@ -132,7 +132,9 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
             is_same = fit is not None and fit.excluded == self._excluded
             if is_same and new < (_NEW_SAMPLES if self._phase is Phase.RECORDING else 1):
                 return None
-            return self._samples.task(self._run, self._content, self._robot, self._excluded)
+            samples = self._samples.snapshot()
+            context = self._run, self._content, self._robot, self._excluded
+        return samples.task(*context)
 
     def use_fit(self, fit: RegistrationFit) -> None:
         """Show ``fit``; one of an earlier recording is dropped."""

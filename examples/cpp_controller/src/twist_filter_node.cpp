@@ -87,7 +87,9 @@ class TwistFilter : public rclcpp::Node {
     return found;
   }
 
-  std::int64_t now_ns() { return get_clock()->now().nanoseconds(); }
+  // System time, as the stamps of the constraint. The node's own clock is not used: with use_sim_time
+  // a paused /clock would stop it, and silence would have no age.
+  std::int64_t now_ns() { return system_.now().nanoseconds(); }
 
   template <typename Value>
   bool is_recent(const std::optional<Timed<Value>>& input, std::int64_t now_ns) const {
@@ -137,7 +139,7 @@ class TwistFilter : public rclcpp::Node {
     }
     TwistStamped safe;
     safe.header.frame_id = frame_;
-    safe.header.stamp = get_clock()->now();
+    safe.header.stamp = rclcpp::Time(now, RCL_SYSTEM_TIME);
     safe.twist.linear.x = decision.twist[0];
     safe.twist.linear.y = decision.twist[1];
     safe.twist.linear.z = decision.twist[2];
@@ -147,6 +149,7 @@ class TwistFilter : public rclcpp::Node {
     safe_->publish(safe);
   }
 
+  rclcpp::Clock system_{RCL_SYSTEM_TIME};
   std::string frame_;
   marginguard::FixtureRule rule_;
   std::string logged_;

@@ -409,6 +409,14 @@ def test_timeout_stops_motion_while_the_nodes_thread_is_blocked(ros, buffer, mak
     release.set()
 
 
+def test_no_motion_follows_recorded_or_simulated_poses(ros, buffer, make_step, replies):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=TIMEOUT_NS, simulated=True)
+    limiter.allow(make_step(0), LONG)
+    found = replies(command(0.0, 0.0, 0.01), command(0.0, 0.0, -0.01))
+    assert all(map(is_zero, found))
+    assert limiter.refused["the poses are recorded or simulated"] == 2
+
+
 def test_no_motion_before_the_first_step(limiter, replies):
     found = replies(command(0.0, 0.0, 0.01))
     assert is_zero(found[0])

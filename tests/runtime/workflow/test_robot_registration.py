@@ -1,5 +1,7 @@
 """Guided registration of the robot: points from dwells, residuals, removal, acceptance, undo."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
 
@@ -154,6 +156,25 @@ def test_recording_is_bounded(content, steps, monkeypatch):
         samples.observe(step, content, content.robot)
     assert len(samples) == 5
     assert samples.problem == "5 samples are recorded, and no more are: stop"
+
+
+def test_step_does_not_wait_while_the_samples_of_a_task_are_converted(guided, steps, monkeypatch):
+    """30,000 samples take some 50 ms, and a step that observes would wait for them."""
+    guided.begin(steps[:30])
+    convert, began, observed = RobotSamples.task, threading.Event(), threading.Event()
+
+    def slow(*args):
+        began.set()
+        assert observed.wait(30.0)
+        return convert(*args)
+
+    monkeypatch.setattr(RobotSamples, "task", slow)
+    with ThreadPoolExecutor(1) as other:
+        task = other.submit(guided.guide.task)
+        assert began.wait(30.0)
+        guided.guide.observe(steps[31])
+        observed.set()
+        assert len(task.result().times_ns) < guided.guide.status().samples
 
 
 def test_change_of_another_page_is_refused_and_loses_nothing(guided, steps):
