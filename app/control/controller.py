@@ -167,11 +167,14 @@ class CooperativeController:
     def _watch(self, now_ns: int) -> None:
         """Latch after `watchdog_ns` without a valid constraint, once there has been one."""
         self._rule.stand(now_ns)  # until this step allows more
-        permission, _ = self._rule.permission(now_ns)
-        if permission is not RulePermission.NO_MOTION:
+        permission, reason = self._rule.permission(now_ns)
+        # Another tumour or registration is used from the next poses on.
+        if permission is not RulePermission.NO_MOTION or reason is RuleReason.SETUP_CHANGED:
             self._valid_ns = now_ns
-        elif self._valid_ns is not None and now_ns - self._valid_ns > self.parameters.watchdog_ns:
-            self._latched = True
+        elif self._valid_ns is not None:
+            # A negative age is that of a clock that was set back.
+            age_ns = now_ns - self._valid_ns
+            self._latched = self._latched or not 0 <= age_ns <= self.parameters.watchdog_ns
 
     def _positions(self, joints: JointMeasurement | None, now_ns: int) -> FloatArray | None:
         """Positions (n,) in the order of the arm; None if one is missing, old or not finite."""

@@ -16,6 +16,7 @@ from benchmarks.faults.tracker_rows import AFTER_MS, check_cause
 from benchmarks.harness.processes import Child
 
 SECOND_SENDER_MS = 100.0
+TAKEN_OVER_NS = 120 * NS_PER_MS
 MAX_SEQ = 2**64 - 1
 LEAD_MS = 100.0
 TUMOR = {"do": "set_tumor", "frame": "needle", "position_m": [0.005, -0.004, 0.031]}
@@ -42,6 +43,8 @@ def foreign_rows() -> Iterator[Row]:
          bound),
     ):  # fmt: skip
         yield Row(name, variant, run, source, limit)
+    for variant in (live, Variant.NO_ROBOT):
+        yield Row("tool taken over after 120 ms, 10 mm off", variant, _taken_over, graph, "0 ms")
     for name, run in (
         ("foreign set_tumor, ball of 1.2 mm, old nonce", _set_tumor),
         ("foreign set_tumor, 300k triangles", _large_tumor),
@@ -67,6 +70,25 @@ def _second_sender(bench: Bench, state: dict[str, Any]) -> Verdict:
     finally:
         bench.leave(sender)
     return check_cause(verdict)
+
+
+def _taken_over(bench: Bench) -> Verdict:
+    """Another sender goes on with the tool's poses before the last ones are stale."""
+    state = {"silent": ALL, "joints": False, "offset_mm": 10.0, "shift": bench.scene.shift}
+    sender = bench.sender("second", state)
+    try:
+        sender.expect("first")
+        bench.free()
+        last_ns = bench.set_fault(silent=["cautery"])["last_ns"]
+        bench.controller.wait_until(last_ns + TAKEN_OVER_NS)
+        sender.send(set={"silent": ALL[:2]})
+        ns = sender.expect("set")["ns"]
+        verdict = bench.observe(ns, 0.0, AFTER_MS)
+    finally:
+        bench.set_fault(silent=None)
+        bench.leave(sender)
+    silence = f"after {(ns - last_ns) / NS_PER_MS:.0f} ms of silence"
+    return check_cause(replace(verdict, note=silence))
 
 
 def _tf_static(bench: Bench) -> Verdict:

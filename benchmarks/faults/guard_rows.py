@@ -7,8 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
+from marginguard_msgs.msg import FixtureConstraint
+from rclpy.serialization import deserialize_message
+
 from benchmarks.faults.bench import Bench, UnmeasuredError
 from benchmarks.faults.controller import rule_approaches
+from benchmarks.faults.foreign_rows import TUMOR, ask
 from benchmarks.faults.records import UNKNOWN, Verdict, judge
 from benchmarks.faults.results import Row, Variant
 from benchmarks.harness.processes import ChildError
@@ -24,6 +28,7 @@ def guard_rows() -> Iterator[Row]:
         ("guard stopped 0.3 to 2 s (SIGSTOP)", _stopped, "the clock"),
         ("guard killed on hold, restarted", partial(_restarted, on_hold=True), "the file"),
         ("guard killed, restarted", partial(_restarted, on_hold=False), "the file"),
+        ("guard restarted without its accepted tumour", _other_tumor, "the file"),
         ("guard replaced, by the controller's rule", _replaced, "instance_id"),
         ("second instance beside a hold", _second_instance, "lock and graph"),
         ("driver restarted (SIGTERM)", partial(_driver, number=signal.SIGTERM), "the graph"),
@@ -54,6 +59,20 @@ def _restarted(bench: Bench, on_hold: bool) -> Verdict:
     killed_ns = _kill_and_restart(bench, on_hold)
     verdict = bench.observe(killed_ns, 0.0, 0.0, free_at_ns=None)
     return replace(verdict, note=_first_known(bench))
+
+
+def _other_tumor(bench: Bench) -> Verdict:
+    """A guard that starts with another tumour than an operator has accepted must name it."""
+    with bench.foreign() as node:
+        reply = ask(node, **TUMOR, radius_mm=10.0, triangles=400)
+    if not reply["success"]:
+        raise UnmeasuredError(f"the ball was refused: {reply['message']}")
+    killed_ns = _kill_and_restart(bench, on_hold=False)
+    verdict = bench.observe(killed_ns, 0.0, 0.0, free_at_ns=None)
+    message = deserialize_message(bench.latest().content.raw, FixtureConstraint)
+    causes = [each for each in message.hold_causes if "tumour" in each]
+    late = verdict.late_constraints + (not causes)
+    return replace(verdict, late_constraints=late, note=causes[0] if causes else "tumour not named")
 
 
 def _replaced(bench: Bench) -> Verdict:

@@ -1,16 +1,19 @@
 """Rows with faults of the tracker's and the robot's own data."""
 
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from app.geometry import NS_PER_MS
 from benchmarks.faults.bench import ALL, Bench, UnmeasuredError
 from benchmarks.faults.records import Constraint, Verdict
 from benchmarks.faults.results import DROPOUT, SINGLE_SOURCE, Row, Variant
 
 INVALID, OUT_OF_VIEW = 1, 3
+BATCH_NS = 30 * NS_PER_MS  # good samples after the INVALID one
 AFTER_MS = 500.0  # time of observation after the limit
 CREEP_MM_S, CREEP_BOUND_MM = 2.0, 8.0
 JOINTS_LIMIT_MS = 100.0
@@ -43,6 +46,7 @@ def tracker_rows() -> Iterator[Row]:
     live, stale = Variant.LIVE_JOINTS, "stale_after_ms"
     for name, state in DROPOUTS.items():
         yield Row(name, live, partial(_fault, state=state, dropout=True), "the data", stale)
+    yield Row("batch with one INVALID", live, _batch, "the data", "0 ms")
     yield Row("sender killed", live, _killed, "the data", stale)
     for variant in Variant:
         second = {live: "joints", Variant.SILENT_JOINTS: "silent joints are a fault"}.get(variant)
@@ -81,6 +85,25 @@ def _fault(
     finally:
         bench.set_fault(**dict.fromkeys(state))
     return check_cause(verdict, dropout=dropout)
+
+
+def _batch(bench: Bench) -> Verdict:
+    """A guard that stood still gets several samples at once: one INVALID, and newer good ones."""
+    bench.free()
+    guard = bench.guard
+    assert guard is not None
+    begin_ns = time.time_ns()
+    guard.send_signal(signal.SIGSTOP)
+    try:
+        bench.set_fault(status=INVALID)
+        ns = bench.set_fault(status=None)["ns"]
+        bench.controller.wait_until(ns + BATCH_NS)
+    finally:
+        woken_ns = time.time_ns()
+        guard.send_signal(signal.SIGCONT)
+    verdict = bench.observe(woken_ns, 0.0, AFTER_MS, free_at_ns=begin_ns)
+    stood = f"the guard stood still for {(woken_ns - begin_ns) / NS_PER_MS:.0f} ms"
+    return check_cause(replace(verdict, note=stood))
 
 
 def _creep(bench: Bench) -> Verdict:

@@ -131,7 +131,7 @@ class Interval:
 
 
 class History:
-    """All that a controller has commanded, independent of `OwnMotion`: nothing is forgotten."""
+    """All that a controller has commanded since the clock jumped, independent of `OwnMotion`."""
 
     def __init__(self) -> None:
         self.intervals: list[Interval] = []
@@ -143,9 +143,7 @@ class History:
         if last_ns is None:
             return
         if now_ns < last_ns:
-            for each in self.intervals:
-                each.begin_ns += now_ns - last_ns
-                each.end_ns += now_ns - last_ns
+            self.intervals.clear()
         elif now_ns > last_ns:
             if not self.intervals or now_ns - self.intervals[-1].begin_ns > 4_000_000:
                 self.intervals.append(Interval(last_ns))
@@ -202,11 +200,9 @@ def limits_of(message, step: Allow, history: History, *, latched: bool) -> Limit
     if message.hold or message.state == 3 or latched:
         approach = np.zeros(len(n))
     free = np.array([message.free_distance_mm, min(message.free_turn_rad, 0.1)])
-    if (free > 1e-6).all():
-        left = max(1.0 - float(([way_mm, turn_rad] / free).sum()), 1e-9)
-        shares = PARAMETERS.tau_s / (left * free)
-    else:
-        shares = np.array([1.0, PARAMETERS.lever_mm]) / PARAMETERS.retreat_mm_s
+    free = np.maximum(free, [0.1, 0.001])
+    left = max(1.0 - float(([way_mm, turn_rad] / free).sum()), 1e-9)
+    shares = PARAMETERS.tau_s / (left * free)
     most_rad_s = min(PARAMETERS.most_rad_s, message.max_tool_turn_rad_s)
     return Limits(rows, approach, tumor, shares, most_rad_s)
 

@@ -108,19 +108,21 @@ class ControlNode:
     def run(self, stop: threading.Event) -> None:
         """Step until ``stop``; the last command is 0."""
         due_ns = time.monotonic_ns()
-        while not stop.is_set():
-            self.step()
-            due_ns += PERIOD_NS
-            ahead_ns = due_ns - time.monotonic_ns()
-            if ahead_ns > 0:
-                time.sleep(ahead_ns / NS_PER_S)
-            elif ahead_ns < -PERIOD_NS:
-                self.late_steps += 1
-                due_ns = time.monotonic_ns()
-        joints = self._description.tool.joints
-        self._send(joints, [0.0] * len(joints), self._clock_ns())
-        if self._impedance is not None:
-            self._impedance.pause(self._clock_ns(), at_once=True)
+        try:
+            while not stop.is_set():
+                self.step()
+                due_ns += PERIOD_NS
+                ahead_ns = due_ns - time.monotonic_ns()
+                if ahead_ns > 0:
+                    time.sleep(ahead_ns / NS_PER_S)
+                elif ahead_ns < -PERIOD_NS:
+                    self.late_steps += 1
+                    due_ns = time.monotonic_ns()
+        finally:
+            joints = self._description.tool.joints
+            self._send(joints, [0.0] * len(joints), self._clock_ns())
+            if self._impedance is not None:
+                self._impedance.pause(self._clock_ns(), at_once=True)
 
     def step(self) -> ControlDecision:
         """One control step: read, decide, send. The command has the time after the reading."""
@@ -187,7 +189,7 @@ class ControlNode:
         """End the latched stop, at the request of the controller's operator."""
         with self._lock:
             now_ns, last_ns = self._clock_ns(), self._constraint_ns
-            if last_ns is None or now_ns - last_ns > MAX_SILENCE_NS:
+            if last_ns is None or not 0 <= now_ns - last_ns <= MAX_SILENCE_NS:
                 raise CallError(
                     f"{self._description.constraint_topic}: no constraint arrives; expected a "
                     "running guard before re-arming"

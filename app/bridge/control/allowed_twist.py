@@ -45,6 +45,10 @@ FUTURE_TOLERANCE_NS = 5 * NS_PER_MS
 _MAX_FRAME_CHARS = 256
 """Longer frame names are refused before they are processed."""
 
+_COMMAND_AGE_NS = 100 * NS_PER_MS
+_WATCH_NS = 5 * NS_PER_MS
+"""Age of a command that is answered at most; interval at which the end of a reply is checked."""
+
 _MAX_ATTEMPTS = 5
 """Computations of one reply while steps replace the constraint."""
 
@@ -124,10 +128,10 @@ class TwistLimiter:
     poses recorded or simulated (``simulated``)         zero twist
     no step yet, or its planes belong to another pose   zero twist
     the step's data are too old                         zero twist
-    not finite, older than ``timeout_ns``, from future  zero twist
+    not finite, older than 100 ms, from the future      zero twist
     frame unknown, or its transform stale or future     zero twist
     frame connected with several known frames           zero twist
-    no command for ``timeout_ns``                       zero twist, repeated every ``timeout_ns``
+    no command for ``timeout_ns``, or data too old      zero twist, repeated every ``timeout_ns``
     =================================================== ===========================================
 
     The planes are those of the poses of the step. What has been allowed since is subtracted from
@@ -136,7 +140,8 @@ class TwistLimiter:
     stopped in between.
 
     `refused` counts each problem by kind; at most one per second is logged. A separate thread
-    checks the timeout, so motion also stops while the node's thread is busy. ``simulated``: the
+    checks the timeout, so motion also stops while the node's thread is busy. It is ``tau_s`` by
+    default: a reply that is executed for longer may pass a plane. ``simulated``: the
     poses are recorded or simulated, and nobody has accepted that motion follows them.
     """
 
@@ -146,17 +151,19 @@ class TwistLimiter:
         buffer: TransformBuffer,
         *,
         parameters: LimiterParameters | None = None,
-        timeout_ns: int = 100 * NS_PER_MS,
+        timeout_ns: int | None = None,
         simulated: bool = False,
     ) -> None:
         self._ros = ros
         self._buffer = buffer
         self._parameters = parameters or LimiterParameters()
-        self._timeout_ns = timeout_ns
+        tau_ns = round(self._parameters.tau_s * NS_PER_S)
+        self._timeout_ns = tau_ns if timeout_ns is None else timeout_ns
         self._simulated = simulated
         self._lock = threading.Lock()
         self._publish_lock = threading.Lock()
         self._allowance: _Allowance | None = None
+        self._until_ns: int | None = None
         self._own = OwnMotion()
         self._lag_ns = round(self._parameters.tau_s * NS_PER_S / 2)
         self._commanded_ns: int | None = None
@@ -185,11 +192,19 @@ class TwistLimiter:
         an earlier pose of the tool allows no motion.
         """
         begin_ns = (steady_ns() if since_ns is None else since_ns) - spent_ns
-        self._use(_allowance_of(step, margins, begin_ns, self._parameters))
+        allowance = _allowance_of(step, margins, begin_ns, self._parameters)
+        with self._publish_lock:  # after a reply that is being published
+            self._allowance = allowance
 
     def forbid(self) -> None:
-        """Allow no motion until the next `allow`: no such reply is sent afterwards. Thread-safe."""
-        self._use(None)
+        """Allow no motion until the next `allow`: no such reply is sent afterwards. Thread-safe.
+
+        What was allowed before is forgotten: another tumour may have other axes. So the constraint
+        of poses from before allows none.
+        """
+        with self._publish_lock:
+            self._allowance = None
+            self._own.forget(steady_ns())
 
     def close(self) -> None:
         """Stop replying; the last reply is a zero twist. Closing the node destroys the endpoints.
@@ -204,10 +219,6 @@ class TwistLimiter:
         with self._publish_lock:  # after a reply that is being published
             if self._commanded_ns is not None and self._ros.is_open:
                 self._stop("closed")
-
-    def _use(self, allowance: _Allowance | None) -> None:
-        with self._publish_lock:  # after a reply that is being published
-            self._allowance = allowance
 
     def _on_command(self, command: TwistStamped) -> None:
         if self._closing.is_set():
@@ -228,8 +239,7 @@ class TwistLimiter:
             self._count(kind, str(error))
         with self._publish_lock:
             if not self._closing.is_set():
-                self._publish(self._serialised(command.header.stamp, np.zeros(6)))
-                self._own.command(np.zeros(6), steady_ns())
+                self._send_zero(self._serialised(command.header.stamp, np.zeros(6)))
 
     def _reply(self, command: TwistStamped, answer: _Answer) -> bool:
         """Publish ``answer``; False if another step has replaced its allowance meanwhile.
@@ -244,12 +254,15 @@ class TwistLimiter:
             if self._allowance is not answer.allowance:
                 return False
             self._check_age(command)
-            if steady_ns() >= answer.until_ns:
+            now_ns = steady_ns()
+            if now_ns >= answer.until_ns:
                 raise TwistRefusedError("the constraint is stale")
+            # Counted before it is sent: sending may take long, and the robot moves meanwhile.
+            self._own.command(answer.in_tumor, now_ns)
+            self._until_ns = answer.until_ns
             self._publish(raw)
-            self._own.command(answer.in_tumor, steady_ns())
             if steady_ns() >= answer.until_ns:  # stopped while it was sent
-                self._publish(zero)
+                self._send_zero(zero)
         return True
 
     def _allowed(self, command: TwistStamped) -> _Answer:
@@ -292,7 +305,9 @@ class TwistLimiter:
     def _check_age(self, command: TwistStamped) -> None:
         stamp = command.header.stamp
         now_ns = self._ros.node.get_clock().now().nanoseconds
-        limits = FreshnessLimits(self._timeout_ns, future_tolerance_ns=FUTURE_TOLERANCE_NS)
+        limits = FreshnessLimits(
+            max(self._timeout_ns, _COMMAND_AGE_NS), future_tolerance_ns=FUTURE_TOLERANCE_NS
+        )
         freshness = freshness_of(stamp.sec * NS_PER_S + stamp.nanosec, now_ns, limits)
         if freshness is Freshness.FUTURE:
             raise TwistRefusedError("a command is from the future")
@@ -351,17 +366,29 @@ class TwistLimiter:
         return anchor, found.transform.rotation
 
     def _watch(self) -> None:
-        while not self._closing.wait(self._timeout_ns / NS_PER_S):
-            commanded_ns = self._commanded_ns
-            if commanded_ns is None:
-                continue
-            if steady_ns() - commanded_ns >= self._timeout_ns:
-                self._stop("no command comes any more")
+        stopped_ns = 0
+        while not self._closing.wait(min(self._timeout_ns, _WATCH_NS) / NS_PER_S):
+            with self._publish_lock:  # no reply is sent meanwhile
+                now_ns, commanded_ns, until_ns = steady_ns(), self._commanded_ns, self._until_ns
+                if commanded_ns is None:
+                    continue
+                is_late = now_ns - commanded_ns >= self._timeout_ns
+                if until_ns is not None and now_ns >= until_ns:
+                    self._stop("the constraint is stale")
+                elif is_late and now_ns - stopped_ns >= self._timeout_ns:
+                    stopped_ns = now_ns
+                    self._stop("no command comes any more")
 
     def _stop(self, reason: str) -> None:
+        """Publish a zero twist; ``_publish_lock`` is held."""
         self._count(reason, reason)
-        self._publish(self._serialised(self._ros.node.get_clock().now().to_msg(), np.zeros(6)))
+        self._send_zero(self._serialised(self._ros.node.get_clock().now().to_msg(), np.zeros(6)))
+
+    def _send_zero(self, raw: bytes) -> None:
+        """Publish ``raw``, a zero twist; ``_publish_lock`` is held."""
+        self._publish(raw)
         self._own.command(np.zeros(6), steady_ns())
+        self._until_ns = None
 
     def _count(self, kind: str, reason: str) -> None:
         now_ns = steady_ns()

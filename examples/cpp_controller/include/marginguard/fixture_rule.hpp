@@ -21,7 +21,6 @@
 namespace marginguard {
 
 constexpr std::size_t kMaxIdBytes = 128;
-constexpr std::int64_t kMaxValidityNs = 10 * kNsPerS;  // the largest stale_after_ms of a guard
 constexpr double kNormalTolerance = 1e-6;
 constexpr double kMaxMagnitude = 1000.0;  // m, m/s: larger values are errors
 constexpr int kStateUnknown = 3;  // FixtureConstraint.UNKNOWN, the last of the states
@@ -152,6 +151,10 @@ class FixtureRule {
     }
     const bool is_other = has_ids_ && !setup_id_.is(message.setup_id);
     if (is_other && !parameters_.follows_setup && !stops()) latch(Reason::kSetupChanged);
+    if (is_other) {
+      own_.forget(now_ns);
+      forgotten_ = Reason::kSetupChanged;
+    }
     instance_id_.set(message.instance_id);
     setup_id_.set(message.setup_id);
     has_ids_ = true;
@@ -238,6 +241,7 @@ class FixtureRule {
     if (has_now_ && now_ns < last_now_ns_) {
       has_message_ = false;
       clock_jumped_ = true;
+      forgotten_ = Reason::kClock;
     }
     has_now_ = true;
     last_now_ns_ = now_ns;
@@ -313,13 +317,16 @@ class FixtureRule {
     }
     if (now_ns - received_ns_ > parameters_.max_silence_ns) return Reason::kSilent;
     if (!planes_current_) return Reason::kOtherPose;
-    return own_.knows(stamp_ns_ - lag_ns_) ? Reason::kAllowed : Reason::kExpired;
+    const std::int64_t since_ns = stamp_ns_ - lag_ns_;
+    if (own_.knows(since_ns)) return Reason::kAllowed;
+    return since_ns < own_.known_from_ns() ? forgotten_ : Reason::kExpired;
   }
 
   std::string frame_;
   RuleParameters parameters_;
   std::int64_t lag_ns_;
   OwnMotion own_;
+  Reason forgotten_ = Reason::kClock;  // why nothing is known before own_.known_from_ns()
   bool has_ids_ = false;
   Id instance_id_;
   Id setup_id_;

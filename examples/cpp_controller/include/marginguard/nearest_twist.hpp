@@ -18,8 +18,8 @@ constexpr std::size_t kMaxPlanes = 8;
 constexpr double kTurnRad = 0.1;      // largest turn of the tool for which the planes are made
 constexpr double kCoverM = 0.002;     // the planes leave room for the turn times this
 constexpr double kLeastShare = 1e-9;  // of the free motion: what is left where it is used up
-constexpr double kLeastFreeM = 1e-9;  // a free motion of less is none
-constexpr double kLeastFreeRad = 1e-6;
+constexpr double kLeastFreeM = 1e-4;  // a free motion of less is taken as this
+constexpr double kLeastFreeRad = 1e-3;
 
 // A half-space of the constraint, as marginguard_msgs/HalfSpace.
 struct HalfSpace {
@@ -191,16 +191,14 @@ struct Shares {
 };
 
 // The shares with which the free motion is never used up: it is approached as a plane is, at most
-// at what is left / tau. Where there is none at all, the tool may be moved at the speed of retreat
-// within its planes, or it could not leave that place.
+// at what is left / tau. Where there is less than kLeastFreeM, the tool may be moved by that, or it
+// could not leave the place.
 inline Shares shares_of(const FreeMotion& free, const Moved& moved,
                         const LimiterParameters& parameters) {
-  const double turn = std::min(free.turn, kTurnRad);
-  if (!(free.distance > kLeastFreeM && turn > kLeastFreeRad)) {
-    return {1.0 / parameters.retreat_m_s, parameters.lever_m / parameters.retreat_m_s};
-  }
-  const double left = std::max(1.0 - moved.way / free.distance - moved.turn / turn, kLeastShare);
-  return {parameters.tau_s / (left * free.distance), parameters.tau_s / (left * turn)};
+  const double distance = std::max(free.distance, kLeastFreeM);
+  const double turn = std::max(std::min(free.turn, kTurnRad), kLeastFreeRad);
+  const double left = std::max(1.0 - moved.way / distance - moved.turn / turn, kLeastShare);
+  return {parameters.tau_s / (left * distance), parameters.tau_s / (left * turn)};
 }
 
 // False if there is no twist within `inequalities`, or if it is too fast and leaves them when

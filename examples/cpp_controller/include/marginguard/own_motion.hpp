@@ -18,10 +18,13 @@ namespace marginguard {
 constexpr std::int64_t kNsPerMs = 1'000'000;
 constexpr std::int64_t kNsPerS = 1'000'000'000;
 constexpr std::int64_t kMaxTimeNs = std::numeric_limits<std::int64_t>::max() / 4;
+constexpr std::int64_t kMaxValidityNs = 10 * kNsPerS;  // the largest stale_after_ms of a guard
 constexpr std::size_t kKeptIntervals = 128;
 constexpr std::int64_t kIntervalNs = 4 * kNsPerMs;  // commands within it are one interval
 
-// The commanded motion of the last intervals: at least 0.25 s, at any control rate.
+// The commanded motion of the last intervals: at least 0.25 s, at any control rate. The tool
+// stands before the first call. After `forget`, and after time has run backwards, nothing is known
+// of what was commanded before `known_from_ns`.
 class OwnMotion {
  public:
   // From `now_ns` on the tool moves with `twist` of its tip.
@@ -30,21 +33,17 @@ class OwnMotion {
     twist_ = twist;
   }
 
-  // Adds the motion by the last command until `now_ns`. If time has run backwards, all that is
-  // remembered is as recent as it can be.
+  // Adds the motion by the last command until `now_ns`. If time has run backwards, nothing is known
+  // of what was commanded before, up to the time that it was: a stamp before that may be of the time
+  // before the jump. A guard repeats such a message for kMaxValidityNs at most.
   void hold_until(std::int64_t now_ns) {
     now_ns = std::clamp(now_ns, -kMaxTimeNs, kMaxTimeNs);  // differences must not overflow
     if (!has_from_) from_ns_ = now_ns;
     has_from_ = true;
+    if (now_ns < from_ns_) begin(std::min(from_ns_, now_ns + kMaxValidityNs));
     const std::int64_t elapsed_ns = now_ns - from_ns_;
     from_ns_ = now_ns;
-    if (elapsed_ns < 0) {
-      for (std::size_t i = 0; i < count_; ++i) {
-        kept_[i].begin_ns = std::max(kept_[i].begin_ns + elapsed_ns, -kMaxTimeNs);
-        kept_[i].end_ns = std::max(kept_[i].end_ns + elapsed_ns, -kMaxTimeNs);
-      }
-    }
-    if (elapsed_ns <= 0) return;
+    if (elapsed_ns == 0) return;
     std::size_t last = (next_ + kKeptIntervals - 1) % kKeptIntervals;
     if (count_ == 0 || now_ns - kept_[last].begin_ns > kIntervalNs) {
       last = next_;
@@ -61,9 +60,18 @@ class OwnMotion {
     interval.turn += std::hypot(twist_[3], twist_[4], twist_[5]) * elapsed_s;
   }
 
+  // Forgets what was commanded up to `now_ns`: it was along other axes.
+  void forget(std::int64_t now_ns) {
+    hold_until(now_ns);
+    begin(from_ns_);
+  }
+
+  std::int64_t known_from_ns() const { return known_from_ns_; }
+
   // True if all commands from `since_ns` on are remembered.
   bool knows(std::int64_t since_ns) const {
-    return count_ < kKeptIntervals || kept_[next_].begin_ns <= since_ns;
+    return known_from_ns_ <= since_ns &&
+           (count_ < kKeptIntervals || kept_[next_].begin_ns <= since_ns);
   }
 
   // Where the commands since then have moved the tip to; no bound.
@@ -117,6 +125,11 @@ class OwnMotion {
   }
 
  private:
+  void begin(std::int64_t known_from_ns) {
+    count_ = next_ = 0;
+    known_from_ns_ = known_from_ns;
+  }
+
   struct Interval {
     std::int64_t begin_ns = 0;
     std::int64_t end_ns = 0;
@@ -131,6 +144,7 @@ class OwnMotion {
   Vector6 twist_{};
   bool has_from_ = false;
   std::int64_t from_ns_ = 0;
+  std::int64_t known_from_ns_ = -kMaxTimeNs;
 };
 
 }  // namespace marginguard
