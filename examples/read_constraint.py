@@ -1,7 +1,8 @@
 """Read the constraints of a running session in mm, and limit a velocity with each.
 
 Start a session in another terminal, then this one. Expect ten lines: state, signed distance, and
-how fast the tool may approach of the 30 mm/s that a hand asks for.
+how fast the tool may approach of the 30 mm/s that a hand asks for. It takes the planes as those of
+now, which is enough to print: what moves a tool uses `mg.FixtureRule`.
 
     marginguard replay package://marginguard/recorded_case --rate 1
     python examples/read_constraint.py [TOPIC]

@@ -64,27 +64,33 @@ class Bench:
             self.start_tracker()
         self.set_fault(joints=None if joints else False)
 
-    def start_guard(self, *, robot: bool | None = None, wait: bool = True) -> Child:
-        """Start `marginguard live`; the one before ends first."""
+    def start_guard(
+        self, *, robot: bool | None = None, wait: bool = True, stale_ms: float | None = None
+    ) -> Child:
+        """Start `marginguard live`; the one before ends first.
+
+        ``stale_ms`` is its ``stale_after_ms``; None for that of the bench.
+        """
         if robot is not None:
             self._with_robot = robot
         if self.guard is not None:
             self.guard.end()
-        self.guard = self.another_guard()
+        self.guard = self.another_guard(stale_ms)
         if wait:
             self.wait_for_guard()
         return self.guard
 
-    def another_guard(self) -> Child:
+    def another_guard(self, stale_ms: float | None = None) -> Child:
         """Start a further `marginguard live` with the same configuration."""
+        stale_ms = self._stale_ms if stale_ms is None else stale_ms
         path = self.folder / "live.yaml"
         values = yaml.safe_load(shipped("data", "live_example", "live.yaml").read_text())
         values["limiter"] = {"accept_simulated": True}
         if not self._with_robot:
             for key in ("robot", "registration", "clock"):
                 values.pop(key, None)
-        if self._stale_ms is not None:
-            values["margins"]["stale_after_ms"] = self._stale_ms
+        if stale_ms is not None:
+            values["margins"]["stale_after_ms"] = stale_ms
         self.stale_ms = values["margins"]["stale_after_ms"]
         path.write_text(yaml.safe_dump(values))
         arguments = ("--constraint-hz", str(self._constraint_hz), "--config", str(path))

@@ -5,12 +5,13 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PointStamped, TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
@@ -23,6 +24,9 @@ from benchmarks.faults.foreign_peer import Requests
 from benchmarks.faults.records import APPROACH_MM_S, Constraint, Content, Twist
 from benchmarks.faults.scene import PERIOD_NS, Scene
 from benchmarks.harness.peer import seq_of
+
+SAFE, TIP = "/safe_twist", "/tip"
+"""Topics of `examples/controller/twist_filter.py`."""
 
 PUSH_MM_S = 50.0
 PUSH_PERIOD_S = 0.02
@@ -51,6 +55,9 @@ class Controller:
         subscribe(FixtureConstraint, f"{guard}/constraint", take, qos, raw=True)
         subscribe(TwistStamped, f"{guard}/allowed_twist", self._take_twist, 100)
         self._desired = self.node.create_publisher(TwistStamped, f"{guard}/desired_twist", 1)
+        self._safe: list[Twist] = []
+        subscribe(TwistStamped, SAFE, partial(self._take_twist, kept=self._safe), 100)
+        self._tip = self.node.create_publisher(PointStamped, TIP, 1)
         self.requests = Requests(self.node, timeout_s=5.0)
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
@@ -76,12 +83,18 @@ class Controller:
         with self._changed:
             self._constraints.clear()
             self._twists.clear()
+            self._safe.clear()
 
     def records(self) -> tuple[list[Constraint], list[Twist]]:
         """All records since `forget`, in the order of sending."""
         with self._changed:
             sent = attrgetter("sent_ns")
             return sorted(self._constraints, key=sent), sorted(self._twists, key=sent)
+
+    def safe_twists(self) -> list[Twist]:
+        """What the example controller has sent since `forget`, in the order of sending."""
+        with self._changed:
+            return sorted(self._safe, key=attrgetter("sent_ns"))
 
     def wait(self, accept: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until ``accept`` is true; it is called after each new content and each answer."""
@@ -108,7 +121,9 @@ class Controller:
             if new:
                 self._changed.notify_all()
 
-    def _take_twist(self, answer: TwistStamped, info: dict[str, int]) -> None:
+    def _take_twist(
+        self, answer: TwistStamped, info: dict[str, int], kept: list[Twist] | None = None
+    ) -> None:
         arrived_ns, sent_ns = time.time_ns(), info["source_timestamp"]
         linear = answer.twist.linear
         velocity = 1000.0 * np.array([linear.x, linear.y, linear.z])
@@ -117,7 +132,8 @@ class Controller:
             for age_ns in range(0, JUDGED_AGE_NS, PERIOD_NS)
         )
         with self._changed:
-            self._twists.append(Twist(sent_ns, arrived_ns, approach))
+            twists = self._twists if kept is None else kept
+            twists.append(Twist(sent_ns, arrived_ns, approach))
             self._changed.notify_all()
 
     def _direction(self, ns: int, frame: str) -> Any:
@@ -139,6 +155,17 @@ class Controller:
             linear = message.twist.linear
             linear.x, linear.y, linear.z = map(float, push)
             self._desired.publish(message)
+            latest = self.latest()
+            if latest is not None:
+                self._publish_tip(latest)
+
+    def _publish_tip(self, constraint: Constraint) -> None:
+        """The point of the tool at the governing plane stands for the tip of an example."""
+        planes = deserialize_message(constraint.content.raw, FixtureConstraint).half_spaces
+        if planes:
+            message = PointStamped(point=planes[0].point_on_tool)
+            message.header.frame_id = "tumor"
+            self._tip.publish(message)
 
 
 def _content(raw: bytes) -> Content:

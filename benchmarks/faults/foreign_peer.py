@@ -20,6 +20,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from shape_msgs.msg import MeshTriangle
 from tf2_msgs.msg import TFMessage
 
@@ -115,6 +116,24 @@ class Foreign(Requests):
         request.mesh.vertices = [Point(x=x, y=y, z=z) for x, y, z in vertices.tolist()]
         request.mesh.triangles = [MeshTriangle(vertex_indices=face) for face in faces]
         return self.call(SetTumor, "set_tumor", request)
+
+    def clock(self, topic, hz):
+        """Publish the system time on ``topic`` as a simulation would, until `pause`."""
+        publisher, first_ns = self.publisher(Clock, topic, 1), time.time_ns()
+
+        def send():
+            while not self.stopped.wait(1.0 / hz):
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = divmod(time.time_ns(), NS)
+                publisher.publish(message)
+
+        threading.Thread(target=send, daemon=True).start()
+        return {"ns": first_ns}
+
+    def pause(self):
+        """End what is published."""
+        self.stopped.set()
+        return {"ns": time.time_ns()}
 
     def constraint(self, raw, instance_id, hz):
         """Publish a captured constraint with present stamps and without hold, until the end."""

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import deserialize_message
@@ -21,6 +22,10 @@ STOPS = 25
 MIN_STOP_S, MAX_STOP_S = 0.3, 2.0
 AFTER_RESTART_S = 2.0
 START_S = 60.0
+CLOCK = "/clock_of_a_simulation"
+"""A guard takes ``/clock`` for a playback."""
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def guard_rows() -> Iterator[Row]:
@@ -36,6 +41,8 @@ def guard_rows() -> Iterator[Row]:
     ):
         trials = STOPS if run is _stopped else None
         yield Row(name, Variant.LIVE_JOINTS, run, second_source, "0 ms", trials=trials)
+    name = "guard stopped and /clock paused, example controller"
+    yield Row(name, Variant.LIVE_JOINTS, _paused_clock, "the system's clock", "stale_after_ms")
 
 
 def _stopped(bench: Bench) -> Verdict:
@@ -52,6 +59,44 @@ def _stopped(bench: Bench) -> Verdict:
         woken_ns = time.time_ns()
         guard.send_signal(signal.SIGCONT)
     return bench.observe(woken_ns, 0.0, 600.0, tolerance_ns=0, free_at_ns=stopped_ns)
+
+
+def _paused_clock(bench: Bench) -> Verdict:
+    """`twist_filter.py` with ``use_sim_time`` must stand, although its clock does."""
+    script = str(ROOT / "examples" / "controller" / "twist_filter.py")
+    remapped = ("desired_twist:=/marginguard/desired_twist", f"/clock:={CLOCK}")
+    words = [word for each in remapped for word in ("-r", each)]
+    words = ["--accept-simulated", "--ros-args", "-p", "use_sim_time:=true", *words]
+    example, guard = bench.child("filter", [script, *words]), bench.guard
+    assert guard is not None
+    try:
+        with bench.foreign() as node:
+            ask(node, do="clock", topic=CLOCK, hz=100.0)
+            bench.free()
+            if not bench.controller.wait(lambda: _pushes(bench), START_S):
+                raise UnmeasuredError(f"the example allows no approach: {example.tail()}")
+            begin_ns = ask(node, do="pause")["ns"]
+            guard.send_signal(signal.SIGSTOP)
+            try:
+                bench.controller.wait_until(begin_ns + round((bench.stale_ms + 500.0) * 1e6))
+                twists = bench.controller.safe_twists()
+            finally:
+                guard.send_signal(signal.SIGCONT)
+    finally:
+        example.end(signal.SIGINT)
+    limit_ns = begin_ns + round(bench.stale_ms * 1e6)
+    verdict = judge([], twists, begin_ns=begin_ns, limit_ns=limit_ns)
+    # A controller that sends nothing any more is as unsafe as its last command.
+    if not twists[-1].permissive:
+        moved = [each.sent_ns for each in twists if each.permissive and each.sent_ns > begin_ns]
+        to_safe_ms = (max(moved, default=begin_ns) - begin_ns) / 1e6
+        verdict = replace(verdict, to_safe_ms=to_safe_ms)
+    sent = sum(each.sent_ns > begin_ns for each in twists)
+    return replace(verdict, note=f"{sent} commands of the example after the stop")
+
+
+def _pushes(bench: Bench) -> bool:
+    return sum(each.permissive for each in bench.controller.safe_twists()[-20:]) > 10
 
 
 def _restarted(bench: Bench, on_hold: bool) -> Verdict:

@@ -165,6 +165,15 @@ def test_no_constraint_for_30_ms_is_latched_until_rearm(controller, tool):
     assert stepped(controller, now_ns).reason is ControlReason.FOLLOWS
 
 
+def test_jump_back_of_the_clock_is_latched(controller, tool):
+    """It hides how long no constraint has come."""
+    tip, _ = tip_and_jacobian(tool)
+    controller.receive(plane(1, 0, tip[2] - 100.0, tip), 0)
+    assert stepped(controller).reason is ControlReason.FOLLOWS
+    assert stepped(controller, -2500 * MS).reason is ControlReason.WATCHDOG
+    assert controller.latched
+
+
 def test_rules_reason_is_reported(controller):
     decision = stepped(controller)
     assert (decision.reason, decision.rule) == (ControlReason.RULE, RuleReason.NO_MESSAGE)

@@ -11,13 +11,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import TwistStamped
+from rclpy.serialization import deserialize_message
 
 from app.bridge import topics
 from app.bridge.control import TwistLimiter, allowed_twist
 from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
-from app.fixture import LimiterParameters, MarginState, Reason
-from app.geometry import Stamp, TrackedTransform, Transform
+from app.fixture import FreeMotion, LimiterParameters, MarginState, Reason
+from app.geometry import NS_PER_S, Stamp, TrackedTransform, Transform
 from app.session import KnownEdges, Session, SessionSetup
 from tests.bridge.conftest import DEADLINE_S, START_NS
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
@@ -215,7 +217,8 @@ def test_tool_beyond_the_tumor_can_leave_and_not_reenter(limiter, replies):
     # The state is that of the path through the tumour; the planes are those of the current pose.
     assert step.decision.state is MarginState.POSITIVE
     assert abs(step.decision.proximity.on_tool_mm[0]) < 1.0  # the deepest pose of the path
-    limiter.allow(step, LONG)
+    free = replace(step.decision.constraint, free=FreeMotion(20.0, 0.1))
+    limiter.allow(replace(step, decision=replace(step.decision, constraint=free)), LONG)
     found = replies(command(0.02, 0.0, 0.0), command(-0.01, 0.0, 0.0))
     out, back_in = found[0]["linear"], found[1]["linear"]
     # The tool is 0.51 mm away, 0.49 mm within the stop margin.
@@ -407,6 +410,45 @@ def test_timeout_stops_motion_while_the_nodes_thread_is_blocked(ros, buffer, mak
     before = limiter.refused["no command comes any more"]
     wait_until(lambda: limiter.refused["no command comes any more"] >= before + 2)
     release.set()
+
+
+class SlowPublisher:
+    """Test double of a publisher that returns 30 ms after it has sent a motion."""
+
+    def __init__(self, publisher):
+        self._publisher = publisher
+
+    def publish(self, raw):
+        self._publisher.publish(raw)
+        if deserialize_message(raw, TwistStamped).twist.linear.z != 0.0:
+            threading.Event().wait(0.03)
+
+
+def test_motion_counts_from_before_it_is_sent(ros, buffer, make_step, replies, monkeypatch):
+    create = ros.publisher
+    monkeypatch.setattr(ros, "publisher", lambda topic: SlowPublisher(create(topic)))
+    limiter = TwistLimiter(ros, buffer, timeout_ns=TIMEOUT_NS)
+    limiter.allow(make_step(0), LONG)
+    first, second = (-each["linear"][2] for each in replies(*[command(0.0, 0.0, -1.0)] * 2))
+    # The tool was still at first, so the clearance is that times tau; 30 ms of 50 are used.
+    assert first == pytest.approx(MAX_APPROACH_M_S, rel=0.05)
+    assert second <= 0.4 * first + 1e-6
+
+
+def test_motion_ends_when_its_data_are_too_old(limiter, make_step, replies):
+    limiter.allow(make_step(0), margins(NS_PER_S))
+    moving, zero = replies(command(0.01, 0.0, 0.0), None)
+    assert moving["linear"][0] == pytest.approx(0.01)
+    assert is_zero(zero)
+    assert limiter.refused["the constraint is stale"] == 1
+
+
+def test_motion_ends_after_the_time_constant_by_default(ros, buffer, make_step, replies):
+    limiter = TwistLimiter(ros, buffer)
+    limiter.allow(make_step(0), LONG)
+    _, zero = replies(command(0.01, 0.0, 0.0), None)
+    assert is_zero(zero)
+    assert limiter.refused["no command comes any more"] >= 1
 
 
 def test_no_motion_follows_recorded_or_simulated_poses(ros, buffer, make_step, replies):
