@@ -18,6 +18,7 @@ from benchmarks.faults.scene import Scene, write_scene
 from benchmarks.harness.processes import CLI, Child, ChildError
 
 ALL = ["reference", "needle", "cautery"]  # the sensors
+PATIENT_MS = 300.0  # ``stale_after_ms`` of a guard that short gaps do not hold
 START_S = 90.0  # a guard that starts may compile kernels
 FREE_S = 45.0  # a killed publisher stays on the graph for 20 s, perhaps with a hold
 STABLE_S = 0.5  # the session is permissive for so long before a fault begins
@@ -105,6 +106,12 @@ class Bench:
         while not self.controller.wait(lambda: self.controller.latest() is not None, 0.5):
             if not guard.running or time.monotonic() > deadline:
                 raise GuardStartError(f"the guard did not start: {guard.tail()}")
+
+    def free_patient(self) -> None:
+        """Run a guard with `PATIENT_MS` until the row's end, and re-arm it."""
+        if self.stale_ms != PATIENT_MS:
+            self.start_guard(stale_ms=PATIENT_MS)
+        self.free()
 
     def start_tracker(self) -> Child:
         """Start the tracker's process; the motion continues where it would be now."""

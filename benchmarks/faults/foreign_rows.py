@@ -16,7 +16,7 @@ from benchmarks.faults.tracker_rows import AFTER_MS, check_cause
 from benchmarks.harness.processes import Child
 
 SECOND_SENDER_MS = 100.0
-TAKEN_OVER_NS, STALE_MS = 120 * NS_PER_MS, 300.0
+TAKEN_OVER_NS = 120 * NS_PER_MS
 MAX_SEQ = 2**64 - 1
 LEAD_MS = 100.0
 TUMOR = {"do": "set_tumor", "frame": "needle", "position_m": [0.005, -0.004, 0.031]}
@@ -75,13 +75,11 @@ def _second_sender(bench: Bench, state: dict[str, Any]) -> Verdict:
 
 def _taken_over(bench: Bench) -> Verdict:
     """Another sender goes on with the tool's poses before the last ones are stale."""
-    if bench.stale_ms != STALE_MS:
-        bench.start_guard(stale_ms=STALE_MS)
     state = {"silent": ALL, "joints": False, "offset_mm": 10.0, "shift": bench.scene.shift}
     sender = bench.sender("second", state)
     try:
         sender.expect("first")
-        bench.free()
+        bench.free_patient()
         last_ns = bench.set_fault(silent=["cautery"])["last_ns"]
         bench.controller.wait_until(last_ns + TAKEN_OVER_NS)
         sender.send(set={"silent": ALL[:2]})

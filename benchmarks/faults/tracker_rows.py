@@ -46,7 +46,7 @@ def tracker_rows() -> Iterator[Row]:
     live, stale = Variant.LIVE_JOINTS, "stale_after_ms"
     for name, state in DROPOUTS.items():
         yield Row(name, live, partial(_fault, state=state, dropout=True), "the data", stale)
-    yield Row("batch with one INVALID", live, _batch, "the data", "0 ms")
+    yield Row("batch with one INVALID", live, _batch, "the data", "0 ms", restarts=True)
     yield Row("sender killed", live, _killed, "the data", stale)
     for variant in Variant:
         second = {live: "joints", Variant.SILENT_JOINTS: "silent joints are a fault"}.get(variant)
@@ -89,7 +89,7 @@ def _fault(
 
 def _batch(bench: Bench) -> Verdict:
     """A guard that stood still gets several samples at once: one INVALID, and newer good ones."""
-    bench.free()
+    bench.free_patient()
     guard = bench.guard
     assert guard is not None
     begin_ns = time.time_ns()
