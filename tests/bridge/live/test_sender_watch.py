@@ -19,7 +19,7 @@ from app.bridge.node import RosNode
 from app.bridge.tf.broadcaster import tf_message
 from app.case.messages.values import JointValues, PoseValues
 from app.fixture import Reason
-from app.geometry import Stamp, Transform
+from app.geometry import NS_PER_MS, Stamp, Transform
 from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -43,6 +43,7 @@ class Watched:
             joint_names=frozenset({"waist"}),
             edges=lambda: EDGES,
             static_edges=lambda: self.static_edges,
+            fresh_ns=lambda: 75 * NS_PER_MS,
             restore_static=self.restored.set,
         )
         self.senders = SenderWatch(
