@@ -159,7 +159,7 @@ def test_recording_is_bounded(content, steps, monkeypatch):
 
 
 def test_step_does_not_wait_while_the_samples_of_a_task_are_converted(guided, steps, monkeypatch):
-    """30,000 samples take some 50 ms, and a step that observes would wait for them."""
+    """30,000 samples take 0.1 s, and a step that observes would wait for them."""
     guided.begin(steps[:30])
     convert, began, observed = RobotSamples.task, threading.Event(), threading.Event()
 
