@@ -37,11 +37,18 @@ class Allow:
 
 
 @dataclass(frozen=True)
+class Stand:
+    """A step without a command at ``now_ns``."""
+
+    now_ns: int
+
+
+@dataclass(frozen=True)
 class Rearm:
     """The operator of the controller re-arms it."""
 
 
-Event = Start | Receive | Allow | Rearm
+Event = Start | Receive | Allow | Stand | Rearm
 
 STEPS = 4
 """Control steps after each message."""
@@ -217,6 +224,8 @@ def as_line(event: Event) -> str:
         return f"new tumor {int(event.follows_setup)}"
     if isinstance(event, Rearm):
         return "rearm"
+    if isinstance(event, Stand):
+        return f"stand {event.now_ns}"
     if isinstance(event, Allow):
         scale = [MM_PER_M] * 3 + [1.0] * 3
         return " ".join(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from app.fixture import FixtureRule, LimiterParameters, RulePermission, RuleReason
 from app.geometry import FloatArray
@@ -17,11 +18,14 @@ from tests.examples.rule_cases import (
     Event,
     Rearm,
     Receive,
+    Stand,
     Start,
     as_line,
     edges,
     events,
 )
+from tests.fixture.control.closed_loops import TOOLS, TUMORS
+from tests.fixture.control.guarded_loop import Scene, simulate, tool, tumor
 from tests.oracles.twist_oracle import nearest_point
 
 pytestmark = pytest.mark.slow
@@ -106,6 +110,8 @@ def python_decisions(life: list[Event]) -> list[Expected]:
             rule = FixtureRule(follows_setup=event.follows_setup)
         elif isinstance(event, Rearm):
             rule.rearm()
+        elif isinstance(event, Stand):
+            rule.stand(event.now_ns)
         elif isinstance(event, Receive):
             rule.receive(event.message, event.now_ns)
             received_ns.append(event.now_ns)
@@ -230,10 +236,44 @@ def oracle_twist(desired: FloatArray, limits: Limits) -> tuple[FloatArray, Float
     return np.zeros(6), np.zeros(len(rows))
 
 
-def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(
-    sources: Path, tmp_path: Path
+@pytest.fixture(scope="module")
+def driver(sources: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled(sources, tmp_path_factory.mktemp("rule") / "driver", "-O2")
+
+
+@pytest.mark.parametrize("tumor_kind", TUMORS)
+def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(
+    driver: Path, tumor_kind: str, project_root: Path
 ) -> None:
-    driver = compiled(sources, tmp_path / "driver", "-O2")
+    """Whatever a guard publishes; at each twentieth step the tool stands instead."""
+    cautery = trimesh.load(project_root / "data" / "recorded_case" / "cautery.stl")
+    lives: list[list[Event]] = []
+    for seed, tool_kind in enumerate(TOOLS):
+        scene = Scene(tumor(tumor_kind, np.random.default_rng(seed)), tool(tool_kind, cautery))
+        for v_max_mm_s in (0.0, 50.0):
+            rule = FixtureRule()
+            loop = simulate(scene, rule, seed, steps=200, stop_mm=1.0, v_max_mm_s=v_max_mm_s)
+            lives.append([Start()])
+            for number, event in enumerate(loop.events):
+                if len(event) == 2:
+                    lives[-1].append(Receive(*event))
+                else:
+                    step = Allow(*event[:3])
+                    lives[-1].append(Stand(step.now_ns) if number % 20 == 0 else step)
+    expected = [decision for life in lives for decision in python_decisions(life)]
+    moves, furthest = 0, 0.0
+    for python, line in zip(expected, answers(driver, lives), strict=True):
+        words = line.split()
+        assert words[:3] == python.words
+        moves += python.moves
+        twist = np.array(words[3:], dtype=np.float64) * UNITS
+        furthest = max(furthest, float(np.abs(twist - python.twist).max()))
+    print(f"{len(expected)} decisions, {moves} with motion, at most {furthest:.2g} mm/s apart")
+    assert moves > 0.5 * len(expected)
+    assert furthest < 1e-6
+
+
+def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(driver: Path) -> None:
     lives = [
         list(events(np.random.default_rng(seed), 12 if seed % 10 else LONG))
         for seed in range(CONTROLLERS)

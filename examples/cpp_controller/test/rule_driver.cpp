@@ -2,6 +2,7 @@
 //
 //   new FRAME FOLLOWS                                a new rule
 //   rearm
+//   stand NOW
 //   receive NOW ID SETUP SEQ FRAME STAMP UNTIL STATE HOLD SIMULATED CURRENT FREE_DISTANCE FREE_TURN
 //           TOOL_SPEED TOOL_TURN COUNT [normal offset point velocity]*COUNT, on one line
 //   allow NOW TWIST(6) TIP(3)                        prints: PERMISSION REASON LATCHED TWIST(6)
@@ -85,6 +86,10 @@ int main() {
       rule = marginguard::FixtureRule(frame, parameters);
     } else if (command == "rearm") {
       rule.rearm();
+    } else if (command == "stand") {
+      std::int64_t now_ns = 0;
+      in >> now_ns;
+      rule.stand(now_ns);
     } else if (command == "receive") {
       receive(rule, in);
     } else if (command == "allow") {
