@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.fixture import MarginState, PlainConstraint
-from app.geometry import NS_PER_MS, FloatArray
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray
 
 MM_PER_M = 1000.0
 START_NS = 1_700_000_000_000_000_000
@@ -135,6 +135,16 @@ def edges(rng: np.random.Generator, period_ms: int) -> Iterator[Event]:
         message = _message(rng, now_ns, seq, ids)
         until_ns = now_ns + 50 * NS_PER_MS
         yield Receive(replace(message, stamp_ns=stamp_ns, valid_until_ns=until_ns), now_ns)
+        yield Allow(rng.normal(size=6) * ([60.0] * 3 + [0.6] * 3), np.zeros(3), now_ns)
+
+
+def jumps(rng: np.random.Generator, back_s: int) -> Iterator[Event]:
+    """A life whose clock jumps back once, until planes are used again, and somewhat longer."""
+    ids = {"instance": "first", "setup": "setup"}
+    yield Start()
+    for seq in range(600):
+        now_ns = START_NS + seq * 20 * NS_PER_MS - back_s * NS_PER_S * (seq >= 20)
+        yield Receive(_message(rng, now_ns, seq, ids), now_ns)
         yield Allow(rng.normal(size=6) * ([60.0] * 3 + [0.6] * 3), np.zeros(3), now_ns)
 
 

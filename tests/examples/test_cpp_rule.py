@@ -23,6 +23,7 @@ from tests.examples.rule_cases import (
     as_line,
     edges,
     events,
+    jumps,
 )
 from tests.fixture.control.closed_loops import TOOLS, TUMORS
 from tests.fixture.control.guarded_loop import Scene, simulate, tool, tumor
@@ -279,6 +280,7 @@ def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(driver: Path)
         for seed in range(CONTROLLERS)
     ]
     lives += [list(edges(np.random.default_rng(ms), period_ms=ms)) for ms in (1, 5)]
+    lives += [list(jumps(np.random.default_rng(back_s), back_s)) for back_s in (5, 3600)]
     expected = [decision for life in lives for decision in python_decisions(life)]
     found = answers(driver, lives)
     reasons: set[str] = set()

@@ -43,7 +43,7 @@ class OwnMotion {
     if (now_ns < from_ns_) begin(std::min(from_ns_, now_ns + kMaxValidityNs));
     const std::int64_t elapsed_ns = now_ns - from_ns_;
     from_ns_ = now_ns;
-    if (elapsed_ns == 0) return;
+    if (elapsed_ns <= 0) return;
     std::size_t last = (next_ + kKeptIntervals - 1) % kKeptIntervals;
     if (count_ == 0 || now_ns - kept_[last].begin_ns > kIntervalNs) {
       last = next_;
