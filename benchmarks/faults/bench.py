@@ -113,6 +113,17 @@ class Bench:
             self.start_guard(stale_ms=PATIENT_MS)
         self.free()
 
+    @contextmanager
+    def stopped_guard(self) -> Iterator[None]:
+        """The guard's process stands still (SIGSTOP) within the block."""
+        guard = self.guard
+        assert guard is not None
+        guard.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            guard.send_signal(signal.SIGCONT)
+
     def start_tracker(self) -> Child:
         """Start the tracker's process; the motion continues where it would be now."""
         state = {"shift": self.scene.shift}

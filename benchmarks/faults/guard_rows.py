@@ -48,16 +48,11 @@ def guard_rows() -> Iterator[Row]:
 def _stopped(bench: Bench) -> Verdict:
     """After waking nothing is permissive: neither old data nor the commands that have waited."""
     bench.free()
-    guard = bench.guard
-    assert guard is not None
     seconds = random.uniform(MIN_STOP_S, MAX_STOP_S)
     stopped_ns = time.time_ns()
-    guard.send_signal(signal.SIGSTOP)
-    try:
+    with bench.stopped_guard():
         bench.controller.wait_until(time.time_ns() + round(seconds * 1e9))
-    finally:
         woken_ns = time.time_ns()
-        guard.send_signal(signal.SIGCONT)
     return bench.observe(woken_ns, 0.0, 600.0, tolerance_ns=0, free_at_ns=stopped_ns)
 
 
@@ -67,8 +62,7 @@ def _paused_clock(bench: Bench) -> Verdict:
     remapped = ("desired_twist:=/marginguard/desired_twist", f"/clock:={CLOCK}")
     words = [word for each in remapped for word in ("-r", each)]
     words = ["--accept-simulated", "--ros-args", "-p", "use_sim_time:=true", *words]
-    example, guard = bench.child("filter", [script, *words]), bench.guard
-    assert guard is not None
+    example = bench.child("filter", [script, *words])
     try:
         with bench.foreign() as node:
             ask(node, do="clock", topic=CLOCK, hz=100.0)
@@ -76,12 +70,9 @@ def _paused_clock(bench: Bench) -> Verdict:
             if not bench.controller.wait(lambda: _pushes(bench), START_S):
                 raise UnmeasuredError(f"the example allows no approach: {example.tail()}")
             begin_ns = ask(node, do="pause")["ns"]
-            guard.send_signal(signal.SIGSTOP)
-            try:
+            with bench.stopped_guard():
                 bench.controller.wait_until(begin_ns + round((bench.stale_ms + 500.0) * 1e6))
                 twists = bench.controller.safe_twists()
-            finally:
-                guard.send_signal(signal.SIGCONT)
     finally:
         example.end(signal.SIGINT)
     limit_ns = begin_ns + round(bench.stale_ms * 1e6)

@@ -90,17 +90,12 @@ def _fault(
 def _batch(bench: Bench) -> Verdict:
     """A guard that stood still gets several samples at once: one INVALID, and newer good ones."""
     bench.free_patient()
-    guard = bench.guard
-    assert guard is not None
     begin_ns = time.time_ns()
-    guard.send_signal(signal.SIGSTOP)
-    try:
+    with bench.stopped_guard():
         bench.set_fault(status=INVALID)
         ns = bench.set_fault(status=None)["ns"]
         bench.controller.wait_until(ns + BATCH_NS)
-    finally:
         woken_ns = time.time_ns()
-        guard.send_signal(signal.SIGCONT)
     verdict = bench.observe(woken_ns, 0.0, AFTER_MS, free_at_ns=begin_ns)
     stood = f"the guard stood still for {(woken_ns - begin_ns) / NS_PER_MS:.0f} ms"
     return check_cause(replace(verdict, note=stood))

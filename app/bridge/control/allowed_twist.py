@@ -141,8 +141,8 @@ class TwistLimiter:
 
     `refused` counts each problem by kind; at most one per second is logged. A separate thread
     checks the timeout, so motion also stops while the node's thread is busy. It is ``tau_s`` by
-    default: a reply that is executed for longer may pass a plane. ``simulated``: the
-    poses are recorded or simulated, and nobody has accepted that motion follows them.
+    default: a reply that is executed for longer may pass a plane. With ``simulated`` every reply is
+    zero: the poses are recorded or simulated, and the configuration does not accept such motion.
     """
 
     def __init__(
