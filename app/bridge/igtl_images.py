@@ -34,15 +34,22 @@ class IgtlImagePublisher:
 
     Give `receive` to the source. Images are read and published in a thread of their own, the newest
     only. ``device`` None: that of the first image. ``report`` takes why an image is refused, once
-    until the reason changes.
+    until the reason changes; `problem` is that of the last image. ``check`` raises `InputError` for
+    an image that is not to be published.
     """
 
     def __init__(
-        self, ros: RosNode, topic: str, device: str | None, report: Callable[[str], None]
+        self,
+        ros: RosNode,
+        topic: str,
+        device: str | None,
+        report: Callable[[str], None],
+        check: Callable[[ImageSample], None] = lambda image: None,
     ) -> None:
         self._publisher = ros.publisher(Topic(topic, Image, NEWEST))
         self._images, self._report = DeviceImages(device), report
-        self._problem = ""
+        self.problem = ""
+        self._check = check
         self._counts: Counter[str] = Counter()
         self._intake = ImageIntake(self, self._decode)
 
@@ -53,19 +60,20 @@ class IgtlImagePublisher:
     def add(self, image: ImageSample) -> None:
         """Publish ``image``."""
         try:
+            self._check(image)
             message = message_of_image(image)
         except InputError as error:
             self.refuse(str(error))
             return
         self._counts["published"] += 1
-        self._problem = ""
+        self.problem = ""
         self._publisher.publish(message)
 
     def refuse(self, problem: str) -> None:
         """Count an image that is not published, and report a new reason."""
         self._counts["refused"] += 1
-        if problem != self._problem:
-            self._problem = problem
+        if problem != self.problem:
+            self.problem = problem
             self._report(problem)
 
     def counts(self) -> Mapping[str, int]:

@@ -16,6 +16,7 @@ Subscriptions:
   stamp. 20 messages are a tenth of a second of a tracker, or one sample of each of 20 tools. The
   middleware reserves memory for as many messages of the largest size received, so the depth
   bounds it.
+* ``DISPLAYED``: best effort, depth 100: a display that stalls does not delay the guard.
 * ``INCOMING_IMAGE``: best effort, depth 1: only the newest image is shown.
 * ``INCOMING_TF``: as tf2, with depth 20. Reliable, because an edge that is sent once must arrive.
 * ``STATIC_TF``: transient local with depth 20, to receive the latched message of every static
@@ -50,6 +51,7 @@ STREAM = _reliable(100, DurabilityPolicy.VOLATILE)
 NEWEST = _reliable(1, DurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 INCOMING = _best_effort(20)
+DISPLAYED = _best_effort(100)
 INCOMING_IMAGE = _best_effort(1)
 INCOMING_TF = _reliable(20, DurabilityPolicy.VOLATILE)
 STATIC_TF = _reliable(20, DurabilityPolicy.TRANSIENT_LOCAL)

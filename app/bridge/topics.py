@@ -6,7 +6,7 @@ latched static tree at once, and moving edges from the next frame on.
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, WrenchStamped
-from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.msg import FixtureConstraint, SessionContent, SessionStep
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Float64, String
@@ -29,6 +29,12 @@ ROBOT_DESCRIPTION = Topic("/robot_description", String, LATCHED)
 
 CONSTRAINT = Topic("~/constraint", FixtureConstraint, NEWEST)
 """Constraint of the virtual fixture; repeated as a heartbeat between steps."""
+
+STEP = Topic("~/step", SessionStep, STREAM)
+"""Every step of a live session with what displays show of it."""
+
+CONTENT = Topic("~/content", SessionContent, LATCHED)
+"""What the steps of a live session are about: names, frames, margins, surfaces by digest."""
 
 DESIRED_TWIST = Topic("~/desired_twist", TwistStamped, NEWEST)
 """Input: desired twist of the tool's tip in m/s and rad/s, along the axes of the header's frame."""

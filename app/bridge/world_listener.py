@@ -9,9 +9,6 @@ from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
 from app.geometry import MarginGuardError
 from app.runtime import SimulatedWorld
 
-PAGE_NODE = "marginguard_page"
-"""Name of the node of a page that shows a simulated world."""
-
 _MAX_PLACES = 256
 
 

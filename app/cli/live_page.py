@@ -1,4 +1,4 @@
-"""The page of a live session, which runs in a thread of its own beside it."""
+"""The page of a live session: a client of a live node, which this command may start itself."""
 
 import argparse
 import sys
@@ -6,7 +6,9 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from itertools import chain
+from secrets import token_hex
 from typing import TYPE_CHECKING
 
 from app.cli.prompt_process import prompt_process
@@ -14,14 +16,13 @@ from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
-    from app.bridge.live import LiveNode
+    from app.bridge.displays import LiveChild, SessionClient
+    from app.bridge.node import RosNode
     from app.files.volume_file import Volume
     from app.runtime import SimulatedWorld
-    from app.viewer import LiveFeed, MouseHand, Viewer
+    from app.session import StepResult
+    from app.viewer import LiveFeed, LiveSteps, MouseHand, Viewer
     from app.viewer.drawing.pictures import MakeScheduler
-
-CONSTRAINT_HZ = 100.0
-"""Rate at which the constraint is repeated. Drawing the page leaves no time for 1 kHz."""
 
 
 @contextmanager
@@ -31,98 +32,178 @@ def live_page(
     *,
     scheduler: "MakeScheduler | None" = None,
     client: bool = False,
-    hand_topic: str | None = None,
-    simulation: str | None = None,
     volume: "Volume | None" = None,
-) -> Iterator["Viewer"]:
-    """A page for the session of ``options.config``, which runs within the context.
+) -> Iterator["Viewer | None"]:
+    """A page of the live node ``options.node``, or of one that is started for ``options.config``.
 
-    A signal during the preparation ends the process at once. ``scheduler`` draws the pictures;
-    a benchmark replaces it. ``client``: the browser draws the scene. ``hand_topic``: where the
-    force of a mouse that drags the tool is published. ``simulation``: the node of the simulated
-    world whose bodies are shown and edited. ``volume`` is cut through the tool's
-    tip.
+    Such a node ends with the context. Yields None if a signal came before the first step.
+    ``scheduler`` draws the pictures; a benchmark replaces it. ``client``: the browser draws the
+    scene. ``volume`` is cut through the tool's tip.
     """
-    with received.ends_at_once():
-        load_bridge("which a live session needs")
-        print_reach()
-        from app.bridge.live import live_node
-        from app.bridge.world_editor import TRACKER, WORLD
-        from app.runtime import (
-            RobotRegistration,
-            SimulatedWorld,
-            ToolCalibration,
-            prepare_live,
-            stop_surface,
-        )
-        from app.viewer import (
-            LiveFeed,
-            LiveOperator,
-            LiveOutput,
-            LiveTimeline,
-            MouseHand,
-            SceneView,
-            Title,
-            Viewer,
-            ViewStateBuilder,
-        )
+    load_bridge("which a live session needs")
+    print_reach()
+    from app.bridge import RosNode
+    from app.bridge.displays.names import PAGE_NODE
+    from app.viewer import Viewer  # noqa: F401  (slow to load: while the node starts)
 
-        prepared = prepare_live(
-            options.config, package_dirs=options.package_dirs, tip_only=options.tip_only
+    name = f"{PAGE_NODE}_{token_hex(3)}"
+    with ExitStack() as stack:
+        child = None if options.config is None else stack.enter_context(_child(options, name))
+        ros = stack.enter_context(RosNode(name, namespace=options.namespace))
+        session = stack.enter_context(_client(options, ros, child))
+        received.stops(session.stop)
+        steps = stack.enter_context(closing(session.steps()))
+        first = next(steps, None)
+        if first is None or session.operator is None:
+            yield None
+            return
+        yield stack.enter_context(
+            _shown(
+                options, ros, session, chain([first], steps), child,
+                scheduler=scheduler, client=client, volume=volume,
+            )
+        )  # fmt: skip
+
+
+@contextmanager
+def _child(options: argparse.Namespace, page: str) -> Iterator["LiveChild"]:
+    """A live node for ``options.config``, whose log is printed here."""
+    from app.bridge.displays import LiveChild
+
+    namespace = f"/{options.namespace.strip('/')}".rstrip("/")
+    arguments = [f"--config={options.config}", f"--display={namespace}/{page}"]
+    arguments += [f"--package-dir={folder}" for folder in options.package_dirs]
+    arguments += ["--tip-only"] if options.tip_only else []
+    for option in ("namespace", "audit", "cases"):
+        value = getattr(options, option)
+        arguments += [f"--{option}={value}"] if value else []
+    child = LiveChild(arguments, _print_line)
+    try:
+        yield child
+    finally:
+        child.close()
+
+
+def _print_line(line: str) -> None:
+    # This command has told the reach of ROS, and it reports an error that ends the node.
+    if not line.startswith(("marginguard: error: ", "ROS discovery ")):
+        print(line, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _client(
+    options: argparse.Namespace, ros: "RosNode", child: "LiveChild | None"
+) -> Iterator["SessionClient"]:
+    """The client of the session; it waits for its first step while ``child`` runs."""
+    from app.bridge.displays import SessionClient
+    from app.bridge.publishing.session_publisher import NODE_NAME
+    from app.geometry import InputError
+
+    def check() -> None:
+        if child is not None and child.ended:
+            raise InputError(child.error)
+
+    node = NODE_NAME if options.node is None else options.node
+    client = SessionClient(ros, node, starting=check, own=child is not None)
+    if child is None:
+        print(f"the live node: {client.node}", file=sys.stderr)
+    try:
+        yield client
+    finally:
+        client.close()
+
+
+@contextmanager
+def _shown(
+    options: argparse.Namespace,
+    ros: "RosNode",
+    session: "SessionClient",
+    steps: Iterator["StepResult"],
+    child: "LiveChild | None",
+    *,
+    scheduler: "MakeScheduler | None",
+    client: bool,
+    volume: "Volume | None",
+) -> Iterator["Viewer"]:
+    """The page, with the steps on their way to it within the context."""
+    from app.bridge.world_editor import TRACKER, WORLD
+    from app.runtime import RobotRegistration, SimulatedWorld, ToolCalibration, stop_surface
+    from app.viewer import (
+        LiveFeed,
+        LiveOperator,
+        LiveSteps,
+        LiveTimeline,
+        MouseHand,
+        SceneView,
+        Title,
+        Viewer,
+        ViewStateBuilder,
+    )
+
+    def silence() -> str:
+        return (child.ended if child is not None else "") or session.silence
+
+    operator_of_session = session.operator
+    assert operator_of_session is not None  # the first step has come
+    content = operator_of_session.content
+    surface = stop_surface(content)
+    feed = LiveFeed(ViewStateBuilder(content, surface), time.monotonic_ns, silence)
+    title = Title(content.name, live=True, images=session.images, volume=volume)
+    operator = LiveOperator(feed.list_request)
+    calibration = ToolCalibration(content)
+    registration = None if content.robot is None else RobotRegistration(content)
+    hand = None if options.hand is None else MouseHand(time.monotonic_ns)
+    world = None if options.world is None else SimulatedWorld(WORLD, TRACKER, time.time_ns)
+    viewer = Viewer(
+        SceneView(content, has_bodies=world is not None),
+        feed,
+        LiveTimeline(),
+        title,
+        operator=operator,
+        scheduler=scheduler,
+        client=client,
+        hand=hand,
+        calibration=calibration,
+        registration=registration,
+        world=world,
+    )
+    feed.call_on_change(viewer.wake)
+    guides = [each for each in (calibration, registration) if each is not None]
+    with prompt_process(), ThreadPoolExecutor(max_workers=1) as workers:
+        followed = LiveSteps(feed, content, surface, workers, guides)
+        operator.connect(operator_of_session)
+        thread = threading.Thread(
+            target=_follow, args=(session, steps, followed, feed), name="session"
         )
-        for note in prepared.case.notes():
-            print(note, file=sys.stderr)
-        content, setup = prepared.content, prepared.setup
-        surface = stop_surface(content)
-        builder = ViewStateBuilder(setup, content, surface)
-        feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
-        images = prepared.live_images()
-        title = Title(content.name, live=True, images=images, volume=volume)
-        operator_thread = ThreadPoolExecutor(max_workers=3)
-        operator = LiveOperator(operator_thread)
-        calibration = ToolCalibration(content)
-        registration = None if content.robot is None else RobotRegistration(content)
-        hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
-        world = None if simulation is None else SimulatedWorld(WORLD, TRACKER, time.time_ns)
-        viewer = Viewer(
-            SceneView(content, has_bodies=world is not None),
-            feed,
-            LiveTimeline(),
-            title,
-            operator=operator,
-            scheduler=scheduler,
-            client=client,
-            hand=hand,
-            calibration=calibration,
-            registration=registration,
-            world=world,
-        )
-        feed.call_on_change(viewer.wake)
-    with prompt_process(), operator_thread, ThreadPoolExecutor(max_workers=1) as workers:
-        guides = [each for each in (calibration, registration) if each is not None]
-        output = LiveOutput(feed, content, surface, workers, operator, guides)
-        with live_node(
-            prepared,
-            namespace=options.namespace,
-            constraint_hz=CONSTRAINT_HZ,
-            outputs=(output,),
-            audit=options.audit,
-            cases=options.cases,
-            images=images,
-        ) as node:
-            node.commands.requests.listen(feed.list_request)
-            operator.connect(node.commands, node.set_margins)
-            thread = threading.Thread(target=_run, args=(node, feed), name="session")
-            thread.start()
-            try:
-                with (
-                    _published(hand, hand_topic, feed, content.tip_frame),
-                    _followed(world, simulation),
-                ):
-                    yield viewer
-            finally:
-                node.stop()
-                thread.join()
+        thread.start()
+        try:
+            with (
+                _published(hand, options.hand, feed, content.tip_frame),
+                _followed(ros, world, options.world),
+            ):
+                yield viewer
+        finally:
+            session.stop()
+            thread.join()
+
+
+def _follow(
+    session: "SessionClient",
+    steps: Iterator["StepResult"],
+    followed: "LiveSteps",
+    feed: "LiveFeed",
+) -> None:
+    """Take the steps; when they end or cannot be used, the page shows why and stays grey."""
+    why = "the page has ended"
+    try:
+        for step in steps:
+            if session.operator is not None:
+                followed.put(step, session.operator, session.delay_ns)
+    except Exception as error:
+        why = f"the session cannot be shown: {error}"
+        raise
+    finally:
+        feed.end(why)
 
 
 @contextmanager
@@ -143,25 +224,12 @@ def _published(
 
 
 @contextmanager
-def _followed(world: "SimulatedWorld | None", simulation: str | None) -> Iterator[None]:
+def _followed(
+    ros: "RosNode", world: "SimulatedWorld | None", simulation: str | None
+) -> Iterator[None]:
     """Receive ``world`` from the node ``simulation``, and send its edits, within the context."""
-    with ExitStack() as stack:
-        if world is not None and simulation is not None:
-            from app.bridge import RosNode
-            from app.bridge.world_listener import PAGE_NODE, WorldListener
+    if world is not None and simulation is not None:
+        from app.bridge.world_listener import WorldListener
 
-            WorldListener(stack.enter_context(RosNode(PAGE_NODE)), simulation, world)
-        yield
-
-
-def _run(node: "LiveNode", feed: "LiveFeed") -> None:
-    """Take the steps; when the session ends or fails, the page shows why and stays grey."""
-    why = "the session has ended"
-    try:
-        for _ in node.steps():
-            pass
-    except Exception as error:
-        why = f"the session has failed: {error}"
-        raise
-    finally:
-        feed.end(why)
+        WorldListener(ros, simulation, world)
+    yield

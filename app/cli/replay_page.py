@@ -136,7 +136,7 @@ def replay_parts(
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
     setup, log = prepared.setup, ReplayLog()
     scene_log = SceneLog(recording=True, max_keyframes=round(PICTURES_PER_S * MOVIE_S))
-    builder = ViewStateBuilder(setup, prepared.content, stop_surface(prepared.content))
+    builder = ViewStateBuilder(prepared.content, stop_surface(prepared.content))
     run = ReplayRun(
         prepared,
         clock_ns=time.monotonic_ns,

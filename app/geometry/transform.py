@@ -175,6 +175,14 @@ class Transform:
         """Map directions (3,) or (n, 3) from ``source`` to ``target``: rotation only."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
+    def is_same(self, other: "Transform") -> bool:
+        """True for the same frames and the same numbers."""
+        return (
+            (self.target, self.source) == (other.target, other.source)
+            and np.array_equal(self.rotation, other.rotation)
+            and np.array_equal(self.translation_mm, other.translation_mm)
+        )
+
     def angle_to(self, other: "Transform") -> float:
         """Angle in rad of the rotation between two transforms of the same frames."""
         self._check_same_frames(other)

@@ -4,8 +4,7 @@ from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
 from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
-from .image_depth import ImageDepth
-from .image_depth_output import ImageDepthOutput
+from .image_depth import ImageDepth, ImageDescription, described_images
 from .image_intake import ImageIntake, ImageSink
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
 from .live_run import LiveRun
@@ -21,6 +20,21 @@ from .opening import (
     prepare_live,
     register_case,
 )
+from .operator_command import (
+    AddNote,
+    ChooseDepth,
+    LengthenNeedle,
+    LocalOperator,
+    Operator,
+    OperatorCommand,
+    Rearm,
+    Record,
+    SetMargins,
+    SetRegistration,
+    SetStylusTip,
+    SetTip,
+    SetTumor,
+)
 from .outputs import Output, PassiveOutput, StepTiming, SwitchContent
 from .persistence.errors import SecondInstanceError, StateFileError
 from .persistence.hold_keeper import HoldKeeper
@@ -31,7 +45,8 @@ from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
-from .shown_changes import ShownChange, longer_needle, other_depth
+from .session_wire import DescribedSession, SessionWire, mesh_digest, text_digest
+from .shown_changes import ShownChange
 from .simulated_world import (
     MAX_BODY_TRIANGLES,
     BodyKind,
@@ -47,7 +62,7 @@ from .step_thread import DeliveredStep, StepRun, StepThread
 from .stylus import Stylus
 from .tracked_tool import TrackedTool, stylus_text, tip_mm, tip_of
 from .wakeup import Wakeup
-from .workflow.accepted_tip import tip_request_kind, use_tip
+from .workflow.accepted_tip import tip_command
 from .workflow.calibration_fit import (
     CalibrationFit,
     CalibrationKind,
@@ -89,6 +104,7 @@ from .workflow.workflow_output import WorkflowOutput
 __all__ = [
     "MAX_BODY_TRIANGLES",
     "SWITCH_INTERVAL_S",
+    "AddNote",
     "AuditLog",
     "AuditOutput",
     "BetweenSteps",
@@ -98,25 +114,31 @@ __all__ = [
     "CalibrationStatus",
     "CalibrationTask",
     "CaseRecorder",
+    "ChooseDepth",
     "Compute",
     "ComputeProcess",
     "Coverage",
     "Deliver",
     "DeliveredStep",
+    "DescribedSession",
     "EventNote",
     "EventNotes",
     "GuidedFits",
     "HoldKeeper",
     "Holds",
     "ImageDepth",
-    "ImageDepthOutput",
+    "ImageDescription",
     "ImageIntake",
     "ImageSink",
     "InstanceKey",
     "LatestValue",
+    "LengthenNeedle",
     "LiveRun",
     "LiveState",
+    "LocalOperator",
     "Needle",
+    "Operator",
+    "OperatorCommand",
     "OperatorCommands",
     "OperatorRequest",
     "Output",
@@ -125,8 +147,10 @@ __all__ = [
     "PreparedCase",
     "PreparedLive",
     "QtSpinner",
+    "Rearm",
     "RearmRefusedError",
     "ReceivedConstraint",
+    "Record",
     "RecordingExtent",
     "RecordingStatus",
     "RegisteredCase",
@@ -141,6 +165,12 @@ __all__ = [
     "SecondInstanceError",
     "SeenHold",
     "SessionContent",
+    "SessionWire",
+    "SetMargins",
+    "SetRegistration",
+    "SetStylusTip",
+    "SetTip",
+    "SetTumor",
     "ShownChange",
     "SimulatedWorld",
     "Source",
@@ -174,14 +204,14 @@ __all__ = [
     "compute_here",
     "content_of",
     "coverage_text",
+    "described_images",
     "fit_calibration",
     "fit_registration",
     "host_id",
     "live_state",
-    "longer_needle",
+    "mesh_digest",
     "next_step",
     "open_recording",
-    "other_depth",
     "place_text",
     "playback_of",
     "prepare_case",
@@ -193,10 +223,10 @@ __all__ = [
     "registration_verdict",
     "stop_surface",
     "stylus_text",
+    "text_digest",
+    "tip_command",
     "tip_mm",
     "tip_of",
-    "tip_request_kind",
-    "use_tip",
     "used_values",
     "workflow_steps",
 ]

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
-from app.fixture import MarginParameters
+from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.runtime.case_recorder import CaseRecorder, RecordingStatus
@@ -18,7 +18,7 @@ from app.runtime.new_tip import check_tip
 from app.runtime.new_tumor import check_size, replacement_for
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
-from app.runtime.shown_changes import ShownChange, other_stylus_tip
+from app.runtime.shown_changes import ShownChange
 from app.session import Session, SessionSetup, margin_changes, tip_change_text
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
@@ -26,8 +26,6 @@ BetweenSteps = Callable[[], AbstractContextManager[Session]]
 
 MAX_TUMOR_SIGMA_MM = 10.0
 """Largest uncertainty of a tumour's surface, as in ``tumor.sigma_mm`` of a ``case.yaml``."""
-
-THIS_PROCESS = "this process"
 
 _SHORT_WAIT_S = 0.05
 _STEPS_WAIT_S = 0.5
@@ -69,6 +67,8 @@ class OperatorCommands:
         self._max_triangles = max_triangles
         self._acknowledged = content
         self.requests = requests or RequestLog(time.time_ns, time.monotonic_ns)
+        self.keep_margins: Callable[[float, float, str], None] | None = None
+        """Changes ``stop_mm`` and ``warn_mm`` for an origin, where `set_margins` is called for."""
 
     @property
     def compute(self) -> Compute:
@@ -103,7 +103,7 @@ class OperatorCommands:
         """
         self._holds.check(seen)
 
-    def rearm(self, seen: SeenHold, *, origin: str = THIS_PROCESS) -> None:
+    def rearm(self, seen: SeenHold, *, origin: str) -> None:
         """End the present hold, which the operator has seen as ``seen``.
 
         Raises `RearmRefusedError` if another fault, tumour, registration or looser margin came
@@ -122,7 +122,19 @@ class OperatorCommands:
             self._acknowledged = self._content
             done.append(f"the hold is ended: {'; '.join(causes) or 'no cause was noted'}")
 
-    def set_margins(self, margins: MarginParameters, *, origin: str = THIS_PROCESS) -> None:
+    def use_margins(self, stop_mm: float, warn_mm: float, origin: str) -> None:
+        """Use both as `set_margins`, where they are kept: a live node has them as parameters."""
+        if self.keep_margins is not None:
+            self.keep_margins(stop_mm, warn_mm, origin)
+            return
+        try:
+            margins = self.requested.margins.replaced(stop_mm=stop_mm, warn_mm=warn_mm)
+        except MarginParameterError as error:
+            self.requests.refused(RequestKind.MARGINS, origin, str(error))
+            raise
+        self.set_margins(margins, origin=origin)
+
+    def set_margins(self, margins: MarginParameters, *, origin: str) -> None:
         """Use ``margins`` from the next step on; what is looser latches a hold and waits for it.
 
         Raises `InputError` while another change is being prepared: the caller may be the thread
@@ -143,7 +155,7 @@ class OperatorCommands:
         tumor: SurfaceMesh,
         *,
         sigma_mm: float = 0.0,
-        origin: str = THIS_PROCESS,
+        origin: str,
     ) -> str:
         """Use this tumour surface instead; returns its ``model_id``. Latches a hold.
 
@@ -200,9 +212,7 @@ class OperatorCommands:
             done.append(f"{self._content.model_id}, {change}")
         return self._content.model_id
 
-    def set_registration(
-        self, registration: RegistrationResult, *, origin: str = THIS_PROCESS
-    ) -> str:
+    def set_registration(self, registration: RegistrationResult, *, origin: str) -> str:
         """Use this registration of the robot's base; returns its ``registration_id``.
 
         Latches a hold. Raises `InputError` without a robot and for a registration that was not
@@ -231,7 +241,7 @@ class OperatorCommands:
         """What the last recording of the session has written; None before the first."""
         return None if self._recorder is None else self._recorder.status
 
-    def start_recording(self, name: str = "", *, origin: str = THIS_PROCESS) -> RecordingStatus:
+    def start_recording(self, name: str = "", *, origin: str) -> RecordingStatus:
         """Record the session as a new case called ``name``, or by date. Takes seconds.
 
         The case contains the tumour, tip, registration and margins in use now; those that are
@@ -248,7 +258,7 @@ class OperatorCommands:
             done.append(f"recording to {folder}")
         return recorder.status or RecordingStatus(folder, active=True)
 
-    def stop_recording(self, *, origin: str = THIS_PROCESS) -> RecordingStatus:
+    def stop_recording(self, *, origin: str) -> RecordingStatus:
         """Finish the running recording. Raises `InputError` without one."""
         with self._listed(RequestKind.RECORD, origin) as done:
             status = self._recording_by().stop()
@@ -260,9 +270,7 @@ class OperatorCommands:
             raise InputError("recording: the session has no recorder; expected a live session")
         return self._recorder
 
-    def set_tip(
-        self, tool_from_tip: Transform, *, sigma_mm: float = 0.0, origin: str = THIS_PROCESS
-    ) -> None:
+    def set_tip(self, tool_from_tip: Transform, *, sigma_mm: float = 0.0, origin: str) -> None:
         """Use this tip of the tool; the tool's surface moves with its frame. Latches a hold.
 
         ``sigma_mm``: standard deviation of the tip in its worst direction, 0 where it is not
@@ -288,14 +296,11 @@ class OperatorCommands:
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 
-    def change_shown(
-        self, request: tuple[RequestKind, ShownChange], *, origin: str = THIS_PROCESS
-    ) -> None:
+    def change_shown(self, kind: RequestKind, change: ShownChange, *, origin: str) -> None:
         """Change what is shown (`app.runtime.shown_changes`); state, constraint and hold stay.
 
         Raises `InputError` for what the change refuses, and while another one is being prepared.
         """
-        kind, change = request
         with self._listed(kind, origin) as done, self._change_at_once(kind, _STEPS_WAIT_S):
             content, text = change(self._content)
             switches = self._prepare(content)
@@ -308,15 +313,6 @@ class OperatorCommands:
                     self._acknowledged = content
                 self._content = content
             done.append(text)
-
-    def set_stylus_tip(
-        self, frame_from_tip: Transform, *, sigma_mm: float = 0.0, origin: str = THIS_PROCESS
-    ) -> None:
-        """Use this tip of the stylus. State, distances, constraint, hold and the tool's tip stay.
-
-        Raises as `change_shown`, without a stylus too, and as `Stylus.with_tip`.
-        """
-        self.change_shown(other_stylus_tip(frame_from_tip, sigma_mm), origin=origin)
 
     @contextmanager
     def _change_at_once(self, what: str, wait_s: float = _SHORT_WAIT_S) -> Iterator[None]:

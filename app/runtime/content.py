@@ -97,7 +97,7 @@ class SessionContent:
     @property
     def model_id(self) -> str:
         """Digest of the tumour's surface: changes with any of its numbers."""
-        return _surface_digest(self.tumor)
+        return surface_digest(self.tumor)
 
     @property
     def registration_id(self) -> str:
@@ -197,8 +197,9 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
     )
 
 
-@lru_cache(maxsize=2)  # a large surface takes milliseconds, and each constraint has its digest
-def _surface_digest(surface: SurfaceMesh) -> str:
+@lru_cache(maxsize=8)  # a large surface takes milliseconds, and each constraint has its digest
+def surface_digest(surface: SurfaceMesh) -> str:
+    """Changes with any of the numbers of ``surface``."""
     return _digest(surface.vertices_mm, surface.faces)
 
 

@@ -1,9 +1,10 @@
-"""The imaging depth of a session's ultrasound: those that are listed, and the one in use."""
+"""The images of a session: how displays place them, and the imaging depth in use."""
 
 from dataclasses import dataclass, replace
 
-from app.case import Case
+from app.case import Case, DepthCalibration, ImageDepths, image_depths, stale_after_ns
 from app.geometry import InputError
+from app.session import LiveImages
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,3 +29,50 @@ def image_depth_of(case: Case) -> ImageDepth | None:
         return None
     depths_mm = sorted(each.depth_mm or 0.0 for each in entry.calibrations)
     return ImageDepth(tuple(depths_mm), entry.depth_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageDescription:
+    """The images of a live session, as a display receives and places them.
+
+    ``topic`` carries them, in ``orientation``. ``calibrations`` are of one probe; ``depth_mm`` is
+    the one in use at the start. An image may be shown while it is at most ``stale_after_ns`` old,
+    between poses at most ``max_gap_ns`` apart.
+    """
+
+    topic: str
+    orientation: str
+    calibrations: tuple[DepthCalibration, ...]
+    depth_mm: float | None
+    stale_after_ns: int
+    max_gap_ns: int
+
+    def images(self) -> LiveImages:
+        """Images of such a session, none yet."""
+        return LiveImages(
+            self.depths(), stale_after_ns=self.stale_after_ns, max_gap_ns=self.max_gap_ns
+        )
+
+    def depths(self) -> ImageDepths:
+        """The calibrations, with the one in use at the start."""
+        return ImageDepths(self.calibrations, self.depth_mm)
+
+
+def described_images(case: Case, topic: str) -> ImageDescription | None:
+    """The images of the live session ``case``; None where it has none.
+
+    ``topic`` carries those that do not come over a topic of their own. Raises `InputError` for a
+    calibration that cannot be read.
+    """
+    entry = case.manifest.images
+    if entry is None:
+        return None
+    depths = image_depths(case, entry)
+    return ImageDescription(
+        topic=entry.topic or topic,
+        orientation=entry.orientation or "MF",
+        calibrations=depths.calibrations,
+        depth_mm=depths.depth_mm,
+        stale_after_ns=stale_after_ns(case, entry),
+        max_gap_ns=case.manifest.margins.stale_after_ns,
+    )

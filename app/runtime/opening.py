@@ -11,17 +11,14 @@ from app.case import (
     LiveCase,
     Playback,
     TrackingFrame,
-    image_depths,
     open_case,
     open_live,
-    stale_after_ns,
 )
 from app.fixture import ProximityEngine
 from app.geometry import NS_PER_S, InputError
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent, content_of
 from app.session import (
-    LiveImages,
     MakeEngine,
     SessionSetup,
     TrackingError,
@@ -93,20 +90,6 @@ class PreparedLive:
     case: Case
     setup: SessionSetup
     content: SessionContent
-
-    def live_images(self) -> LiveImages | None:
-        """Make the images of the session; None where ``live.yaml`` has none.
-
-        Raises `InputError` for a calibration that cannot be read.
-        """
-        entry = self.case.manifest.images
-        if entry is None:
-            return None
-        return LiveImages(
-            image_depths(self.case, entry),
-            stale_after_ns=stale_after_ns(self.case, entry),
-            max_gap_ns=self.setup.margins.stale_after_ns,
-        )
 
 
 def prepare_case(

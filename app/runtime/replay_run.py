@@ -12,8 +12,12 @@ from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
 from app.runtime.holds import StepHolds
 from app.runtime.opening import PreparedCase
+from app.runtime.operator_command import LocalOperator
 from app.runtime.outputs import Output, StepTiming, end_outputs
 from app.session import Session, SessionSetup, SetupDoubts, StepResult
+
+THE_REPLAY = "the replay"
+"""Origin of changes that no display requests."""
 
 
 class ReplayRun:
@@ -22,7 +26,8 @@ class ReplayRun:
     ``rate`` is recorded time over clock time; None plays as fast as possible. ``start_s`` seeks
     before the first frame and ``end_s`` ends the run, both in seconds from the recording's first
     frame; a seek later needs another run, because a session whose clock jumps latches a fault.
-    ``setup`` and ``content`` replace those of ``prepared`` after an operator has changed them.
+    ``setup`` and ``content`` replace those of ``prepared`` after an operator has changed them;
+    ``origin`` is the display whose operator that is.
     ``clock_ns`` paces the player, ``stopwatch_ns`` measures each step. ``free_motion`` is that of
     `Session`.
     """
@@ -42,6 +47,7 @@ class ReplayRun:
         content: SessionContent | None = None,
         outputs: Sequence[Output] = (),
         free_motion: bool = False,
+        origin: str = THE_REPLAY,
     ) -> None:
         self.prepared = prepared
         self.session = Session(setup or prepared.setup, free_motion=free_motion)
@@ -64,6 +70,7 @@ class ReplayRun:
         self.commands = OperatorCommands(
             self.between_steps, content, self.outputs, holds=self.holds
         )
+        self.operator = LocalOperator(self.commands, origin)
 
     def steps(self) -> Generator[StepResult]:
         """Publish and yield the step of each frame, when it is due; ends with `stop`.
@@ -88,6 +95,11 @@ class ReplayRun:
             with self._stepping:
                 end_outputs(self.outputs)
 
+    @property
+    def delay_ns(self) -> int:
+        """0: steps are taken here."""
+        return 0
+
     def stop(self) -> None:
         """End `steps` soon; from any thread."""
         self.player.stop()
@@ -97,11 +109,6 @@ class ReplayRun:
         """Exclusive access to the session between two steps."""
         with self._stepping:
             yield self.session
-
-    def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Use these margins as `OperatorCommands.set_margins`; raises `MarginParameterError`."""
-        margins = self.commands.requested.margins
-        self.commands.set_margins(margins.replaced(stop_mm=stop_mm, warn_mm=warn_mm))
 
     def set_rate(self, rate: float) -> None:
         """Change the rate from now on; raises `InputError` out of range."""

@@ -5,20 +5,14 @@ from dataclasses import replace
 
 from app.geometry import InputError, Transform
 from app.runtime.content import SessionContent
-from app.runtime.requests import RequestKind
 from app.session import tip_change_text
 
 ShownChange = Callable[[SessionContent], tuple[SessionContent, str]]
 """From a content to the changed one, with a text on the change. Raises `InputError`."""
 
 
-def longer_needle(by_mm: float) -> tuple[RequestKind, ShownChange]:
-    """Show the needle longer by ``by_mm``; refused without a needle and for a length out of range.
-
-    >>> kind, _ = longer_needle(5.0)
-    >>> str(kind)
-    'needle_length'
-    """
+def longer_needle(by_mm: float) -> ShownChange:
+    """Show the needle longer by ``by_mm``; refused without one and for a length out of range."""
 
     def change(content: SessionContent) -> tuple[SessionContent, str]:
         known = content.needle
@@ -28,10 +22,10 @@ def longer_needle(by_mm: float) -> tuple[RequestKind, ShownChange]:
         text = f"from {known.length_mm:g} to {needle.length_mm:g} mm"
         return replace(content, needle=needle), text
 
-    return RequestKind.NEEDLE, change
+    return change
 
 
-def other_depth(depth_mm: float) -> tuple[RequestKind, ShownChange]:
+def other_depth(depth_mm: float) -> ShownChange:
     """Place images that are stamped from now on by the calibration of ``depth_mm``.
 
     Refused without listed depths, and for a depth that is not listed.
@@ -48,10 +42,10 @@ def other_depth(depth_mm: float) -> tuple[RequestKind, ShownChange]:
         text = f"from {known.depth_mm:g} to {depth.depth_mm:g} mm"
         return replace(content, image_depth=depth), text
 
-    return RequestKind.DEPTH, change
+    return change
 
 
-def other_stylus_tip(frame_from_tip: Transform, sigma_mm: float) -> tuple[RequestKind, ShownChange]:
+def other_stylus_tip(frame_from_tip: Transform, sigma_mm: float) -> ShownChange:
     """Use this tip of the stylus; refused without a stylus, and as `Stylus.with_tip`."""
 
     def change(content: SessionContent) -> tuple[SessionContent, str]:
@@ -61,4 +55,4 @@ def other_stylus_tip(frame_from_tip: Transform, sigma_mm: float) -> tuple[Reques
         text = "the first tip" if before is None else tip_change_text(before, frame_from_tip)
         return replace(content, stylus=stylus), f"{text}, sigma {sigma_mm:.2f} mm"
 
-    return RequestKind.STYLUS, change
+    return change

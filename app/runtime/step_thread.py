@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.geometry import MarginGuardError
-from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
 from app.runtime.holds import SeenHold
 from app.runtime.latest_value import LatestValue
+from app.runtime.operator_command import Operator
 from app.session import StepResult
 
 _JOIN_S = 10.0
@@ -23,17 +23,18 @@ class StepRun(Protocol):
     """What a `StepThread` runs: a replay or a live session."""
 
     @property
-    def commands(self) -> OperatorCommands | None:
-        """Changes the session; None until the session exists."""
+    def operator(self) -> Operator | None:
+        """What a display may do with the session; None until the session exists."""
 
     def steps(self) -> Iterator[StepResult]:
         """Yield the steps; an operator's command waits while one is being taken."""
 
+    @property
+    def delay_ns(self) -> int:
+        """By how much the last step came later than usual, 0 for one that was taken here."""
+
     def stop(self) -> None:
         """End `steps` soon; from any thread."""
-
-    def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Use these from the next step on; raises `MarginGuardError` and changes nothing."""
 
     def pace(self) -> float:
         """Rate of the stamps over the clock, at most 1; 0 while paused."""
@@ -116,10 +117,11 @@ class StepThread:
         try:
             for step in self.run.steps():
                 # No command can replace the content while the step is being taken.
-                commands = self.run.commands
-                content = None if commands is None else commands.content
-                seen = None if commands is None else commands.seen()
-                self._latest.put(DeliveredStep(self, step, content, self._clock_ns(), seen))
+                operator = self.run.operator
+                content = None if operator is None else operator.content
+                seen = None if operator is None else operator.seen()
+                came_ns = self._clock_ns() - self.run.delay_ns
+                self._latest.put(DeliveredStep(self, step, content, came_ns, seen))
                 self._changed()
         except Exception as error:  # any error: the display reports it and turns grey
             self.failure = self._describe(error)

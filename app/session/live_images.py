@@ -54,7 +54,6 @@ class LiveImages:
 
     def __init__(self, depths: ImageDepths, *, stale_after_ns: int, max_gap_ns: int) -> None:
         self._depths = depths
-        self._last_choice: tuple[float, int] | None = None
         self._newest_pose_ns: int | None = None
         self.report: Callable[[str], None] = lambda problem: None
         self._limits = FreshnessLimits(stale_after_ns, future_tolerance_ns=stale_after_ns)
@@ -107,13 +106,7 @@ class LiveImages:
                 known.append(self._newest_pose_ns)
             from_ns = max(known, default=None)
             self._depths.choose(depth_mm, from_ns)
-            self._last_choice = depth_mm, 0 if from_ns is None else from_ns
             self._problem = ""
-
-    @property
-    def last_choice(self) -> tuple[float, int] | None:
-        """The depth in mm that was chosen last, and the stamp in ns after which it holds."""
-        return self._last_choice
 
     def add(self, image: ImageSample) -> None:
         """Add the next image; one without a stamp, or of another size than the first, is refused.

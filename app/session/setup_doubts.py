@@ -8,10 +8,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import isfinite
 from statistics import median
+from typing import Protocol
 
 import numpy as np
 
-from app.fixture import MarginState
+from app.fixture import MarginParameters, MarginState
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
@@ -20,7 +21,7 @@ from app.geometry import (
     Transform,
     rotation_angle,
 )
-from app.session.setup import REFERENCE, SessionSetup
+from app.session.setup import REFERENCE
 from app.session.step_result import StepResult
 
 FAR_MM = 1000.0
@@ -63,13 +64,29 @@ class _SensorTrail:
         )
 
 
+class DoubtedSetup(Protocol):
+    """What is known of a session: a `SessionSetup`, or the content of one."""
+
+    @property
+    def margins(self) -> MarginParameters:
+        """The margins."""
+
+    @property
+    def tool_from_tip(self) -> Transform:
+        """The tip in the tool's tracked frame."""
+
+    @property
+    def frame_from_tumor(self) -> Transform:
+        """The tumour in the tracked frame that it moves with."""
+
+
 class SetupDoubts:
     """Call `observe` with each step; `texts` are the doubts so far.
 
     ``setup`` names the frames; ``stale_after_ns`` may be set to that of new margins.
     """
 
-    def __init__(self, setup: SessionSetup) -> None:
+    def __init__(self, setup: DoubtedSetup) -> None:
         self.stale_after_ns = setup.margins.stale_after_ns
         self._tool = setup.tool_from_tip.target
         self._tip_is_origin = False

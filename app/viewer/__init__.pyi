@@ -6,7 +6,7 @@ from .readout.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
 from .steps.feeds import LiveFeed, ReplayFeed
 from .steps.live_operator import LiveOperator
-from .steps.live_output import LiveOutput
+from .steps.live_steps import LiveSteps
 from .steps.mouse_hand import MouseHand
 from .steps.view_state import ViewState, ViewStateBuilder
 
@@ -14,7 +14,7 @@ __all__ = [
     "Address",
     "LiveFeed",
     "LiveOperator",
-    "LiveOutput",
+    "LiveSteps",
     "LiveTimeline",
     "MouseHand",
     "ReplayFeed",

@@ -14,7 +14,7 @@ from app.contour import Contour, ContourEditor, ContourSurface, contour_surface
 from app.contour.uncertainty import pixel_sigma
 from app.files.meshes import write_mesh
 from app.geometry import FloatArray, MarginGuardError, SurfaceMesh, Transform
-from app.runtime import Compute, SessionContent
+from app.runtime import Compute, SessionContent, SetTumor
 from app.scene import ContourModel, MarginGuardScene
 from app.viewer.access.auth import ROLE
 from app.viewer.access.role import Role
@@ -27,8 +27,8 @@ from app.viewer.steps.contour_places import ContourPlaces, frame_from_tumor
 from app.viewer.steps.plane_lines import SurfaceCuts, pixels_from_root
 from app.viewer.steps.view_state import ViewState
 
-UseTumor = Callable[[Transform, SurfaceMesh, float], bool]
-"""Begins to use ``(frame_from_tumor, tumor, sigma_mm)``; False while that is not possible."""
+UseTumor = Callable[[SetTumor], bool]
+"""Begins to replace the tumour; False while that is not possible."""
 
 
 class ContourPart:
@@ -106,7 +106,7 @@ class ContourPart:
             raise NotDoneError("contour: this is a replay; expected a live session")
         edge = frame_from_tumor(self._content)
         mesh, sigma_mm = self._finished(edge)
-        if not self._use(edge, mesh, sigma_mm):
+        if not self._use(SetTumor(edge, mesh, sigma_mm)):
             raise NotDoneError(
                 "contour: the session is not ready for another tumour; expected the same request "
                 "later"

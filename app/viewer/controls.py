@@ -7,7 +7,7 @@ from trame_server.state import State
 from app.case import MAX_DEPTH_MM
 from app.fixture import MarginParameters
 from app.geometry import InputError
-from app.runtime import SeenHold, longer_needle, other_depth
+from app.runtime import ChooseDepth, LengthenNeedle, Rearm, Record, SetMargins
 from app.runtime.workflow.event_notes import MAX_CHARS, EventNotes
 from app.scene import MarkerStyle
 from app.scene.margin.breach_markers import (
@@ -34,6 +34,10 @@ _MAX_SEQ = 2**53 - 1
 """Largest integer that JavaScript represents."""
 _MAX_NONCE = 2**64 - 1
 _MAX_RECORDING_NAME = 64
+_LATER = (
+    "the session has not begun, or does not answer an earlier request yet; expected the request "
+    "later"
+)
 _MAX_NEEDLE_STEP = 10.0
 """Largest change in mm of the needle's length at once."""
 _MAX_STOP_MM, _MAX_WARN_MM = (MarginParameters.ranges()[name][1] for name in ("stop_mm", "warn_mm"))
@@ -191,50 +195,49 @@ class LiveControls:
         commands.add("image_depth", self._choose_depth, depth, depth)
 
     def _record(self, start: bool, name: str) -> None:
-        if not self._operator.record(start, name.strip()):
-            raise NotDoneError(
-                "recording: the session or the recorder is starting; expected the request later"
-            )
+        if not self._operator.request(Record(start, name.strip())):
+            raise NotDoneError("recording: " + _LATER)
 
     def _lengthen(self, by_mm: float) -> None:
-        if not self._operator.change_shown(longer_needle(by_mm)):
-            raise NotDoneError("needle: the session has not begun; expected the request later")
+        if not self._operator.request(LengthenNeedle(by_mm)):
+            raise NotDoneError("needle: " + _LATER)
 
     def _choose_depth(self, seen_mm: float, depth_mm: float) -> None:
         """Use ``depth_mm`` for new images, while the page has shown ``seen_mm`` as in use."""
-        known = self._operator.image_depth
+        content = self._operator.content
+        known = None if content is None else content.image_depth
         if known is not None and known.depth_mm != seen_mm:
             raise NotDoneError(
                 f"depth of the images: it is now {known.depth_mm:g} mm, and nothing was done; "
                 "expected the same request again, after a look at it"
             )
-        if not self._operator.change_shown(other_depth(depth_mm)):
-            raise NotDoneError(
-                "depth of the images: the session has not begun; expected the request later"
-            )
+        if not self._operator.request(ChooseDepth(depth_mm)):
+            raise NotDoneError("depth of the images: " + _LATER)
 
     def _set_margins(
         self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float
     ) -> None:
         """Change the margins that the page has shown as ``seen_stop`` and ``seen_warn``."""
-        margins = self._operator.margins
-        if margins is not None and margins != (seen_stop, seen_warn):
+        content = self._operator.content
+        margins = None if content is None else content.margins
+        if margins is not None and (margins.stop_mm, margins.warn_mm) != (seen_stop, seen_warn):
             raise NotDoneError(
-                f"margins: they are now {margins[0]:g} and {margins[1]:g} mm, and nothing was "
-                "done; expected the same request again, after a look at them"
+                f"margins: they are now {margins.stop_mm:g} and {margins.warn_mm:g} mm, and "
+                "nothing was done; expected the same request again, after a look at them"
             )
         if stop_mm >= warn_mm:
             raise NotDoneError(
                 f"margins: stop {stop_mm:g} mm, warning {warn_mm:g} mm; expected a larger warning "
                 "distance"
             )
-        if not self._operator.set_margins(stop_mm, warn_mm):
-            raise NotDoneError("margins: the session has not begun; expected the request later")
+        if not self._operator.request(SetMargins(stop_mm, warn_mm)):
+            raise NotDoneError("margins: " + _LATER)
 
     def _rearm(self, seq: int, nonce: str) -> None:
         if not (nonce.isascii() and nonce.isdecimal()) or not 0 < int(nonce) <= _MAX_NONCE:
             raise RefusedError("nonce: not that of a hold; expected the decimal number of one")
-        self._operator.rearm(SeenHold(seq, int(nonce)))
+        if not self._operator.request(Rearm(seq, int(nonce))):
+            raise NotDoneError("re-arm: " + _LATER)
 
 
 class NoteControls:

@@ -16,7 +16,15 @@ from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
 from app.files.volume_file import Volume
-from app.runtime import RobotRegistration, SimulatedWorld, ToolCalibration, compute_here
+from app.runtime import (
+    AddNote,
+    RobotRegistration,
+    SetRegistration,
+    SimulatedWorld,
+    ToolCalibration,
+    compute_here,
+    tip_command,
+)
 from app.runtime.workflow.event_notes import EventNotes
 from app.viewer.address import Address
 from app.viewer.body_drag import BodyDrag
@@ -122,6 +130,7 @@ class Viewer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped: asyncio.Event | None = None
         self._title = title
+        self._operator = operator
         self._server = _server(title, client=client)
         state = self._server.state
         client_scene = ClientScene(view) if client else None
@@ -132,13 +141,21 @@ class Viewer:
         self._calibration = (
             None
             if calibration is None or operator is None
-            else CalibrationPart(calibration, operator.compute, self.wake, operator.set_tip)
+            else CalibrationPart(
+                calibration,
+                operator.compute,
+                self.wake,
+                lambda change: operator.request(tip_command(change)),
+            )
         )
         self._registration = (
             None
             if registration is None or operator is None
             else RegistrationPart(
-                registration, operator.compute, self.wake, operator.set_registration
+                registration,
+                operator.compute,
+                self.wake,
+                lambda result: operator.request(SetRegistration(result)),
             )
         )
         self._world = None if world is None else WorldPart(world)
@@ -169,7 +186,7 @@ class Viewer:
             ReplayControls(state, self._commands, control, self.redraw)
         if operator is not None:
             LiveControls(self._commands, operator)
-        listed = _ignore if operator is None else operator.note
+        listed = _ignore if operator is None else _noted(operator)
         NoteControls(self._commands, title.notes, lambda: self._page.shown, listed, self.redraw)
         if self._images is not None:
             ImageControls(self._commands, self._images, kinds, self.redraw)
@@ -185,7 +202,7 @@ class Viewer:
     def _contour_part(self, view: SceneView, operator: LiveOperator | None) -> ContourPart | None:
         """The contour of a live session, and of a replay with images."""
         if operator is not None:
-            return ContourPart(view.content, operator.compute, self.wake, operator.set_tumor)
+            return ContourPart(view.content, operator.compute, self.wake, operator.request)
         if self._title.images is not None:
             return ContourPart(view.content, compute_here, self.wake)
         return None
@@ -248,6 +265,8 @@ class Viewer:
         await sockets.close()
         await web_server.stop()
         await self._server.stop()
+        if self._operator is not None:
+            self._operator.close()
         if self._contour is not None:
             self._contour.close()
         if self._calibration is not None:
@@ -285,6 +304,15 @@ class Viewer:
         content = self._page.screenshot()
         self.redraw()  # the scene may be newer than the pages' picture
         return content
+
+
+def _noted(operator: LiveOperator) -> Callable[[str], None]:
+    """Lists a note with the requests of a live session, in its audit log too."""
+
+    def listed(text: str) -> None:
+        operator.request(AddNote(text))
+
+    return listed
 
 
 def _ignore(_text: str) -> None:

@@ -213,7 +213,15 @@ class PageReceiver(Receiver):
 
     def run(self, has_ended: Callable[[], bool]) -> None:
         options = argparse.Namespace(
-            config=CONFIG, package_dirs=(), tip_only=False, namespace="", audit=None, cases=None
+            config=CONFIG,
+            package_dirs=(),
+            tip_only=False,
+            namespace="",
+            audit=None,
+            cases=None,
+            node=None,
+            hand=None,
+            world=None,
         )
         with ExitStack() as stack:
             viewer = stack.enter_context(live_page(options, SignalState(), scheduler=self._loop))

@@ -85,13 +85,13 @@ def test_killed_simulation_leaves_no_process(group):
     wait_until_ended(children.values())
 
 
-def test_page_is_the_guard_and_ends_with_the_simulation(start, project_root):
+def test_guard_and_page_are_two_processes_and_end_with_the_simulation(start, project_root):
     world = project_root / "data" / "worlds" / "lumpectomy"
     group = start("-m", "app.cli", "simulate", str(world), "--with", "live", "--view")
     assert group.line(lambda line: line.startswith("view: http")).count("token=") == 1
     group.line(lambda line: line.startswith("SIMULATION"))
     children = children_of(group.process.pid)
-    assert set(children) == {"view"}
+    assert set(children) == {"live", "view"}
     assert group.end(signal.SIGINT) == 130
     wait_until_ended(children.values())
 

@@ -20,6 +20,7 @@ from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
 from tests.viewer.conftest import TOKEN, Server, Watched
 from tests.viewer.conftest import can_draw as can_draw
 from tests.viewer.conftest import viewed_case as viewed_case
+from tests.viewer.page_actions import accepted as accepted_by_page
 from tests.viewer.test_server_gone import check_lost
 
 pytestmark = pytest.mark.long
@@ -33,13 +34,14 @@ SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
         [],
         ["data/recorded_case", "--live"],
         ["--live"],
+        ["--live", "--config", "live.yaml", "--node", "/marginguard"],
         ["--config", "live.yaml"],
         ["data/recorded_case", "--config", "live.yaml"],
     ],
 )
 def test_case_and_live_session_exclude_each_other(arguments, capsys):
     assert main(["view", *arguments]) == 2
-    assert "expected CASE, or --live and --config FILE" in capsys.readouterr().err
+    assert "expected CASE, --live and --config FILE, or --live and" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--token", "--view-token"])
@@ -109,7 +111,7 @@ def live_server(can_draw: None, domain_id: int, live_yaml, tmp_path: Path) -> It
 
 def rearm_on(page: Page) -> None:
     """End the hold by the page's button; again if poses that came late have begun another one."""
-    request, accepted = page.locator("#request"), re.compile("rearm from the page accepted")
+    request, accepted = page.locator("#request"), accepted_by_page("rearm")
     while True:
         page.locator("#rearm summary").click()
         with suppress(PlaywrightTimeout):  # the button of an earlier hold disappears
@@ -154,10 +156,10 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     stop_mm = float(stop.input_value())
     page.fill("#margins-stop", f"{stop_mm + 0.5:g}")
     page.click("#margins-confirm")
-    expect(request).to_contain_text("set_margins from the page accepted: stop_mm")
+    expect(request).to_contain_text(accepted_by_page("set_margins", ": stop_mm"))
     page.fill("#note-text", "first cut")
     page.click("#note-add")
-    expect(request).to_contain_text("note from the page accepted: first cut (step ")
+    expect(request).to_contain_text(accepted_by_page("note", r": first cut \(step "))
     expect(page.locator(".notes li")).to_contain_text("first cut")
     count = page.locator("#contour-count")
     while count.inner_text() == "no points":  # refused while a pose is late

@@ -18,7 +18,15 @@ from app.geometry import (
     Transform,
 )
 from app.registration import given_registration
-from app.runtime import ImageDepth, RearmRefusedError, SeenHold, longer_needle, other_depth
+from app.runtime import (
+    ChooseDepth,
+    ImageDepth,
+    LengthenNeedle,
+    LocalOperator,
+    RearmRefusedError,
+    SeenHold,
+    SetStylusTip,
+)
 from tests.doubles import PARAMETERS, frame, joint_sample, sample
 from tests.runtime.command_world import (
     APPLIED,
@@ -44,9 +52,11 @@ from tests.session_content import FACES, TETRAHEDRON
 ALL_COMMANDS = pytest.mark.parametrize(
     "command",
     [
-        lambda commands: commands.set_margins(PARAMETERS.replaced(stop_mm=2.0, warn_mm=6.0)),
-        lambda commands: commands.set_tumor(MOVED_TUMOR, LARGER),
-        lambda commands: commands.set_registration(given_registration(MOVED_BASE)),
+        lambda commands: commands.set_margins(
+            PARAMETERS.replaced(stop_mm=2.0, warn_mm=6.0), origin="a test"
+        ),
+        lambda commands: commands.set_tumor(MOVED_TUMOR, LARGER, origin="a test"),
+        lambda commands: commands.set_registration(given_registration(MOVED_BASE), origin="a test"),
     ],
     ids=["margins", "tumour", "registration"],
 )
@@ -59,7 +69,7 @@ def world():
 
 def test_length_of_the_needle_changes_only_what_is_shown():
     world = World(needle=NEEDLE)
-    world.commands.change_shown(longer_needle(5.0), origin="a test")
+    LocalOperator(world.commands, "a test").request(LengthenNeedle(5.0))
     world.assert_only_shown_content_changed()
     content = world.commands.content
     assert content.needle.length_mm == 65.0
@@ -73,7 +83,7 @@ def test_length_of_the_needle_changes_only_what_is_shown():
 
 def test_tip_of_the_stylus_changes_neither_the_tool_nor_the_session():
     world = World(stylus=STYLUS)
-    world.commands.set_stylus_tip(STYLUS_TIP, sigma_mm=0.3, origin="a test")
+    LocalOperator(world.commands, "a test").request(SetStylusTip(STYLUS_TIP, 0.3))
     world.assert_only_shown_content_changed()
     content = world.commands.content
     assert content.tool_from_tip is world.content.tool_from_tip
@@ -87,14 +97,14 @@ def test_tip_of_the_stylus_changes_neither_the_tool_nor_the_session():
     request = world.commands.requests.last.line
     assert request == "set_stylus_tip from a test accepted: the first tip, sigma 0.30 mm"
     moved = Transform("pointer", "pointer_tip", np.eye(3), [1.0, 2.0, 142.0])
-    world.commands.set_stylus_tip(moved, sigma_mm=0.2)
+    LocalOperator(world.commands, "a test").request(SetStylusTip(moved, 0.2))
     assert "the tip is moved by 2.00 mm" in world.commands.requests.last.text
 
 
 def test_depth_of_the_images_changes_only_how_they_are_placed():
     world, recorder = World(image_depth=DEPTHS), RecorderDouble()
     world.use_commands(recorder=recorder)
-    world.commands.change_shown(other_depth(60.0), origin="a test")
+    LocalOperator(world.commands, "a test").request(ChooseDepth(60.0))
     world.assert_only_shown_content_changed()
     content = world.commands.content
     assert content.image_depth == ImageDepth((40.0, 60.0), 60.0)
@@ -105,7 +115,7 @@ def test_depth_of_the_images_changes_only_how_they_are_placed():
 
 
 def test_tumour_is_prepared_before_lock_and_revoked_before_switch(world):
-    model_id = world.commands.set_tumor(MOVED_TUMOR, LARGER)
+    model_id = world.commands.set_tumor(MOVED_TUMOR, LARGER, origin="a test")
     # The first lock reads the setup.
     assert world.events == ["lock", "unlock", *PREPARED, "lock", *APPLIED, *LATCHED, "unlock"]
     content = world.commands.content
@@ -118,16 +128,16 @@ def test_tumour_is_prepared_before_lock_and_revoked_before_switch(world):
 
 
 def test_uncertainty_of_a_tumour_enters_session_and_content_and_is_named(world):
-    world.commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.6)
+    world.commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.6, origin="a test")
     assert world.session.setup.tumor_sigma_mm == 0.6
     assert world.commands.content.tumor_sigma_mm == 0.6
     assert "uncertainty from 0.00 to 0.60 mm" in world.session.hold_causes[0]
-    world.commands.set_tumor(TUMOR_EDGE, LARGER)
+    world.commands.set_tumor(TUMOR_EDGE, LARGER, origin="a test")
     assert world.session.setup.tumor_sigma_mm == 0.0
 
 
 def test_tip_is_used_by_session_content_and_outputs_and_latches_a_hold(world):
-    world.commands.set_tip(OTHER_TIP, sigma_mm=0.2)
+    world.commands.set_tip(OTHER_TIP, sigma_mm=0.2, origin="a test")
     assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
     assert world.session.setup.tool_from_tip is OTHER_TIP
     assert world.session.setup.tip_sigma_mm == world.commands.content.tip_sigma_mm == 0.2
@@ -145,7 +155,7 @@ def test_uncertainty_of_the_tip_enters_sigma_and_the_pose_is_doubted_until_the_r
     world = World(robot=None)
     for index in range(2):
         known = world.session.step(tracking_frame(index)).decision
-    world.commands.set_tip(tip, sigma_mm=0.3)
+    world.commands.set_tip(tip, sigma_mm=0.3, origin="a test")
     held = world.session.step(tracking_frame(2)).decision
     assert held.margin.tre_mm == pytest.approx(known.margin.tre_mm + PARAMETERS.k_tre * 0.3)
     assert held.hold
@@ -174,15 +184,19 @@ class RecorderDouble:
 def test_recording_begins_with_the_values_in_use_and_notes_what_is_replaced_later(world):
     recorder = RecorderDouble()
     commands = world.use_commands(recorder=recorder)
-    commands.start_recording("a")
-    commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.5)  # shown by the ids of the constraint
-    commands.set_tip(OTHER_TIP, sigma_mm=0.2)
+    commands.start_recording("a", origin="a test")
+    commands.set_tumor(
+        TUMOR_EDGE, LARGER, sigma_mm=0.5, origin="a test"
+    )  # shown by the ids of the constraint
+    commands.set_tip(OTHER_TIP, sigma_mm=0.2, origin="a test")
     margins = PARAMETERS.replaced(stop_mm=2.0, warn_mm=6.0)
-    commands.set_margins(margins)
+    commands.set_margins(margins, origin="a test")
     registration = given_registration(MOVED_BASE)
-    commands.set_registration(registration)
-    commands.set_tumor(TUMOR_EDGE, LARGER, sigma_mm=0.7)  # the same surface: not shown by them
-    commands.start_recording("b")
+    commands.set_registration(registration, origin="a test")
+    commands.set_tumor(
+        TUMOR_EDGE, LARGER, sigma_mm=0.7, origin="a test"
+    )  # the same surface: not shown by them
+    commands.start_recording("b", origin="a test")
     assert recorder.noted == [(), (), ("tip",), ("margins",), (), ("tumour",), ()]
     first, second = recorder.values
     assert (first.tumor, first.registration, first.tip_sigma_mm) == (None, None, 0.0)
@@ -194,21 +208,21 @@ def test_recording_begins_with_the_values_in_use_and_notes_what_is_replaced_late
 
 def test_tip_of_a_mounted_tool_may_be_at_another_place():
     world = World(robot=MOUNTED)
-    world.commands.set_tip(OTHER_TIP)
+    world.commands.set_tip(OTHER_TIP, origin="a test")
     assert world.session.hold_causes
 
 
 def test_tumour_of_tip_only_session_needs_no_tool():
     tumor = SurfaceMesh("tumor", TETRAHEDRON, FACES)
     world = World(tool=None, proximity=TipProximity(tumor))
-    world.commands.set_tumor(TUMOR_EDGE, LARGER)
+    world.commands.set_tumor(TUMOR_EDGE, LARGER, origin="a test")
     assert isinstance(world.session.setup.proximity, TipProximity)
     assert world.commands.content.tumor is LARGER
 
 
 def test_registration_changes_robot_and_static_edge(world):
     registration = given_registration(MOVED_BASE)
-    registration_id = world.commands.set_registration(registration)
+    registration_id = world.commands.set_registration(registration, origin="a test")
     assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
     content = world.commands.content
     assert content.registration is registration
@@ -249,7 +263,7 @@ def test_rearm_is_checked_between_steps_and_ends_no_other_hold(world):
     holds.error = RearmRefusedError("nonce is 9: not that of the present hold")
     commands = world.use_commands(holds=holds)
     with pytest.raises(RearmRefusedError, match="nonce is 9"):
-        commands.rearm(SeenHold(7, 9))
+        commands.rearm(SeenHold(7, 9), origin="a test")
     assert world.events == ["lock", "check 9", "unlock"]
     assert (commands.requests.last.kind, commands.requests.last.accepted) == ("rearm", False)
 
@@ -257,7 +271,7 @@ def test_rearm_is_checked_between_steps_and_ends_no_other_hold(world):
 def test_rearm_is_refused_while_state_is_unknown_and_keeps_the_nonce(world):
     commands = world.use_commands(holds=HoldsDouble(world.events))
     with pytest.raises(NotRearmableError):
-        commands.rearm(SeenHold(7, 9))
+        commands.rearm(SeenHold(7, 9), origin="a test")
     assert "spend 9" not in world.events
     world.assert_unchanged()
 
@@ -285,7 +299,7 @@ def tracking_frame(index):
 def test_looser_margins_latch_a_hold_and_apply_with_its_rearm(world):
     known(world)
     looser = PARAMETERS.replaced(stop_mm=0.5, stale_after_ns=10_000_000_000)
-    world.commands.set_margins(looser)
+    world.commands.set_margins(looser, origin="a test")
     assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
     text = f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.5, stale_after_ms raised from "
     assert world.outputs[0].causes[0].startswith(text)
@@ -294,7 +308,7 @@ def test_looser_margins_latch_a_hold_and_apply_with_its_rearm(world):
     step = known(world)
     assert step.decision.hold
     assert step.hold_causes == world.outputs[0].causes
-    world.commands.rearm(world.commands.seen())
+    world.commands.rearm(world.commands.seen(), origin="a test")
     assert world.commands.content.margins == looser == world.session.setup.margins
     world.assert_used_by_outputs()
     assert not known(world).decision.hold
@@ -302,19 +316,19 @@ def test_looser_margins_latch_a_hold_and_apply_with_its_rearm(world):
 
 def test_nonce_of_a_hold_dies_with_the_next_loosening_before_any_step(world):
     known(world)
-    world.commands.set_margins(PARAMETERS.replaced(stop_mm=0.5))
+    world.commands.set_margins(PARAMETERS.replaced(stop_mm=0.5), origin="a test")
     known(world)
     seen = world.commands.seen()
-    world.commands.set_margins(PARAMETERS.replaced(stop_mm=0.25))
+    world.commands.set_margins(PARAMETERS.replaced(stop_mm=0.25), origin="a test")
     with pytest.raises(RearmRefusedError, match="not that of the present hold"):
-        world.commands.rearm(seen)
+        world.commands.rearm(seen, origin="a test")
     assert world.session.setup.margins == PARAMETERS
 
 
 def test_tightening_needs_no_rearm(world):
     known(world)
     tighter = PARAMETERS.replaced(stop_mm=2.0, warn_mm=9.0, stale_after_ns=20_000_000)
-    world.commands.set_margins(tighter)
+    world.commands.set_margins(tighter, origin="a test")
     assert world.session.setup.margins == tighter == world.commands.content.margins
     world.assert_used_by_outputs()
     assert world.output_events == [*PREPARED, *APPLIED]
@@ -323,19 +337,19 @@ def test_tightening_needs_no_rearm(world):
 
 def test_new_tumour_is_described_in_the_hold_and_in_the_request(world):
     known(world)
-    world.commands.set_tumor(TUMOR_EDGE, LARGER)
+    world.commands.set_tumor(TUMOR_EDGE, LARGER, origin="a test")
     (cause,) = world.outputs[0].causes
     assert "THE VOLUME DIFFERS BY MORE THAN A FACTOR OF 2" in cause
     assert cause in world.commands.requests.last.text
     # A later change does not hide the earlier one.
-    world.commands.set_margins(PARAMETERS.replaced(k_tre=0.0))
+    world.commands.set_margins(PARAMETERS.replaced(k_tre=0.0), origin="a test")
     assert [each.partition(" ")[0] for each in world.outputs[0].causes] == ["k_tre", "tumour"]
 
 
 def test_tumour_with_too_many_triangles_is_refused(world):
     commands = world.use_commands(max_triangles=3)
     with pytest.raises(InputError, match="has 4 triangles; expected at most 3 in a live session"):
-        commands.set_tumor(TUMOR_EDGE, LARGER)
+        commands.set_tumor(TUMOR_EDGE, LARGER, origin="a test")
     world.assert_unchanged()
 
 
@@ -344,13 +358,15 @@ def test_every_command_is_listed_with_its_origin(world):
     world.commands.requests.listen(listed.append)
     world.commands.set_margins(PARAMETERS.replaced(stop_mm=2.0), origin="panel")
     with pytest.raises(MeshError):
-        world.commands.set_tumor(TUMOR_EDGE, SurfaceMesh("tumor", TETRAHEDRON, FACES[:3]))
+        world.commands.set_tumor(
+            TUMOR_EDGE, SurfaceMesh("tumor", TETRAHEDRON, FACES[:3]), origin="a test"
+        )
     assert [(each.kind, each.origin, each.accepted) for each in listed] == [
         ("set_margins", "panel", True),
-        ("set_tumor", "this process", False),
+        ("set_tumor", "a test", False),
     ]
     assert listed[0].line.startswith("set_margins from panel accepted: stop_mm raised from ")
-    assert listed[1].line.startswith("set_tumor from this process REFUSED: ")
+    assert listed[1].line.startswith("set_tumor from a test REFUSED: ")
 
 
 @ALL_COMMANDS
@@ -374,12 +390,16 @@ def test_margins_are_refused_at_once_while_a_tumour_is_prepared(world):
         return prepare(content)
 
     world.outputs[0].prepare = slow_prepare
-    change = threading.Thread(target=world.commands.set_tumor, args=(MOVED_TUMOR, LARGER))
+    change = threading.Thread(
+        target=world.commands.set_tumor,
+        args=(MOVED_TUMOR, LARGER),
+        kwargs={"origin": "a test"},
+    )
     change.start()
     assert entered.wait(60.0)
     before = world.session.setup.margins
     with pytest.raises(InputError, match="another change is being prepared"):
-        world.commands.set_margins(before.replaced(stop_mm=2.0, warn_mm=6.0))
+        world.commands.set_margins(before.replaced(stop_mm=2.0, warn_mm=6.0), origin="a test")
     assert world.session.setup.margins == before
     leave.set()
     change.join(60.0)

@@ -6,7 +6,7 @@ import pytest
 
 from app.geometry import FrameError, InputError, MeshError, SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import longer_needle, other_depth
+from app.runtime import ChooseDepth, LengthenNeedle, LocalOperator, SetStylusTip
 from tests.runtime.command_world import (
     DEPTHS,
     LARGER,
@@ -31,23 +31,24 @@ REGISTRATION = given_registration(MOVED_BASE)
 
 
 def needle(by_mm):
-    return lambda commands: commands.change_shown(longer_needle(by_mm))
+    return lambda commands: LocalOperator(commands, "a test").request(LengthenNeedle(by_mm))
 
 
 def depth(commands):
-    commands.change_shown(other_depth(50.0))
+    LocalOperator(commands, "a test").request(ChooseDepth(50.0))
 
 
 def stylus(edge=STYLUS_TIP, sigma_mm=0.0):
-    return lambda commands: commands.set_stylus_tip(edge, sigma_mm=sigma_mm)
+    command = SetStylusTip(edge, sigma_mm)
+    return lambda commands: LocalOperator(commands, "a test").request(command)
 
 
 def tip(edge=TOOL_EDGE, sigma_mm=0.0):
-    return lambda commands: commands.set_tip(edge, sigma_mm=sigma_mm)
+    return lambda commands: commands.set_tip(edge, sigma_mm=sigma_mm, origin="a test")
 
 
 def tumor(edge=TUMOR_EDGE, sigma_mm=0.0, surface=LARGER):
-    return lambda commands: commands.set_tumor(edge, surface, sigma_mm=sigma_mm)
+    return lambda commands: commands.set_tumor(edge, surface, sigma_mm=sigma_mm, origin="a test")
 
 
 def surface(frame, faces=FACES):
@@ -55,7 +56,7 @@ def surface(frame, faces=FACES):
 
 
 def use(registration):
-    return lambda commands: commands.set_registration(registration)
+    return lambda commands: commands.set_registration(registration, origin="a test")
 
 
 def registration(target, source):

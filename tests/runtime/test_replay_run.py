@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.geometry import InputError
-from app.runtime import PassiveOutput, PreparedCase, ReplayRun
+from app.runtime import PassiveOutput, PreparedCase, ReplayRun, SetMargins
 from app.runtime.replay_run import RobotProblems
 from app.session import SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
@@ -177,7 +177,7 @@ def test_setup_and_content_of_operator_replace_those_of_case():
 
 def test_margins_change_content_and_setup():
     run = replay()
-    run.set_margins(2.0, 6.0)
+    run.operator.request(SetMargins(2.0, 6.0))
     for margins in (run.commands.content.margins, run.commands.setup.margins):
         assert (margins.stop_mm, margins.warn_mm) == (2.0, 6.0)
     assert (CONTENT.margins.stop_mm, CONTENT.margins.warn_mm) == (1.0, 5.0)
@@ -193,7 +193,7 @@ def test_command_waits_until_step_is_taken():
 
     def change():
         started.set()
-        run.set_margins(2.0, 6.0)
+        run.operator.request(SetMargins(2.0, 6.0))
 
     thread = threading.Thread(target=change)
     thread.start()

@@ -18,8 +18,10 @@ NEGATIVE, UNKNOWN = MarginState.NEGATIVE, MarginState.UNKNOWN
 class RunDouble:
     """Test double of a run: yields ``steps`` and then waits for `stop`, or raises ``error``."""
 
-    def __init__(self, *steps, pace=1.0, error=None, commands=None):
-        self.commands = commands
+    delay_ns = 0
+
+    def __init__(self, *steps, pace=1.0, error=None, operator=None):
+        self.operator = operator
         self._steps, self._pace, self._error = steps, pace, error
         self._stopped = threading.Event()
 
@@ -31,9 +33,6 @@ class RunDouble:
 
     def stop(self):
         self._stopped.set()
-
-    def set_margins(self, stop_mm, warn_mm):
-        raise AssertionError("a step thread sets no margins")
 
     def pace(self):
         return self._pace
@@ -79,7 +78,7 @@ def test_step_is_delivered_once_with_time_of_its_arrival(start, clock):
 def test_step_is_delivered_with_content_of_its_time(start):
     before, after = object(), object()
     commands = SimpleNamespace(content=before, seen=lambda: None)
-    delivered = start(RunDouble(step_double(), commands=commands)).newest(DEADLINE_S)
+    delivered = start(RunDouble(step_double(), operator=commands)).newest(DEADLINE_S)
     commands.content = after
     assert delivered.content is before
 
@@ -150,7 +149,7 @@ def test_step_of_replaced_run_ages_although_new_run_is_paused(start, clock):
 
 def test_step_is_delivered_with_the_hold_of_its_time(start):
     commands = SimpleNamespace(content=None, seen=lambda: SeenHold(7, 9))
-    delivered = start(RunDouble(step_double(), commands=commands)).newest(DEADLINE_S)
+    delivered = start(RunDouble(step_double(), operator=commands)).newest(DEADLINE_S)
     assert delivered.seen == SeenHold(7, 9)
     assert start(RunDouble(step_double())).newest(DEADLINE_S).seen is None
 

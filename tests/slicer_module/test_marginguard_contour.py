@@ -25,7 +25,7 @@ def panel_logic(replayed):
 
 
 def edge(panel_logic):
-    return panel_logic.session.commands().setup.frame_from_tumor
+    return panel_logic.session.started().content.frame_from_tumor
 
 
 def ball(panel_logic, count=40):
@@ -33,7 +33,7 @@ def ball(panel_logic, count=40):
     turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
     z = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
     around = np.sqrt(1.0 - z**2)
-    middle_mm = edge(panel_logic).apply(panel_logic.session.commands().content.tumor.centroid_mm)
+    middle_mm = edge(panel_logic).apply(panel_logic.session.started().content.tumor.centroid_mm)
     return middle_mm + RADIUS_MM * np.stack([around * np.cos(turn), around * np.sin(turn), z], 1)
 
 
@@ -86,20 +86,20 @@ def test_accepted_contour_is_the_tumour_of_the_session_with_its_uncertainty(
     with pytest.raises(InputError, match="its surface is being computed"):
         panel_logic.contour.use()
     spin_until(panel_logic, lambda now: now.contour.can_use)
-    before = panel_logic.session.commands().content
+    before = panel_logic.session.started().content
     panel_logic.contour.use()
     spin_until(
         panel_logic,
-        lambda now: panel_logic.session.commands().content.tumor is not before.tumor,
+        lambda now: panel_logic.session.started().content.tumor is not before.tumor,
     )
-    content = panel_logic.session.commands().content
+    content = panel_logic.session.started().content
     assert content.tumor_sigma_mm > ERROR_MM
     in_frame = content.tumor.transformed(edge(panel_logic))
     inside = 4.0 / 3.0 * np.pi * RADIUS_MM**3
     assert inside * 0.85 < in_frame.signed_volume_mm3 < inside * 1.15
     panel_logic.step()
     status = spin_until(panel_logic, lambda now: "hold: tumour replaced" in now.reasons)
-    assert "set_tumor from this process accepted" in status.request
+    assert "set_tumor from the panel accepted" in status.request
     # The display was made anew: points and surface are in its frame.
     frame_node = panel_logic.session.display.frame_node(edge(panel_logic).target)
     spin_until(panel_logic, lambda now: node.GetParentTransformNode() is frame_node)

@@ -22,7 +22,7 @@ def panel_logic(unconnected):
 
 
 def tip(panel_logic):
-    return panel_logic.session.commands().content.tool_from_tip
+    return panel_logic.session.started().content.tool_from_tip
 
 
 def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, tmp_path, domain_id):
@@ -45,10 +45,11 @@ def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, t
     spin_until(panel_logic, lambda now: now.calibration.can_use)
     panel_logic.calibration().use()
     status = spin_until(panel_logic, lambda now: "mm from the sensor, sigma" in now.stylus)
-    found = panel_logic.session.commands().content.stylus.tip
+    found = panel_logic.session.started().content.stylus.tip
     assert np.linalg.norm(found.translation_mm - STYLUS_TIP_MM) < 0.5
     assert tip(panel_logic) is before
-    assert "set_stylus_tip from the panel accepted: the first tip" in status.request
+    assert "set_stylus_tip from the panel (" in status.request
+    assert ") accepted: the first tip" in status.request
     assert "calibration" not in status.reasons
     spin_until(panel_logic, lambda _: node_of(application, "StylusModel") is not None)
     panel_logic.contour.add_tip(stylus)
@@ -72,7 +73,7 @@ def test_live_image_is_placed_by_the_chosen_depth_and_hidden_without_its_sender(
     np.testing.assert_allclose(sides[:2], (0.1 * width, 0.1 * height), rtol=0, atol=1e-6)
     panel_logic.ultrasound.choose_depth(60.0)
     status = spin_until(panel_logic, lambda now: now.ultrasound.text.endswith("depth 60 mm"))
-    assert status.request == "image_depth from the panel accepted: from 40 to 60 mm"
+    assert status.request.endswith(") accepted: from 40 to 60 mm")
     assert (status.ultrasound.depth_mm, status.ultrasound.can_choose) == (60.0, True)
     sides = np.linalg.norm(np.diff(corners(application), axis=0), axis=1)
     np.testing.assert_allclose(sides[:2], (0.15 * width, 0.15 * height), rtol=0, atol=1e-6)

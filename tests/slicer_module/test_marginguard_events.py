@@ -76,7 +76,7 @@ def test_notes_are_on_moments_and_in_a_table_of_the_scene(panel_logic, applicati
 def test_directions_are_those_of_the_surface_at_the_stop_margin(panel_logic):
     show(panel_logic, CLEAR_S)
     status = spin_until(panel_logic, lambda now: now.directions)
-    content = panel_logic.session.commands().content
+    content = panel_logic.session.started().content
     tip_mm = panel_logic.session.shown_step.tumor_from_tip.translation_mm
     found = AxisDistances(stop_surface(content)).at(tip_mm)
     words = status.directions.split()
@@ -88,7 +88,7 @@ def test_directions_are_those_of_the_surface_at_the_stop_margin(panel_logic):
     panel_logic.set_margins(0.0, 5.0)
     panel_logic.step()
     spin_until(panel_logic, lambda now: now.position_s > status.position_s and now.directions)
-    content = panel_logic.session.commands().content
+    content = panel_logic.session.started().content
     tip_mm = panel_logic.session.shown_step.tumor_from_tip.translation_mm
     at_tumor = AxisDistances(content.tumor).at(tip_mm)
     words = panel_logic.spin().directions.split()

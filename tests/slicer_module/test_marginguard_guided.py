@@ -78,7 +78,7 @@ def moving_tool(tmp_path):
 
 
 def tip(panel_logic):
-    return panel_logic.session.commands().content.tool_from_tip
+    return panel_logic.session.started().content.tool_from_tip
 
 
 def play_frames(panel_logic, count):
@@ -141,7 +141,7 @@ def test_robot_is_registered_by_the_dwells_of_a_replay(panel_logic, recorded, mo
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
     panel_logic.load_case(CASE)
     spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
-    before = panel_logic.session.commands().content.registration
+    before = panel_logic.session.started().content.registration
     panel_logic.touch().start()
     play_frames(panel_logic, sum(each < DWELLS_END_S for each in frame_times_s(opened)))
     spin_until(panel_logic, lambda now: now.position_s >= DWELLS_END_S)
@@ -160,13 +160,13 @@ def test_robot_is_registered_by_the_dwells_of_a_replay(panel_logic, recorded, mo
     spin_until(panel_logic, lambda now: len(now.touch.rows) == DWELLS and now.touch.can_use)
     use(panel_logic, panel_logic.touch())
     status = spin_until(panel_logic, lambda now: now.touch.can_undo)
-    used = panel_logic.session.commands().content.registration
+    used = panel_logic.session.started().content.registration
     assert used is not before and used.accepted and len(used.used) == DWELLS
     panel_logic.step()
     spin_until(panel_logic, lambda now: "registration" in now.reasons)
     panel_logic.touch().undo()
     spin_until(panel_logic, lambda now: not now.touch.can_undo)
-    assert panel_logic.session.commands().content.registration is before
+    assert panel_logic.session.started().content.registration is before
 
 
 def test_commands_of_a_session_that_is_over_are_refused(replayed):

@@ -244,10 +244,10 @@ def test_rearm_is_refused_after_margin_change_that_was_not_displayed(panel_logic
     panel_logic.step()
     status = spin_until(panel_logic, lambda now: "latched" in now.reasons)
     assert "hold: stop_mm lowered from 1 to 0.5, warn_mm lowered from 5 to 4" in status.reasons
-    assert "rearm from this process REFUSED: " in status.request  # the request after the change
+    assert "rearm from the panel REFUSED: " in status.request  # the request after the change
     panel_logic.rearm()
     assert panel_logic.margins().stop_mm == 0.5
-    assert "rearm from this process accepted: " in panel_logic.spin().request
+    assert "rearm from the panel accepted: " in panel_logic.spin().request
 
 
 def first_display(node):
@@ -289,7 +289,7 @@ def test_foreign_colour_is_read_as_unknown(panel_logic, application):
 
 
 def test_tumour_for_ended_session_is_reported_as_not_set(panel_logic, application, monkeypatch):
-    monkeypatch.setattr(OperatorCommands, "set_tumor", lambda *_: "model id")
+    monkeypatch.setattr(OperatorCommands, "set_tumor", lambda *_, **__: "model id")
     panel_logic.set_tumor(markups(application, 10.0 * np.vstack([np.eye(3), -np.eye(3)])))
     panel_logic.seek(NEAR_S)
     status = spin_until(panel_logic, lambda now: now.message and "..." not in now.message)
@@ -303,6 +303,7 @@ def test_registrations_from_case_and_from_landmarks_agree(panel_logic, applicati
     known = recorded.case.setup.robot.registration.transform
     assert panel_logic.candidate.transform.translation_mm == pytest.approx(known.translation_mm)
     panel_logic.accept_registration()
+    spin_until(panel_logic, lambda now: now.message == "the registration is in use")
     with pytest.raises(MarginGuardError, match="no registration to accept"):
         panel_logic.accept_registration()
 

@@ -139,7 +139,7 @@ def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
     panel_logic.ultrasound.freeze(True)
     np.testing.assert_allclose(corners(application), before, rtol=0, atol=1e-6)
     node = node_of(application, TRANSFORM_NAME)
-    frame = panel_logic.session.commands().content.frame_from_tumor.target
+    frame = panel_logic.session.started().content.frame_from_tumor.target
     assert node.GetParentTransformNode() is panel_logic.session.display.frame_node(frame)
     status = step(panel_logic)
     assert status.ultrasound.text == f"FROZEN: not current, image {FIRST}"

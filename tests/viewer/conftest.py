@@ -7,12 +7,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import psutil
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, ViewportSize
 
@@ -60,8 +61,14 @@ class Server:
         return urlsplit(self.url).netloc
 
     def close(self) -> None:
-        """Kill the process if it runs."""
+        """Kill the process if it runs, and the live node that it has started."""
+        children = (
+            psutil.Process(self.process.pid).children() if self.process.poll() is None else []
+        )
         self.process.kill()
+        for child in children:
+            with suppress(psutil.NoSuchProcess):
+                child.kill()
         self.process.wait()
         assert self.process.stdout is not None
         self.process.stdout.close()

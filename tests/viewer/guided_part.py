@@ -1,15 +1,15 @@
 """A part of the page that guides a calibration or a registration, run by the page's commands."""
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.runtime import compute_here
+from app.runtime import LocalOperator, compute_here
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
+from tests.waiting import wait_until
 
 
 class GuidedPart:
@@ -54,12 +54,20 @@ def must_not_be_used(*_):
 
 
 @pytest.fixture
-def workers():
-    with ThreadPoolExecutor(2) as workers:
-        yield workers
-
-
-@pytest.fixture
-def operator(workers):
+def operator():
     """The operator of a page, who is not connected with a session yet."""
-    return LiveOperator(workers)
+    operator = LiveOperator(lambda refused: pytest.fail(refused.text))
+    yield operator
+    operator.close()
+
+
+def connect(operator, world):
+    """Connect ``operator`` with the session of ``world``, as its page is."""
+    operator.connect(LocalOperator(world.commands, "the page"))
+
+
+def requested(world):
+    """The request that ``world`` lists next."""
+    commands = world.commands
+    wait_until(lambda: commands.requests.last is not None, describe=lambda: "no request")
+    return commands.requests.last

@@ -4,6 +4,7 @@ The cover lies over all parts of the page: it would get a click of the mouse or 
 what is below it is not the present. All of these wait until the page is not covered.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -103,3 +104,8 @@ def download(page: Page, button: str, name: str = "") -> Path:
     assert name in ("", suggested)
     path = Path(waiting.value.path())
     return path.rename(path.with_name(f"{path.name}_{suggested}"))
+
+
+def accepted(kind, text=""):
+    """What the page lists of an accepted request of its own, whose node has a random name."""
+    return re.compile(rf"{kind} from the page \(/marginguard_page_\w+\) accepted{text}")

@@ -9,7 +9,7 @@ from tests.bridge.live.conftest import start as start
 from tests.page_rules import violations
 from tests.viewer.calibrated_tool import KNOWN_MM, SHAFT, TIP_MM, move, write_session
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import answer, confirm, download, resize
+from tests.viewer.page_actions import accepted, answer, confirm, download, resize
 
 pytestmark = pytest.mark.long
 
@@ -74,7 +74,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(browser, serve_live, st
         expect(page.locator(".hold")).to_have_text("ON HOLD until re-armed")
         cause = page.locator("#causes li", has_text="calibration of the tool replaced: the tip is")
         expect(cause).to_be_visible()
-        expect(page.locator("#request")).to_contain_text("set_tip from the page accepted")
+        expect(page.locator("#request")).to_contain_text(accepted("set_tip"))
 
         move(motion, "spin")
         tracker.line(lambda line: line.strip() == "spin")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app.runtime import tip_command
 from app.viewer.calibration_controls import CalibrationControls
 from app.viewer.calibration_part import CalibrationPart
 from app.viewer.messages.errors import NotDoneError, RefusedError
@@ -12,9 +13,8 @@ from tests.runtime.workflow.test_stylus_calibration import CONTENT as STYLUS_CON
 from tests.runtime.workflow.test_stylus_calibration import TIP_MM as STYLUS_TIP_MM
 from tests.runtime.workflow.test_stylus_calibration import GuidedStylus
 from tests.runtime.workflow.test_tool_calibration import TIP_MM, GuidedTool
-from tests.viewer.guided_part import GuidedPart, must_not_be_used
+from tests.viewer.guided_part import GuidedPart, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator
-from tests.viewer.guided_part import workers as workers
 
 pytestmark = pytest.mark.slow
 
@@ -28,13 +28,18 @@ def calibrating(use, guided=None):
     )
 
 
+def using(operator):
+    """What the page does with an accepted tip."""
+    return lambda change: operator.request(tip_command(change))
+
+
 @pytest.fixture
 def world():
     return World()
 
 
-def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world, operator, workers):
-    guided, part = calibrating(operator.set_tip)
+def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world, operator):
+    guided, part = calibrating(using(operator))
     assert part.part.values()["calibration_map"] is None
     part.run("start", "pivot", "cautery")
     for number in range(200):
@@ -50,16 +55,15 @@ def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world, operator, worker
     part.finish()
     with pytest.raises(NotDoneError, match="the session is not ready for another one"):
         part.run("use")
-    operator.connect(world.commands)
+    connect(operator, world)
     part.run("use")
-    workers.shutdown()
+    request = requested(world)
     tip = world.commands.content.tool_from_tip
     assert np.linalg.norm(tip.translation_mm - TIP_MM) < 0.5
     assert world.session.setup.tip_sigma_mm > 0.0
     assert "calibration of the tool replaced" in world.session.hold_causes[0]
     part.part.update(world.commands.content)
     assert (part.values["phase"], part.values["undo"]) == ("idle", True)
-    request = world.commands.requests.last
     assert (request.kind, request.accepted, request.origin) == ("set_tip", True, "the page")
 
 
@@ -76,11 +80,11 @@ def test_page_without_poses_says_why():
     assert part.values["phase"] == "idle"
 
 
-def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator, workers):
+def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator):
     world = World(stylus=STYLUS_CONTENT.stylus)
     setup = world.setup
-    operator.connect(world.commands)
-    guided, part = calibrating(operator.set_tip, GuidedStylus())
+    connect(operator, world)
+    guided, part = calibrating(using(operator), GuidedStylus())
     part.run("start", "pivot", "stylus")
     assert part.values["title"] == "pivot of the stylus: recording"
     for number in range(200):
@@ -88,14 +92,13 @@ def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator, workers):
     part.run("stop")
     part.finish()
     part.run("use")
-    workers.shutdown()
+    request = requested(world).line
     content = world.commands.content
     assert np.linalg.norm(content.stylus.tip.translation_mm - STYLUS_TIP_MM) < 0.3
     assert content.tool_from_tip is world.content.tool_from_tip
     assert world.session.setup is setup
     assert world.session.hold_causes == ()
     assert not any(event.startswith(("revoke", "latch")) for event in world.output_events)
-    request = world.commands.requests.last.line
     assert request.startswith("set_stylus_tip from the page accepted: the first tip, sigma 0.")
 
 

@@ -17,9 +17,8 @@ from app.viewer.contour_part import ContourPart
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError
 from tests.runtime.test_operator_commands import CONTENT, TUMOR_EDGE, World
-from tests.viewer.guided_part import must_not_be_used
+from tests.viewer.guided_part import connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator
-from tests.viewer.guided_part import workers as workers
 
 pytestmark = pytest.mark.slow
 
@@ -68,16 +67,16 @@ def world():
     return World()
 
 
-def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world, operator, workers):
-    contouring = Contouring(operator.set_tumor)
+def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world, operator):
+    contouring = Contouring(operator.request)
     contouring.add(CORNERS)
     contouring.run("contour_calibration", contouring.revision, 0.5)
     contouring.finish()
     with pytest.raises(NotDoneError, match="the session is not ready"):
         contouring.run("contour_accept", contouring.revision)
-    operator.connect(world.commands)
+    connect(operator, world)
     contouring.run("contour_accept", contouring.revision)
-    workers.shutdown()
+    request = requested(world)
     tumor = world.commands.content.tumor
     assert (tumor.frame, TUMOR_EDGE.source) == ("tumor", "tumor")
     low, high = tumor.transformed(TUMOR_EDGE).bounds_mm
@@ -86,21 +85,18 @@ def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world, ope
     assert sigma_mm == pytest.approx(contouring.part._surface.uncertainty.sigma_mm)
     assert sigma_mm > 0.5
     assert "tumour replaced" in world.session.hold_causes[0]
-    request = world.commands.requests.last
     assert (request.accepted, request.origin) == (True, "the page")
 
 
-def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(
-    world, operator, workers
-):
-    operator.connect(world.commands)
-    contouring = Contouring(operator.set_tumor)
+def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(world, operator):
+    connect(operator, world)
+    contouring = Contouring(operator.request)
     contouring.add(CORNERS[:1])
     for name, value in (("hydromark", 2.0), ("dilation", 1.0), ("calibration", 0.5)):
         contouring.run(f"contour_{name}", contouring.revision, value)
     contouring.finish()
     contouring.run("contour_accept", contouring.revision)
-    workers.shutdown()
+    requested(world)
     tumor = world.commands.content.tumor.transformed(TUMOR_EDGE)
     np.testing.assert_allclose(tumor.centroid_mm, CORNERS[0], atol=0.02)
     assert tumor.signed_volume_mm3 == pytest.approx(36.0 * np.pi, rel=0.01)

@@ -11,7 +11,7 @@ from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_session
 from tests.bridge.live.conftest import start as start
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import resize, wait_for
+from tests.viewer.page_actions import accepted, resize, wait_for
 from tests.viewer.test_operation_page import picture
 from tests.viewer.test_ultrasound_page import pixels_of
 
@@ -62,7 +62,7 @@ def test_operator_chooses_another_depth_after_a_question(browser, two_depths, st
         expect(page.locator("#us-depth")).not_to_have_attribute("open", "")
         wait_for(page, f"({WIDTH_OF_TUMOR})() < 115")
         assert page.evaluate(WIDTH_OF_TUMOR) == pytest.approx(2 * 8.0 / 0.15, abs=3)
-        expected = "image_depth from the page accepted: from 40 to 60 mm"
+        expected = accepted("image_depth", ": from 40 to 60 mm")
         expect(page.locator("#request")).to_contain_text(expected)
         assert not watched.errors
 

@@ -11,6 +11,7 @@ from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_record_command import SENDER, TRACKED
 from tests.page_rules import violations
 from tests.viewer.conftest import watching
+from tests.viewer.page_actions import accepted
 
 pytestmark = pytest.mark.long
 
@@ -39,7 +40,7 @@ def test_session_is_recorded_from_the_page(browser, live_server, cases, start, f
         expect(page.locator("#needle-length")).to_have_text("65")
         page.get_by_role("button", name="Needle 1 mm shorter").click()
         expect(page.locator("#needle-length")).to_have_text("64")
-        expect(page.locator("#request")).to_contain_text("needle_length from the page accepted")
+        expect(page.locator("#request")).to_contain_text(accepted("needle_length"))
         page.click("#record summary")
         expect(page.locator("#record-question")).to_contain_text("Record every source")
         page.fill("#record-name", "../up")
@@ -50,7 +51,7 @@ def test_session_is_recorded_from_the_page(browser, live_server, cases, start, f
         expect(page.locator("#recording-mark")).to_be_visible()
         expect(page.locator("#recording-folder")).to_have_text(str(cases / "today"))
         expect(page.locator("#recording-numbers")).not_to_contain_text(" 0 messages")
-        expect(page.locator("#request")).to_contain_text("record from the page accepted")
+        expect(page.locator("#request")).to_contain_text(accepted("record"))
         with watching(browser, live_server, live_server.view_url) as seen:
             expect(seen.page.locator("#recording-mark")).to_be_visible()
             expect(seen.page.locator("#record")).to_have_count(0)

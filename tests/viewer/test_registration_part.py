@@ -5,15 +5,14 @@ from itertools import islice
 import pytest
 
 from app.case import open_case
-from app.runtime import RobotRegistration, content_of
+from app.runtime import RobotRegistration, SetRegistration, content_of
 from app.session import Session, setup_from_case
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from app.viewer.registration_controls import RegistrationControls
 from app.viewer.registration_part import RegistrationPart
 from tests.runtime.test_operator_commands import World
-from tests.viewer.guided_part import GuidedPart, must_not_be_used
+from tests.viewer.guided_part import GuidedPart, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator
-from tests.viewer.guided_part import workers as workers
 
 pytestmark = pytest.mark.slow
 
@@ -100,12 +99,11 @@ def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):
     assert registering.values["revision"] == 0
 
 
-def test_operator_sends_a_registration_to_the_session(operator, workers):
+def test_operator_sends_a_registration_to_the_session(operator):
     world = World()
-    result = world.commands.content.registration
-    assert not operator.set_registration(result)
-    operator.connect(world.commands)
-    assert operator.set_registration(result)
-    workers.shutdown()
-    request = world.commands.requests.last
+    command = SetRegistration(world.commands.content.registration)
+    assert not operator.request(command)
+    connect(operator, world)
+    assert operator.request(command)
+    request = requested(world)
     assert (request.kind, request.accepted, request.origin) == ("register", True, "the page")

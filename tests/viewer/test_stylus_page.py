@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from tests.bridge.live.conftest import start as start
 from tests.viewer.calibrated_tool import KNOWN_MM, STYLUS, STYLUS_TIP_MM, move, write_session
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import confirm
+from tests.viewer.page_actions import accepted, confirm
 from tests.viewer.test_calibration_page import look, saved_tip
 from tests.viewer.test_operation_page import picture
 
@@ -50,7 +50,7 @@ def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
         page.click("#calibration-stop")
         confirm(page, "calibration-use")
         expect(tip).to_contain_text("mm from the sensor, sigma")
-        expect(page.locator("#request")).to_contain_text("set_stylus_tip from the page accepted")
+        expect(page.locator("#request")).to_contain_text(accepted("set_stylus_tip"))
         expect(page.locator("#causes li", has_text="calibration")).to_have_count(0)
 
         found = saved_tip(page, STYLUS)

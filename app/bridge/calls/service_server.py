@@ -23,7 +23,8 @@ class ServiceServer:
     """Serves ``name``: ``handle(request, response)`` fills in the response.
 
     ``handle`` runs in the node's thread and must not wait for another call. With ``in_thread`` it
-    runs in a separate thread, one request at a time; further requests are refused meanwhile.
+    runs in a separate thread, one request at a time; further requests are refused meanwhile. With
+    ``lane`` that is so for requests of the same lane.
     ``check(request)`` runs before in the node's thread and refuses by a `MarginGuardError`: such a
     request takes no thread. While a client with another definition of one of our types is known,
     every request is refused, because a request does not name its sender; not with
@@ -49,6 +50,7 @@ class ServiceServer:
         max_waiting: int | None = None,
         any_definition: bool = False,
         received_as: type | None = None,
+        lane: Callable[[Any], str] = lambda request: "",
     ) -> None:
         self.type = service_type(service)
         self.refused = 0
@@ -57,7 +59,8 @@ class ServiceServer:
         self._handle = handle
         self._check = check
         self._any_definition = any_definition
-        self._busy = False  # used in the node's thread only
+        self._lane = lane
+        self._busy: set[str] = set()  # used in the node's thread only
         try:
             create = ros.node.create_service
             if received_as is not None:
@@ -83,10 +86,11 @@ class ServiceServer:
         refusal = self._answer(self._check_all, request)
         if refusal is not None:
             return refusal
-        if self._busy:
+        lane = self._lane(request)
+        if lane in self._busy:
             self.refused += 1
             return failure_reply(response, f"{self.name} is busy with an earlier request")
-        self._busy = True
+        self._busy.add(lane)
         done = Future()
 
         def work() -> None:
@@ -95,7 +99,7 @@ class ServiceServer:
 
         threading.Thread(target=work, name=f"service {self.name}", daemon=True).start()
         reply = await done
-        self._busy = False
+        self._busy.remove(lane)
         return reply
 
     def _check_all(self, request: Any) -> None:

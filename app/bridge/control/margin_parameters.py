@@ -13,7 +13,6 @@ from app.bridge.calls.parameter_values import Plain
 from app.bridge.node import RosNode
 from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import NS_PER_MS
-from app.runtime.commands import THIS_PROCESS
 
 OVER_ROS = "ROS"
 """Origin of a request of another process."""
@@ -39,7 +38,7 @@ class MarginParameterServer:
     it refuses the set. The constructor raises `CallError` if the initial values are refused.
 
     `margins` are the requested ones: looser values apply from the next re-arm on.
-    ``on_refusal(reason)`` is called for each set that is refused before ``use``.
+    ``on_refusal(reason, origin)`` is called for each set that is refused before ``use``.
     """
 
     def __init__(
@@ -47,7 +46,7 @@ class MarginParameterServer:
         ros: RosNode,
         margins: MarginParameters,
         use: Callable[[MarginParameters, str], None],
-        on_refusal: Callable[[str], None] = lambda reason: None,
+        on_refusal: Callable[[str, str], None] = lambda reason, origin: None,
     ) -> None:
         self.margins = margins
         self._ros = ros
@@ -56,7 +55,7 @@ class MarginParameterServer:
         self._used = False
         self._setting = threading.Lock()
         self._setter: int | None = None
-        self._origin = THIS_PROCESS
+        self._set_by = OVER_ROS
         self._server = ParameterServer(
             ros, _declarations(margins), self._accept, on_refusal=self._refused
         )
@@ -70,14 +69,14 @@ class MarginParameterServer:
         """Undeclare the parameters."""
         self._server.close()
 
-    def set(self, *, origin: str = THIS_PROCESS, **changes: float) -> None:
+    def set(self, *, origin: str, **changes: float) -> None:
         """Set margins from this process, atomically, as a ROS request does, listed as ``origin``.
 
         Raises `MarginParameterError` with the reason if the set is refused.
         """
         parameters = [Parameter(name, value=value) for name, value in changes.items()]
         with self._setting:
-            self._setter, self._origin = threading.get_ident(), origin
+            self._setter, self._set_by = threading.get_ident(), origin
             try:
                 result = self._ros.node.set_parameters_atomically(parameters)
             finally:
@@ -90,14 +89,17 @@ class MarginParameterServer:
         margins = margins_of(values)
         if margins != self.margins:
             self._used = True
-            is_own = self._setter == threading.get_ident()
-            self._use(margins, self._origin if is_own else OVER_ROS)
+            self._use(margins, self._origin())
             self.margins = margins
 
     def _refused(self, reason: str) -> None:
         used, self._used = self._used, False
         if not used:  # `use` reports its own refusals
-            self._on_refusal(reason)
+            self._on_refusal(reason, self._origin())
+
+    def _origin(self) -> str:
+        """Who sets in this thread."""
+        return self._set_by if self._setter == threading.get_ident() else OVER_ROS
 
 
 def margins_of(values: Mapping[str, Plain]) -> MarginParameters:

@@ -37,12 +37,12 @@ class OperatorRequests:
             self._operators.check("~/set_parameters", "~/set_parameters_atomically")
 
     @contextmanager
-    def refusals(self, kind: RequestKind) -> Iterator[None]:
+    def refusals(self, kind: RequestKind, origin: str = OVER_ROS) -> Iterator[None]:
         """List a request that is refused within the context. Not around a command, which lists."""
         try:
             yield
         except MarginGuardError as error:
-            self._log.refused(kind, OVER_ROS, str(error))
+            self._log.refused(kind, origin, str(error))
             raise
 
     def _print(self, request: OperatorRequest) -> None:

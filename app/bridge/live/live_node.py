@@ -8,10 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from app.bridge import topics
-from app.bridge.control import GuidancePublisher, MarginParameterServer, TwistLimiter
+from app.bridge.control import GuidancePublisher, TwistLimiter
+from app.bridge.displays.display_output import DisplayOutput
+from app.bridge.igtl_images import IgtlImagePublisher
 from app.bridge.live.cautery_input import IgtlCautery, cautery_input
 from app.bridge.live.guard_start import guard_start
-from app.bridge.live.image_input import IgtlImages, image_input, with_images
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.operator_endpoints import (
     audit_file,
@@ -20,6 +21,7 @@ from app.bridge.live.operator_endpoints import (
     served_operators,
 )
 from app.bridge.live.outputs import (
+    ChosenDepth,
     FramesProblemLog,
     GuidanceOutput,
     PlaybackLog,
@@ -37,23 +39,24 @@ from app.bridge.qos import INCOMING
 from app.bridge.security import check_security
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
-from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
+from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry, TopicSourceEntry
 from app.fixture import ProximityEngine, Reason
+from app.geometry import TrackedTransform
 from app.igtl import IgtlSource
 from app.runtime import (
     AuditOutput,
     ComputeProcess,
+    Deliver,
     HoldKeeper,
-    ImageDepthOutput,
     LiveRun,
     OperatorCommands,
     Output,
     PreparedLive,
     RequestKind,
+    RequestLog,
+    described_images,
 )
-from app.runtime.commands import THIS_PROCESS
 from app.session import (
-    LiveImages,
     LiveSession,
     PlaybackRule,
     Session,
@@ -64,16 +67,18 @@ from app.session import (
     load_replacement,
 )
 
+IMAGE_TOPIC = "~/image"
+"""Images that come over OpenIGTLink, for displays."""
+
 _LOAD_AFTER_S = 2.0
 """The process for new tumours starts so long after the session, when that has been loaded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveNode:
-    """A `LiveRun` with its ROS endpoints, made by `live_node`. A `StepThread` can run it."""
+    """A `LiveRun` with its ROS endpoints, made by `live_node`."""
 
     live_run: LiveRun
-    margins: MarginParameterServer
 
     @property
     def commands(self) -> OperatorCommands:
@@ -88,14 +93,6 @@ class LiveNode:
         """Request the end of `steps`. Thread-safe."""
         self.live_run.stop()
 
-    def set_margins(self, stop_mm: float, warn_mm: float, origin: str = THIS_PROCESS) -> None:
-        """Set the node's parameters ``stop_mm`` and ``warn_mm``, so that ROS sees them too."""
-        self.margins.set(stop_mm=stop_mm, warn_mm=warn_mm, origin=origin)
-
-    def pace(self) -> float:
-        """The time of live stamps passes as every clock's does."""
-        return 1.0
-
 
 @contextmanager
 def live_node(
@@ -106,8 +103,8 @@ def live_node(
     ros: RosNode | None = None,
     outputs: Sequence[Output] = (),
     audit: Path | None = None,
-    images: LiveImages | None = None,
     cases: Path | None = None,
+    displays: Sequence[str] = (),
 ) -> Iterator[LiveNode]:
     """Join the ROS graph: subscribe to the source of ``prepared``, serve the operator.
 
@@ -115,9 +112,9 @@ def live_node(
     services and subscriptions. ``outputs`` receive every step after the publishers. ``audit`` is
     the file of the audit log, by default one below the state folder (`audit_file`). Raises
     `SecurityError` if the configuration requires ROS security that this process does not have.
-    ``images`` (`PreparedLive.live_images`) receives the images of the session; they affect neither
-    the margin nor the constraint. ``cases`` is the folder of the session's recordings, by default
-    one below the state folder (`case_recorder`).
+    ``cases`` is the folder of the session's recordings, by default
+    one below the state folder (`case_recorder`). ``displays`` are nodes that may send commands, as
+    the operators of the configuration.
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
     orderly way. Raises the errors of `guard_start`.
@@ -184,6 +181,23 @@ def live_node(
         twists = TwistLimiter(node, buffer, parameters=limits, simulated=simulated)
         guidance = () if guides is None else (GuidanceOutput(GuidancePublisher(node, guides)),)
         recorder = opened(case_recorder(config, namespace, cases))
+        pictures: IgtlImagePublisher | None = None
+        requests = RequestLog(time.time_ns, time.monotonic_ns)
+        holds = StreamHolds(publisher.constraints)
+        images = described_images(case, node.node.resolve_topic_name(IMAGE_TOPIC))
+        chosen_depth = ChosenDepth(prepared.content, images)
+        recorder.depth = lambda: chosen_depth.choice
+        displays_output = DisplayOutput(
+            node,
+            prepared.content,
+            images,
+            displays,
+            instance_id=publisher.constraints.instance_id,
+            holds=holds,
+            requests=requests,
+            recording=lambda: recorder.status,
+            image_problem=lambda: "" if pictures is None else pictures.problem,
+        )
         run = LiveRun(
             live,
             prepared.content,
@@ -195,25 +209,30 @@ def live_node(
                 TwistOutput(twists, setup.margins),
                 *guidance,
                 AuditOutput(log, prepared.content, time.monotonic_ns),
-                *([] if images is None else [ImageDepthOutput(images, prepared.content)]),
+                chosen_depth,
                 *outputs,
+                displays_output,
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
-            holds=StreamHolds(publisher.constraints),
+            holds=holds,
+            requests=requests,
             compute=opened(_compute_process(setup)).call,
             recorder=recorder,
         )
-        requests = run.commands.requests
-        if images is not None:
-            recorder.depth = lambda: images.last_choice
         recorder.ended = partial(requests.refused, RequestKind.RECORD, "the recorder")
         requests.listen(log.request)
-        margins = opened(served_operators(node, run, config, setup.margins))
-        pictures = image_input(node, config, images)
-        deliver = live.add if images is None else with_images(live.add, images, rule.refuses)
-        igtl_images = pictures if isinstance(pictures, IgtlImages) else None
+        opened(served_operators(node, run, config, displays))
+        if isinstance(entry, IgtlSourceEntry) and images is not None:
+            refused = node.node.get_logger().warning
+            pictures = IgtlImagePublisher(
+                node, IMAGE_TOPIC, config.image_device, refused, chosen_depth.check
+            )
         strings = cautery.receive if isinstance(cautery, IgtlCautery) else None
-        source = source_of(node, entry, deliver, senders, igtl_images, strings)
+        received = None if pictures is None else pictures.receive
+        deliver: Deliver = live.add
+        if images is not None:
+            deliver = _noted(live.add, displays_output.note, rule.refuses)
+        source = source_of(node, entry, deliver, senders, received, strings)
         if isinstance(source, IgtlSource):
             problems.append(lambda: source.problem)
         senders.start(moving=not isinstance(entry, TfSourceEntry))
@@ -238,7 +257,7 @@ def live_node(
             )
             counted.append(joints.counts)
         try:
-            yield LiveNode(run, margins)
+            yield LiveNode(run)
         finally:
             twists.close()
             source.close()
@@ -246,6 +265,17 @@ def live_node(
                 pictures.close()
             senders.close()
             playback.close()
+
+
+def _noted(deliver: Deliver, note: Deliver, refuses: Callable[[], bool]) -> Deliver:
+    """``deliver`` that also gives the poses to ``note``, unless the session refuses them."""
+
+    def deliver_both(samples: Sequence[TrackedTransform]) -> None:
+        deliver(samples)
+        if not refuses():
+            note(samples)
+
+    return deliver_both
 
 
 def _compute_process(setup: SessionSetup) -> ComputeProcess:

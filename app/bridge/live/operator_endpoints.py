@@ -4,7 +4,7 @@ import os
 import re
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from app.bridge.control.margin_parameters import OVER_ROS
 from app.bridge.control.operator_requests import OperatorRequests
 from app.bridge.control.operators import OperatorList
 from app.bridge.control.recording_service import RecordingService
+from app.bridge.displays.display_output import CommandService
 from app.bridge.live.rearming import RearmService
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
@@ -73,28 +74,35 @@ def audit_log(ros: RosNode, constraints: ConstraintStream, path: Path) -> Iterat
 
 @contextmanager
 def served_operators(
-    ros: RosNode, run: LiveRun, config: LiveCase, margins: MarginParameters
-) -> Iterator[MarginParameterServer]:
+    ros: RosNode, run: LiveRun, config: LiveCase, displays: Sequence[str]
+) -> Iterator[None]:
     """Serve ``~/rearm``, ``~/set_tumor``, ``~/register``, ``~/record`` and margins as parameters.
 
-    All of them change the session through the commands of ``run``. Yields the margins' server.
+    And ``~/command`` for displays; the nodes ``displays`` may send it besides the operators of
+    ``config``. All of them change the session through the commands of ``run``.
     """
     commands = run.commands
-    requests = OperatorRequests(ros, commands.requests, OperatorList(ros, config.operators))
+    allowed = None if config.operators is None else (*config.operators, *displays)
+    requests = OperatorRequests(ros, commands.requests, OperatorList(ros, allowed))
 
     def set_margins(requested: MarginParameters, origin: str) -> None:
         if origin == OVER_ROS:
             requests.check_margins(commands.content.margins, requested)
         commands.set_margins(requested, origin=origin)
 
-    def refused(reason: str) -> None:
-        commands.requests.refused(RequestKind.MARGINS, OVER_ROS, reason)
+    def refused(reason: str, origin: str) -> None:
+        commands.requests.refused(RequestKind.MARGINS, origin, reason)
+
+    def keep_margins(stop_mm: float, warn_mm: float, origin: str) -> None:
+        server.set(stop_mm=stop_mm, warn_mm=warn_mm, origin=origin)
 
     RearmService(ros, commands, requests)
-    server = MarginParameterServer(ros, margins, set_margins, refused)
+    server = MarginParameterServer(ros, commands.content.margins, set_margins, refused)
     OperatorServices(ros, commands, requests)
     RecordingService(ros, commands, requests)
+    CommandService(ros, commands, requests)
+    commands.keep_margins = keep_margins
     try:
-        yield server
+        yield
     finally:
         server.close()

@@ -1,10 +1,13 @@
 """Outputs of a live node besides its publisher: allowed twists, guidance, log."""
 
+import threading
+
 from app.bridge.control import GuidancePublisher, TwistLimiter
 from app.bridge.node import RosNode
 from app.bridge.steady_clock import steady_ns
 from app.fixture import MarginParameters
-from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
+from app.geometry import ImageSample
+from app.runtime import ImageDescription, PassiveOutput, SessionContent, StepTiming, SwitchContent
 from app.session import SessionSetup, SetupDoubts, StepResult
 
 
@@ -120,3 +123,42 @@ class PlaybackLog(PassiveOutput):
             text = f"PLAYBACK: {step.playback}" if step.playback else "the PLAYBACK has ended"
             self._ros.node.get_logger().warning(text)
         return True
+
+
+class ChosenDepth(PassiveOutput):
+    """`Output` that follows the imaging depth, for recordings and for images over OpenIGTLink.
+
+    ``choice``: the depth in mm that was chosen last, and the stamp in ns after which it holds; None
+    before the first. ``images`` are those of the session.
+    """
+
+    def __init__(self, content: SessionContent, images: ImageDescription | None) -> None:
+        self.choice: tuple[float, int] | None = None
+        self._depth = content.image_depth
+        self._depths = None if images is None else images.depths()
+        self._lock = threading.Lock()
+        self._newest_ns = 0
+
+    def check(self, image: ImageSample) -> None:
+        """Raise `InputError` for an image whose stated size of a pixel is that of another depth."""
+        if self._depths is not None and image.stamp is not None:
+            with self._lock:
+                self._depths.check(image.stamp.ns, image.pixel_mm)
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Note the time of ``step``."""
+        self._newest_ns = step.frame.stamp.ns
+        return True
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Return the switch; nothing needs to be prepared."""
+        return self._use
+
+    def _use(self, content: SessionContent) -> None:
+        if content.image_depth is not None and content.image_depth != self._depth:
+            depth_mm = content.image_depth.depth_mm
+            self.choice = depth_mm, self._newest_ns
+            if self._depths is not None:
+                with self._lock:
+                    self._depths.choose(depth_mm, self._newest_ns)
+        self._depth = content.image_depth

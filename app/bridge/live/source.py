@@ -7,7 +7,6 @@ from typing import Protocol
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 
 from app.bridge import topics
-from app.bridge.live.image_input import IgtlImages
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
@@ -92,13 +91,13 @@ def source_of(
     entry: LiveSourceEntry,
     deliver: Deliver,
     senders: SampleFilter,
-    images: IgtlImages | None = None,
+    images: Unread | None = None,
     strings: Unread | None = None,
 ) -> Source:
     """Create the source that ``live.yaml`` configures.
 
     An OpenIGTLink source is one TCP connection, which has one sender: nothing is filtered. It also
-    receives ``images``, and passes STRING messages to ``strings``.
+    passes IMAGE messages to ``images`` and STRING messages to ``strings``.
     """
     if isinstance(entry, IgtlSourceEntry):
         return IgtlSource(
@@ -106,7 +105,7 @@ def source_of(
             entry.port,
             deliver,
             changed=ros.node.get_logger().info,
-            images=None if images is None else images.receive,
+            images=images,
             strings=strings,
         )
     if isinstance(entry, TfSourceEntry):

@@ -51,6 +51,11 @@ class ImageDepths:
         return self._calibrations[0].calibration.probe
 
     @property
+    def calibrations(self) -> tuple[DepthCalibration, ...]:
+        """The calibrations, as given."""
+        return self._calibrations
+
+    @property
     def depths_mm(self) -> tuple[float, ...]:
         """The listed depths, ascending; none for a probe with one depth."""
         return tuple(sorted(c.depth_mm for c in self._calibrations if c.depth_mm is not None))

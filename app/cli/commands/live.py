@@ -62,6 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_audit(parser)
     add_cases(parser)
     parser.add_argument(
+        "--display",
+        action="append",
+        default=[],
+        metavar="NODE",
+        help="full name of the node of a display that may send commands, as one of 'operators' in "
+        "live.yaml; once for each",
+    )
+    parser.add_argument(
         "--lifecycle",
         action="store_true",
         help="wait to be configured and activated by other nodes ('ros2 lifecycle set')",
@@ -146,6 +154,7 @@ def _opened(
             ros=ros,
             audit=options.audit,
             cases=options.cases,
+            displays=options.display,
         ) as node,
     ):
         shown.begin(node, stamps_of_host=prepared.config.stamps_of_host)

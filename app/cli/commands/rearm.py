@@ -1,6 +1,6 @@
 """Show the hold of a running guard and end it, as the service ~/rearm does.
 
-The guard is the running session that publishes the constraint: 'live' or 'view --live'. On hold
+The guard is the running session that publishes the constraint: 'live'. On hold
 only motion away from the planes and along them is allowed, until an operator re-arms.
 
 Without a reply in time it reads the next constraints and prints whether the hold has ended.

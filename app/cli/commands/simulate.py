@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view",
         action="store_true",
-        help="start a page of the session, which is then the guard ('view --live')",
+        help="start the guard ('live') and a page that shows it ('view --live --node')",
     )
 
 
@@ -153,6 +153,7 @@ def _hand(options: argparse.Namespace) -> str:
 
 def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
     """The commands to start, with their arguments. Raises `InputError` for a missing file."""
+    from app.bridge.publishing.session_publisher import NODE_NAME
     from app.bridge.world_editor import SIMULATION
     from app.files.bounded_io import is_file, is_folder
     from app.geometry import InputError
@@ -171,16 +172,15 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
                     "of the page"
                 )
             hand = ("--hand", control.hand_topic)
-        world = ("--world", SIMULATION)
-        found.append(("view", "--live", "--config", str(folder / "live.yaml"), *world, *hand))
-    elif "live" in options.others:
+        found.append(("view", "--live", "--node", NODE_NAME, "--world", SIMULATION, *hand))
+    if options.view or "live" in options.others:
         config = str(folder / "live.yaml")
         found.append(("live", "--config", config, "--constraint-hz", CONSTRAINT_HZ))
     if "control" in options.others:
         found.append(("control", str(folder / "control.yaml")))
     for command in found:
-        file = next(each for each in command if each.endswith(".yaml"))
-        if not is_file(Path(file)):
+        file = next((each for each in command if each.endswith(".yaml")), None)
+        if file is not None and not is_file(Path(file)):
             raise InputError(
                 f"{file}: no such file; expected it beside the world, for {command[0]}"
             )

@@ -3,9 +3,14 @@
 Prints two URLs of a page on this machine, each with a token. Open the first one; the second one
 ('view only:') has no controls. Runs until SIGINT (exit status 130) or SIGTERM (143); exit status 2
 on bad input.
+
+A live session runs in a process of its own. --config starts it, as 'live' does, and ends it with
+this command; if this command is killed, it goes on and guards, and --node shows it again. --node
+shows one that runs already, or waits for it.
 """
 
 import argparse
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -40,6 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=input_argument,
         metavar="FILE",
         help=f"live.yaml for --live: docs/live.md; an example: {LIVE_EXAMPLE}",
+    )
+    parser.add_argument(
+        "--node",
+        type=_node_name,
+        metavar="NAME",
+        help="for --live: the running node to show, such as /marginguard, instead of --config",
     )
     add_namespace(parser)
     add_audit(parser)
@@ -85,18 +96,22 @@ def run(options: argparse.Namespace) -> int:
 
     from app.geometry import InputError
 
-    if options.live is (options.case is not None) or options.live is not bool(options.config):
+    if options.live is (options.case is not None) or options.live is not (
+        (options.config is None) is not (options.node is None)
+    ):
         raise InputError(
-            "view: invalid combination of arguments; expected CASE, or --live and --config FILE"
+            "view: invalid combination of arguments; expected CASE, --live and --config FILE, or "
+            "--live and --node NAME"
         )
-    if options.audit is not None and not options.live:
-        raise InputError("view: --audit is given without --live; expected a live session")
-    if options.cases is not None and not options.live:
-        raise InputError("view: --cases is given without --live; expected a live session")
-    if options.hand is not None and (not options.live or options.render == "client"):
-        raise InputError("view: --hand is given; expected --live with it, and no --render client")
-    if options.world is not None and not options.live:
-        raise InputError("view: --world is given without --live; expected a live session")
+    in_browser = _in_browser(options)
+    for name, needed, is_there in (
+        ("audit", "--config", options.config is not None),
+        ("cases", "--config", options.config is not None),
+        ("world", "--live", options.live),
+        ("hand", "--live with it, and no --render client", options.live and not in_browser),
+    ):
+        if getattr(options, name) is not None and not is_there:
+            raise InputError(f"view: --{name} is given; expected {needed}")
     with note_signals() as received:
         from app.files.extras import check_installed
 
@@ -124,19 +139,11 @@ def run(options: argparse.Namespace) -> int:
 def _viewer(
     options: argparse.Namespace, received: SignalState, volume: "Volume | None"
 ) -> Iterator["Viewer | None"]:
-    """The page to be served; None if a signal arrived while the case was stepped through."""
+    """The page to be served; None if a signal arrived before there was one."""
     if options.live:
         from app.cli.live_page import live_page
 
-        client = options.render == "client"
-        with live_page(
-            options,
-            received,
-            client=client,
-            hand_topic=options.hand,
-            simulation=options.world,
-            volume=volume,
-        ) as viewer:
+        with live_page(options, received, client=_in_browser(options), volume=volume) as viewer:
             yield viewer
     else:
         from app.cli.replay_page import replay_page, replay_parts
@@ -144,5 +151,15 @@ def _viewer(
         parts = replay_parts(
             options.case, options.package_dirs, received, tip_only=options.tip_only
         )
-        client = options.render == "client"
+        client = _in_browser(options)
         yield None if parts is None else replay_page(parts, client=client, volume=volume)
+
+
+def _in_browser(options: argparse.Namespace) -> bool:
+    return bool(options.render == "client")
+
+
+def _node_name(text: str) -> str:
+    if not re.fullmatch(r"(/?[A-Za-z_][A-Za-z0-9_]*)+", text):
+        raise argparse.ArgumentTypeError(f"{text!r}; expected the name of a node: /marginguard")
+    return text

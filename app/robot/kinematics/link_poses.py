@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+
 from app.geometry import FloatArray, Transform
 
 
@@ -21,6 +23,26 @@ class LinkPoses(Mapping[str, Transform]):
         self._root = root
         self._rows = rows
         self._matrices = matrices
+
+    @classmethod
+    def of(cls, links: Mapping[str, Transform]) -> "LinkPoses":
+        """``links`` as they are, or with their matrices; there is at least one."""
+        if isinstance(links, LinkPoses):
+            return links
+        matrices = np.array([each.matrix for each in links.values()])
+        root = next(iter(links.values())).target
+        return cls(root, {name: number for number, name in enumerate(links)}, matrices)
+
+    @property
+    def root(self) -> str:
+        """The link that the poses are in."""
+        return self._root
+
+    @property
+    def matrices(self) -> FloatArray:
+        """Matrices (n, 4, 4) in the order of the names."""
+        rows: FloatArray = self._matrices[list(self._rows.values())]
+        return rows
 
     def __getitem__(self, link: str) -> Transform:
         matrix = self._matrices[self._rows[link]]

@@ -148,7 +148,8 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         return self._content.registration, self._fit.result
 
     def _is_in_use(self, result: RegistrationResult) -> bool:
-        return result is self._content.registration
+        used = self._content.registration  # of another process: equal, not the same object
+        return used is not None and result.transform.is_same(used.transform)
 
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""

@@ -182,7 +182,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
 
     def _is_in_use(self, result: TipChange) -> bool:
         used = self._in_use(result.tool)
-        return used is not None and result.tool_from_tip is used.tool_from_tip
+        return used is not None and result.tool_from_tip.is_same(used.tool_from_tip)
 
     def _refusal(self) -> str:
         """Why there is nothing to accept; empty if there is."""

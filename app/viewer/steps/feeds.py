@@ -47,18 +47,23 @@ class ReplayFeed:
 
 
 class LiveFeed:
-    """The newest step of a session that runs in another thread.
+    """The newest step of a live session, put from another thread.
 
     A session also steps without new samples. If no step arrives until the poses of the last one are
     stale, the last step is shown as UNKNOWN. ``clock_ns`` is a steady clock of this machine.
+    ``silence`` says why no step comes, empty where that is not known.
     """
 
     def __init__(
-        self, builder: ViewStateBuilder, stale_after_ns: int, clock_ns: Callable[[], int]
+        self,
+        builder: ViewStateBuilder,
+        clock_ns: Callable[[], int],
+        silence: Callable[[], str] = lambda: "",
     ) -> None:
         self._builder = builder
-        self._stale_after_ns = stale_after_ns
         self._clock_ns = clock_ns
+        self._silence = silence
+        self._of_session: OperatorRequest | None = None
         self._lock = threading.Lock()
         self._newest: ViewState | None = None
         self._came_ns = 0
@@ -76,16 +81,24 @@ class LiveFeed:
         content: SessionContent,
         margin_surface: SurfaceMesh | None,
         seen: SeenHold | None = None,
+        delay_ns: int = 0,
     ) -> None:
         """Store the next step, taken with ``content``; `now` returns the newest one.
 
-        ``seen`` identifies the hold of the constraint that was published with it.
+        ``seen`` identifies the hold of the constraint that was published with it. ``delay_ns``: how
+        much later than usual it came; it is as old as that.
         """
         self._builder.use(content, margin_surface)
         shown = replace(self._builder.observe(step), seen=seen)
         with self._lock:
-            self._newest, self._came_ns = shown, self._clock_ns()
+            self._newest, self._came_ns = shown, self._clock_ns() - delay_ns
         self._notify()
+
+    def list_of_session(self, request: OperatorRequest | None) -> None:
+        """Show the last request that the session has listed, if it is another one than before."""
+        if request is not self._of_session and request is not None:
+            self.list_request(request)
+        self._of_session = request
 
     def list_request(self, request: OperatorRequest) -> None:
         """Show ``request`` as the last one; from any thread."""
@@ -109,22 +122,23 @@ class LiveFeed:
         newest = newest if request is None else replace(newest, request=request)
         if ended:
             return newest.as_unknown(ended)
-        timeout_ns = self._timeout_ns(newest.step)
+        timeout_ns = _timeout_ns(newest)
         limits = FreshnessLimits(timeout_ns)
         if freshness_of(came_ns, self._clock_ns(), limits) is not Freshness.VALID:
-            return newest.as_unknown(
-                f"the session has sent nothing for more than {timeout_ns // NS_PER_MS} ms"
-            )
+            silent = f"the session has sent nothing for more than {timeout_ns // NS_PER_MS} ms"
+            return newest.as_unknown(self._silence() or silent)
         return newest
-
-    def _timeout_ns(self, step: StepResult) -> int:
-        """Time in ns until the poses of ``step``, which had an age at its arrival, are stale."""
-        decision = step.decision
-        if decision.state is MarginState.UNKNOWN or decision.stamp is None:
-            return _QUIET_NS
-        limits = FreshnessLimits(self._stale_after_ns)
-        return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits))
 
     def _notify(self) -> None:
         if self._callback is not None:
             self._callback()
+
+
+def _timeout_ns(shown: ViewState) -> int:
+    """Time in ns until the poses of ``shown``, which had an age at its arrival, are stale."""
+    step = shown.step
+    decision = step.decision
+    if decision.state is MarginState.UNKNOWN or decision.stamp is None:
+        return _QUIET_NS
+    limits = FreshnessLimits(shown.content.margins.stale_after_ns)
+    return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits))

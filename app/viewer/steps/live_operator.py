@@ -1,192 +1,94 @@
-"""The operator of a live session's page: the hold that it shows, and what it may request."""
+"""The operator of a live session's page: what the page requests of the session."""
 
+import time
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
-from contextlib import suppress
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from app.geometry import MarginGuardError, SurfaceMesh, Transform
-from app.registration import RegistrationResult
+from app.geometry import MarginGuardError
 from app.runtime import (
-    ImageDepth,
-    OperatorCommands,
+    Operator,
+    OperatorCommand,
+    OperatorRequest,
     RecordingStatus,
     RequestKind,
-    SeenHold,
-    ShownChange,
-    TipChange,
-    tip_request_kind,
-    use_tip,
+    SessionContent,
 )
+from app.viewer.log import log
 
 _Value = TypeVar("_Value")
-UseMargins = Callable[[float, float, str], None]
 
 THE_PAGE = "the page"
-"""Origin of its requests in the list of requests and in the audit log."""
+"""Origin of what its session has not listed."""
+
+_QUEUED = frozenset({RequestKind.NEEDLE, RequestKind.NOTE})
+"""Kinds that a page sends one after the other. Another request of the others has to wait."""
 
 
 class LiveOperator:
     """Sends requests of a page to a session. The page exists before the session: see `connect`.
 
-    A request waits for the session's step, so it runs in ``workers`` and not in the page's thread;
-    with three workers a re-arm does not wait for a tumour or a recorder. Its outcome is in the
-    session's list of requests, which the page shows.
+    A request waits for its outcome in a thread of its kind, and not in the page's. ``refused``
+    gets each one that was refused or got no answer, to be shown; an accepted one is shown with the
+    session's next step. ``clock_ns`` is the system time.
     """
 
-    def __init__(self, workers: Executor) -> None:
-        self._workers = workers
-        self._commands: OperatorCommands | None = None
-        self._use_margins: UseMargins | None = None
-        self._rearming: Future[None] | None = None
-        self._replacing: Future[None] | None = None
-        self._recording: Future[None] | None = None
-        self._calibrating: Future[None] | None = None
-        self._registering: Future[None] | None = None
+    def __init__(
+        self,
+        refused: Callable[[OperatorRequest], None],
+        clock_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._refused, self._clock_ns = refused, clock_ns
+        self._operator: Operator | None = None
+        self._threads: dict[RequestKind, ThreadPoolExecutor] = {}
+        self._running: dict[RequestKind, Future[None]] = {}
 
-    def connect(self, commands: OperatorCommands, use_margins: UseMargins | None = None) -> None:
-        """Use the commands of a session from now on.
-
-        ``use_margins(stop_mm, warn_mm, origin)`` changes its margins where they are kept.
-        """
-        self._commands, self._use_margins = commands, use_margins
-
-    def seen(self) -> SeenHold | None:
-        """The hold of the constraint that was published last; None before `connect`."""
-        return None if self._commands is None else self._commands.seen()
-
-    def rearm(self, seen: SeenHold) -> None:
-        """Begin to re-arm; returns at once. Does nothing while an earlier re-arm still runs."""
-        if self._commands is None or (self._rearming is not None and not self._rearming.done()):
-            return
-        self._rearming = self._workers.submit(_rearm, self._commands, seen)
+    def connect(self, operator: Operator) -> None:
+        """Send requests to this session from now on."""
+        self._operator = operator
 
     @property
-    def margins(self) -> tuple[float, float] | None:
-        """Stop and warning distance in mm that are in use; None before `connect`."""
-        if self._commands is None:
-            return None
-        margins = self._commands.content.margins
-        return margins.stop_mm, margins.warn_mm
-
-    def set_margins(self, stop_mm: float, warn_mm: float) -> bool:
-        """Begin to change the margins; False before `connect`. Looser ones latch a hold."""
-        if self._commands is None or self._use_margins is None:
-            return False
-        self._workers.submit(_set_margins, self._commands, self._use_margins, stop_mm, warn_mm)
-        return True
+    def content(self) -> SessionContent | None:
+        """The content of the session; None before `connect`."""
+        return None if self._operator is None else self._operator.content
 
     @property
     def recording(self) -> RecordingStatus | None:
         """What the last recording has written; None before the first."""
-        return None if self._commands is None else self._commands.recording
+        return None if self._operator is None else self._operator.recording
 
-    def record(self, start: bool, name: str = "") -> bool:
-        """Begin to start or stop a recording; False while another such request runs."""
-        if self._commands is None or (self._recording is not None and not self._recording.done()):
+    def request(self, command: OperatorCommand) -> bool:
+        """Begin to carry ``command`` out.
+
+        False before `connect`, and while an earlier one of the kind runs that does not queue.
+        """
+        kind, operator = command.kind, self._operator
+        running = self._running.get(kind)
+        if operator is None or (running and not running.done() and kind not in _QUEUED):
             return False
-        self._recording = self._workers.submit(_record, self._commands, start, name)
+        if kind not in self._threads:
+            self._threads[kind] = ThreadPoolExecutor(1, thread_name_prefix=f"request {kind}")
+        self._running[kind] = self._threads[kind].submit(self._send, operator, command)
         return True
-
-    def note(self, text: str) -> None:
-        """List a note on the present with the requests: in the audit log and on the page."""
-        if self._commands is not None:
-            self._commands.requests.accepted(RequestKind.NOTE, THE_PAGE, text)
 
     def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
-        """Return ``function(*args)``, computed where it does not delay the session."""
-        return (
-            function(*args) if self._commands is None else self._commands.compute(function, *args)
-        )
+        """Return ``function(*args)``, computed where it does not delay the page."""
+        operator = self._operator
+        return function(*args) if operator is None else operator.compute(function, *args)
 
-    def set_tumor(self, frame_from_tumor: Transform, tumor: SurfaceMesh, sigma_mm: float) -> bool:
-        """Begin to replace the tumour; False before `connect` and while an earlier one runs."""
-        if self._commands is None or (self._replacing is not None and not self._replacing.done()):
-            return False
-        self._replacing = self._workers.submit(
-            _set_tumor, self._commands, frame_from_tumor, tumor, sigma_mm
-        )
-        return True
+    def close(self) -> None:
+        """Send nothing more; what waits is dropped."""
+        for thread in self._threads.values():
+            thread.shutdown(wait=False, cancel_futures=True)
 
-    @property
-    def image_depth(self) -> ImageDepth | None:
-        """The depths of the images; None before `connect`, and for a session without several."""
-        return None if self._commands is None else self._commands.content.image_depth
+    def _send(self, operator: Operator, command: OperatorCommand) -> None:
+        try:
+            operator.request(command)
+        except MarginGuardError as error:
+            self._tell(command.kind, str(error))
+        except Exception as error:  # whoever asked must learn of any failure
+            log.exception("request %s", command.kind)
+            self._tell(command.kind, f"unexpected {type(error).__name__}: see the log")
 
-    def change_shown(self, request: tuple[RequestKind, ShownChange]) -> bool:
-        """Begin to change what is shown (`app.runtime.shown_changes`); False before `connect`."""
-        if self._commands is None:
-            return False
-        self._workers.submit(_change_shown, self._commands, request)
-        return True
-
-    def set_tip(self, change: TipChange) -> bool:
-        """Begin to use a tip; False before `connect` and while an earlier request runs."""
-        running = self._calibrating is not None and not self._calibrating.done()
-        if self._commands is None or running:
-            return False
-        self._calibrating = self._workers.submit(_set_tip, self._commands, change)
-        return True
-
-    def set_registration(self, result: RegistrationResult) -> bool:
-        """Begin to use a registration; False before `connect` and while an earlier request runs."""
-        running = self._registering is not None and not self._registering.done()
-        if self._commands is None or running:
-            return False
-        self._registering = self._workers.submit(_set_registration, self._commands, result)
-        return True
-
-
-def _set_margins(
-    commands: OperatorCommands, use: UseMargins, stop_mm: float, warn_mm: float
-) -> None:
-    try:
-        commands.requests.admit(RequestKind.MARGINS)
-        use(stop_mm, warn_mm, THE_PAGE)
-    except MarginGuardError as error:
-        # The session lists its own refusals; what never reached it is listed here.
-        last = commands.requests.last
-        if last is None or last.accepted or last.text not in str(error):
-            commands.requests.refused(RequestKind.MARGINS, THE_PAGE, str(error))
-
-
-def _set_tumor(
-    commands: OperatorCommands, edge: Transform, tumor: SurfaceMesh, sigma_mm: float
-) -> None:
-    with suppress(MarginGuardError):
-        commands.requests.admit(RequestKind.TUMOR)
-        commands.set_tumor(edge, tumor, sigma_mm=sigma_mm, origin=THE_PAGE)
-
-
-def _record(commands: OperatorCommands, start: bool, name: str) -> None:
-    # A refusal is in the list of requests.
-    with suppress(MarginGuardError):
-        if start:
-            commands.start_recording(name, origin=THE_PAGE)
-        else:
-            commands.stop_recording(origin=THE_PAGE)
-
-
-def _set_tip(commands: OperatorCommands, change: TipChange) -> None:
-    with suppress(MarginGuardError):
-        commands.requests.admit(tip_request_kind(change))
-        use_tip(commands, change, THE_PAGE)
-
-
-def _change_shown(commands: OperatorCommands, request: tuple[RequestKind, ShownChange]) -> None:
-    # A refusal is in the list of requests.
-    with suppress(MarginGuardError):
-        commands.requests.admit(request[0])
-        commands.change_shown(request, origin=THE_PAGE)
-
-
-def _set_registration(commands: OperatorCommands, result: RegistrationResult) -> None:
-    with suppress(MarginGuardError):
-        commands.requests.admit(RequestKind.REGISTRATION)
-        commands.set_registration(result, origin=THE_PAGE)
-
-
-def _rearm(commands: OperatorCommands, seen: SeenHold) -> None:
-    # A refusal is in the list of requests.
-    with suppress(MarginGuardError):
-        commands.rearm(seen, origin=THE_PAGE)
+    def _tell(self, kind: RequestKind, text: str) -> None:
+        self._refused(OperatorRequest(kind, THE_PAGE, False, text, self._clock_ns()))

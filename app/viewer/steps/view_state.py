@@ -12,7 +12,6 @@ from app.session import (
     REFERENCE,
     BreachList,
     BreachLog,
-    SessionSetup,
     SetupDoubts,
     StepResult,
 )
@@ -83,23 +82,18 @@ class ViewStateBuilder:
     Call `use` before the first step of a changed session.
     """
 
-    def __init__(
-        self,
-        setup: SessionSetup,
-        content: SessionContent,
-        margin_surface: SurfaceMesh | None = None,
-    ) -> None:
+    def __init__(self, content: SessionContent, margin_surface: SurfaceMesh | None = None) -> None:
         self._content = content
         self._margin_surface = margin_surface
-        self._required = tuple(_required_frames(setup))
+        self._required = tuple(_required_frames(content))
         self._named: set[str] = set()
-        self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
+        self._watchdog = TransformWatchdog(content.margins.stale_after_ns)
         self._trend = TrendMeter()
-        self._doubts = SetupDoubts(setup)
+        self._doubts = SetupDoubts(content)
         self._edges: dict[tuple[str, str], Transform] = {}
         self._measured: tuple[Transform, ...] = ()
         self._breaches = 0
-        self._breach_log = BreachLog(content.tumor, setup.margins.stale_after_ns)
+        self._breach_log = BreachLog(content.tumor, content.margins.stale_after_ns)
         self._marks: list[FloatArray] = []
         self._inside = False
         self._elapsed_ns = 0
@@ -157,6 +151,6 @@ class ViewStateBuilder:
         return (*self._watchdog.check(frame.stamp.ns), *never)
 
 
-def _required_frames(setup: SessionSetup) -> Iterable[str]:
-    frames = [setup.tool_from_tip.target, setup.frame_from_tumor.target]
-    return frames if setup.robot is None else [*frames, REFERENCE]
+def _required_frames(content: SessionContent) -> Iterable[str]:
+    frames = [content.tool_from_tip.target, content.frame_from_tumor.target]
+    return frames if content.robot is None else [*frames, REFERENCE]

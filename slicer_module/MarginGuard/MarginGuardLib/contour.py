@@ -19,15 +19,13 @@ from app.contour import (
     contour_surface,
 )
 from app.contour.uncertainty import pixel_sigma
-from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh, Transform
-from app.runtime import OperatorCommands, TrackedTool, tip_mm
+from app.geometry import FloatArray, InputError, MarginGuardError
+from app.runtime import Operator, SetTumor, TrackedTool, tip_mm
 from app.scene import ContourModel, SceneError
 
 from .contour_points import ContourPoints
 from .jobs import Jobs
 from .shown_session import ShownSession
-
-UseTumor = Callable[[Transform, SurfaceMesh, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +114,7 @@ class PanelContour:
 
     def use(self) -> None:
         """Use the contour as the tumour of the session, which is then on hold."""
-        edge = self._session.commands().setup.frame_from_tumor
+        edge = self._session.started().content.frame_from_tumor
         surface = self._surface
         if self._computed is None or not _is_same(self._computed, self._contour(edge.target)):
             raise InputError(
@@ -129,26 +127,22 @@ class PanelContour:
                 "contour: the error of its points is not stated; expected that of the calibration "
                 "of the tool's tip, in mm"
             )
-        commands, sigma_mm = self._session.commands(), surface.uncertainty.sigma_mm
-        mesh = surface.mesh.transformed(edge.inverse())
-        self._jobs.submit(
-            "setting the tumour",
-            lambda: commands.set_tumor(edge, mesh, sigma_mm=sigma_mm),
-            lambda _: None,
-        )
+        operator, sigma_mm = self._session.started(), surface.uncertainty.sigma_mm
+        command = SetTumor(edge, surface.mesh.transformed(edge.inverse()), sigma_mm)
+        self._jobs.submit("setting the tumour", lambda: operator.request(command), lambda _: None)
 
-    def update(self, commands: OperatorCommands | None) -> None:
+    def update(self, operator: Operator | None) -> None:
         """Keep points and surface in the frame that the tumour moves with; compute the surface."""
         if self._points is not None and not self._points.is_in_scene:
             self._forget()
-        if self._points is None or commands is None or self._session.display is None:
+        if self._points is None or operator is None or self._session.display is None:
             return
-        frame = _frame_from_tumor(commands).target
+        frame = operator.content.frame_from_tumor.target
         try:
             self._points.follow(self._session.display.frame_node(frame))
         except SceneError:
             return  # the next step places the frame
-        self._follow(self._contour(frame), commands)
+        self._follow(self._contour(frame), operator)
         self._draw()
 
     def shown(self) -> ContourShown:
@@ -186,23 +180,23 @@ class PanelContour:
     def _edited(self) -> ContourPoints:
         """The points, which are added to the scene before their first edit."""
         if self._points is None or not self._points.is_in_scene:
-            frame = self._session.commands().setup.frame_from_tumor.target
+            frame = self._session.started().content.frame_from_tumor.target
             parent = self._session.shown().frame_node(frame)
             self._points = ContourPoints(self._mrml_scene, parent, self._changed)
         return self._points
 
     def _tip_mm(self, tool: TrackedTool = TrackedTool.CAUTERY) -> FloatArray:
-        session, commands = self._session, self._session.commands()
+        session, content = self._session, self._session.started().content
         step, state = session.shown_step, session.readout()[0]
         is_aged = step is not None and state is not step.decision.state
-        frame = _frame_from_tumor(commands).target
-        return tip_mm(None if is_aged else step, commands.content, tool, frame)
+        frame = content.frame_from_tumor.target
+        return tip_mm(None if is_aged else step, content, tool, frame)
 
     def _contour(self, frame: str) -> Contour:
         positions_mm = np.empty((0, 3)) if self._points is None else self._points.positions_mm
         return replace(self._settings, frame=frame, points=_contour(frame, positions_mm).points)
 
-    def _follow(self, contour: Contour, commands: OperatorCommands) -> None:
+    def _follow(self, contour: Contour, operator: Operator) -> None:
         """Take a surface that is done, and begin to compute that of ``contour`` if it is newer."""
         if self._computing is not None and self._computing[1].done():
             (self._computed, done), self._computing = self._computing, None
@@ -213,7 +207,7 @@ class PanelContour:
         is_new = self._computed is None or not _is_same(self._computed, contour)
         if self._computing is None and is_new:
             future = self._worker.submit(
-                commands.compute, contour_surface, contour, self._pixel_sigma_mm
+                operator.compute, contour_surface, contour, self._pixel_sigma_mm
             )
             self._computing = contour, future
             future.add_done_callback(lambda _: self._changed())
@@ -254,8 +248,3 @@ def _is_same(first: Contour, second: Contour) -> bool:
     names = [each.name for each in fields(Contour) if each.name != "points"]
     is_same = all(getattr(first, name) == getattr(second, name) for name in names)
     return is_same and np.array_equal(first.positions_mm, second.positions_mm)
-
-
-def _frame_from_tumor(commands: OperatorCommands) -> Transform:
-    content = commands.content
-    return next(each for each in content.static_edges if each.source == content.tumor.frame)

@@ -3,13 +3,11 @@
 from slicer import vtkMRMLScene
 
 from app.geometry import NS_PER_S, InputError
-from app.runtime import EventNote, EventNotes, RequestKind, WorkflowOutput
+from app.runtime import AddNote, EventNote, EventNotes, WorkflowOutput
 from app.session import BreachEntry, BreachList
 
 from .shown_session import ShownSession
 
-THE_PANEL = "the panel"
-"""Origin of its notes in the list of requests and in the audit log."""
 MAX_ROWS = 50
 """Breaches in the panel: the deepest one, and the last ones."""
 COLUMNS = ("time, s", "event", "depth, mm", "text")
@@ -68,7 +66,7 @@ class SessionEvents:
         note = self._notes.add(step.index, stamp_ns, begin_s, text)
         if session.opened is None:
             line = f"{note.text} (step {note.frame}, stamp {note.stamp_ns} ns)"
-            session.commands().requests.accepted(RequestKind.NOTE, THE_PANEL, line)
+            session.request(AddNote(line))
 
     def go_to_breach(self, row: int) -> None:
         """Show the deepest moment of the breach in ``row`` of a replay, paused."""

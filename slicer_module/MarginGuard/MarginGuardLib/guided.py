@@ -11,10 +11,12 @@ from app.runtime import (
     CalibrationStatus,
     Coverage,
     GuidedFits,
-    OperatorCommands,
+    Operator,
     Phase,
     RegistrationStatus,
     RobotRegistration,
+    SessionContent,
+    SetRegistration,
     TipChange,
     TrackedTool,
     WorkflowOutput,
@@ -27,10 +29,9 @@ from app.runtime import (
     fit_registration,
     registration_count,
     registration_verdict,
-    use_tip,
+    tip_command,
 )
 
-from .events import THE_PANEL
 from .jobs import Jobs
 
 
@@ -66,9 +67,9 @@ class _Guided:
         self._use = use
         self._seen = 0
 
-    def update(self, commands: OperatorCommands) -> None:
+    def update(self, content: SessionContent) -> None:
         """Use the session's present content, take a fit that is done, and begin the next one."""
-        self._guide.use_content(commands.content)
+        self._guide.use_content(content)
         self._fits.follow()
         self._seen = self._guide.status().revision
 
@@ -176,7 +177,7 @@ class GuidedWork:
     def __init__(
         self,
         workflow: WorkflowOutput,
-        commands: OperatorCommands,
+        operator: Operator,
         jobs: Jobs,
         changed: Callable[[], None],
     ) -> None:
@@ -184,15 +185,15 @@ class GuidedWork:
         tool, robot = workflow.calibration, workflow.registration
         self.calibration = GuidedCalibration(
             tool,
-            GuidedFits[Any, Any](tool, fit_calibration, commands.compute, changed),
-            lambda change: _use_tip(commands, jobs, change),
+            GuidedFits[Any, Any](tool, fit_calibration, operator.compute, changed),
+            lambda change: _use_tip(operator, jobs, change),
         )
-        self.registration = None if robot is None else _registration(robot, commands, jobs, changed)
+        self.registration = None if robot is None else _registration(robot, operator, jobs, changed)
 
-    def update(self, commands: OperatorCommands) -> None:
+    def update(self, content: SessionContent) -> None:
         """Follow the session and the fits."""
         for each in self._parts:
-            each.update(commands)
+            each.update(content)
 
     def close(self) -> None:
         """End the threads of the fits."""
@@ -206,22 +207,19 @@ class GuidedWork:
 
 
 def _registration(
-    robot: RobotRegistration, commands: OperatorCommands, jobs: Jobs, changed: Callable[[], None]
+    robot: RobotRegistration, operator: Operator, jobs: Jobs, changed: Callable[[], None]
 ) -> GuidedRegistration:
-    fits = GuidedFits[Any, Any](robot, fit_registration, commands.compute, changed)
-    return GuidedRegistration(robot, fits, lambda result: _use(commands, jobs, result))
+    fits = GuidedFits[Any, Any](robot, fit_registration, operator.compute, changed)
+    return GuidedRegistration(robot, fits, lambda result: _use(operator, jobs, result))
 
 
-def _use_tip(commands: OperatorCommands, jobs: Jobs, change: TipChange) -> bool:
-    return _begun(
-        jobs,
-        "using the tip",
-        lambda: use_tip(commands, change, THE_PANEL),
-    )
+def _use_tip(operator: Operator, jobs: Jobs, change: TipChange) -> bool:
+    return _begun(jobs, "using the tip", lambda: operator.request(tip_command(change)))
 
 
-def _use(commands: OperatorCommands, jobs: Jobs, result: RegistrationResult) -> bool:
-    return _begun(jobs, "using the registration", lambda: commands.set_registration(result))
+def _use(operator: Operator, jobs: Jobs, result: RegistrationResult) -> bool:
+    command = SetRegistration(result)
+    return _begun(jobs, "using the registration", lambda: operator.request(command))
 
 
 def _begun(jobs: Jobs, name: str, work: Callable[[], object]) -> bool:

@@ -1,70 +1,93 @@
-"""Live run of the panel: opens the file and starts the ROS node in the thread that steps."""
+"""The live session that the panel shows: a live node of its own, which the panel has started."""
 
 import logging
-import threading
 from collections.abc import Iterator
-from pathlib import Path
+from secrets import token_hex
 
-from app.bridge import BridgeError, prepare_environment
-from app.bridge.live import LiveNode, live_node
-from app.runtime import OperatorCommands, WorkflowOutput, prepare_live
+from app.bridge import RosNode, prepare_environment
+from app.bridge.displays import LiveChild, SessionClient
+from app.bridge.displays.names import PANEL_NODE
+from app.bridge.publishing.session_publisher import NODE_NAME
+from app.geometry import InputError
+from app.runtime import Operator, WorkflowOutput
 from app.session import LiveImages, StepResult
-
-CONSTRAINT_HZ = 1000.0
 
 
 class LiveStepRun:
-    """`app.runtime.StepRun` of the ``live.yaml`` at ``config``."""
+    """`app.runtime.StepRun` of the live node that runs the ``live.yaml`` at ``config``.
 
-    def __init__(self, config: Path) -> None:
+    The node is started with the first step and ends with the last one.
+    """
+
+    def __init__(self, config: str) -> None:
         self._config = config
         self.workflow: WorkflowOutput | None = None
-        """Guided recordings and breaches; None until the file is open."""
-        self.images: LiveImages | None = None
-        """Images of the session; None until the file is open, and for one without images."""
-        self._node: LiveNode | None = None
-        self._lock = threading.Lock()
+        """Guided recordings and breaches; None before the first step."""
+        self._client: SessionClient | None = None
+        self._child: LiveChild | None = None
         self._stopped = False
 
     @property
-    def commands(self) -> OperatorCommands | None:
-        """Commands of the session; None until it exists."""
-        return None if self._node is None else self._node.commands
+    def operator(self) -> Operator | None:
+        """What the panel may request; None before the first step."""
+        return None if self._client is None else self._client.operator
+
+    @property
+    def images(self) -> LiveImages | None:
+        """Images of the session; None before the first step, and for one without images."""
+        return None if self._client is None else self._client.images
+
+    @property
+    def delay_ns(self) -> int:
+        """By how much the last step came later than others."""
+        return 0 if self._client is None else self._client.delay_ns
+
+    @property
+    def silence(self) -> str:
+        """Why no step comes; empty while that is not known."""
+        if self._child is not None and self._child.ended:
+            return self._child.ended
+        return "" if self._client is None else self._client.silence
 
     def steps(self) -> Iterator[StepResult]:
-        """Open the file, start the ROS node, and yield the steps as they happen."""
+        """Start the node and yield its steps as they come."""
         logging.info(prepare_environment())
-        prepared = prepare_live(self._config)
-        self.workflow = workflow = WorkflowOutput(prepared.content)
-        self.images = prepared.live_images()
-        with live_node(
-            prepared,
-            namespace="",
-            constraint_hz=CONSTRAINT_HZ,
-            outputs=(workflow,),
-            images=self.images,
-        ) as node:
-            with self._lock:
-                self._node = node
-                if self._stopped:
-                    node.stop()
-            yield from node.steps()
+        name = f"{PANEL_NODE}_{token_hex(3)}"
+        child = self._child = LiveChild(
+            [f"--config={self._config}", f"--display=/{name}"], logging.info
+        )
+        try:
+            with RosNode(name) as ros:
+                client = self._client = SessionClient(
+                    ros, NODE_NAME, starting=self._check, own=True
+                )
+                try:
+                    if not self._stopped:
+                        yield from self._followed(client)
+                finally:
+                    client.close()
+        finally:
+            child.close()
 
     def stop(self) -> None:
         """End `steps`; while the node is being started, as soon as it has started."""
-        with self._lock:
-            self._stopped = True
-            if self._node is not None:
-                self._node.stop()
-
-    def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Set the parameters of the node; raises `BridgeError` before it exists."""
-        if self._node is None:
-            raise BridgeError(
-                f"{self._config.name}: the session has not started yet; expected a started one"
-            )
-        self._node.set_margins(stop_mm, warn_mm)
+        self._stopped = True
+        if self._client is not None:
+            self._client.stop()
 
     def pace(self) -> float:
         """Live stamps advance in real time."""
         return 1.0
+
+    def _followed(self, client: SessionClient) -> Iterator[StepResult]:
+        for step in client.steps():
+            assert client.operator is not None  # it comes with the first step
+            content = client.operator.content
+            if self.workflow is None:
+                self.workflow = WorkflowOutput(content)
+            self.workflow.observe(step, content)
+            yield step
+
+    def _check(self) -> None:
+        if self._child is not None and self._child.ended:
+            raise InputError(self._child.error)

@@ -17,7 +17,15 @@ from slicer import (
 from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.registration import RegistrationResult
-from app.runtime import RecordingStatus, stylus_text, workflow_steps
+from app.runtime import (
+    Record,
+    RecordingStatus,
+    SetMargins,
+    SetRegistration,
+    SetTumor,
+    stylus_text,
+    workflow_steps,
+)
 from app.scene import points_of_markups
 
 from .alarm import Alarm
@@ -81,7 +89,7 @@ class PanelLogic:
         """
         self._check_not_live()
         self.end_session()
-        self.session.begin(LiveStepRun(config))
+        self.session.begin(LiveStepRun(str(config)))
 
     def disconnect(self) -> None:
         """Stop the session without waiting for its end; its display becomes grey."""
@@ -131,40 +139,40 @@ class PanelLogic:
 
     def rearm(self) -> None:
         """End the hold of an earlier fault, based on the displayed step."""
-        self.session.rearm()
+        self.session.request(self.session.rearm())
 
     def start_recording(self) -> None:
         """Start to record the live session as a new case, in the background."""
-        commands = self.session.commands()
-        self._jobs.submit("starting the recording", commands.start_recording, _ignore)
+        self._record(start=True)
 
     def stop_recording(self) -> None:
         """Finish the recording in the background."""
-        commands = self.session.commands()
-        self._jobs.submit("finishing the recording", commands.stop_recording, _ignore)
+        self._record(start=False)
 
     def margins(self) -> MarginParameters | None:
         """The margins of the session; None without one."""
-        thread = self.session.thread
-        commands = None if thread is None else thread.run.commands
-        return None if commands is None else commands.content.margins
+        operator = self.session.operator
+        return None if operator is None else operator.content.margins
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Use both from the next step on; an invalid one raises and changes neither."""
-        self.session.running().run.set_margins(stop_mm, warn_mm)
+        """Use both from the next step on; if one is invalid, neither is changed."""
+        self.session.running()
+        self.session.request(SetMargins(stop_mm, warn_mm))
 
     def set_tumor(self, node: vtkMRMLNode | None, segment: str = "") -> None:
         """Use the surface of ``node`` as tumour; its distance field is built in the background."""
-        commands = self.session.commands()
-        edge = commands.setup.frame_from_tumor
+        operator = self.session.started()
+        edge = operator.content.frame_from_tumor
         mesh = surface_of(node, segment, edge.source, self.session.shown().tumor_node())
 
         def done(model_id: str) -> None:
-            if commands is not self.session.commands():
+            if operator is not self.session.operator:
                 raise InputError("another session has started; expected the same one: set it again")
             self._message = f"the tumour is now {model_id}"
 
-        self._jobs.submit("setting the tumour", lambda: commands.set_tumor(edge, mesh), done)
+        self._jobs.submit(
+            "setting the tumour", lambda: operator.request(SetTumor(edge, mesh)), done
+        )
 
     def register_case(self, folder: Path) -> None:
         """Compute the registration of a recorded case in the background, as `candidate`."""
@@ -178,7 +186,7 @@ class PanelLogic:
         The points of ``in_reference`` are converted to the reference's node, those of ``in_base``
         are used as they are.
         """
-        robot = self.session.commands().setup.robot
+        robot = self.session.started().content.robot
         if in_reference is None or in_base is None:
             raise InputError(
                 "landmarks: a list is not chosen; expected two, in the reference and in the base"
@@ -191,12 +199,18 @@ class PanelLogic:
 
     def accept_registration(self) -> None:
         """Use `candidate` from the next step on."""
-        commands = self.session.commands()
-        if self.candidate is None:
+        operator, candidate = self.session.started(), self.candidate
+        if candidate is None:
             raise InputError("there is no registration to accept; expected one: register first")
-        commands.set_registration(self.candidate)
-        self.candidate = None
-        self._message = "the registration is in use"
+
+        def done(_: str) -> None:
+            if self.candidate is candidate:
+                self.candidate = None
+            self._message = "the registration is in use"
+
+        self._jobs.submit(
+            "using the registration", lambda: operator.request(SetRegistration(candidate)), done
+        )
 
     def calibration(self) -> GuidedCalibration:
         """The guided calibration of the tool; raises `InputError` without a session."""
@@ -214,7 +228,7 @@ class PanelLogic:
 
         Waits for a step and for the running job, for each at most ``wait_s``.
         """
-        failure = self._jobs.collect()
+        failure = self._jobs.collect() or self.session.requests.collect()
         if failure:
             self._message = failure
         session = self.session
@@ -230,6 +244,7 @@ class PanelLogic:
         if self.view.failure:
             self._message = self.view.failure
         self._jobs.wait(wait_s)
+        session.requests.wait(wait_s)
         return self._status()
 
     def alarm_due(self) -> bool:
@@ -245,6 +260,7 @@ class PanelLogic:
         """End the session and the jobs."""
         self.end_session()
         self._jobs.close()
+        self.session.requests.close()
         self._directions.close()
         self.contour.close()
 
@@ -256,17 +272,16 @@ class PanelLogic:
 
     def _update_guided(self) -> None:
         """Follow the guided recordings of the session; those of an earlier one are closed."""
-        workflow, thread = self.session.workflow, self.session.thread
-        commands = None if thread is None else thread.run.commands
-        self.contour.update(commands)
+        workflow, operator = self.session.workflow, self.session.operator
+        self.contour.update(operator)
         if self._guided is not None and self._guided.workflow is not workflow:
             self._guided.close()
             self._guided = None
-        if workflow is None or commands is None:
+        if workflow is None or operator is None:
             return
         if self._guided is None:
-            self._guided = GuidedWork(workflow, commands, self._jobs, self._changed)
-        self._guided.update(commands)
+            self._guided = GuidedWork(workflow, operator, self._jobs, self._changed)
+        self._guided.update(operator.content)
 
     def _end(self) -> None:
         self.contour.clear()
@@ -292,14 +307,13 @@ class PanelLogic:
     def _workflow(self) -> str:
         """The steps of the case, one line each; empty before a session shows something."""
         session = self.session
-        shown, thread = session.shown_step, session.thread
-        commands = None if thread is None else thread.run.commands
-        if shown is None or commands is None:
+        shown, operator = session.shown_step, session.operator
+        if shown is None or operator is None:
             return ""
         is_stale = session.readout()[0] is not shown.decision.state
         steps = workflow_steps(
             shown,
-            commands.content,
+            operator.content,
             is_live=session.opened is None,
             silent="" if session.is_running and not is_stale else "no step has followed",
             calibration=None if self._guided is None else self._guided.calibration.status,
@@ -308,21 +322,24 @@ class PanelLogic:
         return "\n".join(each.line for each in steps)
 
     def _tip_directions(self) -> str:
-        session, thread = self.session, self.session.thread
-        step, commands = session.shown_step, None if thread is None else thread.run.commands
-        if step is None or commands is None or session.readout()[0] is not step.decision.state:
+        session, operator = self.session, self.session.operator
+        step = session.shown_step
+        if step is None or operator is None or session.readout()[0] is not step.decision.state:
             return ""
-        return self._directions.text(step, commands.content, commands.compute)
+        return self._directions.text(step, operator.content, operator.compute)
 
     def _stylus(self) -> str:
-        thread = self.session.thread
-        commands = None if thread is None else thread.run.commands
-        return "" if commands is None else stylus_text(commands.content)
+        operator = self.session.operator
+        return "" if operator is None else stylus_text(operator.content)
 
     def _recording(self) -> RecordingStatus | None:
-        thread = self.session.thread
-        commands = None if thread is None else thread.run.commands
-        return None if commands is None else commands.recording
+        operator = self.session.operator
+        return None if operator is None else operator.recording
+
+    def _record(self, *, start: bool) -> None:
+        operator = self.session.started()
+        name = "starting the recording" if start else "finishing the recording"
+        self._jobs.submit(name, lambda: operator.request(Record(start)), _ignore)
 
     def _status(self) -> PanelStatus:
         session, recording = self.session, self._recording()
@@ -337,7 +354,7 @@ class PanelLogic:
             session=session.text(),
             registration="" if self.candidate is None else registration_text(self.candidate),
             message=f"{self._jobs.current} ..." if self._jobs.current else self._message,
-            request=session.request(),
+            request=session.last_request(),
             position_s=session.position_s,
             duration_s=0.0 if session.opened is None else session.opened.extent.duration_s,
             is_live=self._is_live,

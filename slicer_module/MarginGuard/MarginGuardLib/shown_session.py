@@ -10,8 +10,10 @@ from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, InputError
 from app.runtime import (
     DeliveredStep,
-    OperatorCommands,
+    Operator,
+    OperatorCommand,
     PreparedCase,
+    Rearm,
     ReplayRun,
     StepRun,
     StepThread,
@@ -21,8 +23,11 @@ from app.scene import MarkerStyle, TransformHealth
 from app.session import BreachList, StepResult
 
 from .display import NOT_TRACKED_YET, SessionDisplay
-from .jobs import one_line
+from .jobs import Jobs, one_line
 from .live_step_run import LiveStepRun
+
+THE_PANEL = "the panel"
+"""Origin of its requests in a replay."""
 
 
 class ShownSession:
@@ -42,6 +47,8 @@ class ShownSession:
         self.opacity = 0.4
         self.marker_style = MarkerStyle()
         self.patient_to_ras: vtkMRMLTransformNode | None = None
+        self.requests = Jobs(changed)
+        """Requests of a live session, which a node that hangs would keep this thread waiting."""
         self.rate = 1.0
         self.thread: StepThread | None = None
         self.display: SessionDisplay | None = None
@@ -66,7 +73,12 @@ class ShownSession:
         """Replay ``opened`` with its ``breaches``, paused at its first frame."""
         workflow = WorkflowOutput(opened.content)
         run = ReplayRun(
-            opened, clock_ns=time.monotonic_ns, rate=self.rate, paused=True, outputs=(workflow,)
+            opened,
+            clock_ns=time.monotonic_ns,
+            rate=self.rate,
+            paused=True,
+            outputs=(workflow,),
+            origin=THE_PANEL,
         )
         self.begin(run, opened)
         self._workflow, self._recorded = workflow, breaches
@@ -77,13 +89,14 @@ class ShownSession:
             self.thread.stop()
         if self.display is not None:
             self.display.clear()
+        self.requests.cancel()
         self.thread = self.opened = self._last = self.display = self._workflow = None
         self.health = ()
         self.failure = ""
 
     def seek(self, seconds: float, *, paused: bool) -> None:
         """Replay from ``seconds`` with the present setup and content of the session."""
-        case, commands = self.case(), self.commands()
+        case, commands = self.case(), self.replay().commands
         duration_s = case.extent.duration_s
         if not 0.0 <= seconds <= duration_s:
             raise InputError(f"seek to {seconds:g} s; expected 0 to {duration_s:.1f} s")
@@ -99,6 +112,7 @@ class ShownSession:
                 setup=commands.setup,
                 content=commands.content,
                 outputs=() if self._workflow is None else (self._workflow,),
+                origin=THE_PANEL,
             )
         )
 
@@ -143,14 +157,14 @@ class ShownSession:
         elif self._last is not None and self.display is not None:
             self.health = self.display.check(thread.present_ns(self._last))
 
-    def rearm(self) -> None:
-        """End the hold of an earlier fault, based on the displayed step.
+    def rearm(self) -> Rearm:
+        """The command that ends the hold which the displayed step shows.
 
-        Raises `InputError` while the displayed state is UNKNOWN, and `RearmRefusedError` if a fault
-        or another tumour, tool, registration or looser margin followed the displayed step, because
-        the operator has not seen it.
+        It is refused if a fault or another tumour, tool, registration or looser margin followed
+        that step, because the operator has not seen it. Raises `InputError` while the displayed
+        state is UNKNOWN.
         """
-        thread, shown, commands = self.running(), self._last, self.commands()
+        thread, shown = self.running(), self._last
         if shown is None or self.display is None or self.readout()[0] is MarginState.UNKNOWN:
             raise InputError(
                 "the displayed margin is UNKNOWN; expected a known state: its cause must end first"
@@ -159,7 +173,7 @@ class ShownSession:
             raise InputError(
                 "the last change is not displayed yet; expected a re-arm after it is displayed"
             )
-        commands.rearm(shown.seen)
+        return Rearm(shown.seen.seq, shown.seen.nonce)
 
     @property
     def is_running(self) -> bool:
@@ -183,8 +197,11 @@ class ShownSession:
         """Why the shown step is not the present, empty while it is."""
         if self._last is None or self.display is None:
             return NOT_TRACKED_YET
-        is_stale = self.readout()[0] is not self._last.step.decision.state
-        return "no step has followed" if is_stale else ""
+        if self.readout()[0] is self._last.step.decision.state:
+            return ""
+        run = None if self.thread is None else self.thread.run
+        known = run.silence if isinstance(run, LiveStepRun) else ""
+        return known or "no step has followed"
 
     @property
     def workflow(self) -> WorkflowOutput | None:
@@ -246,10 +263,10 @@ class ShownSession:
         state = CauteryState.UNKNOWN if is_stale else told
         return f"{state.symbol} cautery {state.label}"
 
-    def request(self) -> str:
+    def last_request(self) -> str:
         """The last request to change the session, and what became of it."""
-        commands = None if self.thread is None else self.thread.run.commands
-        last = None if commands is None else commands.requests.last
+        operator = self.operator
+        last = None if operator is None else operator.last_request
         return "" if last is None else last.line
 
     def text(self) -> str:
@@ -273,12 +290,28 @@ class ShownSession:
             raise InputError("there is no session; expected one: connect or load a case first")
         return self.thread
 
-    def commands(self) -> OperatorCommands:
-        """The commands of the session; raises `InputError` before it has started."""
-        commands = None if self.thread is None else self.thread.run.commands
-        if commands is None:
+    @property
+    def operator(self) -> Operator | None:
+        """What may be requested of the session; None before it has started."""
+        return None if self.thread is None else self.thread.run.operator
+
+    def request(self, command: OperatorCommand) -> None:
+        """Carry ``command`` out in a replay; begin to, live: `requests` then has the outcome.
+
+        Raises `InputError` before the session has started, and in a replay for a refused one.
+        """
+        operator = self.started()
+        if self.opened is not None:
+            operator.request(command)
+        else:
+            self.requests.submit(str(command.kind), lambda: operator.request(command), _ignore)
+
+    def started(self) -> Operator:
+        """`operator`; raises `InputError` before the session has started."""
+        operator = self.operator
+        if operator is None:
             raise InputError("there is no session; expected one: connect or load a case first")
-        return commands
+        return operator
 
     def case(self) -> PreparedCase:
         """The replayed case; raises `InputError` without one."""
@@ -300,3 +333,7 @@ class ShownSession:
                 "nothing is shown yet; expected a session: connect or load a case first"
             )
         return self.display
+
+
+def _ignore(_: object) -> None:
+    """The outcome of an accepted request is in the list of requests."""

@@ -6,10 +6,9 @@ from slicer import vtkMRMLScene, vtkMRMLSliceNode
 
 from app.case import CurrentImage, ImageSource
 from app.geometry import ImageSample, InputError
-from app.runtime import other_depth
+from app.runtime import ChooseDepth
 from app.scene import ImageVolume, SceneError
 
-from .events import THE_PANEL
 from .live_step_run import LiveStepRun
 from .shown_session import ShownSession
 
@@ -94,14 +93,13 @@ class PanelUltrasound:
             self._fill(self._view)
 
     def choose_depth(self, depth_mm: float) -> None:
-        """Place new images by the calibration of ``depth_mm``. Raises `InputError` with why not."""
-        self._session.commands().change_shown(other_depth(depth_mm), origin=THE_PANEL)
+        """Place new images by the calibration of ``depth_mm``. `InputError` without a session."""
+        self._session.request(ChooseDepth(depth_mm))
 
     def shown(self) -> UltrasoundShown:
         """What the panel shows of it."""
-        thread = self._session.thread
-        commands = None if thread is None else thread.run.commands
-        depth = None if commands is None else commands.content.image_depth
+        operator = self._session.operator
+        depth = None if operator is None else operator.content.image_depth
         return UltrasoundShown(
             text=f"FROZEN: not current, {self._text}" if self._is_frozen else self._text,
             has_images=self._images is not None,
@@ -182,7 +180,7 @@ class PanelUltrasound:
             raise InputError("image: none is shown; expected a current one")
         if not self.volume.visible:
             raise InputError(f"image: {self._text}; expected a current one")
-        frame = self._session.commands().content.frame_from_tumor.target
+        frame = self._session.started().content.frame_from_tumor.target
         found = self._images.at(sample.stamp.ns, frame)
         if found.number != sample.number or found.pose.matrix is None:
             raise InputError(

@@ -118,26 +118,37 @@ def test_missing_margin_is_refused():
 def test_set_from_this_process_is_validated_as_over_ros(ros, content):
     used = []
     server = MarginParameterServer(ros, content.margins, appending_to(used))
-    server.set(stop_mm=6.0, warn_mm=9.0)
+    server.set(stop_mm=6.0, warn_mm=9.0, origin="the page")
     assert used == [server.margins] == [content.margins.replaced(stop_mm=6.0, warn_mm=9.0)]
     assert ros.node.get_parameter("stop_mm").value == 6.0
     with pytest.raises(MarginParameterError, match="warn_mm is 7; expected more than stop_mm 8"):
-        server.set(stop_mm=8.0, warn_mm=7.0)
+        server.set(stop_mm=8.0, warn_mm=7.0, origin="the page")
     assert ros.node.get_parameter("warn_mm").value == 9.0
     assert len(used) == 1
 
 
 def test_origin_of_a_set_and_reasons_of_refusals_are_passed_on(ros, content, start_receiver):
     origins, reasons = [], []
+
+    def refused(reason, origin):
+        reasons.append((reason, origin))
+
     server = MarginParameterServer(
-        ros, content.margins, lambda margins, origin: origins.append(origin), reasons.append
+        ros, content.margins, lambda margins, origin: origins.append(origin), refused
     )
-    server.set(stop_mm=2.0)
+    server.set(stop_mm=2.0, origin="the page")
+    with pytest.raises(MarginParameterError):
+        server.set(stop_mm=7.0, warn_mm=6.0, origin="the page")
     # The second one is refused by ROS, which checks the declared range itself.
     results_of(start_receiver, {"stop_mm": 1.5}, {"stop_mm": 4000.0}, {"warn_mm": 0.5})
-    assert origins == ["this process", "ROS"]
-    (reason,) = reasons
-    assert "warn_mm is 0.5; expected more than stop_mm 1.5" in reason
+    assert origins == ["the page", "ROS"]
+    own, other = reasons
+    assert own == (
+        "warn_mm is 6; expected more than stop_mm 7, as the warning must come before the stop",
+        "the page",
+    )
+    assert "warn_mm is 0.5; expected more than stop_mm 1.5" in other[0]
+    assert other[1] == "ROS"
 
 
 def test_refusal_of_the_user_of_the_margins_is_not_passed_on_twice(ros, content):
@@ -146,7 +157,9 @@ def test_refusal_of_the_user_of_the_margins_is_not_passed_on_twice(ros, content)
     def refuse(margins, origin):
         raise MarginParameterError("no operator")
 
-    server = MarginParameterServer(ros, content.margins, refuse, reasons.append)
+    server = MarginParameterServer(
+        ros, content.margins, refuse, lambda reason, origin: reasons.append(reason)
+    )
     with pytest.raises(MarginParameterError, match="no operator"):
-        server.set(stop_mm=2.0)
+        server.set(stop_mm=2.0, origin="the page")
     assert reasons == []

@@ -128,7 +128,7 @@ def test_valid_tumor_is_used_and_invalid_ones_change_nothing(
 def test_session_continues_while_a_new_tumor_is_prepared(commands, output, case):
     other = case.tumor_mesh()
     other = SurfaceMesh(other.frame, other.vertices_mm * 0.9, other.faces)
-    commands.set_tumor(commands.setup.frame_from_tumor, other)
+    commands.set_tumor(commands.setup.frame_from_tumor, other, origin="a test")
     assert output.locked_while_preparing == [False]
     assert output.prepared[0].tumor is output.contents[0].tumor is other
     assert output.revoked == 1

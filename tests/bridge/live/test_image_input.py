@@ -1,6 +1,8 @@
 """Images of a live session from a ROS topic and from OpenIGTLink messages."""
 
 import threading
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ from sensor_msgs.msg import Image
 
 from app.bridge import RosNode
 from app.bridge.convert import image_message
-from app.bridge.live.image_input import IgtlImages, TopicImages, with_images
+from app.bridge.displays.image_input import TopicImages
+from app.bridge.igtl_images import IgtlImagePublisher
+from app.bridge.live.outputs import ChosenDepth
 from app.bridge.qos import NEWEST, Topic
-from app.case import DepthCalibration, ImageDepths
+from app.case import DepthCalibration, ImageDepths, TrackingFrame
 from app.geometry import (
     ImageCalibration,
     ImageSample,
@@ -22,8 +26,10 @@ from app.geometry import (
 )
 from app.igtl.images import image_message as igtl_message
 from app.igtl.wire import HEADER_BYTES, read_header
+from app.runtime import ImageDepth, ImageDescription, StepTiming
 from app.session import LiveImages
 from tests.case.images.sequences import some_pixels
+from tests.session_content import one_link_content
 from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -112,89 +118,93 @@ def packet(device: str, number: int, pixel_mm: float = 1.0) -> tuple[object, byt
     return read_header(content[:HEADER_BYTES]), content[HEADER_BYTES:]
 
 
-def test_igtl_images_of_one_device_are_shown() -> None:
-    reported = Reported()
-    igtl = IgtlImages(None, "MF", reported.images)
-    igtl.receive(*packet("Image_Probe", 0))
-    wait_until(lambda: igtl.counts().get("images: received", 0) == 1)
+class Taken:
+    """What a display would receive: the stamps and the pixels of published images."""
+
+    def __init__(self, ros: RosNode) -> None:
+        self.images: dict[int, np.ndarray] = {}
+        ros.subscribe(TOPIC, self._take)
+
+    def _take(self, message: Image) -> None:
+        stamp = message.header.stamp
+        pixels = np.frombuffer(bytes(message.data), np.uint8)
+        shape = message.height, message.width
+        self.images[stamp.sec * 10**9 + stamp.nanosec] = pixels.reshape(shape)
+
+
+def test_igtl_images_of_one_device_are_published(ros: RosNode, other: RosNode) -> None:
+    taken, reported = Taken(other), []
+    igtl = IgtlImagePublisher(ros, TOPIC.name, None, reported.append)
+    ros.wait_for_subscribers(TOPIC, 1, DEADLINE_S)
+    wait_until(lambda: taken.images, lambda: igtl.receive(*packet("Image_Probe", 0)))
     igtl.receive(*packet("Other", 5))
     header, body = packet("Image_Probe", 1)
     igtl.receive(header, body[:-1] + bytes([body[-1] ^ 1]))
-    assert reported.event.wait(DEADLINE_S)
-    assert "checksum" in reported.problems[0]
-    igtl.receive(header, body)
-    wait_until(lambda: igtl.counts().get("images: received", 0) == 2)
-    np.testing.assert_array_equal(shown(reported, 2 * 10**9), PIXELS[1])
+    wait_until(lambda: igtl.problem)
+    assert "checksum" in igtl.problem
+    wait_until(lambda: 2 * 10**9 in taken.images, lambda: igtl.receive(header, body))
+    assert igtl.problem == ""
+    np.testing.assert_array_equal(taken.images[2 * 10**9], PIXELS[1])
+    assert set(taken.images) == {10**9, 2 * 10**9}
     igtl.close()
 
 
-def test_image_of_another_depth_has_no_place_until_the_first_depth_returns() -> None:
-    """Size and type of the pixels stay the same: the calibration would place it wrongly."""
-    reported = Reported()
-    device = IgtlImages("Image", "MF", reported.images)
-    device.receive(*packet("Image", 0, 0.2))
-    wait_until(lambda: device.counts().get("images: received") == 1)
-    device.receive(*packet("Image", 1, 0.25))
-    assert reported.event.wait(DEADLINE_S)
-    assert reported.problems == [
-        "image has pixels of 0.25 x 0.25 mm; expected 0.2 x 0.2 mm, as the first one of the "
-        "session: the calibration holds for one depth"
-    ]
-    assert shown(reported, 2 * 10**9) is None
-    device.receive(*packet("Image", 2, 0.2))
-    wait_until(lambda: device.counts().get("images: received") == 2)
-    assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
-    device.close()
-
-
-def test_image_of_another_listed_depth_names_the_depth_to_choose() -> None:
-    """It is refused until an operator chooses that depth; then images of it are placed by it."""
-    reported = Reported()
-    matrices = {40.0: np.diag([0.2, 0.2, 0.2, 1.0]), 50.0: np.diag([0.25, 0.25, 0.25, 1.0])}
+def depths(*depths_mm: float) -> ImageDescription:
+    """Images whose pixels measure 0.005 mm for each mm of depth; no depths: 0.2 mm."""
+    matrices = {depth_mm: np.diag([*[depth_mm / 200.0] * 3, 1.0]) for depth_mm in depths_mm}
+    matrices = matrices or {None: np.diag([0.2, 0.2, 0.2, 1.0])}
     calibrations = [
         DepthCalibration(depth_mm, ImageCalibration("probe", matrix))
         for depth_mm, matrix in matrices.items()
     ]
-    reported.images = LiveImages(
-        ImageDepths(calibrations, 40.0), stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS
+    return ImageDescription(
+        TOPIC.name, "MF", tuple(calibrations), calibrations[0].depth_mm, LIMIT_NS, LIMIT_NS
     )
-    reported.images.report = reported._report
-    device = IgtlImages("Image", "MF", reported.images)
-    device.receive(*packet("Image", 0, 0.2))
-    wait_until(lambda: device.counts().get("images: received") == 1)
-    device.receive(*packet("Image", 1, 0.25))
-    assert reported.event.wait(DEADLINE_S)
-    assert reported.problems == [
+
+
+def test_igtl_image_of_another_depth_is_not_published(ros: RosNode, other: RosNode) -> None:
+    """Size and type of the pixels stay the same: the calibration would place it wrongly."""
+    taken, reported = Taken(other), []
+    chosen = ChosenDepth(one_link_content(), depths())
+    igtl = IgtlImagePublisher(ros, TOPIC.name, "Image", reported.append, chosen.check)
+    wait_until(lambda: taken.images, lambda: igtl.receive(*packet("Image", 0, 0.2)))
+    igtl.receive(*packet("Image", 1, 0.25))
+    wait_until(lambda: igtl.problem)
+    assert igtl.problem == (
+        "image has pixels of 0.25 x 0.25 mm; expected 0.2 x 0.2 mm, as the first one of the "
+        "session: the calibration holds for one depth"
+    )
+    wait_until(lambda: 3 * 10**9 in taken.images, lambda: igtl.receive(*packet("Image", 2, 0.2)))
+    assert 2 * 10**9 not in taken.images
+    assert reported == ["image has pixels of 0.25 x 0.25 mm; expected 0.2 x 0.2 mm, as the first "
+                        "one of the session: the calibration holds for one depth"]  # fmt: skip
+    igtl.close()
+
+
+def test_igtl_image_of_another_listed_depth_names_the_depth_to_choose(
+    ros: RosNode, other: RosNode
+) -> None:
+    """It is refused until an operator chooses that depth."""
+    taken = Taken(other)
+    content = replace(one_link_content(), image_depth=ImageDepth((40.0, 50.0), 40.0))
+    chosen = ChosenDepth(content, depths(40.0, 50.0))
+    igtl = IgtlImagePublisher(ros, TOPIC.name, "Image", lambda text: None, chosen.check)
+    wait_until(lambda: taken.images, lambda: igtl.receive(*packet("Image", 0, 0.2)))
+    igtl.receive(*packet("Image", 1, 0.25))
+    wait_until(lambda: igtl.problem)
+    assert igtl.problem == (
         "image has pixels of 0.25 x 0.25 mm, those of depth 50 mm; expected those of depth 40 mm "
         "(0.2 x 0.2 mm), which is in use: choose depth 50 mm"
-    ]
-    assert shown(reported, 2 * 10**9) is None
-    reported.images.choose_depth(50.0)
-    device.receive(*packet("Image", 2, 0.25))
-    wait_until(lambda: device.counts().get("images: received") == 2)
-    assert np.array_equal(shown(reported, 3 * 10**9), PIXELS[2])
-    found = reported.images.at(3 * 10**9, "reference")
-    assert found.depth_mm == 50.0
-    np.testing.assert_allclose(found.pose.matrix, matrices[50.0], rtol=0, atol=1e-9)
-    device.close()
+    )
+    deeper = replace(content, image_depth=ImageDepth((40.0, 50.0), 50.0))
+    chosen.publish(SimpleNamespace(frame=TrackingFrame(Stamp(2 * 10**9), ())), StepTiming())
+    chosen.prepare(deeper)(deeper)
+    assert chosen.choice == (50.0, 2 * 10**9)
+    wait_until(lambda: 3 * 10**9 in taken.images, lambda: igtl.receive(*packet("Image", 2, 0.25)))
+    igtl.close()
 
 
 def affine(linear: np.ndarray) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3] = linear
     return matrix
-
-
-def test_poses_that_a_session_refuses_place_no_image() -> None:
-    reported, delivered, refused = Reported(), [], [True]
-    deliver = with_images(delivered.append, reported.images, lambda: refused[0])
-    image = ImageSample(0, Stamp(10**9), ImageStatus.OK, PIXELS[0])
-    reported.images.add(image)
-    pose = Transform("reference", "probe", np.eye(3), np.zeros(3))
-    samples = [TrackedTransform.valid(pose, Stamp(10**9))]
-    deliver(samples)
-    assert reported.images.at(10**9, "reference").pose.matrix is None
-    refused[0] = False
-    deliver(samples)
-    assert reported.images.at(10**9, "reference").pose.matrix is not None
-    assert delivered == [samples, samples]

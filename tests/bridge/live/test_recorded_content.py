@@ -152,14 +152,17 @@ def test_replay_gives_the_margins_of_a_session_with_another_tumour_tip_and_regis
     commands.set_tip(
         Transform(known.target, known.source, known.rotation, known.translation_mm + 0.7),
         sigma_mm=0.21,
+        origin="a test",
     )
-    commands.set_tumor(before.frame_from_tumor, moved(before.tumor), sigma_mm=0.4)
-    commands.set_registration(slightly_other_registration(before.registration.transform))
-    commands.set_margins(before.margins.replaced(stop_mm=1.5, warn_mm=6.0))
-    status = commands.start_recording("changed")
+    commands.set_tumor(before.frame_from_tumor, moved(before.tumor), sigma_mm=0.4, origin="a test")
+    commands.set_registration(
+        slightly_other_registration(before.registration.transform), origin="a test"
+    )
+    commands.set_margins(before.margins.replaced(stop_mm=1.5, warn_mm=6.0), origin="a test")
+    status = commands.start_recording("changed", origin="a test")
     since_ns = time.time_ns()
     margins.wait_for_breach_after(since_ns)
-    commands.stop_recording()
+    commands.stop_recording(origin="a test")
 
     case = open_case(status.folder)
     assert {path.name for path in status.folder.iterdir()} >= {"case.yaml", "tumor_of_session.ply"}
@@ -174,15 +177,18 @@ def test_replay_gives_the_margins_of_a_session_with_another_tumour_tip_and_regis
 def test_change_during_a_recording_is_noted_with_its_time_and_not_in_the_case(session, domain_id):
     commands, margins = session
     known = commands.content.tool_from_tip
-    status = commands.start_recording("noted")
+    status = commands.start_recording("noted", origin="a test")
     since_ns = time.time_ns()
     margins.wait_for_breach_after(since_ns)
     until_ns = time.time_ns()
     commands.set_tip(
-        Transform(known.target, known.source, known.rotation, known.translation_mm + 0.7)
+        Transform(known.target, known.source, known.rotation, known.translation_mm + 0.7),
+        origin="a test",
     )
-    commands.set_margins(commands.content.margins.replaced(stop_mm=1.5, warn_mm=6.0))
-    commands.stop_recording()
+    commands.set_margins(
+        commands.content.margins.replaced(stop_mm=1.5, warn_mm=6.0), origin="a test"
+    )
+    commands.stop_recording(origin="a test")
 
     noted = yaml.safe_load((status.folder / "tracking" / "changes.yaml").read_text())["changes"]
     assert [change["replaced"] for change in noted] == ["tip", "margins"]

@@ -118,7 +118,7 @@ def test_values_that_the_last_run_did_not_use_begin_on_hold_until_a_rearm(tmp_pa
 
     def accept(tip):
         def at_its_time(host, run):
-            host.at(100, lambda: run.commands.set_tip(tip))
+            host.at(100, lambda: run.commands.set_tip(tip, origin="a test"))
             host.at(200, host.rearm)
 
         return at_its_time

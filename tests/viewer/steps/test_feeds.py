@@ -12,7 +12,6 @@ from tests.manual_clock import ManualClock
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MS = 1_000_000
-STALE_NS = 200 * MS
 
 
 @pytest.fixture
@@ -22,8 +21,7 @@ def clock():
 
 @pytest.fixture
 def live(parts, clock):
-    prepared = parts.run.prepared
-    return LiveFeed(ViewStateBuilder(prepared.setup, prepared.content), STALE_NS, clock)
+    return LiveFeed(ViewStateBuilder(parts.content), clock)
 
 
 def steps(parts):
@@ -48,24 +46,26 @@ def test_live_feed_returns_the_newest_step(parts, live):
 
 
 def test_step_with_stale_poses_is_unknown(parts, live, clock):
+    stale_ns = parts.content.margins.stale_after_ns
     live.put(steps(parts)[0], parts.content, None)
     assert live.now().step.decision.state is MarginState.NEGATIVE
-    clock.ns = STALE_NS
+    clock.ns = stale_ns
     assert live.now().step.decision.state is MarginState.NEGATIVE
-    clock.ns = STALE_NS + 1
+    clock.ns = stale_ns + 1
     late = live.now()
     assert late.step.decision.state is MarginState.UNKNOWN
     assert late.distance_mm is None
-    assert late.silent == "the session has sent nothing for more than 200 ms"
+    assert late.silent == f"the session has sent nothing for more than {stale_ns // MS} ms"
     live.put(steps(parts)[1], parts.content, None)
     assert live.now().silent == ""
 
 
 def test_silent_session_has_no_robot_links(parts, live, clock):
+    stale_ns = parts.content.margins.stale_after_ns
     arm = {"arm": Transform.identity("base", "arm")}
     live.put(replace(steps(parts)[0], links=arm), parts.content, None)
     assert live.now().step.links == arm
-    clock.ns = STALE_NS + 1
+    clock.ns = stale_ns + 1
     assert live.now().step.links == {}
 
 

@@ -1,13 +1,22 @@
-"""Commands of the page to a live session: sent in another thread, one at a time."""
+"""Commands of the page to a live session: sent in other threads, most of them one at a time."""
 
+import queue
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
 
-from app.geometry import InputError, Transform
-from app.runtime import ImageDepth, RearmRefusedError, RequestKind, RequestLog, SeenHold, TipChange
+from app.geometry import Transform
+from app.runtime import (
+    ChooseDepth,
+    ImageDepth,
+    LengthenNeedle,
+    Rearm,
+    RearmRefusedError,
+    Record,
+    SetMargins,
+    SetTip,
+)
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.controls import LiveControls
@@ -19,44 +28,39 @@ PAGE = "the page"
 SEEN = (PARAMETERS.stop_mm, PARAMETERS.warn_mm)
 
 
-class SessionCommands:
-    """Test double of a session's commands: a re-arm and a recording wait for ``ready``."""
+class Session:
+    """Test double of a session: a re-arm and a recording wait for ``ready``."""
 
     recording = None
 
     def __init__(self, error=None):
         self.ready = threading.Event()
         self.called = []
-        self.requests = RequestLog(lambda: 0, lambda: 0)
+        self.answered = threading.Semaphore(0)
         self.content = SimpleNamespace(
             margins=PARAMETERS, image_depth=ImageDepth((40.0, 60.0), 40.0)
         )
         self._error = error
 
-    def rearm(self, seen, *, origin):
-        assert self.ready.wait(60.0)
-        self.called.append((seen, origin))
-        if self._error is not None:
-            raise self._error
-
-    def change_shown(self, request, *, origin):
-        self.called.append((str(request[0]), origin))
-
-    def start_recording(self, name, *, origin):
-        assert self.ready.wait(60.0)
-        self.called.append((name, origin))
-
-    def stop_recording(self, *, origin):
-        self.called.append((origin,))
-        raise InputError("none is running")  # listed by the session
+    def request(self, command):
+        self.called.append(command)
+        try:
+            if isinstance(command, Rearm | Record | SetTip):
+                assert self.ready.wait(60.0)
+            if self._error is not None:
+                raise self._error
+        finally:
+            self.answered.release()
+        return ""
 
 
 class Operating:
     """A page's commands to a session that is not connected yet."""
 
     def __init__(self, error=None):
-        self.workers = ThreadPoolExecutor(max_workers=1)
-        self.session, self.operator = SessionCommands(error), LiveOperator(self.workers)
+        self.shown = queue.Queue()
+        self.session = Session(error)
+        self.operator = LiveOperator(self.shown.put, lambda: 17)
         self.commands = Commands()
         LiveControls(self.commands, self.operator)
 
@@ -64,8 +68,8 @@ class Operating:
         self.commands.run(name, args, role)
 
     def wait(self):
-        """Wait until the session has got what was sent."""
-        self.workers.submit(lambda: None).result(60.0)
+        """Wait until the session has answered what was sent."""
+        assert self.session.answered.acquire(timeout=60.0)
 
 
 @pytest.fixture
@@ -73,32 +77,37 @@ def page():
     page = Operating()
     yield page
     page.session.ready.set()
-    page.workers.shutdown()
+    page.operator.close()
 
 
-def test_rearm_does_not_wait_and_another_one_meanwhile_is_dropped(page):
+def test_rearm_does_not_wait_and_another_one_meanwhile_is_not_sent(page):
     session, operator = page.session, page.operator
-    operator.rearm(SeenHold(1, 2))  # no session yet
+    assert not operator.request(Rearm(1, 2))  # no session yet
     operator.connect(session)
-    operator.rearm(SeenHold(1, 2))
-    operator.rearm(SeenHold(3, 4))
+    page.run("rearm", 1, "2")
+    with pytest.raises(NotDoneError, match="does not answer an earlier request yet"):
+        page.run("rearm", 3, "4")
     session.ready.set()
     page.wait()
-    assert session.called == [(SeenHold(1, 2), PAGE)]
-    operator.rearm(SeenHold(5, 6))
-    page.wait()
-    assert session.called[1] == (SeenHold(5, 6), PAGE)
+    assert session.called == [Rearm(1, 2)]
 
 
-def test_refused_rearm_is_no_failure_of_the_page():
-    page = Operating(RearmRefusedError("another hold"))
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (RearmRefusedError("another hold"), "another hold"),
+        (RuntimeError("a bug"), "unexpected RuntimeError: see the log"),
+    ],
+)
+def test_refused_or_failed_request_is_shown_and_the_next_one_is_sent(error, text):
+    page = Operating(error)
     page.operator.connect(page.session)
     page.session.ready.set()
-    for _ in range(2):
-        page.operator.rearm(SeenHold(1, 2))
-        page.wait()
-    assert len(page.session.called) == 2
-    page.workers.shutdown()
+    for kind, command in (("rearm", Rearm(1, 2)), ("set_margins", SetMargins(2.0, 6.0))):
+        assert page.operator.request(command)
+        shown = page.shown.get(timeout=60.0)
+        assert (shown.kind, shown.origin, shown.accepted, shown.text) == (kind, PAGE, False, text)
+    page.operator.close()
 
 
 @pytest.mark.parametrize(
@@ -114,47 +123,41 @@ def test_malformed_rearm_is_refused(args, page):
     page.session.ready.set()
     with pytest.raises(RefusedError):
         page.run("rearm", *args)
-    page.wait()
     assert page.session.called == []
 
 
 @pytest.mark.parametrize(
-    ("name", "args", "unconnected"),
+    ("name", "args", "command"),
     [
-        ("rearm", (1, str(2**64 - 1)), None),
-        ("margins", (*SEEN, 2.0, 6.0), "the session has not begun"),
-        ("needle_length", (5,), "needle: the session has not begun"),
-        ("image_depth", (40, 60), "depth of the images: the session has not begun"),
-        ("record", (True, ""), "recording: the session or the recorder is starting"),
+        ("rearm", (1, str(2**64 - 1)), Rearm(1, 2**64 - 1)),
+        ("margins", (*SEEN, 2.0, 6.0), SetMargins(2.0, 6.0)),
+        ("needle_length", (5,), LengthenNeedle(5)),
+        ("image_depth", (40, 60), ChooseDepth(60)),
+        ("record", (True, " today "), Record(True, "today")),
+        ("record", (False, ""), Record(False)),
     ],
 )
-def test_command_needs_a_session_and_the_role_of_an_operator(name, args, unconnected, page):
-    if unconnected is not None:
-        with pytest.raises(NotDoneError, match=unconnected):
-            page.run(name, *args)
-    page.operator.connect(page.session, lambda *args: page.session.called.append(args))
+def test_command_needs_a_session_and_the_role_of_an_operator(name, args, command, page):
+    with pytest.raises(NotDoneError, match="the session has not begun"):
+        page.run(name, *args)
+    page.operator.connect(page.session)
     with pytest.raises(RefusedError, match="role view; expected operate"):
         page.run(name, *args, role=Role.VIEW)
     page.session.ready.set()
-    page.wait()
     assert page.session.called == []
     page.run(name, *args)
     page.wait()
-    (called,) = page.session.called
-    assert called[-1] == PAGE
+    assert page.session.called == [command]
 
 
 def test_margins_of_the_page_are_those_that_the_operator_has_seen(page):
-    used = []
-    page.operator.connect(page.session, lambda *args: used.append(args))
+    page.operator.connect(page.session)
     for stop_mm, warn_mm in ((6.0, 6.0), (7.0, 6.0)):
         with pytest.raises(NotDoneError, match="expected a larger warning"):
             page.run("margins", *SEEN, stop_mm, warn_mm)
     with pytest.raises(NotDoneError, match=r"margins: they are now .* expected the same request"):
         page.run("margins", SEEN[0] + 1.0, SEEN[1], 2.0, 6.0)
-    page.run("margins", *SEEN, 2.0, 6.0)
-    page.wait()
-    assert used == [(2.0, 6.0, PAGE)]
+    assert page.session.called == []
 
 
 def test_needle_and_depth_of_the_page_are_within_their_ranges(page):
@@ -163,70 +166,28 @@ def test_needle_and_depth_of_the_page_are_within_their_ranges(page):
         page.run("needle_length", 10.5)
     with pytest.raises(NotDoneError, match="depth of the images: it is now 40 mm, and nothing"):
         page.run("image_depth", 60, 40)
-    for name, args in (("needle_length", (-1,)), ("image_depth", (40, 60))):
-        page.run(name, *args)
-        page.wait()
-    assert page.session.called == [("needle_length", PAGE), ("image_depth", PAGE)]
+    assert page.session.called == []
 
 
-def test_recording_of_the_page_reaches_the_session_one_request_at_a_time(page):
+def test_recording_of_the_page_is_one_request_at_a_time(page):
     assert page.operator.recording is None
     page.operator.connect(page.session)
     for refused in ((True,), (True, 5), ("yes", ""), (True, "a" * 65)):
         with pytest.raises(RefusedError):
             page.run("record", *refused)
-    page.run("record", True, " today ")
-    with pytest.raises(NotDoneError, match="is starting; expected the request later"):
+    page.run("record", True, "today")
+    with pytest.raises(NotDoneError, match="expected the request later"):
         page.run("record", True, "")
-    page.session.ready.set()
-    page.wait()
-    page.run("record", False, "")
-    page.wait()
-    assert page.session.called == [("today", PAGE), (PAGE,)]
 
 
-def test_margins_that_the_session_refuses_are_listed_once(page):
-    requests, listed = page.session.requests, []
-    requests.listen(listed.append)
-
-    def refuse(stop_mm, warn_mm, origin):
-        if stop_mm < 2.0:
-            requests.refused(RequestKind.MARGINS, origin, "another change")
-            raise InputError("another change")
-        raise InputError("out of range")
-
-    page.operator.connect(page.session, refuse)
-    page.operator.set_margins(1.0, 6.0)
-    page.operator.set_margins(2.0, 6.0)
-    page.wait()
-    assert [each.text for each in listed] == ["another change", "out of range"]
-    assert all(each.origin == PAGE and not each.accepted for each in listed)
-
-
-@pytest.mark.parametrize(
-    ("name", "args"),
-    [
-        ("set_tip", (TipChange(Transform.identity("cautery", "cautery_tip"), 0.1),)),
-        ("set_tumor", (Transform.identity("needle", "tumor"), None, 0.5)),
-    ],
-)
-def test_second_tip_or_tumour_waits_for_the_first(page, name, args):
-    entered = threading.Event()
-
-    def change(*_, **__):
-        entered.set()
-        assert page.session.ready.wait(60.0)
-
-    setattr(page.session, name, change)
+def test_second_tip_waits_for_the_first_and_each_step_of_the_needle_counts(page):
     page.operator.connect(page.session)
-    assert getattr(page.operator, name)(*args)
-    assert entered.wait(60.0)
-    assert not getattr(page.operator, name)(*args)
-
-
-def test_note_is_listed_with_the_requests(page):
-    page.operator.note("too early")
-    page.operator.connect(page.session)
-    page.operator.note("specimen out (step 3, stamp 5 ns)")
-    last = page.session.requests.last
-    assert last.line == "note from the page accepted: specimen out (step 3, stamp 5 ns)"
+    tip = SetTip(Transform.identity("cautery", "cautery_tip"), 0.1)
+    assert page.operator.request(tip)
+    assert not page.operator.request(tip)
+    for _ in range(5):
+        page.run("needle_length", 1)
+    for _ in range(5):
+        page.wait()
+    assert page.session.called.count(LengthenNeedle(1)) == 5
+    assert page.session.called.count(tip) == 1

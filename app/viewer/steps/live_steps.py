@@ -1,30 +1,20 @@
-"""The page as an output of a live run: every step with the content that it was taken with."""
+"""The steps of a live session on their way to a page: each with the content it was taken with."""
 
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 
 from app.geometry import MarginGuardError, SurfaceMesh
-from app.runtime import (
-    PassiveOutput,
-    RobotRegistration,
-    SessionContent,
-    StepTiming,
-    SwitchContent,
-    ToolCalibration,
-    stop_surface,
-)
+from app.runtime import Operator, RobotRegistration, SessionContent, ToolCalibration, stop_surface
 from app.session import StepResult
 from app.viewer.steps.feeds import LiveFeed
-from app.viewer.steps.live_operator import LiveOperator
 
 
-class LiveOutput(PassiveOutput):
-    """`Output` that puts every step into ``feed``.
+class LiveSteps:
+    """Puts every step of a session that began with ``content`` into ``feed``.
 
     The margin surface of another tumour or stop margin takes a second to compute in ``workers``;
-    until then there is none, never that of the content before. ``operator`` identifies the hold of
-    each step.
+    until then there is none, never that of the content before.
     ``guides`` record the poses of all steps, also of those that the page leaves out.
     """
 
@@ -34,30 +24,28 @@ class LiveOutput(PassiveOutput):
         content: SessionContent,
         margin_surface: SurfaceMesh | None,
         workers: Executor,
-        operator: LiveOperator,
         guides: Sequence[ToolCalibration | RobotRegistration] = (),
     ) -> None:
         self._feed = feed
         self._content = content
         self._margin_surface = margin_surface
         self._workers = workers
-        self._operator = operator
         self._guides = tuple(guides)
         self._computing: Future[SurfaceMesh | None] | None = None
 
-    def publish(self, step: StepResult, timing: StepTiming) -> bool:
-        """Put ``step`` into the feed."""
+    def put(self, step: StepResult, operator: Operator, delay_ns: int = 0) -> None:
+        """Take the next step, with what ``operator`` says of the session at this moment.
+
+        ``delay_ns``: how much later than usual it came.
+        """
+        self._use(operator.content)
         if self._computing is not None and self._computing.done():
             self._margin_surface = _result(self._computing)
             self._computing = None
         for guide in self._guides:
             guide.observe(step)
-        self._feed.put(step, self._content, self._margin_surface, self._operator.seen())
-        return True
-
-    def prepare(self, content: SessionContent) -> SwitchContent:
-        """Nothing is slow here: the surface is computed after the switch."""
-        return self._use
+        self._feed.put(step, self._content, self._margin_surface, operator.seen(), delay_ns)
+        self._feed.list_of_session(operator.last_request)
 
     def _use(self, content: SessionContent) -> None:
         before, self._content = self._content, content

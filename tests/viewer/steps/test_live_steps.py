@@ -9,8 +9,8 @@ import trimesh
 
 from app.geometry import MeshError, SurfaceMesh
 from app.registration import register_points
-from app.runtime import SeenHold, SessionContent, StepTiming
-from app.viewer import LiveOperator, LiveOutput
+from app.runtime import SeenHold, SessionContent
+from app.viewer import LiveSteps
 from tests.session_content import one_link_content, registered
 
 
@@ -27,8 +27,25 @@ class Feed:
         self.margin_surface: SurfaceMesh | None = None
         self.seen: SeenHold | None = None
 
-    def put(self, step, content, margin_surface, seen):
+        self.request = None
+
+    def put(self, step, content, margin_surface, seen, delay_ns):
         self.content, self.margin_surface, self.seen = content, margin_surface, seen
+
+    def list_of_session(self, request):
+        self.request = request
+
+
+class Operator:
+    """Test double of a session's operator."""
+
+    last_request = "the last request"
+
+    def __init__(self, content):
+        self.content = content
+
+    def seen(self):
+        return SeenHold(7, 99)
 
 
 @pytest.fixture
@@ -58,60 +75,47 @@ class FailingWorkers:
 
 def test_without_a_change_content_and_surface_stay_the_same_objects(feed, content, workers):
     surface = ball(11.0)
-    LiveOutput(feed, content, surface, workers, LiveOperator(workers)).publish("step", StepTiming())
+    LiveSteps(feed, content, surface, workers).put("step", Operator(content))
     assert feed.content is content
     assert feed.margin_surface is surface
 
 
 def test_another_tumour_has_its_own_margin_surface_and_never_the_one_before(feed, content, workers):
     before = ball(11.0)
-    output = LiveOutput(feed, content, before, workers, LiveOperator(workers))
+    steps = LiveSteps(feed, content, before, workers)
     other = replace(content, tumor=ball(5.0))
-    output.prepare(other)(other)
-    output.publish("step", StepTiming())
+    steps.put("step", Operator(other))
     assert feed.content is other
     assert feed.margin_surface is not before
     workers.shutdown()
-    output.publish("step", StepTiming())
+    steps.put("step", Operator(other))
     assert feed.content is other
     assert feed.margin_surface is not None
     assert abs(feed.margin_surface.vertices_mm).max() == pytest.approx(6.0, abs=0.1)
 
 
 def test_another_registration_is_in_the_content_of_the_next_step(feed, content, workers):
-    output = LiveOutput(feed, content, None, workers, LiveOperator(workers))
+    steps = LiveSteps(feed, content, None, workers)
     corners = 50.0 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     off = corners + np.diag([0.1, 0.2, 0.1, 0.0])[:, :3]
     found = register_points(corners, off, fixed_frame="reference", moving_frame="robot_base")
     other = registered(content, found)
-    output.prepare(other)(other)
-    output.publish("step", StepTiming())
+    steps.put("step", Operator(other))
     assert feed.content.registration is found
     assert found.transform in feed.content.static_edges
 
 
 def test_session_continues_without_margin_surface(feed, content, capsys):
-    output = LiveOutput(feed, content, ball(11.0), FailingWorkers(), LiveOperator(FailingWorkers()))
+    steps = LiveSteps(feed, content, ball(11.0), FailingWorkers())
     other = replace(content, tumor=ball(5.0))
-    output.prepare(other)(other)
-    output.publish("step", StepTiming())
+    steps.put("step", Operator(other))
     assert feed.margin_surface is None
     assert feed.content is other
     error = capsys.readouterr().err
     assert error == "no margin surface is shown: the margin surface is not closed\n"
 
 
-def test_each_step_is_shown_with_the_hold_that_was_published_with_it(feed, content, workers):
-    class Commands:
-        """Test double of a session's commands."""
-
-        def seen(self):
-            return SeenHold(7, 99)
-
-    operator = LiveOperator(workers)
-    output = LiveOutput(feed, content, None, workers, operator)
-    output.publish("step", StepTiming())
-    assert feed.seen is None
-    operator.connect(Commands())
-    output.publish("step", StepTiming())
+def test_each_step_is_shown_with_the_hold_and_the_request_that_came_with_it(feed, content, workers):
+    LiveSteps(feed, content, None, workers).put("step", Operator(content))
     assert feed.seen == SeenHold(7, 99)
+    assert feed.request == "the last request"

@@ -1,0 +1,232 @@
+"""What a live node offers to displays: its steps, its description, its surfaces, its commands."""
+
+import threading
+import time
+from array import array
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from marginguard_msgs.msg import SessionContent as ContentMessage
+from marginguard_msgs.srv import Command, GetMesh
+from rclpy.node import NodeNameNonExistentError
+
+from app.bridge import topics
+from app.bridge.calls.service_server import ServiceServer
+from app.bridge.control.operator_requests import OperatorRequests
+from app.bridge.displays.names import COMMAND, GET_MESH, origin_text
+from app.bridge.displays.step_message import StepOrigin, received_mesh, step_message
+from app.bridge.errors import BridgeError
+from app.bridge.node import RosNode
+from app.geometry import SurfaceMesh, TrackedTransform
+from app.runtime import (
+    Holds,
+    ImageDescription,
+    OperatorCommands,
+    PassiveOutput,
+    RecordingStatus,
+    RequestKind,
+    RequestLog,
+    SeenHold,
+    SessionContent,
+    StepTiming,
+    SwitchContent,
+)
+from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
+from app.runtime.operator_command import Rearm
+from app.runtime.session_wire import (
+    DescribedSession,
+    SessionWire,
+    mesh_digest,
+    text_digest,
+)
+from app.session import StepResult
+
+_KNOWN_WITHIN_S = 2.0
+"""A client that asks at once after its start may not be known yet to the graph."""
+_LOOK_S = 0.02
+_MAX_OTHERS = 1000
+
+
+class DisplayOutput(PassiveOutput):
+    """`Output` that publishes each step on ``~/step`` while a display subscribes to it.
+
+    ``content``, and each later one, is described on ``~/content``; ``~/get_mesh`` serves its
+    surfaces. ``images`` are those of the session, ``displays`` the nodes that it was started for.
+    ``instance_id`` is that of its constraints, ``holds`` identifies the hold that they show.
+    """
+
+    def __init__(
+        self,
+        ros: RosNode,
+        content: SessionContent,
+        images: ImageDescription | None,
+        displays: Sequence[str],
+        *,
+        instance_id: str,
+        holds: Holds,
+        requests: RequestLog,
+        recording: Callable[[], RecordingStatus | None],
+        image_problem: Callable[[], str],
+    ) -> None:
+        self._instance_id = instance_id
+        self._images, self._displays, self._holds = images, tuple(displays), holds
+        self._requests, self._recording = requests, recording
+        self._image_problem = image_problem
+        self._wire = SessionWire()
+        self._others: deque[TrackedTransform] = deque(maxlen=_MAX_OTHERS)
+        self._texts: dict[str, tuple[object, str]] = {}
+        self._steps = ros.publisher(topics.STEP)
+        self._descriptions = ros.publisher(topics.CONTENT)
+        self._content_id = ""
+        self._use(content)
+        ServiceServer(ros, GetMesh, GET_MESH, self._get_mesh)
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Publish ``step``. True: it permits nothing, so it is never too late."""
+        others = [self._others.popleft() for _ in range(len(self._others))]
+        if self._steps.get_subscription_count():
+            sent = {(each.target, each.source, each.stamp.ns) for each in step.frame.poses}
+            others = [p for p in others if (p.target, p.source, p.stamp.ns) not in sent]
+            origin = StepOrigin(
+                self._instance_id,
+                self._content_id,
+                self._holds.present(),
+                time.time_ns(),
+                self._text("request", self._requests.last),
+                self._text("recording", self._recording()),
+                self._image_problem(),
+            )
+            self._steps.publish(step_message(step, origin, others))
+        return True
+
+    def note(self, samples: Sequence[TrackedTransform]) -> None:
+        """Send ``samples`` with the next step, besides its own: displays place images by them."""
+        self._others.extend(samples)
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Find the digests of the surfaces; return the switch, which publishes the description."""
+        SessionWire().description(DescribedSession(content))
+        return self._use
+
+    def _use(self, content: SessionContent) -> None:
+        wire = SessionWire()  # with no surfaces of earlier contents
+        text = wire.description(DescribedSession(content, self._images, self._displays))
+        self._wire, self._content_id = wire, text_digest(text)
+        self._descriptions.publish(
+            ContentMessage(
+                version=ContentMessage.VERSION,
+                instance_id=self._instance_id,
+                content_id=self._content_id,
+                text=text,
+            )
+        )
+
+    def _text(self, name: str, value: object) -> str:
+        """``value`` as text, written once for each object; empty for None."""
+        known, text = self._texts.get(name, (None, ""))
+        if value is not known:
+            text = "" if value is None else SessionWire().text(value)
+            self._texts[name] = value, text
+        return text
+
+    def _get_mesh(self, request: GetMesh.Request, response: GetMesh.Response) -> None:
+        mesh = self._wire.meshes.get(request.digest)
+        if mesh is None:
+            raise BridgeError(
+                f"mesh {request.digest[:40]!r}: not one of this session; expected a digest of the "
+                "present ~/content"
+            )
+        response.frame_id = mesh.frame
+        response.vertices = array("d", mesh.vertices_mm.tobytes())
+        response.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
+        response.success = True
+
+
+class CommandService:
+    """Serves ``~/command``: the commands of operators at displays, each listed with its display.
+
+    ROS does not tell a service who has sent a request. The request names its node, which must have
+    a client of the service: a guard against mistakes, as `OperatorList`. Commands of different
+    kinds do not wait for each other.
+    """
+
+    def __init__(
+        self, ros: RosNode, commands: OperatorCommands, requests: OperatorRequests
+    ) -> None:
+        self._ros = ros
+        self._commands = commands
+        self._requests = requests
+        self._server = ServiceServer(
+            ros,
+            Command,
+            COMMAND,
+            self._serve,
+            in_thread=True,
+            check=self._check,
+            lane=lambda request: request.command,
+        )
+
+    def _check(self, request: Command.Request) -> None:
+        """Refuse what is invalid at once, without a thread."""
+        kind = _kind(request.command)
+        with self._requests.refusals(kind, origin_text(request.node)):
+            if kind is RequestKind.REARM:
+                command = SessionWire().read_command(kind, request.arguments)
+                assert isinstance(command, Rearm)
+                self._commands.check_rearm(SeenHold(command.seq, command.nonce))
+            self._requests.check(kind, COMMAND)
+
+    def _serve(self, request: Command.Request, response: Command.Response) -> None:
+        kind, origin = _kind(request.command), origin_text(request.node)
+        with self._requests.refusals(kind, origin):
+            self._check_client(request.node)
+            wire = SessionWire()
+            if request.digest:
+                wire.meshes[request.digest] = _received_mesh(request)
+            command = wire.read_command(kind, request.arguments)
+        response.message = command.apply(self._commands, origin)
+        response.success = True
+
+    def _check_client(self, node: str) -> None:
+        """Raise `BridgeError` unless ``node`` has a client of the service."""
+        deadline_s = time.monotonic() + _KNOWN_WITHIN_S
+        while not self._has_client(node):
+            if time.monotonic() > deadline_s:
+                raise BridgeError(
+                    f"{self._server.name}: the node {node[:80]!r} has no client of it; expected "
+                    "the full name of the node that asks"
+                )
+            threading.Event().wait(_LOOK_S)
+
+    def _has_client(self, node: str) -> bool:
+        namespace, _, name = node.rpartition("/")
+        place = name, namespace or "/"
+        try:
+            # Only of a node that is there: rcl rejects other names by errors of its own.
+            if place not in self._ros.node.get_node_names_and_namespaces():
+                return False
+            found = self._ros.node.get_client_names_and_types_by_node(*place)
+        except NodeNameNonExistentError:  # it has left
+            return False
+        return any(service == self._server.name for service, _ in found)
+
+
+def _kind(name: str) -> RequestKind:
+    if name not in set(RequestKind):
+        raise BridgeError(f"command: {name[:40]!r}; expected one of {', '.join(RequestKind)}")
+    return RequestKind(name)
+
+
+def _received_mesh(request: Command.Request) -> SurfaceMesh:
+    """The surface of ``request``. Raises `BridgeError` for a size or digest that is not its own."""
+    triangles, vertices = len(request.triangles), len(request.vertices)
+    if not 0 < triangles <= 3 * MAX_LIVE_TRIANGLES or vertices > 9 * MAX_LIVE_TRIANGLES:
+        raise BridgeError(
+            f"the surface has {triangles // 3} triangles and {vertices // 3} vertices; expected "
+            f"1 to {MAX_LIVE_TRIANGLES} triangles in a live session: reduce its resolution"
+        )
+    mesh = received_mesh(request.frame_id, request.vertices, request.triangles)
+    if mesh_digest(mesh) != request.digest:
+        raise BridgeError("the surface has another digest than the request; expected its own")
+    return mesh

@@ -1,0 +1,90 @@
+"""The live node that a display has started: a process of its own, which guards on its own."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from signal import SIGINT
+
+from app.bridge.errors import BridgeError
+from app.files.state_folder import state_folder
+
+_ERROR = "marginguard: error: "
+_STOP_S = 30.0
+_LOOK_S = 0.1
+
+
+class LiveChild:
+    """``marginguard live`` with ``arguments``, started by a display.
+
+    `close` ends it in an orderly way. It does not end with its display: a guard whose display was
+    killed goes on until it gets a SIGINT or SIGTERM. It is not in the terminal's group, so Ctrl-C
+    reaches the display alone. It writes its log to a file, because a pipe that a stalled display
+    does not read would stall the guard, too. ``said(line)`` gets each line of it, in a thread.
+    """
+
+    def __init__(self, arguments: Sequence[str], said: Callable[[str], None]) -> None:
+        self._said = said
+        self._last = ""
+        folder = state_folder() / "live_node"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(".log", "", folder)
+        self.log = Path(name)
+        with os.fdopen(descriptor, "wb") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "app.cli", "live", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                start_new_session=True,
+            )
+        self._reader = threading.Thread(target=self._read, name="live node's log", daemon=True)
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        """The process."""
+        return self._process.pid
+
+    @property
+    def ended(self) -> str:
+        """Why it has ended by itself, with its last line; empty while it runs."""
+        status = self._process.poll()
+        if status is None:
+            return ""
+        self._reader.join()
+        return f"the live node has ended with status {status}: {self._last or 'it said nothing'}"
+
+    @property
+    def error(self) -> str:
+        """The error that ended it, as its last line says; else as `ended`."""
+        ended = self.ended
+        return self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ended
+
+    def close(self) -> None:
+        """End it and wait for its end, which half a minute must be enough for; remove its log."""
+        if self._process.poll() is None:
+            self._process.send_signal(SIGINT)
+        try:
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired as error:
+            raise BridgeError(
+                f"live node {self.pid}: still runs {_STOP_S:g} s after SIGINT; expected it to end: "
+                f"see {self.log}"
+            ) from error
+        self._reader.join()
+        self.log.unlink(missing_ok=True)
+
+    def _read(self) -> None:
+        with self.log.open(errors="replace") as log:
+            is_over = False
+            while not is_over:
+                is_over = self._process.poll() is not None  # before the last lines are read
+                for line in log:
+                    self._last = line.strip() or self._last
+                    self._said(line.rstrip("\n"))
+                if not is_over:
+                    threading.Event().wait(_LOOK_S)

@@ -1,0 +1,20 @@
+"""Names of the services for displays, and of the nodes of displays."""
+
+GET_MESH = "~/get_mesh"
+COMMAND = "~/command"
+
+PAGE_NODE = "marginguard_page"
+PANEL_NODE = "marginguard_panel"
+
+_DISPLAYS = {PAGE_NODE: "the page", PANEL_NODE: "the panel"}
+
+
+def origin_text(node: str) -> str:
+    """How requests of the node with this full name are listed.
+
+    >>> origin_text("/marginguard_page_7")
+    'the page (/marginguard_page_7)'
+    """
+    name = node.rpartition("/")[2]
+    display = next((text for prefix, text in _DISPLAYS.items() if name.startswith(prefix)), "ROS")
+    return f"{display} ({node[:80]})"

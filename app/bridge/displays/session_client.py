@@ -1,0 +1,330 @@
+"""A session of a live node in another process, as displays see it: its steps and its commands."""
+
+import threading
+import time
+from array import array
+from collections import deque
+from collections.abc import Callable, Generator
+from typing import Any, TypeVar
+
+import numpy as np
+from marginguard_msgs.msg import SessionContent as ContentMessage
+from marginguard_msgs.msg import SessionStep
+from marginguard_msgs.srv import Command, GetMesh
+from rclpy.serialization import deserialize_message
+
+from app.bridge import topics
+from app.bridge.calls.service_client import ServiceClient
+from app.bridge.displays.image_input import TopicImages
+from app.bridge.displays.names import COMMAND, GET_MESH
+from app.bridge.displays.step_message import received_mesh, seen_of, step_of
+from app.bridge.errors import BridgeError
+from app.bridge.node import RosNode
+from app.bridge.qos import DISPLAYED, STATIC_TF, Topic
+from app.geometry import NS_PER_S
+from app.runtime import (
+    ComputeProcess,
+    DescribedSession,
+    OperatorCommand,
+    OperatorRequest,
+    RecordingStatus,
+    SeenHold,
+    SessionContent,
+    SessionWire,
+)
+from app.session import LiveImages, StepResult
+
+REPLY_S = 120.0
+"""Longest wait for a command: a new tumour and the start of a recording take seconds."""
+
+_MESH_S = 20.0
+_MAX_WAITING = 1000
+_WAIT_S = 0.2
+_DELAY_WINDOW_NS = 10 * NS_PER_S
+
+_Value = TypeVar("_Value")
+
+
+class SessionClient:
+    """The session of the live node ``node``, received with ``ros``. `StepRun`.
+
+    ``node`` is a full name, or one in the namespace of ``ros``.
+
+    `steps` waits for a node that has not started yet, and follows one that is started again. What
+    it cannot use ends it with a `BridgeError`: messages of another version, and steps of two
+    guards at once. ``images`` are those of the session, from the first step on; None without.
+    ``starting()`` is called while there was no step yet; its error ends `steps`. ``own``: the first
+    step is that of a node which was started for this display, whatever other node has that name.
+    """
+
+    def __init__(
+        self,
+        ros: RosNode,
+        node: str,
+        *,
+        clock_ns: Callable[[], int] = time.time_ns,
+        starting: Callable[[], None] = lambda: None,
+        own: bool = False,
+    ) -> None:
+        if not node.startswith("/"):
+            node = f"{ros.node.get_namespace().rstrip('/')}/{node}"
+        self.node = node
+        self.images: LiveImages | None = None
+        self.operator: RemoteOperator | None = None
+        """What may be requested; None before the first step."""
+        self._ros, self._clock_ns, self._starting = ros, clock_ns, starting
+        self._own = own
+        self._delay = TransportDelay()
+        self._wire = SessionWire()
+        self._described: dict[str, DescribedSession] = {}
+        self._descriptions: dict[str, ContentMessage] = {}
+        self._instance_id, self._ended_ids = "", set[str]()
+        self._changed = threading.Condition()
+        self._waiting: deque[tuple[int, bytes]] = deque(maxlen=_MAX_WAITING)
+        self._stopped = False
+        self._compute = ComputeProcess()
+        self._pictures: TopicImages | None = None
+        self._image_problem = ""
+        self._meshes = ServiceClient(ros, GetMesh, _name(node, GET_MESH))
+        content = Topic(_name(node, topics.CONTENT.name), ContentMessage, STATIC_TF)
+        step = Topic(_name(node, topics.STEP.name), SessionStep, DISPLAYED)
+        ros.subscribe(content, self._receive_description)
+        self._topic = str(ros.subscribe(step, self._receive_step, raw=True).topic_name)
+
+    @property
+    def delay_ns(self) -> int:
+        """By how much the last step came later than others did since it was made."""
+        return self._delay.last_ns
+
+    @property
+    def silence(self) -> str:
+        """Why no step comes; empty where a node is there that sends them."""
+        if not self._ros.is_open or self._ros.node.count_publishers(self._topic):
+            return ""
+        return f"no live node {self.node} is there"
+
+    def steps(self) -> Generator[StepResult]:
+        """Yield every step as it comes, until `stop`."""
+        while not self._stopped:
+            if self.operator is None:
+                self._starting()
+            received = self._next()
+            if received is None:
+                continue
+            came_ns, data = received
+            message = deserialize_message(data, SessionStep)
+            self._follow_instance(message.instance_id)
+            session = self._session(message.content_id)
+            if session is None:
+                continue
+            step, others = step_of(message, session.content)
+            self._delay.note(message.published_ns, came_ns)
+            self._use(session, message)
+            if self.images is not None:
+                self.images.add_poses([*step.frame.poses, *others])
+            yield step
+
+    def stop(self) -> None:
+        """End `steps` soon; from any thread."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+
+    def pace(self) -> float:
+        """The time of live stamps passes as every clock's does."""
+        return 1.0
+
+    def close(self) -> None:
+        """End images and computations. The node of ``ros`` stays open."""
+        self.stop()
+        if self._pictures is not None:
+            self._pictures.close()
+        self._compute.close()
+
+    def _next(self) -> tuple[int, bytes] | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
+            return self._waiting.popleft() if self._waiting else None
+
+    def _receive_step(self, data: bytes) -> None:
+        with self._changed:
+            self._waiting.append((self._clock_ns(), data))
+            self._changed.notify()
+
+    def _receive_description(self, message: ContentMessage) -> None:
+        self._descriptions[message.content_id] = message
+
+    def _follow_instance(self, instance_id: str) -> None:
+        """Raise `BridgeError` for a step of a guard that another one has replaced."""
+        if instance_id == self._instance_id:
+            return
+        if instance_id in self._ended_ids:
+            raise BridgeError(
+                f"{self._topic}: steps of two guards at once; expected a single live node"
+            )
+        if self._instance_id:
+            self._ended_ids.add(self._instance_id)
+        self._instance_id = instance_id
+
+    def _session(self, content_id: str) -> DescribedSession | None:
+        """The described session; None while it has not been received."""
+        known = self._described.get(content_id)
+        if known is not None:
+            return known
+        message = self._descriptions.pop(content_id, None)
+        if message is None:
+            return None
+        if message.version != ContentMessage.VERSION:
+            raise BridgeError(
+                f"{self._topic}: a description of version {message.version}; expected "
+                f"{ContentMessage.VERSION}: the same MarginGuard on both sides"
+            )
+        for digest in self._wire.missing(message.text):
+            reply = self._meshes.call(GetMesh.Request(digest=digest), _MESH_S, repeat_s=1.0)
+            if not reply.success:
+                return None  # of a content that has been replaced meanwhile
+            self._wire.meshes[digest] = received_mesh(
+                reply.frame_id, reply.vertices, reply.triangles
+            )
+        session = self._wire.described(message.text)
+        name = self._ros.node.get_fully_qualified_name()
+        if self._own and self.operator is None and name not in session.displays:
+            return None
+        self._described = {content_id: session}
+        return session
+
+    def _use(self, session: DescribedSession, message: SessionStep) -> None:
+        """Take over what the step says of content, hold and requests; begin with the images."""
+        operator = self.operator
+        if operator is None:
+            operator = RemoteOperator(
+                self._ros, _name(self.node, COMMAND), session.content, self._compute.call
+            )
+        if self.images is None and session.images is not None:
+            self.images = session.images.images()
+            described = session.images
+            self._pictures = TopicImages(
+                self._ros, described.topic, described.orientation, self.images
+            )
+        before = operator.content.image_depth
+        operator.follow(session.content, message)
+        self.operator = operator  # from now on others may use it
+        depth = session.content.image_depth
+        if self.images is not None and message.image_problem != self._image_problem:
+            self._image_problem = message.image_problem
+            if self._image_problem:
+                self.images.refuse(self._image_problem)
+        if self.images is not None and depth is not None and depth != before:
+            self.images.choose_depth(depth.depth_mm)
+
+
+class RemoteOperator:
+    """`app.runtime.Operator` of a session in another process."""
+
+    def __init__(
+        self,
+        ros: RosNode,
+        service: str,
+        content: SessionContent,
+        compute: Callable[..., Any],
+    ) -> None:
+        self._ros, self._service = ros, service
+        self._compute = compute
+        self._content = content
+        self._client: ServiceClient | None = None
+        self._creating = threading.Lock()
+        self._texts = ("", "")
+        self._seen = SeenHold(0, 0)
+        self._request: OperatorRequest | None = None
+        self._recording: RecordingStatus | None = None
+
+    def follow(self, content: SessionContent, message: SessionStep) -> None:
+        """Use what came with a step."""
+        self._content, self._seen = content, seen_of(message)
+        texts = message.request, message.recording
+        if texts != self._texts:
+            self._texts = texts
+            request, recording = texts
+            wire = SessionWire()
+            self._request = wire.value(OperatorRequest, request) if request else None
+            self._recording = wire.value(RecordingStatus, recording) if recording else None
+
+    @property
+    def content(self) -> SessionContent:
+        """The content of the last step."""
+        return self._content
+
+    @property
+    def recording(self) -> RecordingStatus | None:
+        """What the last recording of the session has written; None before the first."""
+        return self._recording
+
+    @property
+    def last_request(self) -> OperatorRequest | None:
+        """The request that the session has listed last; None before any."""
+        return self._request
+
+    def seen(self) -> SeenHold:
+        """Identifies the hold of the last step."""
+        return self._seen
+
+    def request(self, command: OperatorCommand) -> str:
+        """Send ``command`` and wait until it is carried out.
+
+        Raises `BridgeError` with the node's reason where it refuses. The service's client is made
+        with the first command: a display that only shows sends none.
+        """
+        wire = SessionWire()
+        arguments = wire.command(command)
+        request = Command.Request(
+            node=self._ros.node.get_fully_qualified_name(),
+            command=command.kind.value,
+            arguments=arguments,
+        )
+        for digest, mesh in wire.meshes.items():
+            request.digest, request.frame_id = digest, mesh.frame
+            request.vertices = array("d", mesh.vertices_mm.tobytes())
+            request.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
+        reply = self._connected().call(request, REPLY_S)
+        if not reply.success:
+            raise BridgeError(reply.message)
+        return str(reply.message)
+
+    def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Return ``function(*args)``, computed in a process of low priority."""
+        result: _Value = self._compute(function, *args)
+        return result
+
+    def _connected(self) -> ServiceClient:
+        with self._creating:
+            if self._client is None:
+                self._client = ServiceClient(self._ros, Command, self._service)
+            return self._client
+
+
+class TransportDelay:
+    """How much later a message arrives after it was made than the quickest one of 10 to 20 s.
+
+    Both times are system times, of two machines perhaps, so a delay that all messages share is not
+    known.
+    """
+
+    def __init__(self) -> None:
+        self.last_ns = 0
+        self._least_ns: int | None = None
+        self._least_before_ns: int | None = None
+        self._began_ns = 0
+
+    def note(self, made_ns: int, came_ns: int) -> None:
+        """Take the times of the next message."""
+        way_ns = came_ns - made_ns
+        if came_ns - self._began_ns > _DELAY_WINDOW_NS or came_ns < self._began_ns:
+            self._began_ns, self._least_before_ns, self._least_ns = came_ns, self._least_ns, None
+        self._least_ns = way_ns if self._least_ns is None else min(self._least_ns, way_ns)
+        before_ns = self._least_before_ns
+        least_ns = self._least_ns if before_ns is None else min(self._least_ns, before_ns)
+        self.last_ns = max(0, way_ns - least_ns)
+
+
+def _name(node: str, relative: str) -> str:
+    return f"{node}/{relative.removeprefix('~/')}"

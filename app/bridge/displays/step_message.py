@@ -1,0 +1,392 @@
+"""A step of a session as ``marginguard_msgs/SessionStep``, and back, with the same numbers."""
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from marginguard_msgs.msg import SessionStep, StepPoint, StepProximity
+
+from app.bridge.errors import BridgeError
+from app.case import CauteryState, JointSample, TrackingFrame
+from app.fixture import (
+    AppliedMargin,
+    Constraint,
+    FixtureDecision,
+    FreeMotion,
+    MarginState,
+    Proximity,
+    Reason,
+    Witnesses,
+)
+from app.geometry import (
+    ROTATION_TOLERANCE,
+    FloatArray,
+    Stamp,
+    SurfaceMesh,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
+from app.registration import DriftBound, RegistrationDrift
+from app.robot.kinematics.link_poses import LinkPoses
+from app.runtime import SeenHold, SessionContent
+from app.session import KnownEdges, PathDepth, PathPoint, StepResult
+
+_NUMBERS = 12
+"""Of a transform."""
+
+_NO_POSE = (0.0,) * _NUMBERS
+
+
+@dataclass(frozen=True, slots=True)
+class StepOrigin:
+    """What comes with a step: its guard's run, the content it was taken with, its hold, requests.
+
+    ``request`` and ``recording`` are texts of `app.runtime.SessionWire`.
+    """
+
+    instance_id: str
+    content_id: str
+    seen: SeenHold
+    published_ns: int
+    request: str = ""
+    recording: str = ""
+    image_problem: str = ""
+
+
+def step_message(
+    step: StepResult, origin: StepOrigin, others: Sequence[TrackedTransform] = ()
+) -> SessionStep:
+    """Write ``step``, and ``others``: further poses, by which displays place images."""
+    decision, frame = step.decision, step.frame
+    samples: list[TrackedTransform] = list(frame.poses)
+    index = {id(sample): number for number, sample in enumerate(samples)}
+    place = {(each.target, each.source): number for number, each in enumerate(samples)}
+    known, usable = [], []
+    for edge, sample in step.edges.measured.items():
+        number = place.get(edge) if sample is None else index.get(id(sample))
+        if number is None:
+            number = len(samples)
+            samples.append(sample or _lost(edge, frame.stamp))
+        known.append(number)
+        usable.append(sample is not None)
+    samples += others
+    message = SessionStep(
+        version=SessionStep.VERSION,
+        instance_id=origin.instance_id,
+        content_id=origin.content_id,
+        index=step.index,
+        stamp_ns=frame.stamp.ns,
+        published_ns=origin.published_ns,
+        hold_seq=origin.seen.seq,
+        hold_nonce=origin.seen.nonce,
+        state=int(decision.state),
+        reasons=[reason.value for reason in decision.reasons],
+        hold=decision.hold,
+        hold_causes=list(step.hold_causes),
+        seq=decision.seq,
+        data_stamp_ns=_optional_ns(decision.stamp),
+        constraint_hold=False,
+        planes_current=decision.constraint_is_current,
+        targets=[each.target for each in samples],
+        sources=[each.source for each in samples],
+        stamps_ns=array("q", [each.stamp.ns for each in samples]),
+        statuses=array("B", [each.status for each in samples]),
+        transforms=array(
+            "d", chain.from_iterable(_pose_numbers(each.transform) for each in samples)
+        ),
+        new_poses=len(frame.poses),
+        known=array("I", known),
+        usable=array("B", usable),
+        robot_problem=step.robot_problem,
+        frames_problems=list(step.frames_problems),
+        playback=step.playback,
+        single_source=step.single_source,
+        cautery="" if frame.cautery is None else frame.cautery.value,
+        request=origin.request,
+        recording=origin.recording,
+        image_problem=origin.image_problem,
+    )
+    if decision.proximity is not None:
+        message.proximity = [_proximity_message(decision.proximity)]
+    if decision.margin is not None:
+        margin = decision.margin
+        numbers = (margin.stop_mm, margin.warn_mm, margin.tre_mm, margin.age_mm)
+        message.margin_mm = array("d", numbers)
+    if decision.constraint is not None:
+        message.half_spaces = array("d", decision.constraint.rows.tobytes())
+        message.free = np.array(decision.constraint.free)
+        message.constraint_hold = decision.constraint.hold
+    if step.tumor_from_tip is not None:
+        message.tumor_from_tip = array("d", _pose_numbers(step.tumor_from_tip))
+    if step.virtual_fixture is not None:
+        message.tumor_from_fixture = array("d", _pose_numbers(step.virtual_fixture))
+    if step.joints is not None:
+        message.joints = list(step.joints.names)
+        message.positions = array("d", step.joints.positions)
+        message.joints_stamp_ns = array("q", [step.joints.stamp.ns])
+    if step.links:
+        links = LinkPoses.of(step.links)
+        message.root_link, message.links = links.root, list(links)
+        message.link_transforms = array("d", _rows_of_matrices(links.matrices).tobytes())
+    if step.drift is not None:
+        drift = step.drift
+        bound = drift.bound
+        message.drift_frame = drift.frame
+        message.drift = array(
+            "d",
+            (drift.translation_mm, drift.rotation_rad, bound.translation_mm, bound.rotation_rad),
+        )
+    if step.between_frames is not None:
+        path = step.between_frames
+        message.between = [_point_message(each) for each in (path.deepest, path.end)]
+        message.between_lower_bound_mm = path.lower_bound_mm
+    return message
+
+
+def step_of(
+    message: SessionStep, content: SessionContent
+) -> tuple[StepResult, list[TrackedTransform]]:
+    """Read `step_message` of a step that was taken with ``content``: the step, and the others.
+
+    Raises `BridgeError` for another version and for lists that do not belong together.
+    """
+    if message.version != SessionStep.VERSION:
+        raise BridgeError(
+            f"step of a session: version {message.version}; expected {SessionStep.VERSION}: the "
+            "same MarginGuard on both sides"
+        )
+    try:
+        return _step(message, content)
+    except (ValueError, IndexError, TypeError) as error:
+        raise BridgeError(f"step of a session: {error}; expected one of a guard") from error
+
+
+def seen_of(message: SessionStep) -> SeenHold:
+    """The hold that the step shows."""
+    return SeenHold(message.hold_seq, message.hold_nonce)
+
+
+def received_mesh(frame: str, vertices_mm: "array[float]", triangles: "array[int]") -> SurfaceMesh:
+    """A surface from flat arrays. Raises `BridgeError` for lengths that are no multiple of 3."""
+    if len(vertices_mm) % 3 or len(triangles) % 3:
+        raise BridgeError(
+            f"surface: {len(vertices_mm)} coordinates and {len(triangles)} indices; expected "
+            "multiples of 3"
+        )
+    return SurfaceMesh(
+        frame,
+        np.array(vertices_mm, dtype=np.float64).reshape(-1, 3),
+        np.array(triangles, dtype=np.int32).reshape(-1, 3),
+    )
+
+
+def _step(
+    message: SessionStep, content: SessionContent
+) -> tuple[StepResult, list[TrackedTransform]]:
+    tumor, tip = content.tumor.frame, content.tip_frame
+    samples = _samples(message)
+    joints = _joints(message)
+    links = _links(message)
+    tumor_from_tip = _transforms(message.tumor_from_tip)
+    fixture = _transforms(message.tumor_from_fixture)
+    drift = None
+    if len(message.drift):
+        moved_mm, turned_rad, *bound = message.drift
+        drift = RegistrationDrift(message.drift_frame, moved_mm, turned_rad, DriftBound(*bound))
+    step = StepResult(
+        index=message.index,
+        frame=TrackingFrame(
+            Stamp(message.stamp_ns),
+            tuple(samples[: message.new_poses]),
+            cautery=CauteryState(message.cautery) if message.cautery else None,
+        ),
+        decision=_decision(message, tumor),
+        tumor_from_tip=_placed(tumor, tip, tumor_from_tip),
+        virtual_fixture=_placed(tumor, "virtual_fixture", fixture),
+        links=links,
+        joints=joints,
+        robot_problem=message.robot_problem,
+        drift=drift,
+        frames_problems=tuple(message.frames_problems),
+        playback=message.playback,
+        hold_causes=tuple(message.hold_causes),
+        single_source=message.single_source,
+        edges=_edges(message, content, samples, links, joints),
+        between_frames=_path(message, tumor, tip),
+    )
+    others = len(set(message.known).union(range(message.new_poses)))
+    return step, samples[others:]
+
+
+def _decision(message: SessionStep, tumor: str) -> FixtureDecision:
+    constraint = None
+    if len(message.half_spaces):
+        rows = np.array(message.half_spaces).reshape(-1, 10)
+        constraint = Constraint(
+            tumor, rows[:, 1:4], rows[:, 0], rows[:, 4:7], rows[:, 7:10],
+            hold=message.constraint_hold, free=FreeMotion(*map(float, message.free)),
+        )  # fmt: skip
+    proximity = message.proximity
+    return FixtureDecision(
+        state=MarginState(message.state),
+        reasons=tuple(map(Reason, message.reasons)),
+        proximity=_proximity(proximity[0]) if proximity else None,
+        margin=AppliedMargin(*message.margin_mm) if len(message.margin_mm) else None,
+        constraint=constraint,
+        hold=message.hold,
+        stamp=_stamp(message.data_stamp_ns),
+        seq=message.seq,
+        constraint_is_current=message.planes_current,
+    )
+
+
+def _edges(
+    message: SessionStep,
+    content: SessionContent,
+    samples: Sequence[TrackedTransform],
+    links: Mapping[str, Transform],
+    joints: JointSample | None,
+) -> KnownEdges:
+    measured: dict[tuple[str, str], TrackedTransform | None] = {}
+    for number, usable in zip(message.known, message.usable, strict=True):
+        sample = samples[number]
+        measured[sample.target, sample.source] = sample if usable else None
+    robot = content.robot
+    if robot is None:
+        return KnownEdges(content.static_edges, measured)
+    if robot.follows_tool:
+        base = robot.base_frame
+        return KnownEdges(content.static_edges, measured, base=base, root=base)
+    return KnownEdges(
+        content.static_edges,
+        measured,
+        links,
+        None if joints is None else joints.stamp,
+        frozenset(link.name for link in robot.robot.links),
+        robot.base_frame,
+        robot.robot.root_link,
+    )
+
+
+def _samples(message: SessionStep) -> list[TrackedTransform]:
+    numbers = _transforms(message.transforms)
+    rows = zip(
+        message.targets, message.sources, message.stamps_ns, message.statuses, numbers, strict=True
+    )
+    found = []
+    for target, source, stamp_ns, status, values in rows:
+        pose = _placed(target, source, values[None]) if status == TrackingStatus.OK else None
+        found.append(
+            TrackedTransform(pose, Stamp(stamp_ns), TrackingStatus(status), target, source)
+        )
+    return found
+
+
+def _links(message: SessionStep) -> Mapping[str, Transform]:
+    rows = _transforms(message.link_transforms)
+    if len(rows) != len(message.links):
+        raise ValueError(f"{len(message.links)} links have {len(rows)} transforms")
+    if len(rows) == 0:
+        return {}
+    matrices = np.zeros((len(rows), 4, 4))
+    matrices[:, :3, :3], matrices[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+    matrices[:, 3, 3] = 1.0
+    numbers = {name: number for number, name in enumerate(message.links)}
+    return LinkPoses(message.root_link, numbers, matrices)
+
+
+def _joints(message: SessionStep) -> JointSample | None:
+    stamp = _stamp(message.joints_stamp_ns)
+    if stamp is None:
+        return None
+    return JointSample(tuple(message.joints), tuple(message.positions), stamp)
+
+
+def _path(message: SessionStep, tumor: str, tip: str) -> PathDepth | None:
+    if not message.between:
+        return None
+    points = []
+    for each in message.between:
+        pose = _placed(tumor, tip, _transforms(each.tumor_from_tip))
+        assert pose is not None  # 12 numbers by the type of the message
+        points.append(PathPoint(Stamp(each.stamp_ns), pose, _proximity(each.proximity)))
+    deepest, end = points
+    return PathDepth(deepest, message.between_lower_bound_mm, end)
+
+
+def _proximity_message(proximity: Proximity) -> StepProximity:
+    return StepProximity(
+        stamp_ns=_optional_ns(proximity.stamp),
+        lower_bound_mm=float(proximity.lower_bound_mm),
+        contact=bool(proximity.contact),
+        free=np.array(proximity.free),
+        witnesses=array("d", proximity.witnesses.rows.tobytes()),
+    )
+
+
+def _proximity(message: StepProximity) -> Proximity:
+    return Proximity(
+        message.lower_bound_mm,
+        Witnesses.of_rows(np.array(message.witnesses).reshape(-1, 10)),
+        _stamp(message.stamp_ns),
+        message.contact,
+        FreeMotion(*map(float, message.free)),
+    )
+
+
+def _point_message(point: PathPoint) -> StepPoint:
+    return StepPoint(
+        stamp_ns=point.stamp.ns,
+        tumor_from_tip=np.array(_pose_numbers(point.tumor_from_tip)),
+        proximity=_proximity_message(point.proximity),
+    )
+
+
+def _pose_numbers(pose: Transform | None) -> Sequence[float]:
+    if pose is None:
+        return _NO_POSE
+    return (*pose.rotation.ravel().tolist(), *pose.translation_mm.tolist())
+
+
+def _rows_of_matrices(matrices: FloatArray) -> FloatArray:
+    """Rows (n, 12) of matrices (n, 4, 4)."""
+    rotations = matrices[:, :3, :3].reshape(-1, 9)
+    return np.concatenate([rotations, matrices[:, :3, 3]], axis=1)
+
+
+def _transforms(numbers: Any) -> FloatArray:
+    """Rows (n, 12), each rigid or all zeros. Raises `ValueError` for others."""
+    rows: FloatArray = np.array(numbers, dtype=np.float64).reshape(-1, _NUMBERS)
+    given = rows[rows.any(axis=1)]
+    turns = given[:, :9].reshape(-1, 3, 3)
+    if not np.isfinite(given).all():
+        raise ValueError("a transform has numbers that are not finite")
+    error = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
+    if error > ROTATION_TOLERANCE or (len(turns) and np.linalg.det(turns).min() < 0.0):
+        raise ValueError("a transform is not rigid")
+    return rows
+
+
+def _placed(target: str, source: str, rows: FloatArray) -> Transform | None:
+    """The transform of the only row of ``rows`` (n, 12), None without one."""
+    if len(rows) == 0:
+        return None
+    (values,) = rows
+    return Transform.unchecked(target, source, values[:9].reshape(3, 3), values[9:])
+
+
+def _optional_ns(stamp: Stamp | None) -> "array[int]":
+    return array("q", () if stamp is None else (stamp.ns,))
+
+
+def _stamp(values: Sequence[int]) -> Stamp | None:
+    return Stamp(int(values[0])) if len(values) else None
+
+
+def _lost(edge: tuple[str, str], stamp: Stamp) -> TrackedTransform:
+    """A stand-in for a sample that may not be used and is not in the frame."""
+    return TrackedTransform(None, stamp, TrackingStatus.MISSING, *edge)

@@ -1,0 +1,260 @@
+"""What an operator may request of a session: each command with its arguments, declared once.
+
+The service of a live node, the page, the panel and the Python API send and carry out these
+commands and no others. To add one: declare it here, with its kind in `RequestKind`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+
+from app.geometry import SurfaceMesh, Transform
+from app.registration import RegistrationResult
+from app.runtime.holds import SeenHold
+from app.runtime.requests import OperatorRequest, RequestKind
+from app.runtime.shown_changes import longer_needle, other_depth, other_stylus_tip
+
+if TYPE_CHECKING:
+    from app.runtime.case_recorder import RecordingStatus
+    from app.runtime.commands import OperatorCommands
+    from app.runtime.content import SessionContent
+
+_Value = TypeVar("_Value")
+
+
+class OperatorCommand(Protocol):
+    """A command with its arguments. ``loosens``: it can permit what was not permitted before."""
+
+    kind: ClassVar[RequestKind]
+    loosens: ClassVar[bool]
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Carry it out; return the new id that it gives, empty without one.
+
+        Raises `MarginGuardError` where it is refused; nothing has changed then.
+        """
+
+
+class Operator(Protocol):
+    """What a display may do with a session: look at it, and request a change of it.
+
+    One of a session in this process knows who asks; one of a live node is another process, of
+    which the node knows. Thread-safe.
+    """
+
+    @property
+    def content(self) -> "SessionContent":
+        """The content in use."""
+
+    @property
+    def recording(self) -> "RecordingStatus | None":
+        """What the last recording of the session has written; None before the first."""
+
+    @property
+    def last_request(self) -> OperatorRequest | None:
+        """The request that the session has listed last; None before any."""
+
+    def seen(self) -> SeenHold:
+        """Identifies the hold of the step that came last, to be displayed with it."""
+
+    def request(self, command: OperatorCommand) -> str:
+        """Wait until ``command`` is carried out; return as `OperatorCommand.apply`.
+
+        Raises `MarginGuardError` where it is refused, or not known to be carried out.
+        """
+
+    def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Return ``function(*args)``, computed where it delays neither session nor display."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rearm:
+    """End the hold that the operator has seen. See `OperatorCommands.rearm`."""
+
+    kind: ClassVar = RequestKind.REARM
+    loosens: ClassVar = True
+    seq: int
+    nonce: int
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """End the hold."""
+        commands.rearm(SeenHold(self.seq, self.nonce), origin=origin)
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class SetMargins:
+    """Use these distances in mm; looser ones wait for a re-arm."""
+
+    kind: ClassVar = RequestKind.MARGINS
+    loosens: ClassVar = True
+    stop_mm: float
+    warn_mm: float
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Change both, where they are kept."""
+        commands.use_margins(self.stop_mm, self.warn_mm, origin)
+        return ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetTumor:
+    """Use this tumour. See `OperatorCommands.set_tumor`."""
+
+    kind: ClassVar = RequestKind.TUMOR
+    loosens: ClassVar = True
+    frame_from_tumor: Transform
+    tumor: SurfaceMesh
+    sigma_mm: float = 0.0
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Replace the tumour; returns its ``model_id``."""
+        return commands.set_tumor(
+            self.frame_from_tumor, self.tumor, sigma_mm=self.sigma_mm, origin=origin
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetRegistration:
+    """Use this registration of the robot's base. See `OperatorCommands.set_registration`."""
+
+    kind: ClassVar = RequestKind.REGISTRATION
+    loosens: ClassVar = True
+    registration: RegistrationResult
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Replace the registration; returns its ``registration_id``."""
+        return commands.set_registration(self.registration, origin=origin)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetTip:
+    """Use this calibrated tip of the tool. See `OperatorCommands.set_tip`."""
+
+    kind: ClassVar = RequestKind.TIP
+    loosens: ClassVar = True
+    tool_from_tip: Transform
+    sigma_mm: float = 0.0
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Replace the tip."""
+        commands.set_tip(self.tool_from_tip, sigma_mm=self.sigma_mm, origin=origin)
+        return ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetStylusTip:
+    """Use this calibrated tip of the stylus, which no distance depends on."""
+
+    kind: ClassVar = RequestKind.STYLUS
+    loosens: ClassVar = False
+    frame_from_tip: Transform
+    sigma_mm: float = 0.0
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Replace the tip."""
+        change = other_stylus_tip(self.frame_from_tip, self.sigma_mm)
+        commands.change_shown(self.kind, change, origin=origin)
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class LengthenNeedle:
+    """Show the needle longer by ``by_mm``."""
+
+    kind: ClassVar = RequestKind.NEEDLE
+    loosens: ClassVar = False
+    by_mm: float
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Change what is shown."""
+        commands.change_shown(self.kind, longer_needle(self.by_mm), origin=origin)
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class ChooseDepth:
+    """Place images from now on by the calibration of ``depth_mm``."""
+
+    kind: ClassVar = RequestKind.DEPTH
+    loosens: ClassVar = False
+    depth_mm: float
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Change what is shown."""
+        commands.change_shown(self.kind, other_depth(self.depth_mm), origin=origin)
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """Start a recording called ``name``, or by date; or finish the one that runs."""
+
+    kind: ClassVar = RequestKind.RECORD
+    loosens: ClassVar = False
+    start: bool
+    name: str = ""
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Start or finish; returns a line on the recording."""
+        if self.start:
+            return commands.start_recording(self.name, origin=origin).line
+        return commands.stop_recording(origin=origin).line
+
+
+@dataclass(frozen=True, slots=True)
+class AddNote:
+    """List a note on the present; it changes nothing."""
+
+    kind: ClassVar = RequestKind.NOTE
+    loosens: ClassVar = False
+    text: str
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """List it."""
+        commands.requests.accepted(self.kind, origin, self.text)
+        return ""
+
+
+COMMANDS: dict[RequestKind, type[OperatorCommand]] = {
+    each.kind: each
+    for each in (
+        *(Rearm, SetMargins, SetTumor, SetRegistration, SetTip),
+        *(SetStylusTip, LengthenNeedle, ChooseDepth, Record, AddNote),
+    )
+}
+"""Every command by its kind."""
+
+
+class LocalOperator:
+    """`Operator` of a session in this process. ``origin`` is the display that asks."""
+
+    def __init__(self, commands: "OperatorCommands", origin: str) -> None:
+        self._commands, self._origin = commands, origin
+
+    @property
+    def content(self) -> "SessionContent":
+        """The content in use."""
+        return self._commands.content
+
+    @property
+    def recording(self) -> "RecordingStatus | None":
+        """What the last recording has written."""
+        return self._commands.recording
+
+    @property
+    def last_request(self) -> OperatorRequest | None:
+        """The request that was listed last."""
+        return self._commands.requests.last
+
+    def seen(self) -> SeenHold:
+        """The hold of the last step."""
+        return self._commands.seen()
+
+    def request(self, command: OperatorCommand) -> str:
+        """Carry ``command`` out."""
+        return command.apply(self._commands, self._origin)
+
+    def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Return ``function(*args)``."""
+        return self._commands.compute(function, *args)

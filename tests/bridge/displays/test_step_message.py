@@ -1,0 +1,132 @@
+"""A step as a message: the display computes with exactly the numbers of the guard."""
+
+from array import array
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from marginguard_msgs.msg import SessionStep
+from rclpy.serialization import deserialize_message, serialize_message
+
+import marginguard as mg
+from app.bridge import BridgeError
+from app.bridge.displays.step_message import StepOrigin, seen_of, step_message, step_of
+from app.geometry import TrackedTransform
+from app.runtime import SeenHold
+from tests.session.test_step_pickle import assert_same
+
+pytestmark = pytest.mark.slow
+
+ORIGIN = StepOrigin("run 1", "content 1", SeenHold(3, 2**64 - 1), 17, "{}", "", "no image")
+
+
+@pytest.fixture(scope="module")
+def case():
+    return mg.open_case(mg.example_case())
+
+
+@pytest.fixture(scope="module")
+def steps(case):
+    """Of the recorded case: a breach, and a dropout of the tracker."""
+    breach = mg.replay(case, start_s=95.5, end_s=96.3)
+    return [*breach, *mg.replay(case, start_s=138.8, end_s=139.5)]
+
+
+def sent(step):
+    """The message as a subscriber gets it."""
+    raw = serialize_message(step_message(step, ORIGIN))
+    return deserialize_message(raw, SessionStep)
+
+
+def as_shown(step):
+    """``step`` without what no display uses: the joint samples of its frame."""
+    return replace(step, frame=replace(step.frame, joints=(), unfiltered_stamp=None))
+
+
+def test_displayed_step_has_every_number_of_the_step(steps, case):
+    for step in steps:
+        found, others = step_of(sent(step), case.content)
+        assert others == []
+        for field in fields(step):
+            if field.name not in ("edges", "links"):
+                assert_same(
+                    getattr(as_shown(found), field.name), getattr(as_shown(step), field.name)
+                )
+        assert list(found.links) == list(step.links)
+        for name, pose in step.links.items():
+            np.testing.assert_array_equal(found.links[name].matrix, pose.matrix)
+    assert any(sample.transform is None for step in steps for sample in step.frame.poses)
+    assert any(step.decision.proximity and step.decision.proximity.contact for step in steps)
+
+
+def test_edges_lead_to_the_same_poses_in_other_frames(steps, case):
+    for step in steps[::7]:
+        found = step_of(sent(step), case.content)[0].edges
+        assert found.frames() == step.edges.frames()
+        for target, source in (("reference", "cautery"), ("robot_base", "needle")):
+            try:
+                pose, oldest = step.edges.between(target, source)
+            except mg.MarginGuardError as error:
+                with pytest.raises(type(error)):
+                    found.between(target, source)
+                continue
+            shown, shown_oldest = found.between(target, source)
+            np.testing.assert_array_equal(shown.matrix, pose.matrix)
+            assert shown_oldest == oldest
+
+
+def test_poses_that_the_step_does_not_use_come_with_it(steps, case):
+    pose = mg.Transform("tracker", "probe", np.eye(3), [1.0, 2.0, 3.0])
+    probe = TrackedTransform.valid(pose, steps[0].frame.stamp)
+    raw = serialize_message(step_message(steps[0], ORIGIN, [probe]))
+    found, (other,) = step_of(deserialize_message(raw, SessionStep), case.content)
+    assert_same(other, probe)
+    assert_same(found.frame.poses, steps[0].frame.poses)
+    assert ("tracker", "probe") not in found.edges.measured
+
+
+def test_hold_of_the_step_is_that_of_its_message(steps):
+    assert seen_of(sent(steps[0])) == SeenHold(3, 2**64 - 1)
+
+
+def turned(message):
+    message.transforms[0] += 0.1
+
+
+def not_finite(message):
+    message.tumor_from_tip[9] = np.nan
+
+
+def too_few(message):
+    message.stamps_ns = array("q", message.stamps_ns[:-1])
+
+
+def unknown_reason(message):
+    message.reasons = ["bored"]
+
+
+def unknown_index(message):
+    message.known = array("I", [99] * len(message.known))
+
+
+def later(message):
+    message.version = 2
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (turned, "a transform is not rigid"),
+        (not_finite, "a transform has numbers that are not finite"),
+        (too_few, "shorter than"),
+        (unknown_reason, "'bored' is not a valid Reason"),
+        (unknown_index, "list index out of range"),
+        (later, "version 2; expected 1"),
+    ],
+)
+def test_message_of_no_guard_is_refused_in_one_line(steps, case, change, problem):
+    message = sent(steps[0])
+    change(message)
+    with pytest.raises(BridgeError, match=problem) as refused:
+        step_of(message, case.content)
+    assert "\n" not in str(refused.value)
