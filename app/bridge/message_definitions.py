@@ -31,7 +31,7 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
         "msg/StepPoint": "0c8f1963bdafa44a03c3cd6312b63e79475433e9d587d23f16c4eca6da2afa30",
         "msg/StepProximity": "de0067fcd6b6f1f5239865ee568f623515915c4fc949eb495cc2a6faea80dadf",
         "msg/TrackedTransform": "0066dc1ca1ca07df51e52382b52d9e6501d4a48e505d3ea5b1cee01413ffbb8e",
-        "srv/Command": "d20c9c0cb1b5f4362ab95113875039fa1a5e5586bd9cd222242cb263399584ce",
+        "srv/Command": "61d2d00f66e80b5e18208fedacb11bfa9535b3b93aba2b00f7ac430053f0b56c",
         "srv/GetMesh": "cf7d0c48cb17962293417e23ec20eafc560a79203da5fb3e58b7ed3b3d42b6a1",
         "srv/LoadCase": "bac3f9dfc27130b32a998903683f7680cd36ede487bca86b29e1d85ad7df9f6a",
         "srv/Rearm": "488c036359792744c7cf52fe92610c338ab51c65a403523efbe281dd5b86af44",

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.runtime.holds import SeenHold
 from app.runtime.requests import OperatorRequest, RequestKind
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from app.runtime.content import SessionContent
 
 _Value = TypeVar("_Value")
+
+_MAX_NOTE = 400
+"""Characters of a note with its step and stamp."""
 
 
 class OperatorCommand(Protocol):
@@ -211,7 +214,11 @@ class AddNote:
     text: str
 
     def apply(self, commands: "OperatorCommands", origin: str) -> str:
-        """List it."""
+        """List it. Raises `InputError` for a long text."""
+        if len(self.text) > _MAX_NOTE:
+            problem = f"note: {len(self.text)} characters; expected at most {_MAX_NOTE}"
+            commands.requests.refused(self.kind, origin, problem)
+            raise InputError(problem)
         commands.requests.accepted(self.kind, origin, self.text)
         return ""
 

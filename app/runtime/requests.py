@@ -77,6 +77,7 @@ ADMITTED = {
     RequestKind.RECORD: Allowed(per_s=0.5, burst=5.0),
     RequestKind.TIP: Allowed(per_s=0.5, burst=5.0),
     RequestKind.STYLUS: Allowed(per_s=0.5, burst=5.0),
+    RequestKind.NOTE: Allowed(per_s=2.0, burst=20.0),
     RequestKind.NEEDLE: Allowed(per_s=10.0, burst=50.0),
     RequestKind.DEPTH: Allowed(per_s=2.0, burst=20.0),
 }

@@ -38,12 +38,14 @@ _Value = TypeVar("_Value")
 class DescribedSession:
     """What a display has to know of a session before it can show a step of it.
 
-    ``displays``: full names of the nodes of displays that the session was started for.
+    ``displays``: full names of the nodes of displays that the session was started for. ``host``:
+    the machine that it runs on, by `app.runtime.host_id`.
     """
 
     content: SessionContent
     images: ImageDescription | None = None
     displays: tuple[str, ...] = ()
+    host: str = ""
 
 
 class SessionWire:
@@ -87,6 +89,11 @@ class SessionWire:
     def missing(self, text: str) -> set[str]:
         """Digests of the surfaces that `described` needs and that are not in ``meshes``."""
         return {digest for digest in _digests(_loaded(text)) if digest not in self.meshes}
+
+    def keep(self, text: str) -> None:
+        """Forget the surfaces that the description ``text`` does not name."""
+        named = _digests(_loaded(text))
+        self.meshes = {digest: mesh for digest, mesh in self.meshes.items() if digest in named}
 
     def described(self, text: str) -> DescribedSession:
         """Read `description`. The robot is loaded anew if its file is another one."""

@@ -35,7 +35,8 @@ PARSED_IN = {
     "tempfile.mkdtemp": set(),
     "tempfile.TemporaryFile": {"files/atomic_io.py", "report/write.py"},
     # The cache of a field is written by `app.fixture`, which imports geometry only.
-    "tempfile.mkstemp": {"fixture/proximity/field_cache.py"},
+    # The log of a live node is written by another process.
+    "tempfile.mkstemp": {"bridge/displays/live_child.py", "fixture/proximity/field_cache.py"},
 }
 """The files of ``app`` that may name a parser, or a temporary file of an atomic write."""
 
@@ -76,6 +77,7 @@ NOT_FILES = {
 """Calls of these names that open no file of a user, and what they open."""
 
 OPENS_FILES = {
+    "bridge/displays/live_child.py": {"self.log.open", "os.fdopen"},  # the log of its process
     "files/bounded_io.py": {"os.open", "os.fdopen"},
     # Members of an open file, and an open file's header.
     "case/readers/mrml/files.py": {"zipfile.ZipFile", "self._files.open"},

@@ -29,12 +29,13 @@ class OperatorRequests:
         self._log.admit(kind)
         self._operators.check(*services)
 
-    def check_margins(self, in_use: MarginParameters, requested: MarginParameters) -> None:
+    def check_margins(
+        self, in_use: MarginParameters, requested: MarginParameters, *services: str
+    ) -> None:
         """Check a set of margins. What only tightens is not limited in rate."""
-        with self.refusals(RequestKind.MARGINS):
-            if loosened_margins(in_use, requested, follows_tumor=True):
-                self._log.admit(RequestKind.MARGINS)
-            self._operators.check("~/set_parameters", "~/set_parameters_atomically")
+        if loosened_margins(in_use, requested, follows_tumor=True):
+            self._log.admit(RequestKind.MARGINS)
+        self._operators.check(*services)
 
     @contextmanager
     def refusals(self, kind: RequestKind, origin: str = OVER_ROS) -> Iterator[None]:

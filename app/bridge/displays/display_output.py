@@ -31,9 +31,11 @@ from app.runtime import (
     SessionContent,
     StepTiming,
     SwitchContent,
+    host_id,
 )
 from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
-from app.runtime.operator_command import Rearm
+from app.runtime.operator_command import OperatorCommand, Rearm, SetMargins
+from app.runtime.rate_limit import RateLimit
 from app.runtime.session_wire import (
     DescribedSession,
     SessionWire,
@@ -46,6 +48,11 @@ _KNOWN_WITHIN_S = 2.0
 """A client that asks at once after its start may not be known yet to the graph."""
 _LOOK_S = 0.02
 _MAX_OTHERS = 1000
+_MESHES_PER_S, _MESHES_AT_ONCE = 2.0, 20.0
+_MAX_WAITING = 1000
+"""Requests that wait for the node's thread, as for ~/rearm."""
+_MAX_ARGUMENTS, _MAX_REARM = 64_000, 200
+"""Characters of a command's arguments: reading them keeps the interpreter's lock."""
 
 
 class DisplayOutput(PassiveOutput):
@@ -69,7 +76,7 @@ class DisplayOutput(PassiveOutput):
         recording: Callable[[], RecordingStatus | None],
         image_problem: Callable[[], str],
     ) -> None:
-        self._instance_id = instance_id
+        self._ros, self._instance_id = ros, instance_id
         self._images, self._displays, self._holds = images, tuple(displays), holds
         self._requests, self._recording = requests, recording
         self._image_problem = image_problem
@@ -80,25 +87,38 @@ class DisplayOutput(PassiveOutput):
         self._descriptions = ros.publisher(topics.CONTENT)
         self._content_id = ""
         self._use(content)
-        ServiceServer(ros, GetMesh, GET_MESH, self._get_mesh)
+        self._meshes_limit = RateLimit(_MESHES_PER_S, _MESHES_AT_ONCE)
+        ServiceServer(
+            ros, GetMesh, GET_MESH, self._get_mesh, in_thread=True, check=self._check_mesh
+        )
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Publish ``step``. True: it permits nothing, so it is never too late."""
         others = [self._others.popleft() for _ in range(len(self._others))]
-        if self._steps.get_subscription_count():
-            sent = {(each.target, each.source, each.stamp.ns) for each in step.frame.poses}
-            others = [p for p in others if (p.target, p.source, p.stamp.ns) not in sent]
-            origin = StepOrigin(
-                self._instance_id,
-                self._content_id,
-                self._holds.present(),
-                time.time_ns(),
-                self._text("request", self._requests.last),
-                self._text("recording", self._recording()),
-                self._image_problem(),
+        if not self._steps.get_subscription_count():
+            return True
+        try:
+            self._send(step, others)
+        except Exception as error:  # a display must not end a session, whatever it cannot be told
+            self._ros.node.get_logger().error(
+                f"step {step.index} is not sent to displays: {type(error).__name__}: {error}",
+                throttle_duration_sec=1.0,
             )
-            self._steps.publish(step_message(step, origin, others))
         return True
+
+    def _send(self, step: StepResult, others: list[TrackedTransform]) -> None:
+        sent = {(each.target, each.source, each.stamp.ns) for each in step.frame.poses}
+        others = [each for each in others if (each.target, each.source, each.stamp.ns) not in sent]
+        origin = StepOrigin(
+            self._instance_id,
+            self._content_id,
+            self._holds.present(),
+            time.time_ns(),
+            self._text("request", self._requests.last),
+            self._text("recording", self._recording()),
+            self._image_problem(),
+        )
+        self._steps.publish(step_message(step, origin, others))
 
     def note(self, samples: Sequence[TrackedTransform]) -> None:
         """Send ``samples`` with the next step, besides its own: displays place images by them."""
@@ -106,13 +126,16 @@ class DisplayOutput(PassiveOutput):
 
     def prepare(self, content: SessionContent) -> SwitchContent:
         """Find the digests of the surfaces; return the switch, which publishes the description."""
-        SessionWire().description(DescribedSession(content))
+        for mesh in (content.tumor, content.tool):
+            if mesh is not None:
+                mesh_digest(mesh)
         return self._use
 
     def _use(self, content: SessionContent) -> None:
-        wire = SessionWire()  # with no surfaces of earlier contents
-        text = wire.description(DescribedSession(content, self._images, self._displays))
-        self._wire, self._content_id = wire, text_digest(text)
+        session = DescribedSession(content, self._images, self._displays, host_id())
+        text = self._wire.description(session)
+        self._wire.keep(text)  # not the surfaces of earlier contents
+        self._content_id = text_digest(text)
         self._descriptions.publish(
             ContentMessage(
                 version=ContentMessage.VERSION,
@@ -126,9 +149,17 @@ class DisplayOutput(PassiveOutput):
         """``value`` as text, written once for each object; empty for None."""
         known, text = self._texts.get(name, (None, ""))
         if value is not known:
-            text = "" if value is None else SessionWire().text(value)
+            text = "" if value is None else self._wire.text(value)
             self._texts[name] = value, text
         return text
+
+    def _check_mesh(self, request: GetMesh.Request) -> None:
+        """Refuse a flood: each surface takes milliseconds of the interpreter's time."""
+        if not self._meshes_limit.take(time.monotonic_ns()):
+            raise BridgeError(
+                f"mesh: too many requests; expected at most {_MESHES_AT_ONCE:g} at once and "
+                f"{_MESHES_PER_S:g} per second"
+            )
 
     def _get_mesh(self, request: GetMesh.Request, response: GetMesh.Response) -> None:
         mesh = self._wire.meshes.get(request.digest)
@@ -152,11 +183,17 @@ class CommandService:
     """
 
     def __init__(
-        self, ros: RosNode, commands: OperatorCommands, requests: OperatorRequests
+        self,
+        ros: RosNode,
+        commands: OperatorCommands,
+        requests: OperatorRequests,
+        instance_id: str,
     ) -> None:
         self._ros = ros
         self._commands = commands
         self._requests = requests
+        self._instance_id = instance_id
+        self._wire, self._reading = SessionWire(), threading.Lock()
         self._server = ServiceServer(
             ros,
             Command,
@@ -164,29 +201,50 @@ class CommandService:
             self._serve,
             in_thread=True,
             check=self._check,
+            max_waiting=_MAX_WAITING,
             lane=lambda request: request.command,
         )
 
     def _check(self, request: Command.Request) -> None:
         """Refuse what is invalid at once, without a thread."""
         kind = _kind(request.command)
+        limit = _MAX_REARM if kind is RequestKind.REARM else _MAX_ARGUMENTS
         with self._requests.refusals(kind, origin_text(request.node)):
+            if len(request.arguments) > limit:
+                raise BridgeError(
+                    f"arguments of {kind}: {len(request.arguments)} characters; expected at most "
+                    f"{limit}"
+                )
+            if request.instance_id != self._instance_id:
+                raise BridgeError(
+                    "the guard was started again since the display showed it; expected the same "
+                    "request again, after a look at it"
+                )
             if kind is RequestKind.REARM:
-                command = SessionWire().read_command(kind, request.arguments)
-                assert isinstance(command, Rearm)
-                self._commands.check_rearm(SeenHold(command.seq, command.nonce))
-            self._requests.check(kind, COMMAND)
+                rearm = self._read(request)
+                assert isinstance(rearm, Rearm)
+                self._commands.check_rearm(SeenHold(rearm.seq, rearm.nonce))
+            if kind is not RequestKind.MARGINS:
+                self._requests.check(kind, COMMAND)
+                return
+            margins, in_use = self._read(request), self._commands.content.margins
+            assert isinstance(margins, SetMargins)
+            requested = in_use.replaced(stop_mm=margins.stop_mm, warn_mm=margins.warn_mm)
+            self._requests.check_margins(in_use, requested, COMMAND)
 
     def _serve(self, request: Command.Request, response: Command.Response) -> None:
         kind, origin = _kind(request.command), origin_text(request.node)
         with self._requests.refusals(kind, origin):
             self._check_client(request.node)
-            wire = SessionWire()
-            if request.digest:
-                wire.meshes[request.digest] = _received_mesh(request)
-            command = wire.read_command(kind, request.arguments)
+            command = self._read(request)
         response.message = command.apply(self._commands, origin)
         response.success = True
+
+    def _read(self, request: Command.Request) -> OperatorCommand:
+        mesh = _received_mesh(request) if request.digest else None
+        with self._reading:
+            self._wire.meshes = {} if mesh is None else {request.digest: mesh}
+            return self._wire.read_command(request.command, request.arguments)
 
     def _check_client(self, node: str) -> None:
         """Raise `BridgeError` unless ``node`` has a client of the service."""

@@ -14,7 +14,8 @@ from app.files.state_folder import state_folder
 
 _ERROR = "marginguard: error: "
 _STOP_S = 30.0
-_LOOK_S = 0.1
+_READ_CHARS = 65_536
+_LOOK_S, _JOIN_S = 0.1, 1.0
 
 
 class LiveChild:
@@ -55,7 +56,7 @@ class LiveChild:
         status = self._process.poll()
         if status is None:
             return ""
-        self._reader.join()
+        self._reader.join(_JOIN_S)
         return f"the live node has ended with status {status}: {self._last or 'it said nothing'}"
 
     @property
@@ -64,10 +65,14 @@ class LiveChild:
         ended = self.ended
         return self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ended
 
-    def close(self) -> None:
-        """End it and wait for its end, which half a minute must be enough for; remove its log."""
+    def stop(self) -> None:
+        """Ask it to end."""
         if self._process.poll() is None:
             self._process.send_signal(SIGINT)
+
+    def close(self) -> None:
+        """End it and wait for its end, which half a minute must be enough for; remove its log."""
+        self.stop()
         try:
             self._process.wait(_STOP_S)
         except subprocess.TimeoutExpired as error:
@@ -79,12 +84,19 @@ class LiveChild:
         self.log.unlink(missing_ok=True)
 
     def _read(self) -> None:
+        text, is_over = "", False
         with self.log.open(errors="replace") as log:
-            is_over = False
             while not is_over:
                 is_over = self._process.poll() is not None  # before the last lines are read
-                for line in log:
-                    self._last = line.strip() or self._last
-                    self._said(line.rstrip("\n"))
+                while part := log.read(_READ_CHARS):
+                    *lines, text = (text + part).split("\n")
+                    self._say(lines)
                 if not is_over:
                     threading.Event().wait(_LOOK_S)
+        self._say([text])
+
+    def _say(self, lines: Sequence[str]) -> None:
+        for line in lines:
+            if line.strip():
+                self._last = line.strip()
+                self._said(line)

@@ -14,6 +14,7 @@ from marginguard_msgs.srv import Command, GetMesh
 from rclpy.serialization import deserialize_message
 
 from app.bridge import topics
+from app.bridge.calls.errors import CallError
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.displays.image_input import TopicImages
 from app.bridge.displays.names import COMMAND, GET_MESH
@@ -21,26 +22,29 @@ from app.bridge.displays.step_message import received_mesh, seen_of, step_of
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.qos import DISPLAYED, STATIC_TF, Topic
-from app.geometry import NS_PER_S
 from app.runtime import (
     ComputeProcess,
     DescribedSession,
     OperatorCommand,
     OperatorRequest,
     RecordingStatus,
+    RequestKind,
     SeenHold,
     SessionContent,
     SessionWire,
+    host_id,
 )
 from app.session import LiveImages, StepResult
 
-REPLY_S = 120.0
-"""Longest wait for a command: a new tumour and the start of a recording take seconds."""
+REPLY_S, LONG_REPLY_S = 10.0, 120.0
+"""Longest wait for a command; for those of `_LONG`, which take seconds."""
+_LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
 
-_MESH_S = 20.0
-_MAX_WAITING = 1000
+_MESH_S = 5.0
+_MAX_WAITING = 200
 _WAIT_S = 0.2
-_DELAY_WINDOW_NS = 10 * NS_PER_S
+_DRIFT = 5e-5
+"""Largest drift of two machines' clocks."""
 
 _Value = TypeVar("_Value")
 
@@ -77,14 +81,19 @@ class SessionClient:
         self._delay = TransportDelay()
         self._wire = SessionWire()
         self._described: dict[str, DescribedSession] = {}
+        self._first: DescribedSession | None = None
         self._descriptions: dict[str, ContentMessage] = {}
         self._instance_id, self._ended_ids = "", set[str]()
         self._changed = threading.Condition()
-        self._waiting: deque[tuple[int, bytes]] = deque(maxlen=_MAX_WAITING)
+        self._waiting: deque[bytes] = deque(maxlen=_MAX_WAITING)
+        self._cancel = threading.Event()
+        self._problem = ""
         self._stopped = False
         self._compute = ComputeProcess()
         self._pictures: TopicImages | None = None
         self._image_problem = ""
+        self._depth_mm: float | None = None
+        """The imaging depth that ``images`` are placed by."""
         self._meshes = ServiceClient(ros, GetMesh, _name(node, GET_MESH))
         content = Topic(_name(node, topics.CONTENT.name), ContentMessage, STATIC_TF)
         step = Topic(_name(node, topics.STEP.name), SessionStep, DISPLAYED)
@@ -98,7 +107,9 @@ class SessionClient:
 
     @property
     def silence(self) -> str:
-        """Why no step comes; empty where a node is there that sends them."""
+        """Why no step comes or can be shown; empty where that is not known."""
+        if self._problem:
+            return self._problem
         if not self._ros.is_open or self._ros.node.count_publishers(self._topic):
             return ""
         return f"no live node {self.node} is there"
@@ -108,17 +119,18 @@ class SessionClient:
         while not self._stopped:
             if self.operator is None:
                 self._starting()
-            received = self._next()
-            if received is None:
+            data = self._next()
+            if data is None:
                 continue
-            came_ns, data = received
             message = deserialize_message(data, SessionStep)
             self._follow_instance(message.instance_id)
             session = self._session(message.content_id)
             if session is None:
                 continue
             step, others = step_of(message, session.content)
-            self._delay.note(message.published_ns, came_ns)
+            # Only now: a step that has waited for this thread is as old as that.
+            same_host = session.host == host_id()
+            self._delay.note(message.published_ns, self._clock_ns(), same_host=same_host)
             self._use(session, message)
             if self.images is not None:
                 self.images.add_poses([*step.frame.poses, *others])
@@ -126,6 +138,7 @@ class SessionClient:
 
     def stop(self) -> None:
         """End `steps` soon; from any thread."""
+        self._cancel.set()
         with self._changed:
             self._stopped = True
             self._changed.notify()
@@ -141,14 +154,14 @@ class SessionClient:
             self._pictures.close()
         self._compute.close()
 
-    def _next(self) -> tuple[int, bytes] | None:
+    def _next(self) -> bytes | None:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
             return self._waiting.popleft() if self._waiting else None
 
     def _receive_step(self, data: bytes) -> None:
         with self._changed:
-            self._waiting.append((self._clock_ns(), data))
+            self._waiting.append(data)
             self._changed.notify()
 
     def _receive_description(self, message: ContentMessage) -> None:
@@ -164,6 +177,7 @@ class SessionClient:
             )
         if self._instance_id:
             self._ended_ids.add(self._instance_id)
+            self._delay = TransportDelay()
         self._instance_id = instance_id
 
     def _session(self, content_id: str) -> DescribedSession | None:
@@ -171,7 +185,7 @@ class SessionClient:
         known = self._described.get(content_id)
         if known is not None:
             return known
-        message = self._descriptions.pop(content_id, None)
+        message = self._descriptions.get(content_id)
         if message is None:
             return None
         if message.version != ContentMessage.VERSION:
@@ -179,19 +193,48 @@ class SessionClient:
                 f"{self._topic}: a description of version {message.version}; expected "
                 f"{ContentMessage.VERSION}: the same MarginGuard on both sides"
             )
-        for digest in self._wire.missing(message.text):
-            reply = self._meshes.call(GetMesh.Request(digest=digest), _MESH_S, repeat_s=1.0)
-            if not reply.success:
-                return None  # of a content that has been replaced meanwhile
-            self._wire.meshes[digest] = received_mesh(
-                reply.frame_id, reply.vertices, reply.triangles
-            )
+        try:
+            self._receive_meshes(message.text)
+        except CallError as error:  # tried again with the next step
+            self._problem = f"a surface of the session is not received: {error}"
+            return None
+        self._problem = ""
         session = self._wire.described(message.text)
         name = self._ros.node.get_fully_qualified_name()
         if self._own and self.operator is None and name not in session.displays:
             return None
+        self._check_same(session)
+        self._wire.keep(message.text)
+        self._descriptions = {content_id: message}
         self._described = {content_id: session}
         return session
+
+    def _receive_meshes(self, text: str) -> None:
+        """Receive what the description ``text`` names. Raises `CallError`."""
+        for digest in self._wire.missing(text):
+            request = GetMesh.Request(digest=digest)
+            reply = self._meshes.call(request, _MESH_S, self._cancel, repeat_s=1.0)
+            if not reply.success:
+                raise CallError(reply.message)
+            self._wire.meshes[digest] = received_mesh(
+                reply.frame_id, reply.vertices, reply.triangles
+            )
+
+    def _check_same(self, session: DescribedSession) -> None:
+        """Raise `BridgeError` for another session than the one whose display was made."""
+        first, self._first = self._first or session, self._first or session
+        for what, before, now in (
+            ("name", first.content.name, session.content.name),
+            ("tool's tip", first.content.tip_frame, session.content.tip_frame),
+            ("tumour's frame", first.content.tumor.frame, session.content.tumor.frame),
+            ("robot", first.content.robot_file, session.content.robot_file),
+            ("images", self._wire.text(first.images), self._wire.text(session.images)),
+        ):
+            if before != now:
+                raise BridgeError(
+                    f"{self.node}: it runs another session now, with another {what}; expected "
+                    "that of the display: start the display again"
+                )
 
     def _use(self, session: DescribedSession, message: SessionStep) -> None:
         """Take over what the step says of content, hold and requests; begin with the images."""
@@ -203,10 +246,10 @@ class SessionClient:
         if self.images is None and session.images is not None:
             self.images = session.images.images()
             described = session.images
+            self._depth_mm = described.depth_mm
             self._pictures = TopicImages(
                 self._ros, described.topic, described.orientation, self.images
             )
-        before = operator.content.image_depth
         operator.follow(session.content, message)
         self.operator = operator  # from now on others may use it
         depth = session.content.image_depth
@@ -214,7 +257,8 @@ class SessionClient:
             self._image_problem = message.image_problem
             if self._image_problem:
                 self.images.refuse(self._image_problem)
-        if self.images is not None and depth is not None and depth != before:
+        if self.images is not None and depth is not None and depth.depth_mm != self._depth_mm:
+            self._depth_mm = depth.depth_mm
             self.images.choose_depth(depth.depth_mm)
 
 
@@ -231,6 +275,8 @@ class RemoteOperator:
         self._ros, self._service = ros, service
         self._compute = compute
         self._content = content
+        self._instance_id = ""
+        self._wire = SessionWire()
         self._client: ServiceClient | None = None
         self._creating = threading.Lock()
         self._texts = ("", "")
@@ -241,13 +287,14 @@ class RemoteOperator:
     def follow(self, content: SessionContent, message: SessionStep) -> None:
         """Use what came with a step."""
         self._content, self._seen = content, seen_of(message)
+        self._instance_id = message.instance_id
         texts = message.request, message.recording
         if texts != self._texts:
             self._texts = texts
             request, recording = texts
-            wire = SessionWire()
-            self._request = wire.value(OperatorRequest, request) if request else None
-            self._recording = wire.value(RecordingStatus, recording) if recording else None
+            value = self._wire.value
+            self._request = value(OperatorRequest, request) if request else None
+            self._recording = value(RecordingStatus, recording) if recording else None
 
     @property
     def content(self) -> SessionContent:
@@ -278,6 +325,7 @@ class RemoteOperator:
         arguments = wire.command(command)
         request = Command.Request(
             node=self._ros.node.get_fully_qualified_name(),
+            instance_id=self._instance_id,
             command=command.kind.value,
             arguments=arguments,
         )
@@ -285,7 +333,8 @@ class RemoteOperator:
             request.digest, request.frame_id = digest, mesh.frame
             request.vertices = array("d", mesh.vertices_mm.tobytes())
             request.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
-        reply = self._connected().call(request, REPLY_S)
+        wait_s = LONG_REPLY_S if command.kind in _LONG else REPLY_S
+        reply = self._connected().call(request, wait_s)
         if not reply.success:
             raise BridgeError(reply.message)
         return str(reply.message)
@@ -303,27 +352,28 @@ class RemoteOperator:
 
 
 class TransportDelay:
-    """How much later a message arrives after it was made than the quickest one of 10 to 20 s.
+    """By how much a message is taken later than the quickest one was, after it was made.
 
-    Both times are system times, of two machines perhaps, so a delay that all messages share is not
-    known.
+    Both times are system times. On one host they are of one clock, and the whole way counts. On two
+    the clocks differ: a delay that all messages share is not known there, and the quickest way is
+    followed as slowly as clocks may drift.
     """
 
     def __init__(self) -> None:
         self.last_ns = 0
-        self._least_ns: int | None = None
-        self._least_before_ns: int | None = None
-        self._began_ns = 0
+        self._least_ns: float | None = None
+        self._came_ns = 0
 
-    def note(self, made_ns: int, came_ns: int) -> None:
+    def note(self, made_ns: int, came_ns: int, *, same_host: bool) -> None:
         """Take the times of the next message."""
         way_ns = came_ns - made_ns
-        if came_ns - self._began_ns > _DELAY_WINDOW_NS or came_ns < self._began_ns:
-            self._began_ns, self._least_before_ns, self._least_ns = came_ns, self._least_ns, None
-        self._least_ns = way_ns if self._least_ns is None else min(self._least_ns, way_ns)
-        before_ns = self._least_before_ns
-        least_ns = self._least_ns if before_ns is None else min(self._least_ns, before_ns)
-        self.last_ns = max(0, way_ns - least_ns)
+        if self._least_ns is None:
+            self._least_ns = way_ns
+        drift_ns = _DRIFT * max(came_ns - self._came_ns, 0) if self._came_ns else 0.0
+        self._least_ns = min(self._least_ns + drift_ns, way_ns)
+        self._came_ns = came_ns
+        beyond_ns = round(way_ns - self._least_ns)
+        self.last_ns = max(0, beyond_ns, way_ns if same_host else 0)
 
 
 def _name(node: str, relative: str) -> str:

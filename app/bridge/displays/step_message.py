@@ -273,7 +273,10 @@ def _edges(
 
 
 def _samples(message: SessionStep) -> list[TrackedTransform]:
-    numbers = _transforms(message.transforms)
+    statuses = np.frombuffer(bytes(message.statuses), np.uint8)
+    if len(message.transforms) != _NUMBERS * len(statuses):
+        raise ValueError(f"{len(statuses)} poses have {len(message.transforms)} numbers")
+    numbers = _transforms(message.transforms, lost=statuses != TrackingStatus.OK)
     rows = zip(
         message.targets, message.sources, message.stamps_ns, message.statuses, numbers, strict=True
     )
@@ -358,10 +361,13 @@ def _rows_of_matrices(matrices: FloatArray) -> FloatArray:
     return np.concatenate([rotations, matrices[:, :3, 3]], axis=1)
 
 
-def _transforms(numbers: Any) -> FloatArray:
-    """Rows (n, 12), each rigid or all zeros. Raises `ValueError` for others."""
+def _transforms(numbers: Any, *, lost: Any = None) -> FloatArray:
+    """Rows (n, 12), each rigid; those where ``lost`` (n,) is true may be anything.
+
+    Raises `ValueError` for others.
+    """
     rows: FloatArray = np.array(numbers, dtype=np.float64).reshape(-1, _NUMBERS)
-    given = rows[rows.any(axis=1)]
+    given = rows if lost is None else rows[~np.asarray(lost, dtype=bool)]
     turns = given[:, :9].reshape(-1, 3, 3)
     if not np.isfinite(given).all():
         raise ValueError("a transform has numbers that are not finite")

@@ -221,7 +221,8 @@ def live_node(
         )
         recorder.ended = partial(requests.refused, RequestKind.RECORD, "the recorder")
         requests.listen(log.request)
-        opened(served_operators(node, run, config, displays))
+        instance_id = publisher.constraints.instance_id
+        opened(served_operators(node, run, config, displays, instance_id))
         if isinstance(entry, IgtlSourceEntry) and images is not None:
             refused = node.node.get_logger().warning
             pictures = IgtlImagePublisher(

@@ -74,7 +74,7 @@ def audit_log(ros: RosNode, constraints: ConstraintStream, path: Path) -> Iterat
 
 @contextmanager
 def served_operators(
-    ros: RosNode, run: LiveRun, config: LiveCase, displays: Sequence[str]
+    ros: RosNode, run: LiveRun, config: LiveCase, displays: Sequence[str], instance_id: str
 ) -> Iterator[None]:
     """Serve ``~/rearm``, ``~/set_tumor``, ``~/register``, ``~/record`` and margins as parameters.
 
@@ -87,7 +87,9 @@ def served_operators(
 
     def set_margins(requested: MarginParameters, origin: str) -> None:
         if origin == OVER_ROS:
-            requests.check_margins(commands.content.margins, requested)
+            services = ("~/set_parameters", "~/set_parameters_atomically")
+            with requests.refusals(RequestKind.MARGINS):
+                requests.check_margins(commands.content.margins, requested, *services)
         commands.set_margins(requested, origin=origin)
 
     def refused(reason: str, origin: str) -> None:
@@ -100,7 +102,7 @@ def served_operators(
     server = MarginParameterServer(ros, commands.content.margins, set_margins, refused)
     OperatorServices(ros, commands, requests)
     RecordingService(ros, commands, requests)
-    CommandService(ros, commands, requests)
+    CommandService(ros, commands, requests, instance_id)
     commands.keep_margins = keep_margins
     try:
         yield

@@ -74,6 +74,8 @@ class LiveStepRun:
         self._stopped = True
         if self._client is not None:
             self._client.stop()
+        if self._child is not None:
+            self._child.stop()
 
     def pace(self) -> float:
         """Live stamps advance in real time."""

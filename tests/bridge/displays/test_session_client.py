@@ -17,7 +17,8 @@ from app.bridge.displays.names import PAGE_NODE, PANEL_NODE
 from app.bridge.displays.session_client import TransportDelay
 from app.fixture import MarginState, Reason
 from app.geometry import MarginGuardError
-from app.runtime import AddNote, LengthenNeedle, Rearm, SetMargins, SetTumor
+from app.runtime import AddNote, ChooseDepth, LengthenNeedle, Rearm, SetMargins, SetTumor
+from benchmarks.images.session import write_session
 from tests.bridge.conftest import SENDER, TRACKED
 from tests.waiting import DEADLINE_S
 
@@ -196,6 +197,9 @@ def test_new_node_is_found_after_the_first_was_killed(
         ({"node": ""}, "the node '' has no client of it"),
         ({"command": "stop_guard"}, "command: 'stop_guard'; expected one of rearm"),
         ({"arguments": "{}"}, "KeyError: 'text'; expected its arguments"),
+        ({"arguments": " " * 64_001}, "64001 characters; expected at most 64000"),
+        ({"arguments": '{"text": "' + "x" * 500 + '"}'}, "500 characters; expected at most 400"),
+        ({"command": "rearm", "arguments": " " * 201}, "201 characters; expected at most 200"),
         ({"digest": "x", "triangles": [0, 1]}, "0 coordinates and 2 indices; expected multiples"),
         (
             {"digest": "x", "triangles": [0, 1, 2], "vertices": [0.0] * 9, "frame_id": "tumor"},
@@ -207,7 +211,12 @@ def test_request_that_is_not_a_displays_is_refused(guard, display, changes, prob
     page = display()
     page.until(lambda step, now: True)
     client = ServiceClient(page.ros, Command, f"{NODE}/command")
-    values = {"node": f"/{PAGE_NODE}_1", "command": "note", "arguments": '{"text": "x"}'}
+    values = {
+        "node": f"/{PAGE_NODE}_1",
+        "instance_id": page.client.operator._instance_id,
+        "command": "note",
+        "arguments": '{"text": "x"}',
+    }
     reply = client.call(Command.Request(**{**values, **changes}), DEADLINE_S)
     assert not reply.success
     assert problem in reply.message
@@ -262,6 +271,56 @@ def test_child_that_cannot_start_gives_its_reason(tmp_path, monkeypatch):
     assert not list(Path(tmp_path / "state" / "marginguard" / "live_node").iterdir())
 
 
+def test_request_to_a_guard_that_was_started_again_is_refused(guard, display):
+    page = display()
+    page.until(lambda step, now: True)
+    client = ServiceClient(page.ros, Command, f"{NODE}/command")
+    request = Command.Request(
+        node=f"/{PAGE_NODE}_1", instance_id="of another run", command="note", arguments="{}"
+    )
+    reply = client.call(request, DEADLINE_S)
+    assert not reply.success
+    assert "the guard was started again since the display showed it" in reply.message
+
+
+def test_display_that_joins_late_places_images_by_the_depth_in_use(
+    start_live, display, live_yaml, tmp_path
+):
+    config = write_session(
+        tmp_path / "session",
+        calibrations=[
+            {"depth_mm": 40, "path": "image_to_probe.txt"},
+            {"depth_mm": 60, "matrix": np.diag([0.2, 0.2, 0.2, 1.0]).ravel().tolist()},
+        ],
+        depth_mm=40,
+    )
+    start_live(config)
+    first = display()
+    first.until(lambda step, now: True)
+    first.client.operator.request(ChooseDepth(60.0))
+    first.until(lambda step, now: now.content.image_depth.depth_mm == 60.0)
+    late = display(f"{PAGE_NODE}_2")
+    late.until(lambda step, now: True)
+    assert {each.client.images._depths.depth_mm for each in (first, late)} == {60.0}
+
+
+def test_message_that_waited_for_the_display_is_as_old_as_that():
+    delay = TransportDelay()
+    delay.note(10**18, 10**18 + 10**6, same_host=True)
+    assert delay.last_ns == 10**6
+    delay.note(10**18 + 10**7, 10**18 + 15 * 10**9, same_host=True)
+    assert delay.last_ns == 15 * 10**9 - 10**7
+
+
+def test_constant_delay_is_not_forgotten():
+    delay, made_ns, offset_ns = TransportDelay(), 10**18, 10**12
+    delay.note(made_ns, made_ns + offset_ns, same_host=False)
+    for _ in range(6000):  # a minute
+        made_ns += 10**7
+        delay.note(made_ns, made_ns + offset_ns + 7 * 10**8, same_host=False)
+    assert 6.9e8 < delay.last_ns <= 7e8
+
+
 def test_delay_is_that_beyond_the_quickest_message():
     delay = TransportDelay()
     rng = np.random.default_rng(1)
@@ -269,7 +328,7 @@ def test_delay_is_that_beyond_the_quickest_message():
     for _ in range(2000):
         made_ns += 10**7
         way_ns = int(rng.integers(10**5, 2 * 10**6))
-        delay.note(made_ns, made_ns + offset_ns + way_ns)
+        delay.note(made_ns, made_ns + offset_ns + way_ns, same_host=False)
         assert 0 <= delay.last_ns <= 2 * 10**6
-    delay.note(made_ns, made_ns + offset_ns + 3 * 10**9)
+    delay.note(made_ns, made_ns + offset_ns + 3 * 10**9, same_host=False)
     assert 2.99e9 < delay.last_ns <= 3e9

@@ -97,6 +97,10 @@ def not_finite(message):
     message.tumor_from_tip[9] = np.nan
 
 
+def zeros(message):
+    message.transforms[:12] = array("d", [0.0] * 12)
+
+
 def too_few(message):
     message.stamps_ns = array("q", message.stamps_ns[:-1])
 
@@ -117,6 +121,7 @@ def later(message):
     ("change", "problem"),
     [
         (turned, "a transform is not rigid"),
+        (zeros, "a transform is not rigid"),
         (not_finite, "a transform has numbers that are not finite"),
         (too_few, "shorter than"),
         (unknown_reason, "'bored' is not a valid Reason"),
