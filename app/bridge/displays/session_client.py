@@ -165,7 +165,9 @@ class SessionClient:
             self._changed.notify()
 
     def _receive_description(self, message: ContentMessage) -> None:
-        self._descriptions[message.content_id] = message
+        with self._changed:
+            self._descriptions.pop(message.content_id, None)  # now the newest
+            self._descriptions[message.content_id] = message
 
     def _follow_instance(self, instance_id: str) -> None:
         """Raise `BridgeError` for a step of a guard that another one has replaced."""
@@ -205,7 +207,11 @@ class SessionClient:
             return None
         self._check_same(session)
         self._wire.keep(message.text)
-        self._descriptions = {content_id: message}
+        with self._changed:
+            for known in list(self._descriptions):  # in the order of their arrival
+                if known == content_id:
+                    break
+                del self._descriptions[known]
         self._described = {content_id: session}
         return session
 
