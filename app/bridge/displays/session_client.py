@@ -208,10 +208,10 @@ class SessionClient:
         self._check_same(session)
         self._wire.keep(message.text)
         with self._changed:
-            for known in list(self._descriptions):  # in the order of their arrival
-                if known == content_id:
+            for earlier in list(self._descriptions):  # in the order of their arrival
+                if earlier == content_id:
                     break
-                del self._descriptions[known]
+                del self._descriptions[earlier]
         self._described = {content_id: session}
         return session
 
