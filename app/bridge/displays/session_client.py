@@ -41,7 +41,8 @@ REPLY_S, LONG_REPLY_S = 10.0, 120.0
 _LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
 
 _MESH_S = 5.0
-_MAX_WAITING = 200
+_MAX_WAITING = 3
+"""Steps that wait for a display. Of more only the newest is shown: it is slower than the guard."""
 _WAIT_S = 0.2
 _DRIFT = 5e-5
 """Largest drift of two machines' clocks."""
@@ -54,7 +55,8 @@ class SessionClient:
 
     ``node`` is a full name, or one in the namespace of ``ros``.
 
-    `steps` waits for a node that has not started yet, and follows one that is started again. What
+    `steps` waits for a node that has not started yet, and follows one that is started again. A
+    display that is slower than the node is given the newest step and not those in between. What
     it cannot use ends it with a `BridgeError`: messages of another version, and steps of two
     guards at once. ``images`` are those of the session, from the first step on; None without.
     ``starting()`` is called while there was no step yet; its error ends `steps`. ``own``: the first
@@ -85,7 +87,9 @@ class SessionClient:
         self._descriptions: dict[str, ContentMessage] = {}
         self._instance_id, self._ended_ids = "", set[str]()
         self._changed = threading.Condition()
-        self._waiting: deque[bytes] = deque(maxlen=_MAX_WAITING)
+        self._waiting: deque[bytes] = deque(maxlen=100)
+        self.skipped = 0
+        """Steps that this display had no time for."""
         self._cancel = threading.Event()
         self._problem = ""
         self._stopped = False
@@ -157,6 +161,9 @@ class SessionClient:
     def _next(self) -> bytes | None:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
+            if len(self._waiting) > _MAX_WAITING:
+                self.skipped += len(self._waiting) - 1
+                self._waiting = deque([self._waiting[-1]])
             return self._waiting.popleft() if self._waiting else None
 
     def _receive_step(self, data: bytes) -> None:

@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain
 from typing import Any
 
@@ -29,6 +30,7 @@ from app.geometry import (
     TrackedTransform,
     TrackingStatus,
     Transform,
+    check_frame,
 )
 from app.registration import DriftBound, RegistrationDrift
 from app.robot.kinematics.link_poses import LinkPoses
@@ -277,16 +279,26 @@ def _samples(message: SessionStep) -> list[TrackedTransform]:
     if len(message.transforms) != _NUMBERS * len(statuses):
         raise ValueError(f"{len(statuses)} poses have {len(message.transforms)} numbers")
     numbers = _transforms(message.transforms, lost=statuses != TrackingStatus.OK)
+    numbers.flags.writeable = False
     rows = zip(
         message.targets, message.sources, message.stamps_ns, message.statuses, numbers, strict=True
     )
     found = []
     for target, source, stamp_ns, status, values in rows:
-        pose = _placed(target, source, values[None]) if status == TrackingStatus.OK else None
-        found.append(
-            TrackedTransform(pose, Stamp(stamp_ns), TrackingStatus(status), target, source)
-        )
+        stamp = Stamp.of_ns(int(stamp_ns))
+        if status != TrackingStatus.OK:
+            lost = TrackingStatus(status)
+            found.append(TrackedTransform(None, stamp, lost, target, source))
+            continue
+        rotation, translation_mm = values[:9].reshape(3, 3), values[9:]
+        pose = Transform.of_read_only(_name(target), _name(source), rotation, translation_mm)
+        found.append(TrackedTransform.valid(pose, stamp))
     return found
+
+
+@lru_cache(maxsize=1024)  # the same ones in each step
+def _name(frame: str) -> str:
+    return check_frame(frame)
 
 
 def _links(message: SessionStep) -> Mapping[str, Transform]:
