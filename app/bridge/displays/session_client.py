@@ -43,6 +43,7 @@ _LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
 _MESH_S = 5.0
 _MAX_WAITING = 3
 """Steps that wait for a display. Of more only the newest is shown: it is slower than the guard."""
+_MAX_HELD = 100
 _WAIT_S = 0.2
 _DRIFT = 5e-5
 """Largest drift of two machines' clocks."""
@@ -79,7 +80,7 @@ class SessionClient:
         self.operator: RemoteOperator | None = None
         """What may be requested; None before the first step."""
         self._ros, self._clock_ns, self._starting = ros, clock_ns, starting
-        self._own = own
+        self._own, self._host = own, host_id()
         self._delay = TransportDelay()
         self._wire = SessionWire()
         self._described: dict[str, DescribedSession] = {}
@@ -87,7 +88,7 @@ class SessionClient:
         self._descriptions: dict[str, ContentMessage] = {}
         self._instance_id, self._ended_ids = "", set[str]()
         self._changed = threading.Condition()
-        self._waiting: deque[bytes] = deque(maxlen=100)
+        self._waiting: deque[bytes] = deque(maxlen=_MAX_HELD)
         self.skipped = 0
         """Steps that this display had no time for."""
         self._cancel = threading.Event()
@@ -133,7 +134,7 @@ class SessionClient:
                 continue
             step, others = step_of(message, session.content)
             # Only now: a step that has waited for this thread is as old as that.
-            same_host = session.host == host_id()
+            same_host = session.host == self._host
             self._delay.note(message.published_ns, self._clock_ns(), same_host=same_host)
             self._use(session, message)
             if self.images is not None:
@@ -163,7 +164,8 @@ class SessionClient:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
             if len(self._waiting) > _MAX_WAITING:
                 self.skipped += len(self._waiting) - 1
-                self._waiting = deque([self._waiting[-1]])
+                while len(self._waiting) > 1:
+                    self._waiting.popleft()
             return self._waiting.popleft() if self._waiting else None
 
     def _receive_step(self, data: bytes) -> None:
