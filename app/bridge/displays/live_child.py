@@ -52,16 +52,17 @@ class LiveChild:
 
     @property
     def ended(self) -> str:
-        """Why it has ended by itself, with its last line; empty while it runs."""
+        """That it has ended by itself, and by which error; empty while it runs."""
         status = self._process.poll()
         if status is None:
             return ""
         self._reader.join(_JOIN_S)
-        return f"the live node has ended with status {status}: {self._last or 'it said nothing'}"
+        error = self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ""
+        return f"the live node has ended with status {status}" + (f": {error}" if error else "")
 
     @property
     def error(self) -> str:
-        """The error that ended it, as its last line says; else as `ended`."""
+        """The error that ended it; else as `ended`."""
         ended = self.ended
         return self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ended
 
