@@ -8,7 +8,7 @@ from app.case import JointSample
 from app.geometry import FrameError, Stamp, TrackedTransform, Transform
 from app.robot import Robot
 from app.session.pose_tree import Edge, shortest_path
-from app.session.setup import SessionSetup
+from app.session.setup import RobotSetup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,24 +73,24 @@ NO_EDGES = KnownEdges()
 
 
 def known_edges(
-    setup: SessionSetup,
+    static: tuple[Transform, ...],
+    robot: RobotSetup | None,
     measured: Mapping[Edge, TrackedTransform | None],
     links: Mapping[str, Transform],
     joints: JointSample | None,
 ) -> KnownEdges:
-    """The edges of a step with ``links`` from the latest ``joints``.
+    """The edges of a step with ``links`` of ``robot`` from the latest ``joints``.
 
     Links that follow the tool by inverse kinematics are a picture and not a measurement: they are
     not known.
     """
-    robot = setup.robot
     if robot is None:
-        return KnownEdges(setup.static_edges, measured)
+        return KnownEdges(static, measured)
     if robot.follows_tool:
         base = robot.base_frame
-        return KnownEdges(setup.static_edges, measured, base=base, root=base)
+        return KnownEdges(static, measured, base=base, root=base)
     return KnownEdges(
-        setup.static_edges,
+        static,
         measured,
         links,
         None if joints is None else joints.stamp,

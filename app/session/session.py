@@ -142,7 +142,13 @@ class Session:
             drift=drift,
             frames_problems=tuple(filter(None, [self._frames_problem, *found.values()])),
             hold_causes=self._causes.texts,
-            edges=known_edges(self.setup, self._poses.usable(), links, self._joints),
+            edges=known_edges(
+                self.setup.static_edges,
+                self.setup.robot,
+                self._poses.usable(),
+                links,
+                self._joints,
+            ),
             single_source=self.single_source,
             between_frames=between,
         )

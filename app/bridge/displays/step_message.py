@@ -36,6 +36,7 @@ from app.registration import DriftBound, RegistrationDrift
 from app.robot.kinematics.link_poses import LinkPoses
 from app.runtime import SeenHold, SessionContent
 from app.session import KnownEdges, PathDepth, PathPoint, StepResult
+from app.session.known_edges import known_edges
 
 _NUMBERS = 12
 """Of a transform."""
@@ -257,21 +258,7 @@ def _edges(
     for number, usable in zip(message.known, message.usable, strict=True):
         sample = samples[number]
         measured[sample.target, sample.source] = sample if usable else None
-    robot = content.robot
-    if robot is None:
-        return KnownEdges(content.static_edges, measured)
-    if robot.follows_tool:
-        base = robot.base_frame
-        return KnownEdges(content.static_edges, measured, base=base, root=base)
-    return KnownEdges(
-        content.static_edges,
-        measured,
-        links,
-        None if joints is None else joints.stamp,
-        frozenset(link.name for link in robot.robot.links),
-        robot.base_frame,
-        robot.robot.root_link,
-    )
+    return known_edges(content.static_edges, content.robot, measured, links, joints)
 
 
 def _samples(message: SessionStep) -> list[TrackedTransform]:
