@@ -45,11 +45,12 @@ def live_page(
     from app.bridge import RosNode
     from app.bridge.displays.names import PAGE_NODE
     from app.runtime.priority import step_back
-    from app.viewer import Viewer  # noqa: F401  (slow to load: while the node starts)
 
     name = f"{PAGE_NODE}_{token_hex(3)}"
     with ExitStack() as stack:
         child = None if options.config is None else stack.enter_context(_child(options, name))
+        from app.viewer import Viewer  # noqa: F401  (slow to load: while the node starts)
+
         step_back()  # behind the guard, which draws nothing
         ros = stack.enter_context(RosNode(name, namespace=options.namespace))
         session = stack.enter_context(_client(options, ros, child))

@@ -122,9 +122,7 @@ class SessionWire:
 
     def read_command(self, kind: str, text: str) -> OperatorCommand:
         """The command ``kind`` with the arguments of `command`."""
-        if kind not in set(RequestKind):
-            raise InputError(f"command: {kind[:40]!r}; expected one of {', '.join(RequestKind)}")
-        return self._structured(COMMANDS[RequestKind(kind)], _loaded(text))
+        return self._structured(COMMANDS[command_kind(kind)], _loaded(text))
 
     def _loaded_robot(self, content: SessionContent) -> Robot:
         if content.robot_file is None:
@@ -172,6 +170,13 @@ class SessionWire:
         if digest not in self.meshes:
             raise InputError(f"mesh {str(digest)[:40]}: not sent; expected it with what names it")
         return self.meshes[digest]
+
+
+def command_kind(name: str) -> RequestKind:
+    """The kind called ``name``. Raises `InputError` for another name."""
+    if name not in set(RequestKind):
+        raise InputError(f"command: {name[:40]!r}; expected one of {', '.join(RequestKind)}")
+    return RequestKind(name)
 
 
 def mesh_digest(mesh: SurfaceMesh) -> str:

@@ -2,11 +2,9 @@
 
 import threading
 import time
-from array import array
 from collections import deque
 from collections.abc import Callable, Sequence
 
-import numpy as np
 from marginguard_msgs.msg import SessionContent as ContentMessage
 from marginguard_msgs.srv import Command, GetMesh
 from rclpy.node import NodeNameNonExistentError
@@ -15,7 +13,7 @@ from app.bridge import topics
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.control.operator_requests import OperatorRequests
 from app.bridge.displays.names import COMMAND, GET_MESH, origin_text
-from app.bridge.displays.step_message import StepOrigin, received_mesh, step_message
+from app.bridge.displays.step_message import StepOrigin, received_mesh, step_message, write_mesh
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.geometry import SurfaceMesh, TrackedTransform
@@ -39,6 +37,7 @@ from app.runtime.rate_limit import RateLimit
 from app.runtime.session_wire import (
     DescribedSession,
     SessionWire,
+    command_kind,
     mesh_digest,
     text_digest,
 )
@@ -80,6 +79,7 @@ class DisplayOutput(PassiveOutput):
         self._images, self._displays, self._holds = images, tuple(displays), holds
         self._requests, self._recording = requests, recording
         self._image_problem = image_problem
+        self._host = host_id()
         self._wire = SessionWire()
         self._others: deque[TrackedTransform] = deque(maxlen=_MAX_OTHERS)
         self._texts: dict[str, tuple[object, str]] = {}
@@ -132,7 +132,7 @@ class DisplayOutput(PassiveOutput):
         return self._use
 
     def _use(self, content: SessionContent) -> None:
-        session = DescribedSession(content, self._images, self._displays, host_id())
+        session = DescribedSession(content, self._images, self._displays, self._host)
         text = self._wire.description(session)
         self._wire.keep(text)  # not the surfaces of earlier contents
         self._content_id = text_digest(text)
@@ -168,9 +168,7 @@ class DisplayOutput(PassiveOutput):
                 f"mesh {request.digest[:40]!r}: not one of this session; expected a digest of the "
                 "present ~/content"
             )
-        response.frame_id = mesh.frame
-        response.vertices = array("d", mesh.vertices_mm.tobytes())
-        response.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
+        write_mesh(mesh, response)
         response.success = True
 
 
@@ -207,7 +205,7 @@ class CommandService:
 
     def _check(self, request: Command.Request) -> None:
         """Refuse what is invalid at once, without a thread."""
-        kind = _kind(request.command)
+        kind = command_kind(request.command)
         limit = _MAX_REARM if kind is RequestKind.REARM else _MAX_ARGUMENTS
         with self._requests.refusals(kind, origin_text(request.node)):
             if len(request.arguments) > limit:
@@ -233,7 +231,7 @@ class CommandService:
             self._requests.check_margins(in_use, requested, COMMAND)
 
     def _serve(self, request: Command.Request, response: Command.Response) -> None:
-        kind, origin = _kind(request.command), origin_text(request.node)
+        kind, origin = command_kind(request.command), origin_text(request.node)
         with self._requests.refusals(kind, origin):
             self._check_client(request.node)
             command = self._read(request)
@@ -268,12 +266,6 @@ class CommandService:
         except NodeNameNonExistentError:  # it has left
             return False
         return any(service == self._server.name for service, _ in found)
-
-
-def _kind(name: str) -> RequestKind:
-    if name not in set(RequestKind):
-        raise BridgeError(f"command: {name[:40]!r}; expected one of {', '.join(RequestKind)}")
-    return RequestKind(name)
 
 
 def _received_mesh(request: Command.Request) -> SurfaceMesh:

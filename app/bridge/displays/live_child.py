@@ -57,14 +57,17 @@ class LiveChild:
         if status is None:
             return ""
         self._reader.join(_JOIN_S)
-        error = self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ""
-        return f"the live node has ended with status {status}" + (f": {error}" if error else "")
+        reported = self._reported()
+        return f"the live node has ended with status {status}{reported and ': '}{reported}"
 
     @property
     def error(self) -> str:
         """The error that ended it; else as `ended`."""
-        ended = self.ended
-        return self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ended
+        ended = self.ended  # then its last line is known
+        return self._reported() or ended
+
+    def _reported(self) -> str:
+        return self._last.removeprefix(_ERROR) if self._last.startswith(_ERROR) else ""
 
     def stop(self) -> None:
         """Ask it to end."""

@@ -2,12 +2,10 @@
 
 import threading
 import time
-from array import array
 from collections import deque
 from collections.abc import Callable, Generator
 from typing import Any, TypeVar
 
-import numpy as np
 from marginguard_msgs.msg import SessionContent as ContentMessage
 from marginguard_msgs.msg import SessionStep
 from marginguard_msgs.srv import Command, GetMesh
@@ -18,7 +16,7 @@ from app.bridge.calls.errors import CallError
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.displays.image_input import TopicImages
 from app.bridge.displays.names import COMMAND, GET_MESH
-from app.bridge.displays.step_message import received_mesh, seen_of, step_of
+from app.bridge.displays.step_message import received_mesh, seen_of, step_of, write_mesh
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.qos import DISPLAYED, STATIC_TF, Topic
@@ -89,8 +87,6 @@ class SessionClient:
         self._instance_id, self._ended_ids = "", set[str]()
         self._changed = threading.Condition()
         self._waiting: deque[bytes] = deque(maxlen=_MAX_HELD)
-        self.skipped = 0
-        """Steps that this display had no time for."""
         self._cancel = threading.Event()
         self._problem = ""
         self._stopped = False
@@ -163,7 +159,6 @@ class SessionClient:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
             if len(self._waiting) > _MAX_WAITING:
-                self.skipped += len(self._waiting) - 1
                 while len(self._waiting) > 1:
                     self._waiting.popleft()
             return self._waiting.popleft() if self._waiting else None
@@ -345,9 +340,8 @@ class RemoteOperator:
             arguments=arguments,
         )
         for digest, mesh in wire.meshes.items():
-            request.digest, request.frame_id = digest, mesh.frame
-            request.vertices = array("d", mesh.vertices_mm.tobytes())
-            request.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
+            request.digest = digest
+            write_mesh(mesh, request)
         wait_s = LONG_REPLY_S if command.kind in _LONG else REPLY_S
         reply = self._connected().call(request, wait_s)
         if not reply.success:

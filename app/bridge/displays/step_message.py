@@ -173,8 +173,15 @@ def seen_of(message: SessionStep) -> SeenHold:
     return SeenHold(message.hold_seq, message.hold_nonce)
 
 
+def write_mesh(mesh: SurfaceMesh, message: Any) -> None:
+    """Write ``mesh`` into a reply of ``~/get_mesh`` or a request of ``~/command``."""
+    message.frame_id = mesh.frame
+    message.vertices = array("d", mesh.vertices_mm.tobytes())
+    message.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
+
+
 def received_mesh(frame: str, vertices_mm: "array[float]", triangles: "array[int]") -> SurfaceMesh:
-    """A surface from flat arrays. Raises `BridgeError` for lengths that are no multiple of 3."""
+    """The surface of `write_mesh`. Raises `BridgeError` for lengths that are no multiple of 3."""
     if len(vertices_mm) % 3 or len(triangles) % 3:
         raise BridgeError(
             f"surface: {len(vertices_mm)} coordinates and {len(triangles)} indices; expected "

@@ -61,7 +61,6 @@ from app.session import (
     PlaybackRule,
     Session,
     SessionSetup,
-    StepResult,
     guidance_parameters,
     limiter_parameters,
     load_replacement,
@@ -84,10 +83,6 @@ class LiveNode:
     def commands(self) -> OperatorCommands:
         """Changes the session."""
         return self.live_run.commands
-
-    def steps(self) -> Iterator[StepResult]:
-        """Publish and yield each step as it happens."""
-        return self.live_run.steps()
 
     def stop(self) -> None:
         """Request the end of `steps`. Thread-safe."""

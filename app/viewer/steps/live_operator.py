@@ -86,7 +86,7 @@ class LiveOperator:
             operator.request(command)
         except MarginGuardError as error:
             self._tell(command.kind, str(error))
-        except Exception as error:  # whoever asked must learn of any failure
+        except Exception as error:  # the page shows any failure
             log.exception("request %s", command.kind)
             self._tell(command.kind, f"unexpected {type(error).__name__}: see the log")
 

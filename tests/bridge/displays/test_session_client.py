@@ -20,7 +20,7 @@ from app.geometry import MarginGuardError
 from app.runtime import AddNote, ChooseDepth, LengthenNeedle, Rearm, SetMargins, SetTumor
 from benchmarks.images.session import write_session
 from tests.bridge.conftest import SENDER, TRACKED
-from tests.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -264,6 +264,7 @@ def test_child_that_cannot_start_gives_its_reason(tmp_path, monkeypatch):
         lambda line: ended.set() if "error" in line else None,
     )
     assert ended.wait(DEADLINE_S)
+    wait_until(lambda: child.ended)  # the line comes before the process has ended
     child.close()
     expected = f"{tmp_path / 'none.yaml'} is not a live configuration: no such file"
     assert child.error == expected
