@@ -20,6 +20,7 @@ from app.fixture import (
     Witnesses,
 )
 from app.geometry import NS_PER_MS, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.hold import Hold
 
 PARAMETERS = MarginParameters(
     stop_mm=1.0,
@@ -51,11 +52,36 @@ def near(
     return Proximity(distance_mm - slack_mm, witness, stamp, contact)
 
 
+class HeldMonitor(MarginMonitor):
+    """A monitor with the hold that follows it, joined as `Session` joins them."""
+
+    def __init__(self, parameters: MarginParameters, *, frame: str = "tumor") -> None:
+        super().__init__(parameters, frame=frame)
+        self._hold = Hold()
+
+    @property
+    def latched(self) -> bool:
+        return self._hold.latched
+
+    def update(self, observation: MarginObservation) -> FixtureDecision:
+        return self._hold.applied(super().update(observation), {})
+
+    def rearm(self) -> None:
+        self._hold.rearm()
+
+    def hold(self) -> None:
+        self._hold.latch("held by a test")
+
+    def restart(self) -> None:
+        super().restart()
+        self._hold.restart()
+
+
 @dataclass
 class Runner:
     """Feeds a monitor with one observation per step, 20 ms apart by default."""
 
-    monitor: MarginMonitor = field(default_factory=lambda: MarginMonitor(PARAMETERS))
+    monitor: HeldMonitor = field(default_factory=lambda: HeldMonitor(PARAMETERS))
     now_ns: int = 1_000_000_000
 
     def observation(

@@ -15,7 +15,6 @@ from app.case import TrackingFrame
 from app.fixture import (
     FixtureDecision,
     LimiterParameters,
-    MarginMonitor,
     MarginObservation,
     MarginState,
     Reason,
@@ -36,7 +35,7 @@ from app.scene import TransformWatchdog
 from app.scene.margin.shown_margin import shown_margin
 from app.session import PoseTree, StepResult
 from tests.bridge.robots.conftest import URDF
-from tests.doubles import PARAMETERS, near
+from tests.doubles import PARAMETERS, HeldMonitor, near
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 STALE_NS = PARAMETERS.stale_after_ns
@@ -74,7 +73,7 @@ def used_by_pose_tree(stamp_ns: int) -> bool:
 
 
 def used_by_monitor(stamp_ns: int) -> bool:
-    decision = MarginMonitor(PARAMETERS).update(
+    decision = HeldMonitor(PARAMETERS).update(
         MarginObservation(
             now=Stamp(NOW_NS),
             stamp=Stamp(stamp_ns),

@@ -10,7 +10,7 @@ from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.files.state_folder import state_folder
-from app.runtime import InstanceKey, host_id, refuse_beside_guard
+from app.hold import InstanceKey, host_id, refuse_beside_guard
 
 if TYPE_CHECKING:
     from app.runtime import ReplayRun  # slow to load: with the compiled kernels

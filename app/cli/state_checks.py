@@ -28,10 +28,9 @@ def _is_writable(folder: Path) -> bool:
 
 def _text_of(path: Path) -> str:
     """What the next session with this record finds; empty if it may start without hold."""
-    from app.runtime import SecondInstanceError, StateFileError
-    from app.runtime.persistence.instance_lock import check_no_guard
-    from app.runtime.persistence.restart_causes import causes_of_record
-    from app.runtime.persistence.run_record import read_any_record
+    from app.hold import SecondInstanceError, StateFileError
+    from app.hold.lock import check_no_guard
+    from app.hold.record import causes_of_record, read_any_record
 
     try:
         record = read_any_record(path)

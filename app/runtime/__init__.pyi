@@ -3,7 +3,7 @@ from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
-from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
+from .hold_keeper import HoldKeeper, used_values
 from .image_depth import ImageDepth, ImageDescription, described_images
 from .image_intake import ImageIntake, ImageSink
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
@@ -35,12 +35,7 @@ from .operator_command import (
     SetTip,
     SetTumor,
 )
-from .outputs import Output, PassiveOutput, StepTiming, SwitchContent
-from .persistence.errors import SecondInstanceError, StateFileError
-from .persistence.hold_keeper import HoldKeeper
-from .persistence.instance_key import InstanceKey, arm_name, host_id
-from .persistence.live_state import LiveState, live_state, refuse_beside_guard
-from .persistence.used_values import used_values
+from .outputs import Output, PassiveOutput, StepHolds, StepTiming, SwitchContent
 from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
@@ -125,16 +120,13 @@ __all__ = [
     "EventNotes",
     "GuidedFits",
     "HoldKeeper",
-    "Holds",
     "ImageDepth",
     "ImageDescription",
     "ImageIntake",
     "ImageSink",
-    "InstanceKey",
     "LatestValue",
     "LengthenNeedle",
     "LiveRun",
-    "LiveState",
     "LocalOperator",
     "Needle",
     "Operator",
@@ -148,7 +140,6 @@ __all__ = [
     "PreparedLive",
     "QtSpinner",
     "Rearm",
-    "RearmRefusedError",
     "ReceivedConstraint",
     "Record",
     "RecordingExtent",
@@ -162,8 +153,6 @@ __all__ = [
     "RequestLog",
     "RequestOutcome",
     "RobotRegistration",
-    "SecondInstanceError",
-    "SeenHold",
     "SessionContent",
     "SessionWire",
     "SetMargins",
@@ -174,7 +163,6 @@ __all__ = [
     "ShownChange",
     "SimulatedWorld",
     "Source",
-    "StateFileError",
     "StepHolds",
     "StepRun",
     "StepThread",
@@ -196,7 +184,6 @@ __all__ = [
     "WorldBody",
     "WorldMoment",
     "WorldRequest",
-    "arm_name",
     "calibration_count",
     "calibration_numbers",
     "calibration_title",
@@ -207,8 +194,6 @@ __all__ = [
     "described_images",
     "fit_calibration",
     "fit_registration",
-    "host_id",
-    "live_state",
     "mesh_digest",
     "next_step",
     "open_recording",
@@ -217,7 +202,6 @@ __all__ = [
     "prepare_case",
     "prepare_live",
     "recorded_breaches",
-    "refuse_beside_guard",
     "register_case",
     "registration_count",
     "registration_verdict",

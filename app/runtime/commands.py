@@ -9,17 +9,20 @@ from dataclasses import replace
 
 from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
+from app.hold import Holds, SeenHold, margin_changes, tip_change_text
 from app.registration import RegistrationResult
 from app.runtime.case_recorder import CaseRecorder, RecordingStatus
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
-from app.runtime.holds import Holds, SeenHold
 from app.runtime.new_tip import check_tip
 from app.runtime.new_tumor import check_size, replacement_for
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
 from app.runtime.shown_changes import ShownChange
-from app.session import Session, SessionSetup, margin_changes, tip_change_text
+from app.session import (
+    Session,
+    SessionSetup,
+)
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
 """Gives exclusive access to the session between two steps, as `LiveSession.between_steps` does."""

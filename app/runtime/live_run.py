@@ -3,14 +3,14 @@
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 
+from app.hold import Holds
 from app.runtime.case_recorder import CaseRecorder
 from app.runtime.commands import OperatorCommands
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
-from app.runtime.holds import Holds, StepHolds
+from app.runtime.hold_keeper import HoldKeeper
 from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
-from app.runtime.outputs import Output, StepTiming
-from app.runtime.persistence.hold_keeper import HoldKeeper
+from app.runtime.outputs import Output, StepHolds, StepTiming
 from app.runtime.requests import RequestLog
 from app.session import LiveSession, StepResult
 

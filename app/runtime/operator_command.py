@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from app.geometry import InputError, SurfaceMesh, Transform
+from app.hold import SeenHold
 from app.registration import RegistrationResult
-from app.runtime.holds import SeenHold
 from app.runtime.requests import OperatorRequest, RequestKind
 from app.runtime.shown_changes import longer_needle, other_depth, other_stylus_tip
 

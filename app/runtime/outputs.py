@@ -1,10 +1,14 @@
 """What receives the steps of a run: ROS publishers, the scene, a report, a recorder."""
 
+import secrets
+import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol
 
+from app.fixture import MarginState, Reason
+from app.hold import HoldIdentity, RandomBits, SeenHold
 from app.runtime.content import SessionContent
 from app.session import StepResult
 
@@ -80,6 +84,45 @@ class PassiveOutput:
 
     def end(self) -> None:
         """Nothing to publish."""
+
+
+class StepHolds(PassiveOutput):
+    """Identifies the holds of a session by its steps, without a constraint that is published.
+
+    `Output` and `app.hold.Holds`: put it first among the outputs. ``random_bits`` creates nonces.
+    """
+
+    def __init__(self, random_bits: RandomBits = secrets.randbits) -> None:
+        self._identity = HoldIdentity(time.time_ns, random_bits)
+        self._seq = 0
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Follow the hold of ``step``."""
+        decision = step.decision
+        faulty = decision.state is MarginState.UNKNOWN
+        if self._identity.is_new(step.hold_causes, faulty=faulty):
+            self._identity.renew()
+        self._identity.note(step.hold_causes, faulty=faulty)
+        self._identity.follow(hold=decision.hold, latched=Reason.LATCHED in decision.reasons)
+        self._seq = decision.seq
+        return True
+
+    def latch(self, causes: Sequence[str]) -> None:
+        """Begin another hold, which no step has shown yet."""
+        self._identity.renew()
+        self._identity.note(causes, faulty=False)
+
+    def present(self) -> SeenHold:
+        """The hold of the last step."""
+        return SeenHold(self._seq, self._identity.nonce)
+
+    def check(self, seen: SeenHold) -> None:
+        """Raise `RearmRefusedError` unless ``seen`` is the present hold."""
+        self._identity.check(seen.nonce)
+
+    def spend(self, seen: SeenHold) -> None:
+        """End the validity of the nonce."""
+        self._identity.spend(seen.nonce)
 
 
 def end_outputs(outputs: Sequence[Output]) -> None:

@@ -10,10 +10,9 @@ from app.case import Player
 from app.geometry import NS_PER_S
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
-from app.runtime.holds import StepHolds
 from app.runtime.opening import PreparedCase
 from app.runtime.operator_command import LocalOperator
-from app.runtime.outputs import Output, StepTiming, end_outputs
+from app.runtime.outputs import Output, StepHolds, StepTiming, end_outputs
 from app.session import Session, SessionSetup, SetupDoubts, StepResult
 
 THE_REPLAY = "the replay"

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from app.geometry import InputError, Transform
+from app.hold import tip_change_text
 from app.runtime.content import SessionContent
-from app.session import tip_change_text
 
 ShownChange = Callable[[SessionContent], tuple[SessionContent, str]]
 """From a content to the changed one, with a text on the change. Raises `InputError`."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.geometry import MarginGuardError
+from app.hold import SeenHold
 from app.runtime.content import SessionContent
-from app.runtime.holds import SeenHold
 from app.runtime.latest_value import LatestValue
 from app.runtime.operator_command import Operator
 from app.session import StepResult

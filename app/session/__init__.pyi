@@ -16,13 +16,6 @@ from .live_control import (
     tumor_motion_parameters,
 )
 from .live_images import LiveImages
-from .loosening import (
-    loosened_margins,
-    margin_changes,
-    moved_text,
-    tightest_margins,
-    tip_change_text,
-)
 from .mesh_repair import with_repaired_meshes
 from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .plausibility.plausibility import SINGLE_SOURCE
@@ -91,18 +84,13 @@ __all__ = [
     "limiter_parameters",
     "load_case_robot",
     "load_replacement",
-    "loosened_margins",
-    "margin_changes",
     "margin_parameters",
     "mean_dwell_pose",
-    "moved_text",
     "place_letters",
     "prepare_replacement",
     "robot_from_case",
     "setup_from_case",
     "shown_state",
-    "tightest_margins",
-    "tip_change_text",
     "tip_signals",
     "tumor_change",
     "tumor_motion_parameters",

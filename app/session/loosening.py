@@ -1,28 +1,44 @@
 """Which changes of a running session loosen what it permits, as texts for its operator.
 
-A loosening latches a hold (`app.session.Session.use`), and looser margins apply only when an
-operator who has seen the change re-arms. A change that only tightens takes effect at once.
+A loosening latches a hold (`app.session.Session.use`). A change that only tightens takes effect at
+once.
 """
 
-import math
-
-from app.fixture import MarginParameters
-from app.geometry import NS_PER_MS, Transform
+from app.geometry import Transform
+from app.hold import loosened_margins, moved_text, tip_change_text
 from app.registration import RegistrationResult
 from app.session.setup import RobotSetup, SessionSetup
 
-LOOSER_BELOW = (
-    "stop_mm",
-    "warn_mm",
-    "k_tre",
-    "v_max_mm_s",
-    "release_samples",
-    "release_band_mm",
-)
-"""Margins whose lower value permits more, or ends a worse state earlier."""
+_UNDONE = "a change that loosened the session was undone"
 
-LOOSER_ABOVE = ("stale_after_ns", "frozen_after_ns")
-"""Margins whose higher value permits motion on older data."""
+
+class AgreedSetup:
+    """The setup of the start or of the last re-arm, or a tighter one, and what differs from it."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self._setup = setup
+        self._tumor_change = ""
+        self.changes: tuple[str, ...] = ()
+        """Texts of all that an operator has to agree to."""
+
+    def change(self, before: SessionSetup, after: SessionSetup, tumor_change: str) -> bool:
+        """Note the change from ``before`` to ``after``; True if it loosens and has to be latched.
+
+        ``tumor_change`` describes the new tumour against the one of the last re-arm.
+        """
+        self._tumor_change = tumor_change or self._tumor_change
+        loosens = bool(loosenings(before, after))
+        if not loosens and not self.changes:
+            self._setup = after  # tightening needs no consent
+            return False
+        self.changes = tuple(loosenings(self._setup, after, self._tumor_change) or [_UNDONE])
+        return loosens
+
+    def agree(self, setup: SessionSetup) -> None:
+        """An operator has seen the changes, and has re-armed with ``setup``."""
+        self._setup = setup
+        self._tumor_change = ""
+        self.changes = ()
 
 
 def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = "") -> list[str]:
@@ -54,75 +70,10 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
     return found
 
 
-def tightest_margins(
-    in_use: MarginParameters, requested: MarginParameters, *, follows_tumor: bool
-) -> MarginParameters:
-    """``requested`` without what loosens ``in_use``: what applies until a re-arm."""
-    kept = {
-        name: getattr(in_use, name)
-        for name in MarginParameters.ranges()
-        if _is_looser(name, in_use, requested, follows_tumor)
-    }
-    return requested.replaced(**kept)
-
-
-def loosened_margins(
-    before: MarginParameters, after: MarginParameters, *, follows_tumor: bool
-) -> list[str]:
-    """Texts of the margins that are looser in ``after``, such as "stop_mm lowered from 2 to 1".
-
-    ``v_max_mm_s`` works both ways: a lower value adds less for the age of the data, a higher one
-    lets the tool follow a receding tumour faster, in a session that ``follows_tumor``.
-    """
-    return [
-        change_text(name, getattr(before, name), getattr(after, name))
-        for name in MarginParameters.ranges()
-        if _is_looser(name, before, after, follows_tumor)
-    ]
-
-
-def _is_looser(
-    name: str, before: MarginParameters, after: MarginParameters, follows_tumor: bool
-) -> bool:
-    old, new = getattr(before, name), getattr(after, name)
-    higher_is_looser = name in LOOSER_ABOVE or (name == "v_max_mm_s" and follows_tumor)
-    return bool((name in LOOSER_BELOW and new < old) or (higher_is_looser and new > old))
-
-
-def margin_changes(before: MarginParameters, after: MarginParameters) -> list[str]:
-    """Texts of all margins that differ."""
-    values = ((name, getattr(before, name), getattr(after, name)) for name in before.ranges())
-    return [change_text(name, old, new) for name, old, new in values if old != new]
-
-
-def change_text(name: str, old: float, new: float) -> str:
-    """Name a margin as in `case.yaml`, times in ms, with its old and new value."""
-    if name.endswith("_ns"):
-        name, old, new = name.removesuffix("_ns") + "_ms", old / NS_PER_MS, new / NS_PER_MS
-    return f"{name} {'lowered' if new < old else 'raised'} from {_number(old)} to {_number(new)}"
-
-
-def _number(value: float) -> str:
-    """All digits of ``value``: two different numbers have different texts."""
-    return repr(int(value)) if float(value).is_integer() else repr(float(value))
-
-
 def _tip_change(before: Transform, after: Transform) -> str:
     if (before.target, before.source) != (after.target, after.source):
         return "calibration of the tool replaced"
     return f"calibration of the tool replaced: {tip_change_text(before, after)}"
-
-
-def tip_change_text(before: Transform, after: Transform) -> str:
-    """How far a tip is moved, and how far its frame is turned."""
-    shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
-    return f"the tip is moved by {shift_mm:.2f} mm and its axis turned by {turn_deg:.2f} degrees"
-
-
-def moved_text(what: str, before: Transform, after: Transform) -> str:
-    """How far ``what`` is moved and turned between two poses of the same frames."""
-    shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
-    return f"{what} is moved by {shift_mm:.2f} mm and turned by {turn_deg:.2f} degrees"
 
 
 def _robot_change(before: RobotSetup | None, after: RobotSetup | None) -> str:

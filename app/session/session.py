@@ -24,16 +24,15 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
+from app.hold import Hold, tightest_margins
 from app.registration import predict_tre
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
-from app.session.hold_causes import HoldCauses
 from app.session.known_edges import known_edges
-from app.session.loosening import tightest_margins
+from app.session.loosening import AgreedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.plausibility.plausibility import Plausibility
-from app.session.pose_doubt import PoseDoubt
 from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.step_result import StepResult
@@ -71,8 +70,8 @@ class Session:
         self._frames_problem = ""
         self._last: PathPoint | None = None
         self._virtual_fixture: Transform | None = None
-        self._causes = HoldCauses(setup)
-        self._doubt = PoseDoubt()
+        self._hold = Hold()
+        self._agreed = AgreedSetup(setup)
         self._index = -1
 
     def step(
@@ -126,8 +125,7 @@ class Session:
                 tumor_twist=self._tumor_twist(frame.stamp),
             )
         )
-        decision = self._doubt.checked(decision)
-        self._causes.follow(decision, found)
+        decision = self._hold.applied(decision, found)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
@@ -141,7 +139,7 @@ class Session:
             robot_problem=robot_problem,
             drift=drift,
             frames_problems=tuple(filter(None, [self._frames_problem, *found.values()])),
-            hold_causes=self._causes.texts,
+            hold_causes=self._hold.causes,
             edges=known_edges(
                 self.setup.static_edges,
                 self.setup.robot,
@@ -157,28 +155,25 @@ class Session:
         """Latch ``hold`` from the next step on, for a ``cause`` that is not visible in the frames.
 
         ``cause`` is a text for the operator, which `StepResult.hold_causes` shows until `rearm`.
-        With ``doubt`` no pose of the tool is known to be true until then (`PoseDoubt`).
+        With ``doubt`` no pose of the tool is known to be true until then.
         """
-        self._monitor.hold()
-        if doubt:
-            self._doubt.begin()
-        self._causes.add(cause)
+        self._hold.latch(cause, doubt=doubt)
 
     @property
     def latched(self) -> bool:
         """True if ``hold`` is latched: a run that begins now must not begin without it."""
-        return self._monitor.latched
+        return self._hold.latched
 
     def rearm(self) -> None:
         """Release the hold of an earlier fault; raises `NotRearmableError` while UNKNOWN."""
-        self._monitor.rearm()
+        self._hold.rearm()
         self._use(self.requested)
-        self._causes.agree(self.setup)
+        self._agreed.agree(self.setup)
 
     @property
     def hold_causes(self) -> tuple[str, ...]:
         """What began and prolonged the present hold, as in `StepResult.hold_causes`."""
-        return self._causes.texts
+        return self._hold.causes
 
     def use(self, setup: SessionSetup, *, tumor_change: str = "") -> bool:
         """Replace the setup from the next step on. Not to be called during a step.
@@ -193,12 +188,11 @@ class Session:
         tumor, known = setup.frame_from_tumor.source, self.setup.frame_from_tumor.source
         if tumor != known:
             raise FrameError(f"the tumour's frame is {tumor!r}; expected {known!r}, as before")
-        loosened = self._causes.change(self.setup, setup, tumor_change)
-        if loosened:
-            self._monitor.hold()
+        loosened = self._agreed.change(self.setup, setup, tumor_change)
+        self._hold.change(self._agreed.changes, latch=loosened)
         if _places(setup) != _places(self.setup):
             # A retreat from a tumour that no operator has agreed to may approach the true one.
-            self._doubt.begin()
+            self._hold.doubt()
         self.requested = setup
         margins = tightest_margins(
             self.setup.margins, setup.margins, follows_tumor=setup.tumor_motion is not None
@@ -217,7 +211,7 @@ class Session:
         if setup.robot is not before.robot:
             self._follower = _follower(setup.robot)
             self._checked_edges, self._frames_problem = (), ""
-            self._monitor.restart()
+            self._restart()
         if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
             before.proximity,
             before.tool_from_tip,
@@ -228,7 +222,11 @@ class Session:
             self._last = None
             self._virtual_fixture = None
             self._velocity = _velocity(setup)
-            self._monitor.restart()
+            self._restart()
+
+    def _restart(self) -> None:
+        self._monitor.restart()
+        self._hold.restart()
 
     @property
     def never_changed(self) -> tuple[tuple[str, str], ...]:

@@ -16,7 +16,6 @@ from app.bridge.control.operator_requests import OperatorRequests
 from app.bridge.control.operators import OperatorList
 from app.bridge.errors import BridgeError
 from app.bridge.live import RearmClient, RearmService
-from app.bridge.live.rearming import StreamHolds
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.qos import NEWEST, Topic
@@ -54,7 +53,7 @@ class Guard:
     def __init__(self, ros):
         self.rearmed = 0
         self.stream = ConstraintStream(ros.publisher(CONSTRAINT), 50.0)
-        self.holds = StreamHolds(self.stream)
+        self.holds = self.stream
         log = RequestLog(time.time_ns, time.monotonic_ns)
         RearmService(ros, self, OperatorRequests(ros, log, OperatorList(ros, None)))
         self.publish()
@@ -246,7 +245,7 @@ def test_refusal_is_printed_with_the_next_constraint(guard, capsys):
 
     guard.check_rearm = refuse
     assert main(["rearm", "--yes"]) == 1
-    nonce = guard.stream.rearm_nonce
+    nonce = guard.stream.present().nonce
     assert capsys.readouterr().out.splitlines()[-2:] == [
         "refused: the state is UNKNOWN",
         f"next constraint: on hold, nonce {nonce} (reasons: latched)",

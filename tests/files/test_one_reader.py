@@ -59,7 +59,7 @@ READS_OWN_FILES = {
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
     "viewer/calibration_part.py": "the tip that this process wrote",
     "viewer/contour_part.py": "the surface that this process wrote",
-    "runtime/persistence/instance_key.py": "the name of this machine",
+    "hold/instance.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
 }
 """Files of ``app`` with an unbounded read, and what they read."""
@@ -101,7 +101,7 @@ OPENS_FILES = {
     # A database, which SQLite opens by name after it was found to be a regular file.
     "case/readers/rosbag2/database_file.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.
-    "runtime/persistence/instance_lock.py": {"os.open"},
+    "hold/lock.py": {"os.open"},
     # A source file, locked while its functions are compiled.
     "fixture/jit.py": {"os.open"},
     # The lock of a cohort's results.

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from app.case import MarginEntry
-from app.fixture import MarginState, NotRearmableError, TipProximity
+from app.fixture import (
+    MarginState,
+    TipProximity,
+)
 from app.geometry import (
     InputError,
     MarginGuardError,
@@ -17,14 +20,13 @@ from app.geometry import (
     SurfaceMesh,
     Transform,
 )
+from app.hold import NotRearmableError, RearmRefusedError, SeenHold
 from app.registration import given_registration
 from app.runtime import (
     ChooseDepth,
     ImageDepth,
     LengthenNeedle,
     LocalOperator,
-    RearmRefusedError,
-    SeenHold,
     SetStylusTip,
 )
 from tests.doubles import PARAMETERS, frame, joint_sample, sample

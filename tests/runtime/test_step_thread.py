@@ -7,7 +7,10 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
-from app.runtime import SeenHold, StepThread
+from app.hold import SeenHold
+from app.runtime import (
+    StepThread,
+)
 from tests.manual_clock import ManualClock
 
 DEADLINE_S = 60.0

@@ -4,8 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from app.fixture import MarginState, NotRearmableError, Reason, TipProximity
+from app.fixture import (
+    MarginState,
+    Reason,
+    TipProximity,
+)
 from app.geometry import SurfaceMesh, Transform
+from app.hold import NotRearmableError
 from app.registration import given_registration
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, sample

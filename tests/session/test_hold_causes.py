@@ -4,10 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from app.fixture import POSE_DOUBTS, MarginState, NotRearmableError, Reason
+from app.fixture import (
+    POSE_DOUBTS,
+    MarginState,
+    Reason,
+)
 from app.geometry import TrackingStatus, Transform
+from app.hold import NotRearmableError
+from app.hold.hold import MAX_CAUSES
 from app.session import Session
-from app.session.hold_causes import MAX_CAUSES
 from tests.session.test_session import cautery_at, frame, lost, make_setup, needle, steps
 
 

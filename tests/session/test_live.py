@@ -8,8 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import CauteryState
-from app.fixture import MarginState, NotRearmableError, Reason
+from app.fixture import (
+    MarginState,
+    Reason,
+)
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
 from app.session.playback_rule import NO_PLAYBACK, PlaybackRule

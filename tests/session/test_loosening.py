@@ -7,15 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.fixture import MarginParameters
+from app.hold import loosened_margins, tightest_margins
+from app.hold.changes import LOOSER_ABOVE, LOOSER_BELOW
 from app.session import SessionSetup
-from app.session.hold_causes import MAX_CAUSES, HoldCauses
-from app.session.loosening import (
-    LOOSER_ABOVE,
-    LOOSER_BELOW,
-    loosened_margins,
-    loosenings,
-    tightest_margins,
-)
+from app.session.loosening import AgreedSetup, loosenings
 from tests.doubles import PARAMETERS, AnalyticSphere
 from tests.session_content import one_link_content
 
@@ -102,27 +97,21 @@ def test_each_change_of_tumour_tool_and_robot_loosens():
     assert loosenings(SETUP, SETUP) == []
 
 
-def test_causes_are_changes_since_the_last_rearm_whatever_was_set_in_between():
-    causes = HoldCauses(SETUP)
-    assert causes.change(SETUP, with_margins(stop_mm=0.5), "")
-    first = causes.texts
-    assert first == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.5",)
-    for number in range(20):
-        causes.add(f"fault {number}")
-    assert len(causes.texts) == MAX_CAUSES
-    assert causes.texts[0] == first[0]
-    assert causes.texts[-1] == "fault 19"
-    assert causes.change(SETUP, with_margins(stop_mm=0.25), "")
-    assert causes.texts[0] == f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.25"
-    assert not causes.change(SETUP, SETUP, "")
-    assert causes.texts[0] == "a change that loosened the session was undone"
-    causes.agree(SETUP)
-    assert causes.texts == ()
+def test_changes_are_those_since_the_last_rearm_whatever_was_set_in_between():
+    agreed = AgreedSetup(SETUP)
+    assert agreed.change(SETUP, with_margins(stop_mm=0.5), "")
+    assert agreed.changes == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.5",)
+    assert agreed.change(SETUP, with_margins(stop_mm=0.25), "")
+    assert agreed.changes == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.25",)
+    assert not agreed.change(SETUP, SETUP, "")
+    assert agreed.changes == ("a change that loosened the session was undone",)
+    agreed.agree(SETUP)
+    assert agreed.changes == ()
 
 
 def test_tightening_is_the_base_of_the_next_loosening():
-    causes, tight = HoldCauses(SETUP), with_margins(stop_mm=4.0)
-    assert not causes.change(SETUP, tight, "")
-    assert causes.texts == ()
-    assert causes.change(tight, SETUP, "")
-    assert causes.texts == (f"stop_mm lowered from 4 to {PARAMETERS.stop_mm:g}",)
+    agreed, tight = AgreedSetup(SETUP), with_margins(stop_mm=4.0)
+    assert not agreed.change(SETUP, tight, "")
+    assert agreed.changes == ()
+    assert agreed.change(tight, SETUP, "")
+    assert agreed.changes == (f"stop_mm lowered from 4 to {PARAMETERS.stop_mm:g}",)

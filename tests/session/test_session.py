@@ -6,13 +6,13 @@ import pytest
 from app.fixture import (
     LimiterParameters,
     MarginState,
-    NotRearmableError,
     Proximity,
     Reason,
     Witnesses,
     limit_twist,
 )
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration, predict_tre, register_points
 from app.robot import Robot
 from app.session import RobotSetup, Session, SessionSetup

@@ -17,12 +17,12 @@ from app.fixture import (
     FixtureDecision,
     LimiterParameters,
     MarginState,
-    NotRearmableError,
     ProximityEngine,
     Reason,
     limit_twist,
 )
 from app.geometry import NS_PER_MS, Stamp, SurfaceMesh, TrackingStatus, Transform
+from app.hold import NotRearmableError
 from app.registration import DriftBound, register_points
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup

@@ -8,8 +8,8 @@ from app.bridge.control.operators import OperatorList
 from app.bridge.node import RosNode
 from app.fixture import MarginParameters
 from app.geometry import MarginGuardError
+from app.hold import loosened_margins
 from app.runtime import OperatorRequest, RequestKind, RequestLog
-from app.session import loosened_margins
 
 
 class OperatorRequests:

@@ -17,19 +17,17 @@ from app.bridge.displays.step_message import StepOrigin, received_mesh, step_mes
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.geometry import SurfaceMesh, TrackedTransform
+from app.hold import Holds, SeenHold, host_id
 from app.runtime import (
-    Holds,
     ImageDescription,
     OperatorCommands,
     PassiveOutput,
     RecordingStatus,
     RequestKind,
     RequestLog,
-    SeenHold,
     SessionContent,
     StepTiming,
     SwitchContent,
-    host_id,
 )
 from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
 from app.runtime.operator_command import OperatorCommand, Rearm, SetMargins

@@ -20,6 +20,7 @@ from app.bridge.displays.step_message import received_mesh, seen_of, step_of, wr
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.qos import DISPLAYED, STATIC_TF, Topic
+from app.hold import SeenHold, host_id
 from app.runtime import (
     ComputeProcess,
     DescribedSession,
@@ -27,10 +28,8 @@ from app.runtime import (
     OperatorRequest,
     RecordingStatus,
     RequestKind,
-    SeenHold,
     SessionContent,
     SessionWire,
-    host_id,
 )
 from app.session import LiveImages, StepResult
 

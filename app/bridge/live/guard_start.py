@@ -12,13 +12,9 @@ from app.bridge.live.other_guard import SilentPublishers, find_silent_publishers
 from app.bridge.node import RosNode
 from app.files.state_folder import state_folder
 from app.fixture import Reason
+from app.hold import InstanceKey, LiveState, arm_name, host_id, live_state
 from app.runtime import (
-    InstanceKey,
-    LiveState,
     PreparedLive,
-    arm_name,
-    host_id,
-    live_state,
     used_values,
 )
 from app.session.session import NOTHING_OUTSIDE

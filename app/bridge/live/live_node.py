@@ -29,7 +29,6 @@ from app.bridge.live.outputs import (
     TwistOutput,
 )
 from app.bridge.live.playback_watch import PlaybackWatch
-from app.bridge.live.rearming import StreamHolds
 from app.bridge.live.sender_watch import SenderWatch, WatchedSession
 from app.bridge.live.source import source_of
 from app.bridge.node import RosNode
@@ -178,7 +177,6 @@ def live_node(
         recorder = opened(case_recorder(config, namespace, cases))
         pictures: IgtlImagePublisher | None = None
         requests = RequestLog(time.time_ns, time.monotonic_ns)
-        holds = StreamHolds(publisher.constraints)
         images = described_images(case, node.node.resolve_topic_name(IMAGE_TOPIC))
         chosen_depth = ChosenDepth(prepared.content, images)
         recorder.depth = lambda: chosen_depth.choice
@@ -188,7 +186,7 @@ def live_node(
             images,
             displays,
             instance_id=publisher.constraints.instance_id,
-            holds=holds,
+            holds=publisher.constraints,
             requests=requests,
             recording=lambda: recorder.status,
             image_problem=lambda: "" if pictures is None else pictures.problem,
@@ -209,7 +207,7 @@ def live_node(
                 displays_output,
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
-            holds=holds,
+            holds=publisher.constraints,
             requests=requests,
             compute=opened(_compute_process(setup)).call,
             recorder=recorder,

@@ -3,6 +3,7 @@
 import math
 import secrets
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -17,23 +18,12 @@ from app.bridge.heartbeat import Heartbeat
 from app.bridge.messages import time_message
 from app.fixture import Reason, worst_first
 from app.geometry import Stamp
+from app.hold import HoldIdentity, NextHold, RandomBits, RearmRefusedError, SeenHold
+from app.runtime import SWITCH_INTERVAL_S
 
 _SEQ_MARK = 0x0123456789ABCDEF
 _SEQ_MARK_BYTES = _SEQ_MARK.to_bytes(8, sys.byteorder)
 _CDR_HEADER_BYTES = 4
-
-_SHORT_SWITCH_INTERVAL_S = 0.0005
-
-
-class _HoldIdentity(NamedTuple):
-    """What identifies a hold to its receivers."""
-
-    nonce: int
-    since: Time
-
-
-RandomBits = Callable[[int], int]
-"""Returns a random integer of that many bits, as `secrets.randbits` does."""
 
 
 class RawPublisher(Protocol):
@@ -66,6 +56,31 @@ class RawConstraint(NamedTuple):
         return self.before + seq.to_bytes(8, sys.byteorder) + self.after
 
 
+class _ShortSwitches:
+    """The interpreter's switch interval is short while any stream of the process needs it."""
+
+    _lock = threading.Lock()
+    _users = 0
+    _usual_s = 0.0
+
+    @classmethod
+    def begin(cls) -> None:
+        """Shorten it, unless another stream has."""
+        with cls._lock:
+            if cls._users == 0:
+                cls._usual_s = sys.getswitchinterval()
+                sys.setswitchinterval(min(cls._usual_s, SWITCH_INTERVAL_S))
+            cls._users += 1
+
+    @classmethod
+    def end(cls) -> None:
+        """Restore it after the last stream."""
+        with cls._lock:
+            cls._users -= 1
+            if cls._users == 0:
+                sys.setswitchinterval(cls._usual_s)
+
+
 class ConstraintStream:
     """Publishes each constraint at once and repeats it at ``hz`` from a heartbeat thread.
 
@@ -75,13 +90,11 @@ class ConstraintStream:
     continues. This counts as a fault, which the next message does not clear (see `publish`).
     Without ``valid_ns`` only the receiver checks the validity, with ``valid_until``.
 
-    The stream sets ``instance_id``, which is constant, ``hold_since`` by ``clock_ns`` (system
-    time), and ``rearm_nonce``: 0 unless the hold has to be re-armed, otherwise a random number that
-    is replaced with each fault and each further cause of the hold, and ends with `spend`.
-    ``random_bits`` creates both. A hold that begins with a stale message keeps its nonce and its
-    begin in the messages that follow.
+    The stream is the `app.hold.Holds` of a live session. It sets ``instance_id``, which is
+    constant, and the ``rearm_nonce`` and ``hold_since`` of a `HoldIdentity`. A hold that begins
+    with a stale message keeps both in the messages that follow.
 
-    Above 100 Hz the interpreter's switch interval is 0.5 ms until `close`
+    Above 100 Hz the interpreter's switch interval is 0.5 ms until the last such stream is closed
     (`sys.setswitchinterval`, for the whole process). With the default of 5 ms a busy thread would
     delay the heartbeat.
     """
@@ -95,20 +108,15 @@ class ConstraintStream:
         clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._publisher = publisher
-        self._random_bits = random_bits
-        self._clock_ns = clock_ns
-        self._hold_since: Time | None = None
         self.instance_id = f"{random_bits(64):016x}"
-        self._nonce = 0
-        self._next_nonce = self._draw()
-        self._replacement: _HoldIdentity | None = None
+        self._identity = HoldIdentity(clock_ns, random_bits)
+        self._replacement: NextHold | None = None
         self._last: FixtureConstraint | None = None
-        self._faulty = False
         self._fault_seq = 0
-        self._switch_s = sys.getswitchinterval()
-        if hz is not None and hz > 100.0:
-            sys.setswitchinterval(min(self._switch_s, _SHORT_SWITCH_INTERVAL_S))
         self._heartbeat = Heartbeat(self._send, hz)
+        self._is_fast = hz is not None and hz > 100.0
+        if self._is_fast:
+            _ShortSwitches.begin()
 
     def publish(
         self,
@@ -128,9 +136,9 @@ class ConstraintStream:
         latch the hold in its own state.
         """
         faulty = message.state == FixtureConstraint.UNKNOWN
-        begins = (faulty and not self._faulty) or self._has_new_cause(message)
+        begins = self._identity.is_new(_causes(message), faulty=faulty)
         if begins and not self._heartbeat.ended:
-            self._renew_nonce()
+            self._identity.renew()
         self._identify(message)
         first = self._begin(message, valid_ns, since_ns, unless_ended=True)
         in_time = first is not None
@@ -138,16 +146,18 @@ class ConstraintStream:
             message.hold = True
             reasons = {*map(Reason, message.reasons), Reason.LATCHED}
             message.reasons = [str(reason) for reason in worst_first(reasons)]
-            self._continue_hold()
-            new_cause = self._has_new_cause(message)
-            if new_cause:  # the operator has not seen it with the stale message
-                self._renew_nonce()
+            if self._replacement is None:
+                self._identity.renew()
+            else:  # published already, with the stale message
+                self._identity.continue_with(self._replacement)
+            begins = self._identity.is_new(_causes(message))
+            if begins:  # the operator has not seen it with the stale message
+                self._identity.renew()
             self._identify(message)
             first = self._begin(message, valid_ns, since_ns)
-            begins = new_cause
         if first is not None and begins:
             self._fault_seq = first
-        self._faulty = faulty
+        self._identity.note(message.hold_causes, faulty=faulty)
         self._last = message
         return in_time
 
@@ -161,12 +171,13 @@ class ConstraintStream:
         if self._last is None:
             return False
         if self._heartbeat.ended:
-            self._renew_nonce()  # the next one has been published with the stale message
-        self._renew_nonce()
+            self._identity.renew()  # the next one has been published with the stale message
+        self._identity.renew()
         self._identify(message)
         first = self._begin(message, None)
         self._fault_seq = self._fault_seq if first is None else first
-        self._faulty, self._last = True, message
+        self._identity.note(message.hold_causes, faulty=True)
+        self._last = message
         return True
 
     def latch(self, causes: Sequence[str]) -> None:
@@ -185,10 +196,12 @@ class ConstraintStream:
         last = None
         if self._last is not None:
             if self._heartbeat.ended and self._replacement is not None:
-                self._hold_since = self._replacement.since  # the stale message has begun the hold
-            self._replacement = self._next_identity()
+                # The stale message has begun the hold.
+                self._identity.since_ns = self._replacement.since_ns
+            self._replacement = self._identity.next()
             last = self._raw_held(self._last, reason, self._replacement)
         self._last = None
+        self._identity.forget_causes()
         self._heartbeat.pause(last)
 
     def close(self) -> None:
@@ -196,17 +209,37 @@ class ConstraintStream:
         try:
             self._heartbeat.close()
         finally:
-            sys.setswitchinterval(self._switch_s)
+            if self._is_fast:
+                self._is_fast = False
+                _ShortSwitches.end()
 
-    @property
-    def rearm_nonce(self) -> int:
-        """Nonce of the hold that is latched; 0 if none is. Meaningless while `ended`."""
-        return self._nonce
+    def present(self) -> SeenHold:
+        """The hold of the last constraint."""
+        return SeenHold(max(0, self.seq - 1), self._identity.nonce)
 
-    def spend(self, nonce: int) -> None:
-        """End the validity of ``nonce`` after it has re-armed its hold."""
-        if self._nonce == nonce:
-            self._nonce = 0
+    def check(self, seen: SeenHold) -> None:
+        """Raise `RearmRefusedError` unless ``seen`` is the present hold.
+
+        Also refused: a constraint before the last fault, one that was not published yet, and any
+        while a stale constraint is repeated.
+        """
+        fault_seq = self.fault_seq
+        if seen.seq < fault_seq:
+            raise RearmRefusedError(
+                f"seq is {seen.seq}: a fault began with constraint {fault_seq}, after it; expected "
+                f"the seq of a constraint from {fault_seq} on"
+            )
+        if seen.seq >= self.seq:
+            raise RearmRefusedError(
+                f"seq is {seen.seq}: not published yet; expected at most {self.seq - 1}"
+            )
+        if self.ended:
+            raise RearmRefusedError("the constraint is stale: its cause must end before re-arming")
+        self._identity.check(seen.nonce)
+
+    def spend(self, seen: SeenHold) -> None:
+        """End the validity of the nonce of ``seen``."""
+        self._identity.spend(seen.nonce)
 
     @property
     def seq(self) -> int:
@@ -236,7 +269,7 @@ class ConstraintStream:
         *,
         unless_ended: bool = False,
     ) -> int | None:
-        stale = None if valid_ns is None else self._next_identity(valid_ns)
+        stale = None if valid_ns is None else self._identity.next(valid_ns)
         first = self._heartbeat.update(
             RawConstraint.of(message),
             valid_ns=valid_ns,
@@ -249,59 +282,31 @@ class ConstraintStream:
             self._replacement = stale
         return first
 
-    def _has_new_cause(self, message: FixtureConstraint) -> bool:
-        """True if a hold has got a cause that the previous message did not have."""
-        known = () if self._last is None else self._last.hold_causes
-        return bool(message.hold and not set(message.hold_causes) <= set(known))
-
-    def _draw(self) -> int:
-        """A random number other than 0."""
-        while not (drawn := self._random_bits(64)):
-            pass
-        return drawn
-
-    def _renew_nonce(self) -> None:
-        self._nonce, self._next_nonce = self._next_nonce, self._draw()
-
-    def _continue_hold(self) -> None:
-        """Use the nonce and the begin of the hold that the replacement has already published."""
-        if self._replacement is None:
-            self._renew_nonce()
-            return
-        self._nonce, self._hold_since = self._replacement
-        if self._next_nonce == self._nonce:
-            self._next_nonce = self._draw()
-
     def _identify(self, message: FixtureConstraint) -> None:
-        """Set the instance and the nonce of ``message``."""
+        """Set the instance, the nonce and the begin of the hold of ``message``."""
         message.instance_id = self.instance_id
-        self._hold_since = self._since(0) if message.hold else None
-        message.hold_since = self._hold_since or Time()
-        if Reason.LATCHED not in message.reasons:
-            self._nonce = 0
-        elif self._nonce == 0:
-            self._renew_nonce()
-        message.rearm_nonce = self._nonce
-
-    def _since(self, delay_ns: int) -> Time:
-        """Time at which the present hold began, or at which one begins after ``delay_ns``."""
-        return self._hold_since or time_message(Stamp(self._clock_ns() + delay_ns))
-
-    def _next_identity(self, delay_ns: int = 0) -> _HoldIdentity:
-        """Of a hold that a new fault begins after ``delay_ns``, if none has begun before."""
-        return _HoldIdentity(self._next_nonce, self._since(delay_ns))
+        self._identity.follow(hold=message.hold, latched=Reason.LATCHED in message.reasons)
+        since_ns = self._identity.since_ns
+        message.hold_since = Time() if since_ns is None else time_message(Stamp(since_ns))
+        message.rearm_nonce = self._identity.nonce
 
     def _raw_held(
-        self, message: FixtureConstraint, reason: str, identity: _HoldIdentity
+        self, message: FixtureConstraint, reason: str, identity: NextHold
     ) -> RawConstraint:
         """``message`` on hold by a new fault."""
         held = _held(message, reason)
         held.instance_id = self.instance_id
-        held.rearm_nonce, held.hold_since = identity
+        held.rearm_nonce = identity.nonce
+        held.hold_since = time_message(Stamp(identity.since_ns))
         return RawConstraint.of(held)
 
     def _send(self, raw: RawConstraint, seq: int) -> None:
         self._publisher.publish(raw.numbered(seq))
+
+
+def _causes(message: FixtureConstraint) -> Sequence[str]:
+    """Causes of the hold of ``message``; empty without one."""
+    return message.hold_causes if message.hold else ()
 
 
 def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:

@@ -14,7 +14,7 @@ from app.bridge import messages, topics
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint import ConstraintBuilder
-from app.bridge.publishing.constraint_stream import ConstraintStream, RandomBits
+from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
@@ -28,6 +28,7 @@ from app.bridge.steady_clock import steady_ns
 from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
+from app.hold import RandomBits
 from app.runtime import SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
 

@@ -5,7 +5,11 @@ from typing import Any
 from app.case import CauteryState
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
-from app.runtime import OperatorRequest, SeenHold, SessionContent
+from app.hold import SeenHold
+from app.runtime import (
+    OperatorRequest,
+    SessionContent,
+)
 from app.scene.frames.watchdog import TransformHealth
 from app.session import (
     SHOWN_STATES,

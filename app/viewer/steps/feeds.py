@@ -15,7 +15,11 @@ from app.geometry import (
     freshness_of,
     stale_in_ns,
 )
-from app.runtime import OperatorRequest, SeenHold, SessionContent
+from app.hold import SeenHold
+from app.runtime import (
+    OperatorRequest,
+    SessionContent,
+)
 from app.session import StepResult
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.steps.view_state import ViewState, ViewStateBuilder

@@ -6,7 +6,11 @@ from dataclasses import dataclass, field, replace
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, FloatArray, Freshness, SurfaceMesh, Transform
-from app.runtime import OperatorRequest, SeenHold, SessionContent
+from app.hold import SeenHold
+from app.runtime import (
+    OperatorRequest,
+    SessionContent,
+)
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.session import (
     REFERENCE,

@@ -12,7 +12,7 @@ import marginguard as mg
 from app.bridge import BridgeError
 from app.bridge.displays.step_message import StepOrigin, seen_of, step_message, step_of
 from app.geometry import TrackedTransform
-from app.runtime import SeenHold
+from app.hold import SeenHold
 from tests.session.test_step_pickle import assert_same
 
 pytestmark = pytest.mark.slow

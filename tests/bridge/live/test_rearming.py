@@ -14,7 +14,6 @@ from rclpy.serialization import deserialize_message
 from app.bridge.control.operator_requests import OperatorRequests
 from app.bridge.control.operators import OperatorList
 from app.bridge.live import RearmService
-from app.bridge.live.rearming import StreamHolds
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.runtime import OperatorCommands
@@ -57,9 +56,7 @@ class World:
     def __init__(self, ros):
         self.stepping, self.requested = threading.Lock(), threading.Event()
         self.session, self.stream = SessionDouble(), ConstraintStream(NoPublisher(), None)
-        self.commands = OperatorCommands(
-            self.between_steps, CONTENT, (), holds=StreamHolds(self.stream)
-        )
+        self.commands = OperatorCommands(self.between_steps, CONTENT, (), holds=self.stream)
         requests = OperatorRequests(ros, self.commands.requests, OperatorList(ros, None))
         RearmService(ros, self.commands, requests)
 
@@ -99,7 +96,7 @@ def world(domain_id):
 def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(world, start, what):
     stream = world.stream
     stream.publish(held("stale"))
-    request = json.dumps({"seq": stream.seq - 1, "nonce": stream.rearm_nonce})
+    request = json.dumps({"seq": stream.seq - 1, "nonce": stream.present().nonce})
     with world.stepping:
         caller = start(CALLER, f"{REARM}:{request}")
         assert world.requested.wait(DEADLINE_S)
@@ -121,10 +118,10 @@ def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(world, start, 
 def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(world, start):
     stream = world.stream
     stream.publish(KNOWN)
-    old = stream.rearm_nonce
+    old = stream.present().nonce
     stream.publish(UNKNOWN)
     stream.publish(KNOWN)
-    seq, nonce = stream.seq - 1, stream.rearm_nonce
+    seq, nonce = stream.seq - 1, stream.present().nonce
     requests = [
         ({"seq": 2**64 - 1, "nonce": nonce}, "not published yet; expected at most 2"),
         ({"seq": 2**64 - 1, "nonce": 0}, "not published yet"),
@@ -142,7 +139,7 @@ def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(world, s
         assert str(nonce) not in reply["message"]
     assert world.session.rearmed == 1
     stream.publish(FREE)
-    assert stream.rearm_nonce == 0
+    assert stream.present().nonce == 0
 
 
 def test_invalid_request_takes_no_thread_and_does_not_wait_for_a_step(world, start):
@@ -159,7 +156,7 @@ def test_first_valid_request_counts_in_a_flood_of_invalid_ones(world, start):
     world.stream.publish(KNOWN)
     flood = start(FLOOD, "300")
     flood.line()
-    seq, nonce = world.stream.seq - 1, world.stream.rearm_nonce
+    seq, nonce = world.stream.seq - 1, world.stream.present().nonce
     before = world.commands.requests.last
     caller = start(CALLER, f'{REARM}:{{"seq": {seq}, "nonce": {nonce}}}')
     caller.line()
@@ -174,13 +171,13 @@ def test_latched_change_is_published_at_once_with_another_nonce():
     stream = ConstraintStream(SimpleNamespace(publish=sent.append), None)
     stream.latch(["nothing is published yet"])
     stream.publish(KNOWN)
-    before = stream.rearm_nonce
+    before = stream.present().nonce
     stream.latch(["stop_mm lowered from 2 to 1"])
     message = deserialize_message(sent[-1], FixtureConstraint)
     assert len(sent) == 2
     assert message.hold
     assert message.hold_causes == ["stop_mm lowered from 2 to 1"]
-    assert message.rearm_nonce == stream.rearm_nonce not in (0, before)
+    assert message.rearm_nonce == stream.present().nonce not in (0, before)
     held_next = held("stop_mm lowered from 2 to 1")
     stream.publish(held_next)
     assert held_next.rearm_nonce == message.rearm_nonce

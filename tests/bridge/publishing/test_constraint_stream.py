@@ -12,6 +12,7 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from rclpy.serialization import deserialize_message, serialize_message
 
 from app.bridge.publishing.constraint_stream import ConstraintStream, RawConstraint
+from app.hold import SeenHold
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
@@ -152,11 +153,11 @@ def test_random_zero_is_never_a_nonce():
 def test_spent_nonce_is_replaced_by_the_next_hold():
     sent, stream = streaming(random_bits=counted_bits())
     stream.publish(latched())
-    nonce = stream.rearm_nonce
-    stream.spend(nonce + 1)
-    assert stream.rearm_nonce == nonce
-    stream.spend(nonce)
-    assert stream.rearm_nonce == 0
+    nonce = stream.present().nonce
+    stream.spend(SeenHold(0, nonce + 1))
+    assert stream.present().nonce == nonce
+    stream.spend(SeenHold(0, nonce))
+    assert stream.present().nonce == 0
     stream.publish(latched())
     assert sent.messages[-1].rearm_nonce not in (0, nonce)
 
@@ -197,7 +198,7 @@ def test_spent_nonce_of_a_stale_message_is_not_used_again():
         stream.publish(constraint(), valid_ns=0)
         stream.publish(faulty())
         stream.publish(latched())
-        stream.spend(stream.rearm_nonce)
+        stream.spend(stream.present())
         stream.publish(constraint())
     stream.publish(constraint())
     stream.hold("inactive")
@@ -273,7 +274,7 @@ def test_nonce_of_a_stale_message_does_not_cover_a_cause_that_comes_after_it():
     stream.close()
     seen = sent.messages[-1]
     assert seen.rearm_nonce not in (0, stale.rearm_nonce)
-    assert stream.rearm_nonce == seen.rearm_nonce
+    assert stream.present().nonce == seen.rearm_nonce
     assert stream.fault_seq > stale.seq
 
 
@@ -334,6 +335,15 @@ def test_fault_seq_is_that_of_the_latest_fault():
 def test_close_restores_the_switch_interval(hz):
     before = sys.getswitchinterval()
     ConstraintStream(Sent(), hz).close()
+    assert sys.getswitchinterval() == before
+
+
+def test_last_of_two_fast_streams_restores_the_switch_interval():
+    before = sys.getswitchinterval()
+    first, second = ConstraintStream(Sent(), 1000.0), ConstraintStream(Sent(), 1000.0)
+    first.close()
+    assert sys.getswitchinterval() < before
+    second.close()
     assert sys.getswitchinterval() == before
 
 

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from app.case import EnvelopeEntry, MotionEntry, PlausibilityEntry, SphereEntry, TrackingFrame
-from app.fixture import MarginState, NotRearmableError, Reason
+from app.fixture import (
+    MarginState,
+    Reason,
+)
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, Transform
+from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample

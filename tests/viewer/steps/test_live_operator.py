@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 from app.geometry import Transform
+from app.hold import RearmRefusedError
 from app.runtime import (
     ChooseDepth,
     ImageDepth,
     LengthenNeedle,
     Rearm,
-    RearmRefusedError,
     Record,
     SetMargins,
     SetTip,

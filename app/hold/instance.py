@@ -1,4 +1,4 @@
-"""Which live session a lock and a record belong to."""
+"""Which live session a lock and a record belong to, and the errors of both."""
 
 import hashlib
 import platform
@@ -6,8 +6,18 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.geometry import MarginGuardError
+
 _MACHINE_ID = Path("/etc/machine-id")
 _MAX_NAME_CHARS = 40
+
+
+class StateFileError(MarginGuardError):
+    """The record of the last run cannot be used, or that of this run cannot be written."""
+
+
+class SecondInstanceError(MarginGuardError):
+    """Another guard has the same namespace or the same arm."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from app.runtime.persistence.instance_key import InstanceKey
-from app.runtime.persistence.live_state import live_state
+from app.hold.instance import InstanceKey
+from app.hold.on_disk import live_state
 
 pytestmark = pytest.mark.long
 

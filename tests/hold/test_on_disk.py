@@ -9,13 +9,12 @@ from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
-from app.runtime.persistence import live_state as module
-from app.runtime.persistence.errors import SecondInstanceError, StateFileError
-from app.runtime.persistence.instance_key import InstanceKey
-from app.runtime.persistence.instance_lock import check_no_guard
-from app.runtime.persistence.live_state import live_state, lock_path, record_path
-from app.runtime.persistence.record_writer import RecordWriter
-from app.runtime.persistence.run_record import read_record
+from app.hold import SecondInstanceError, StateFileError
+from app.hold import on_disk as module
+from app.hold.instance import InstanceKey
+from app.hold.lock import check_no_guard
+from app.hold.on_disk import RecordWriter, live_state, lock_path, record_path
+from app.hold.record import read_record
 
 pytestmark = pytest.mark.slow
 
@@ -215,7 +214,7 @@ def wait_for_writer(state):
 def test_files_removed_while_no_steps_are_taken_say_that_the_run_has_not_ended(
     folder, monkeypatch, steps
 ):
-    monkeypatch.setattr("app.runtime.persistence.record_writer.BEAT_S", 0.01)
+    monkeypatch.setattr("app.hold.on_disk.BEAT_S", 0.01)
     with opened(folder) as state:
         if steps:
             state.resume()
@@ -228,7 +227,7 @@ def test_files_removed_while_no_steps_are_taken_say_that_the_run_has_not_ended(
 
 
 def test_record_says_that_the_run_has_not_ended_until_it_is_closed(folder, monkeypatch):
-    monkeypatch.setattr("app.runtime.persistence.record_writer.BEAT_S", 0.01)
+    monkeypatch.setattr("app.hold.on_disk.BEAT_S", 0.01)
     with opened(folder) as state:
         state.end(True, ("stale",))
         state.end(False)
@@ -243,7 +242,7 @@ def test_record_says_that_the_run_has_not_ended_until_it_is_closed(folder, monke
 
 
 def test_removed_files_are_locked_and_written_again(folder, monkeypatch):
-    monkeypatch.setattr("app.runtime.persistence.record_writer.BEAT_S", 0.01)
+    monkeypatch.setattr("app.hold.on_disk.BEAT_S", 0.01)
     with opened(folder) as state:
         state.resume()
         remove_files(folder)
@@ -294,7 +293,7 @@ def test_failed_write_is_logged_once_and_the_next_start_is_on_hold(folder, monke
 
 
 def test_writer_gives_up_on_a_disk_that_does_not_answer(monkeypatch):
-    monkeypatch.setattr("app.runtime.persistence.record_writer._CLOSE_S", 0.05)
+    monkeypatch.setattr("app.hold.on_disk._CLOSE_S", 0.05)
     answer = threading.Event()
     writer = RecordWriter(lambda record: answer.wait(DEADLINE_S), lambda: None, print)
     assert writer.close("last") is False

@@ -1,19 +1,31 @@
 """What a live session keeps on disk while it runs: its locks, its hold and the values in use."""
 
 import os
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from app.files.atomic_io import write_durably
-from app.runtime.persistence.errors import SecondInstanceError, StateFileError
-from app.runtime.persistence.instance_key import InstanceKey, Slot
-from app.runtime.persistence.instance_lock import InstanceLock, check_no_guard, describe_holder
-from app.runtime.persistence.record_writer import RecordWriter
-from app.runtime.persistence.restart_causes import causes_of_damage, causes_of_record
-from app.runtime.persistence.run_record import HoldRecord, RunRecord, as_bytes, read_record
-from app.runtime.persistence.used_values import UsedValues, causes_of_change
+from app.geometry import MarginGuardError
+from app.hold.instance import InstanceKey, SecondInstanceError, Slot, StateFileError
+from app.hold.lock import InstanceLock, check_no_guard, describe_holder
+from app.hold.record import (
+    HoldRecord,
+    RunRecord,
+    as_bytes,
+    causes_of_damage,
+    causes_of_record,
+    read_record,
+)
+from app.hold.used_values import UsedValues, causes_of_change
+
+BEAT_S = 1.0
+"""Interval at which a running guard says that it is alive."""
+
+_CLOSE_S = 5.0
 
 
 @contextmanager
@@ -175,6 +187,61 @@ class LiveState:
 
     def _failed(self, why: str) -> None:
         self._log(f"{why}; a restart will begin on hold, without the causes of later holds")
+
+
+class RecordWriter:
+    """Calls ``write(record)`` in a thread of its own, for the newest record only.
+
+    `put` returns at once, whatever the disk does. ``beat()`` is called every `BEAT_S` and after
+    each write. The first failure of either is passed to ``failed`` in that thread; later ones are
+    silent until one succeeds.
+    """
+
+    def __init__(
+        self,
+        write: Callable[[RunRecord], None],
+        beat: Callable[[], None],
+        failed: Callable[[str], None],
+    ) -> None:
+        self._write = write
+        self._beat = beat
+        self._failed = failed
+        self._newest: deque[RunRecord] = deque(maxlen=1)
+        self._woken = threading.Event()
+        self._closing = threading.Event()
+        self._has_failed = False
+        self._thread = threading.Thread(target=self._work, name="hold record", daemon=True)
+        self._thread.start()
+
+    def put(self, record: RunRecord) -> None:
+        """Write ``record`` soon; it replaces one that has not been written yet."""
+        self._newest.append(record)
+        self._woken.set()
+
+    def close(self, last: RunRecord) -> bool:
+        """Write ``last`` and end the thread; False if the disk takes longer than 5 s."""
+        self._newest.append(last)
+        self._closing.set()
+        self._woken.set()
+        self._thread.join(_CLOSE_S)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        while True:
+            is_last = self._closing.is_set()
+            self._woken.wait(0.0 if is_last else BEAT_S)
+            self._woken.clear()
+            try:
+                if self._newest:
+                    self._write(self._newest.pop())
+                self._beat()
+                self._has_failed = False
+            except (MarginGuardError, OSError) as error:
+                if not self._has_failed:
+                    self._has_failed = True
+                    self._failed(str(error))
+            if is_last:
+                return
 
 
 def _close_all(locks: dict[Slot, InstanceLock]) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from app.geometry import SurfaceMesh, Transform
+from app.hold.used_values import causes_of_change
 from app.registration import given_registration
 from app.runtime import used_values
 from app.runtime.image_depth import ImageDepth
-from app.runtime.persistence.used_values import causes_of_change
 from tests.session_content import FACES, TETRAHEDRON, one_link_content, registered
 
 CONTENT = one_link_content()

@@ -8,9 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.runtime.persistence.errors import StateFileError
-from app.runtime.persistence.instance_key import InstanceKey, Slot, arm_name, host_id
-from app.runtime.persistence.run_record import (
+from app.hold import StateFileError
+from app.hold.instance import (
+    InstanceKey,
+    Slot,
+    arm_name,
+    host_id,
+)
+from app.hold.record import (
     MAX_BYTES,
     MAX_CAUSE_CHARS,
     MAX_CAUSES,
@@ -19,7 +24,7 @@ from app.runtime.persistence.run_record import (
     as_bytes,
     read_record,
 )
-from app.runtime.persistence.used_values import used_values
+from app.runtime import used_values
 from tests.session_content import one_link_content
 
 KEY = InstanceKey("host", 7, "/watch", "touch /joint_states")

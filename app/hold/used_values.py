@@ -1,36 +1,21 @@
-"""The values of a run on which its permissions depend, and how those of the next run differ."""
+"""How the values on which the permissions of a run depend differ from those of the last run."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from app.fixture import MarginParameters
 from app.geometry import Transform
-from app.runtime.content import SessionContent
-from app.session import margin_changes, moved_text
+from app.hold.changes import margin_changes, moved_text
 
 UsedValues = Mapping[str, Any]
-"""Values for JSON: ``tumor``, ``tip``, ``registration``, ``margins`` and ``image_depth_mm``."""
+"""Values for JSON: ``tumor``, ``tip``, ``registration``, ``margins`` and ``image_depth_mm``.
+
+A pose is its frames and its matrix: ``[target, source, 16 numbers]``.
+"""
 
 _CHANGED = "not as in the last run"
-
-
-def used_values(content: SessionContent) -> dict[str, Any]:
-    """The values of ``content``: equal ones permit the same."""
-    registration, depth = content.registration, content.image_depth
-    return {
-        "tumor": {
-            "surface": content.model_id,
-            "pose": _pose(content.frame_from_tumor),
-            "sigma_mm": float(content.tumor_sigma_mm),
-        },
-        "tip": {"pose": _pose(content.tool_from_tip), "sigma_mm": float(content.tip_sigma_mm)},
-        "registration": None if registration is None else _pose(registration.transform),
-        "margins": asdict(content.margins),
-        "image_depth_mm": None if depth is None else float(depth.depth_mm),
-    }
 
 
 def causes_of_change(before: UsedValues, now: UsedValues) -> tuple[str, ...]:
@@ -49,11 +34,6 @@ def causes_of_change(before: UsedValues, now: UsedValues) -> tuple[str, ...]:
         _depth_text(before["image_depth_mm"], now["image_depth_mm"]),
     )
     return tuple(f"{_CHANGED}: {text}" for text in texts if text)
-
-
-def _pose(transform: Transform) -> list[Any]:
-    """Frames and matrix: ``[target, source, 16 numbers]``."""
-    return [transform.target, transform.source, transform.matrix.ravel().tolist()]
 
 
 def _moved(what: str, old: list[Any], new: list[Any]) -> str:

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
+from typing import Any
 
 from app.fixture import Reason
+from app.geometry import Transform
+from app.hold import LiveState
 from app.runtime.content import SessionContent
-from app.runtime.persistence.live_state import LiveState
-from app.runtime.persistence.used_values import used_values
 from app.session import LiveSession, StepResult
 
 
@@ -54,3 +56,23 @@ class HoldKeeper:
     def _causes(self, live: LiveSession) -> tuple[str, ...]:
         with live.between_steps() as session:
             return session.hold_causes
+
+
+def used_values(content: SessionContent) -> dict[str, Any]:
+    """The values of ``content``: equal ones permit the same."""
+    registration, depth = content.registration, content.image_depth
+    return {
+        "tumor": {
+            "surface": content.model_id,
+            "pose": _pose(content.frame_from_tumor),
+            "sigma_mm": float(content.tumor_sigma_mm),
+        },
+        "tip": {"pose": _pose(content.tool_from_tip), "sigma_mm": float(content.tip_sigma_mm)},
+        "registration": None if registration is None else _pose(registration.transform),
+        "margins": asdict(content.margins),
+        "image_depth_mm": None if depth is None else float(depth.depth_mm),
+    }
+
+
+def _pose(transform: Transform) -> list[Any]:
+    return [transform.target, transform.source, transform.matrix.ravel().tolist()]

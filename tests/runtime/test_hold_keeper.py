@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from app.fixture import Reason
-from app.runtime import HoldKeeper, InstanceKey, LiveRun, live_state, used_values
+from app.hold import InstanceKey, live_state
+from app.runtime import (
+    HoldKeeper,
+    LiveRun,
+    used_values,
+)
 from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
 

@@ -1,6 +1,6 @@
-"""File locks: one guard per namespace and arm on this machine.
+"""File locks: one guard for each namespace and arm on a machine.
 
-The kernel keeps the lock (flock) as long as the process lives, and releases it at its end, also
+The kernel keeps a lock (flock) as long as the process lives, and releases it at its end, also
 after SIGKILL. The file itself stays: if it were removed, a third process could lock a new one.
 """
 
@@ -9,8 +9,7 @@ import os
 import time
 from pathlib import Path
 
-from app.runtime.persistence.errors import SecondInstanceError, StateFileError
-from app.runtime.persistence.instance_key import Slot
+from app.hold.instance import SecondInstanceError, Slot, StateFileError
 
 _MAX_HOLDER_BYTES = 400
 _RETRY_S = 0.2

@@ -1,0 +1,128 @@
+"""The hold of a session as one state machine: what latches it, its causes, what ends it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from app.fixture import POSE_DOUBTS, FixtureDecision, MarginState, Reason, worst_first
+from app.geometry import MarginGuardError
+
+MAX_CAUSES = 8
+"""Most causes of a hold that are listed."""
+
+
+class NotRearmableError(MarginGuardError):
+    """The hold cannot be ended, because the fault is still present."""
+
+
+class Hold:
+    """Puts the decisions of a `MarginMonitor` on hold, from a fault to the re-arm of an operator.
+
+    A decision that is UNKNOWN is on hold by itself, and that ends by itself. The hold is *latched*,
+    and lasts until `rearm`, by
+
+    - a fault after the first complete valid evaluation; before it by one of `POSE_DOUBTS` only,
+      because the poses that follow may be the wrong ones;
+    - `change` with a change that loosens, and `restart` after a known margin;
+    - `latch`, for what only the caller can detect.
+
+    While the pose of the tool is *doubted*, no plane is current: a retreat from a wrong pose may be
+    an approach. One of `POSE_DOUBTS`, `doubt` and `latch` with doubt begin that, and it lasts as
+    long as the hold: the jump to a wrong place takes one sample, and what follows is plausible.
+
+    The causes are changes since the operator last agreed, then faults, each oldest first. Of the
+    faults the first ones and the newest are kept.
+    """
+
+    def __init__(self) -> None:
+        self._latched = self._doubted = False
+        self._started = self._known = False
+        self._changes: tuple[str, ...] = ()
+        self._faults: tuple[str, ...] = ()
+
+    @property
+    def latched(self) -> bool:
+        """True if the hold lasts until `rearm`."""
+        return self._latched
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """At most `MAX_CAUSES` texts, each different; empty without a hold."""
+        return (*self._changes, *self._faults)
+
+    def applied(self, decision: FixtureDecision, outside: Mapping[Reason, str]) -> FixtureDecision:
+        """``decision`` with this hold. Call it once for each decision, in their order.
+
+        ``outside``: texts of faults that the caller found, which name them better than the reason.
+        """
+        self._known = decision.state is not MarginState.UNKNOWN
+        self._started = Reason.STARTING not in decision.reasons
+        if not decision.hold and not self._latched:
+            # A hold that ends by itself had no change, because a change is latched.
+            self._doubted, self._faults = False, ()
+            return decision
+        faults = [reason for reason in decision.reasons if reason.is_fault]
+        doubts = not POSE_DOUBTS.isdisjoint(faults)
+        lasting = self._started and any(reason is not Reason.RECOVERING for reason in faults)
+        self._latched = self._latched or lasting or doubts
+        self._doubted = self._doubted or doubts
+        for reason in faults:
+            if reason is not Reason.RECOVERING:
+                self._add_fault(outside.get(reason) or reason.text)
+        constraint, reasons = decision.constraint, decision.reasons
+        if self._latched:
+            reasons = worst_first((*reasons, Reason.LATCHED))
+            constraint = None if constraint is None else constraint.with_hold()
+        return replace(
+            decision,
+            reasons=reasons,
+            constraint=constraint,
+            hold=True,
+            constraint_is_current=decision.constraint_is_current and not self._doubted,
+        )
+
+    def latch(self, cause: str, *, doubt: bool = False) -> None:
+        """Latch the hold for ``cause``, a text for the operator; with ``doubt`` of the pose."""
+        self._latched = True
+        self._doubted = self._doubted or doubt
+        self._add_fault(cause)
+
+    def change(self, changes: Sequence[str], *, latch: bool) -> None:
+        """Replace the changes that an operator has to agree to; ``latch`` if the last one loosens.
+
+        They are all changes since the last agreement, so that their number is bounded and no later
+        one hides an earlier one.
+        """
+        self._changes = tuple(changes)
+        self._latched = self._latched or latch
+        kept = self._kept_faults
+        if len(self._faults) > kept:
+            self._faults = (*self._faults[: kept - 1], self._faults[-1])
+
+    def restart(self) -> None:
+        """Begin anew with another tumour, tool or registration; latches if the margin was known.
+
+        Until the next decision the state is UNKNOWN.
+        """
+        self._latched = self._latched or self._started
+        self._started = self._known = False
+
+    def doubt(self) -> None:
+        """Doubt the pose, with a hold that is latched."""
+        self._doubted = True
+
+    def rearm(self) -> None:
+        """End the hold, whose causes the operator has seen; `NotRearmableError` while UNKNOWN."""
+        if not self._known:
+            raise NotRearmableError(
+                "the state is UNKNOWN; expected a known state: its cause must end before re-arming"
+            )
+        self._latched = False
+        self._changes = self._faults = ()
+
+    @property
+    def _kept_faults(self) -> int:
+        return max(MAX_CAUSES - len(self._changes), 1)
+
+    def _add_fault(self, cause: str) -> None:
+        if cause not in self._faults:
+            self._faults = (*self._faults[: self._kept_faults - 1], cause)

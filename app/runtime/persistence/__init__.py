@@ -1,1 +1,0 @@
-"""What a live session keeps on disk, so that a hold survives its process, and its file locks."""
