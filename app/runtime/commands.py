@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from typing import Any
 
 from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
@@ -181,8 +182,12 @@ class OperatorCommands:
                     f"uncertainty of the tumour: is {sigma_mm:.6g} mm; expected 0 to "
                     f"{MAX_TUMOR_SIGMA_MM:g} mm"
                 )
-            accepted = replace(self._content, tumor=tumor, tumor_accepted=True)
-            content = replace(accepted, tumor_sigma_mm=sigma_mm)
+            new: dict[str, Any] = {
+                "tumor": tumor,
+                "tumor_accepted": True,
+                "tumor_sigma_mm": sigma_mm,
+            }
+            content = replace(self._content, **new)
             # At once: the outputs are prepared in this process, the model usually in another one.
             with ThreadPoolExecutor(max_workers=1) as other_thread:
                 preparing = other_thread.submit(self._prepare, content)
@@ -199,19 +204,9 @@ class OperatorCommands:
                         "tumour: the session was re-armed while it was prepared; expected the "
                         "same request again"
                     )
-                edges = self._edges(frame_from_tumor)
-                self._apply(
-                    session,
-                    replace(
-                        session.requested,
-                        frame_from_tumor=frame_from_tumor,
-                        proximity=proximity,
-                        tumor_sigma_mm=sigma_mm,
-                    ),
-                    replace(content, static_edges=edges),
-                    switches,
-                    change,
-                )
+                content = self._content.with_edge(frame_from_tumor, **new)
+                setup = replace(content.setup(session.requested), proximity=proximity)
+                self._apply(session, setup, content, switches, change)
             done.append(f"{self._content.model_id}, {change}")
         return self._content.model_id
 
@@ -229,13 +224,7 @@ class OperatorCommands:
             robot = self.setup.robot
             if robot is None:
                 raise InputError("registration: the session has no robot; expected one")
-            registered = replace(robot, registration=registration)
-            edges = self._edges(registration.transform)
-            switches = self._prepare(replace(self._content, robot=registered, static_edges=edges))
-            with self._between_steps() as session:
-                content = replace(self._content, robot=registered, static_edges=edges)
-                setup = replace(session.requested, robot=registered)
-                self._apply(session, setup, content, switches)
+            self._replace(registration.transform, robot=replace(robot, registration=registration))
             done.append(self._content.registration_id)
         return self._content.registration_id
 
@@ -285,17 +274,7 @@ class OperatorCommands:
             setup = self.setup
             known, robot = setup.tool_from_tip, setup.robot
             check_tip(setup, tool_from_tip, sigma_mm)
-            edges = self._edges(tool_from_tip)
-            switches = self._prepare(
-                replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm)
-            )
-            with self._between_steps() as session:
-                self._apply(
-                    session,
-                    replace(session.requested, tool_from_tip=tool_from_tip, tip_sigma_mm=sigma_mm),
-                    replace(self._content, static_edges=edges, tip_sigma_mm=sigma_mm),
-                    switches,
-                )
+            self._replace(tool_from_tip, tip_sigma_mm=sigma_mm)
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 
@@ -345,9 +324,12 @@ class OperatorCommands:
                 self._recorder.note_depth()
         self.requests.accepted(kind, origin, "; ".join(done))
 
-    def _edges(self, changed: Transform) -> tuple[Transform, ...]:
-        others = (edge for edge in self._content.static_edges if edge.source != changed.source)
-        return (*others, changed)
+    def _replace(self, edge: Transform, **changes: Any) -> None:
+        """Use ``edge`` and the ``changes`` of the content from the next step on."""
+        switches = self._prepare(self._content.with_edge(edge, **changes))
+        with self._between_steps() as session:
+            content = self._content.with_edge(edge, **changes)
+            self._apply(session, content.setup(session.requested), content, switches)
 
     def _prepare(self, content: SessionContent) -> list[SwitchContent]:
         return [output.prepare(content) for output in self._outputs]

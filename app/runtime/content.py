@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -165,6 +165,26 @@ class SessionContent:
             stylus_sigma_mm=0.0 if self.stylus is None else self.stylus.sigma_mm,
             image_depth_mm=None if self.image_depth is None else self.image_depth.depth_mm,
         )
+
+    def setup(self, base: SessionSetup) -> SessionSetup:
+        """``base`` with the poses, the robot and the uncertainties of this content.
+
+        The margins stay those of ``base``: a content has those in use, not looser ones that wait
+        for a re-arm.
+        """
+        return replace(
+            base,
+            tool_from_tip=self.tool_from_tip,
+            frame_from_tumor=self.frame_from_tumor,
+            robot=self.robot,
+            tumor_sigma_mm=self.tumor_sigma_mm,
+            tip_sigma_mm=self.tip_sigma_mm,
+        )
+
+    def with_edge(self, edge: Transform, **changes: Any) -> "SessionContent":
+        """This content with ``edge`` for that of the same child frame, and with ``changes``."""
+        others = (each for each in self.static_edges if each.source != edge.source)
+        return replace(self, static_edges=(*others, edge), **changes)
 
     def robot_description(self) -> str | None:
         """Read the robot's URDF; None without a robot. Raises `UrdfError` for a broken file."""

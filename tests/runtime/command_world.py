@@ -75,11 +75,12 @@ class World:
     def __init__(self, *, robot=ROBOT, proximity=None, **content):
         self.events = []
         proximity = proximity or AnalyticSphere(10.0)
-        self.session = Session(SessionSetup(TOOL_EDGE, TUMOR_EDGE, proximity, PARAMETERS, robot))
+        self.content = replace(CONTENT, robot=robot, **content)
+        base = SessionSetup(TOOL_EDGE, TUMOR_EDGE, proximity, PARAMETERS, robot)
+        self.session = Session(self.content.setup(base))
         self.setup = self.session.setup
         self.outputs = tuple(OutputDouble(name, self.events) for name in ("first", "second"))
         self.holds = StepHolds()
-        self.content = replace(CONTENT, **content)
         outputs = (self.holds, *self.outputs)
         self.commands = OperatorCommands(
             self.between_steps, self.content, outputs, holds=self.holds

@@ -111,8 +111,9 @@ def test_error_of_an_output_or_of_the_reader_is_a_hold(run, tmp_path):
 def test_values_that_the_last_run_did_not_use_begin_on_hold_until_a_rearm(tmp_path):
     """An accepted tip is not forgotten: the file's one needs an operator's consent."""
 
-    def steps_of(content, change=lambda host, run: None):
+    def steps_of(change=lambda host, run: None):
         host = SimulatedHost()
+        content = replace(CONTENT, robot=None, static_edges=host.setup.static_edges)
         track(host, 0, 400)
         host.at(390, host.live.stop)
         used = used_values(content)
@@ -128,17 +129,17 @@ def test_values_that_the_last_run_did_not_use_begin_on_hold_until_a_rearm(tmp_pa
 
         return at_its_time
 
-    file_tip = CONTENT.tool_from_tip
+    file_tip = SimulatedHost().setup.tool_from_tip
     accepted = replace(file_tip, translation_mm=np.add(file_tip.translation_mm, (0.0, 0.0, 10.0)))
-    assert not steps_of(CONTENT, accept(accepted))[-1].decision.hold
+    assert not steps_of(accept(accepted))[-1].decision.hold
     for _ in range(2):  # also after a restart on hold
-        steps = steps_of(CONTENT)
+        steps = steps_of()
         assert is_held(steps)
         assert [cause for cause in steps[0].hold_causes if cause.startswith("not as in")] == [
             "not as in the last run: the tip is moved by 10.00 mm and turned by 0.00 degrees"
         ]
-    assert not steps_of(CONTENT, lambda host, run: host.at(200, host.rearm))[-1].decision.hold
-    assert not is_held(steps_of(CONTENT))
+    assert not steps_of(lambda host, run: host.at(200, host.rearm))[-1].decision.hold
+    assert not is_held(steps_of())
 
 
 def test_other_values_are_named_before_the_causes_of_earlier_holds(tmp_path):

@@ -44,7 +44,7 @@ class SimulatedHost:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
         identity = Transform.identity
-        setup = SessionSetup(
+        self.setup = SessionSetup(
             identity("cautery", "cautery_tip"),
             identity("needle", "tumor"),
             AnalyticSphere(10.0),
@@ -53,7 +53,7 @@ class SimulatedHost:
             shown_frames=shown_frames,
         )
         self.live = LiveSession(
-            Session(setup),
+            Session(self.setup),
             host_ns=lambda: self.ns,
             stamps_of_host=stamps_of_host,
             edges=edges,
