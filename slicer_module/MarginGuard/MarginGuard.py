@@ -87,7 +87,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._spinner = QtSpinner(qt, self.spin, watchdog_ms=WATCHDOG_MS)
-        self.spin()
+        self.refresh()
 
     def cleanup(self):
         """End spinner, session and jobs before the module is unloaded."""
@@ -100,12 +100,21 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.logic.panel_logic.close()
 
     def spin(self):
-        """Show the newest step and the status. Called for each step, and by a watchdog.
+        """Show the newest step, and the status where it is due. For each step, and by a watchdog.
 
         An error here is a bug: PythonQt logs it, and the banner turns to UNKNOWN.
         """
+        self._show_newest(self.logic.panel_logic.spin)
+
+    def refresh(self):
+        """Show the newest step and the status at once, as after a command."""
+        self._show_newest(self.logic.panel_logic.refresh)
+
+    def _show_newest(self, newest):
         try:
-            self._show(self.logic.panel_logic.spin())
+            status = newest()
+            if status is not None:
+                self._show(status)
             if self.logic.panel_logic.alarm_due():
                 qt.QApplication.beep()
             self._update_margin_settings()
@@ -378,7 +387,7 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
 
         end_s = time.monotonic() + 60.0
         while time.monotonic() < end_s:
-            status = logic.spin(0.02)  # other threads run while it waits
+            status = logic.refresh(0.02)  # other threads run while it waits
             shown_s = status.position_s
             if shown_s is not None and 0.0 <= shown_s - seconds < 0.1:
                 return

@@ -26,6 +26,7 @@ if str(FOLDER) not in sys.path:
 
 from app.runtime import prepare_case, recorded_breaches  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
+from MarginGuardLib.logic import STATUS_NS as STATUS_NS  # noqa: E402
 from MarginGuardLib.logic import PanelLogic as PanelLogic  # noqa: E402
 from MarginGuardLib.recorded import RecordedCase  # noqa: E402
 
@@ -72,10 +73,10 @@ def frame_times_s(recorded: RecordedCase) -> list[float]:
 
 def spin_until(panel_logic: Any, is_expected: Callable[[Any], Any]) -> Any:
     """Spin the logic until ``is_expected(status)`` is true; return that status."""
-    statuses = [panel_logic.spin()]
+    statuses = [panel_logic.refresh()]
 
     def spin() -> None:
-        statuses[:] = [panel_logic.spin(0.005)]
+        statuses[:] = [panel_logic.refresh(0.005)]
 
     wait_until(lambda: is_expected(statuses[0]), spin, describe=lambda: statuses[0])
     return statuses[0]
@@ -89,7 +90,7 @@ def show(panel_logic: Any, seconds: float) -> Any:
 
 def step(panel_logic: Any) -> Any:
     """Show the next frame; return its status."""
-    before = panel_logic.spin().position_s
+    before = panel_logic.refresh().position_s
     panel_logic.step()
     return spin_until(panel_logic, lambda now: now.position_s > before)
 

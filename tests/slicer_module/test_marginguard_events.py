@@ -91,7 +91,7 @@ def test_directions_are_those_of_the_surface_at_the_stop_margin(panel_logic):
     content = panel_logic.session.started().content
     tip_mm = panel_logic.session.shown_step.tumor_from_tip.translation_mm
     at_tumor = AxisDistances(content.tumor).at(tip_mm)
-    words = panel_logic.spin().directions.split()
+    words = panel_logic.refresh().directions.split()
     numbers = [float(text) for text in words[1::2] if text != "\N{EN DASH}"]
     expected = [each for each in at_tumor.values() if each is not None]
     np.testing.assert_allclose(sorted(numbers), sorted(expected), atol=0.051)
@@ -99,12 +99,12 @@ def test_directions_are_those_of_the_surface_at_the_stop_margin(panel_logic):
 
 def test_widgets_list_events_and_jump(panel, opens_at_once, errors):
     ui, logic = panel.ui, panel.logic.panel_logic
-    panel.spin()
+    panel.refresh()
     assert not (ui.addNoteButton.isEnabled() or ui.goToBreachButton.isEnabled())
     assert (ui.breachLabel.text(), ui.breachTableWidget.rowCount()) == ("no breach", 0)
     logic.load_case(CASE)
     spin_until(logic, lambda now: now.position_s is not None)
-    panel.spin()
+    panel.refresh()
     assert ui.breachLabel.text().startswith("3 breaches so far, deepest ")
     assert ui.breachTableWidget.rowCount() == 3
     begins_s = [float(ui.breachTableWidget.item(n, 0).text().split()[0]) for n in range(3)]
@@ -113,10 +113,10 @@ def test_widgets_list_events_and_jump(panel, opens_at_once, errors):
     ui.goToBreachButton.click()
     status = spin_until(logic, lambda now: now.state is MarginState.POSITIVE)
     assert abs(status.position_s - middle_s(DEEP)) < DEEP["end_s"] - DEEP["start_s"]
-    panel.spin()
+    panel.refresh()
     ui.noteLineEdit.setText("in the tumour")
     ui.addNoteButton.click()
-    panel.spin()
+    panel.refresh()
     assert ui.noteLineEdit.text() == ""
     assert ui.noteTableWidget.item(0, 1).text() == "in the tumour"
     ui.noteTableWidget.setCurrentCell(0, 1)
@@ -124,5 +124,5 @@ def test_widgets_list_events_and_jump(panel, opens_at_once, errors):
     assert spin_until(logic, lambda now: now.position_s is not None).position_s > 0.0
 
     # The replay plays on: the step after one with directions may have none.
-    wait_until(lambda: "A" in ui.directionsLabel.text(), panel.spin)
+    wait_until(lambda: "A" in ui.directionsLabel.text(), panel.refresh)
     assert errors == []

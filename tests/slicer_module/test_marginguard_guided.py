@@ -176,7 +176,7 @@ def test_commands_of_a_session_that_is_over_are_refused(replayed):
         calibration.stop()  # nothing of the new recording was shown yet
     spin_until(replayed, lambda now: now.calibration.is_recording)
     replayed.end_session()
-    status = replayed.spin()
+    status = replayed.refresh()
     assert not (status.calibration.can_start or status.touch.can_start)
     with pytest.raises(InputError, match="there is no session"):
         replayed.calibration()

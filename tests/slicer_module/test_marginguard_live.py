@@ -48,7 +48,7 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     with config.open("a") as file:
         file.write("needle: {frame: needle, length_mm: 60}\n")
     panel_logic.connect(config)
-    assert panel_logic.spin().session == "connecting ..."
+    assert panel_logic.refresh().session == "connecting ..."
     with pytest.raises(MarginGuardError, match="no case is loaded"):
         panel_logic.pause()
     with pytest.raises(
@@ -137,11 +137,11 @@ def test_case_that_is_still_being_opened_does_not_end_live_session(panel_logic, 
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", open_slowly)
     monkeypatch.setattr("MarginGuardLib.logic.LiveStepRun", WaitingRun)
     panel_logic.load_case(CASE)
-    assert panel_logic.spin().message == "opening the case ..."
+    assert panel_logic.refresh().message == "opening the case ..."
     panel_logic.connect(CASE)
     go_on.set()
     opened.wait()
     for _ in range(5):
-        status = panel_logic.spin()
+        status = panel_logic.refresh()
         assert status.is_live
         assert status.message == ""

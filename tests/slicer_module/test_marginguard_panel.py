@@ -55,6 +55,7 @@ class CommandsDouble:
     def __init__(self, panel_logic):
         self.panel_logic, self.calls = panel_logic, []
         self.alarm, self.spin = panel_logic.alarm, panel_logic.spin
+        self.refresh = panel_logic.refresh
         self.margins, self.close = panel_logic.margins, panel_logic.close
 
     def alarm_due(self):
@@ -297,12 +298,12 @@ def test_refused_command_opens_window_with_one_line(panel, errors):
         "nothing is shown yet; expected a session: connect or load a case first",
         "there is no session; expected one: connect or load a case first",
     ]
-    panel.spin()
+    panel.refresh()
     assert panel.ui.bullseyeButton.isChecked() is False
 
 
 def test_panel_without_session_is_grey_and_enables_possible_commands(panel):
-    panel.spin()
+    panel.refresh()
     assert panel.ui.bannerLabel.text() == "? UNKNOWN: nothing was tracked yet"
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
     enabled = {name for name in BUTTONS if getattr(panel.ui, name).isEnabled()}
@@ -336,7 +337,7 @@ def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
 
 def test_replayed_case_is_shown(panel, desktop, opens_at_once):
     def until(is_reached):
-        wait_until(is_reached, panel.spin, describe=panel.ui.messageLabel.text)
+        wait_until(is_reached, panel.refresh, describe=panel.ui.messageLabel.text)
 
     ui = panel.ui
     ui.casePathLineEdit.setText(str(CASE))
@@ -367,7 +368,7 @@ def test_replayed_case_is_shown(panel, desktop, opens_at_once):
     ui.stepButton.click()
     until(lambda: ui.seekSlider.property("value") > moment_s + 0.01)
     ui.muteButton.click()
-    panel.spin()
+    panel.refresh()
     assert desktop.qt.QApplication.beeps == beeps
     ui.playButton.click()
     until(lambda: ui.pauseButton.isEnabled())
@@ -376,7 +377,7 @@ def test_replayed_case_is_shown(panel, desktop, opens_at_once):
 
 
 def test_banner_is_drawn_in_colour_of_state(panel):
-    panel.spin()
+    panel.refresh()
     panel.parent.resize(430, 1000)
     banner = panel.ui.bannerLabel
     drawn = banner.grab().toImage().pixelColor(2, 2)

@@ -22,6 +22,7 @@ from tests.slicer_module.marginguard_module import (
     INVALID,
     MISSING,
     SILENT,
+    STATUS_NS,
     PanelLogic,
     frame_times_s,
     node_of,
@@ -125,7 +126,7 @@ def test_step_pauses_rendering_once(panel_logic, application):
     panel_logic.step()
     while panel_logic.session.position_s == before:
         events.clear()
-        panel_logic.spin(0.02)
+        panel_logic.refresh(0.02)
     assert events == ["PauseRenderEvent", "ResumeRenderEvent"]
 
 
@@ -136,7 +137,7 @@ def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock,
     status = spin_until(panel_logic, lambda now: not now.has_session)
     assert status.session.endswith("ended")
     clock.ns += round((STALE_AFTER_S + 0.001) * 1e9)
-    status = panel_logic.spin(0.0)
+    status = panel_logic.refresh(0.0)
     assert status.state is MarginState.UNKNOWN
     assert status.banner.startswith("UNKNOWN: not to be trusted, data 0.1 s old")
     assert status.reasons == "stale"
@@ -148,14 +149,14 @@ def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock,
 def test_paused_replay_does_not_age_but_stalled_replay_does(panel_logic, application, clock):
     show(panel_logic, BREACH_S)
     clock.ns += 10_000_000_000
-    panel_logic.spin(0.0)
+    panel_logic.refresh(0.0)
     assert tumor_color(application) == RED
 
     # Within the lock the worker cannot step.
     with panel_logic.session.thread.run.between_steps():
         panel_logic.play()
         clock.ns += round((STALE_AFTER_S + 0.001) * 1e9)
-        status = panel_logic.spin(0.0)
+        status = panel_logic.refresh(0.0)
         assert status.state is MarginState.UNKNOWN
         assert tumor_color(application) == GREY
         assert not line(application).GetVisibility()
@@ -247,7 +248,7 @@ def test_rearm_is_refused_after_margin_change_that_was_not_displayed(panel_logic
     assert "rearm from the panel REFUSED: " in status.request  # the request after the change
     panel_logic.rearm()
     assert panel_logic.margins().stop_mm == 0.5
-    assert "rearm from the panel accepted: " in panel_logic.spin().request
+    assert "rearm from the panel accepted: " in panel_logic.refresh().request
 
 
 def first_display(node):
@@ -268,7 +269,7 @@ def test_deleted_node_makes_panel_unknown_until_next_step(panel_logic, applicati
     assert show(panel_logic, NEAR_S).state is MarginState.NEGATIVE
     node = node_of(application, name)
     application.scene.RemoveNode(node if of is None else of(node))
-    status = panel_logic.spin(0.0)
+    status = panel_logic.refresh(0.0)
     assert status.state is MarginState.UNKNOWN
     assert status.banner.startswith("UNKNOWN: nothing is shown, ")
     assert name in status.message
@@ -285,7 +286,22 @@ def test_foreign_colour_is_read_as_unknown(panel_logic, application):
     show(panel_logic, NEAR_S)
     node_of(application, "Tumor").GetDisplayNode().SetColor(0.2, 0.4, 0.9)
     assert panel_logic.session.readout()[0] is MarginState.UNKNOWN
-    assert panel_logic.spin(0.0).state is MarginState.NEGATIVE  # and is overwritten
+    assert panel_logic.refresh(0.0).state is MarginState.NEGATIVE  # and is overwritten
+
+
+def test_status_is_due_in_another_state_and_after_its_interval(panel_logic, monkeypatch):
+    now_ns = [10**9]
+    monkeypatch.setattr(panel_logic, "_clock_ns", lambda: now_ns[0])
+    show(panel_logic, NEAR_S)
+    assert panel_logic.spin() is None
+    now_ns[0] += STATUS_NS
+    assert panel_logic.spin().state is MarginState.NEGATIVE
+    assert panel_logic.spin() is None
+    panel_logic.seek(middle_s(DEEP))
+    wait_until(lambda: panel_logic.spin() is not None)
+    assert panel_logic.session.readout()[0] is MarginState.POSITIVE
+    now_ns[0] -= STATUS_NS  # a clock that is set back
+    assert panel_logic.spin() is not None
 
 
 def test_tumour_for_ended_session_is_reported_as_not_set(panel_logic, application, monkeypatch):
@@ -341,7 +357,7 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     middle = world_points(model).mean(axis=0)
     assert camera.GetFocalPoint() == pytest.approx(middle, abs=1e-6)
     camera.SetFocalPoint(0.0, 0.0, 0.0)
-    panel_logic.spin()
+    panel_logic.refresh()
     assert camera.GetFocalPoint() == pytest.approx(middle, abs=1e-6)
     panel_logic.view.follow_tool(True)
     assert not panel_logic.view.keeps_tumor
@@ -356,7 +372,7 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     panel_logic.view.set_patient_to_ras(patient)
     moved = world_matrix(tip)[:3, 3]
     assert moved - there == pytest.approx([100.0, 0.0, 0.0], abs=1e-9)
-    assert panel_logic.spin().state is MarginState.POSITIVE  # only the display has changed
+    assert panel_logic.refresh().state is MarginState.POSITIVE  # only the display has changed
     with pytest.raises(
         MarginGuardError, match="CauteryToReference is below ReferenceToRas; expected"
     ):

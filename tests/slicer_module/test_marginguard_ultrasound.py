@@ -36,7 +36,7 @@ def panel_logic(unconnected):
 def shown_image(logic, number):
     """Show the moment of image ``number`` of the case."""
     spin_until(logic, lambda now: now.position_s is not None)
-    while logic.spin().ultrasound.text != f"image {number}":
+    while logic.refresh().ultrasound.text != f"image {number}":
         step(logic)
 
 
@@ -144,7 +144,7 @@ def test_frozen_image_stays_in_the_frame_that_the_tumour_moves_with(
     status = step(panel_logic)
     assert status.ultrasound.text == f"FROZEN: not current, image {FIRST}"
     panel_logic.ultrasound.freeze(False)
-    assert panel_logic.spin().ultrasound.text == f"image {FIRST + 1}"
+    assert panel_logic.refresh().ultrasound.text == f"image {FIRST + 1}"
     panel_logic.end_session()
     assert node_of(application, VOLUME_NAME) is None
     assert node_of(application, TRANSFORM_NAME) is None

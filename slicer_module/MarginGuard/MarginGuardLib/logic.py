@@ -14,8 +14,8 @@ from slicer import (
     vtkMRMLScene,
 )
 
-from app.fixture import MarginParameters
-from app.geometry import InputError
+from app.fixture import MarginParameters, MarginState
+from app.geometry import NS_PER_S, InputError
 from app.registration import RegistrationResult
 from app.runtime import (
     Record,
@@ -48,6 +48,9 @@ from .tumor_input import surface_of
 from .ultrasound import PanelUltrasound
 from .view import PanelView
 
+STATUS_NS = NS_PER_S // 20
+"""Interval of the status while the state does not change."""
+
 
 class PanelLogic:
     """Commands for one session at a time, live or replayed, shown in ``mrml_scene``.
@@ -74,6 +77,8 @@ class PanelLogic:
         self.candidate: RegistrationResult | None = None
         self._mrml_scene = mrml_scene
         self._clock_ns = clock_ns
+        self._displayed_state: MarginState | None = None
+        self._displayed_ns = 0
         self._jobs = Jobs(changed)
         self._changed = changed
         self.contour = PanelContour(self.session, mrml_scene, logic, self._jobs, changed)
@@ -223,11 +228,27 @@ class PanelLogic:
             raise InputError("registration: the session has no robot; expected one")
         return registration
 
-    def spin(self, wait_s: float = 0.0) -> PanelStatus:
-        """Show the newest step, show stale data as unknown, and return the status.
+    def refresh(self, wait_s: float = 0.0) -> PanelStatus:
+        """Show the newest step in the scene, and return the status, to be displayed at once."""
+        self._update(wait_s)
+        self._displayed_state, self._displayed_ns = self.session.readout()[0], self._clock_ns()
+        return self._status()
 
-        Waits for a step and for the running job, for each at most ``wait_s``.
+    def spin(self) -> PanelStatus | None:
+        """As `refresh`; None where the state is that of the status before, `STATUS_NS` ago at most.
+
+        The scene follows every step. Nobody reads texts that change as fast, and writing them
+        takes longer than moving the scene.
         """
+        self._update(0.0)
+        state, age_ns = self.session.readout()[0], self._clock_ns() - self._displayed_ns
+        if state is self._displayed_state and 0 <= age_ns < STATUS_NS:
+            return None
+        self._displayed_state, self._displayed_ns = state, self._clock_ns()
+        return self._status()
+
+    def _update(self, wait_s: float) -> None:
+        """Wait for a step and for the running job, for each at most ``wait_s``."""
         failure = self._jobs.collect() or self.session.requests.collect()
         if failure:
             self._message = failure
@@ -245,7 +266,6 @@ class PanelLogic:
             self._message = self.view.failure
         self._jobs.wait(wait_s)
         session.requests.wait(wait_s)
-        return self._status()
 
     def alarm_due(self) -> bool:
         """Return True if the alarm has to sound now."""

@@ -12,7 +12,7 @@ class MarginGuardPanelTest(unittest.TestCase):
         """``setup`` connects every handler, and raises for a wrong name."""
         widget = slicer.util.getNewModuleWidget("MarginGuard")
         try:
-            widget.spin()
+            widget.refresh()
             self.assertEqual(widget.ui.bannerLabel.text[:7], "UNKNOWN")
             self.assertFalse(widget.ui.playButton.enabled)
         finally:
