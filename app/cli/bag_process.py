@@ -5,26 +5,20 @@ standard input: a `BagRequest`, what follows in the replay, and None at its end.
 `BagAnswer` to standard output. Without the None it ends silently; the bag is then not complete.
 """
 
-import os
 import pickle
-import sys
 import time
 from typing import IO, Any
 
 from app.cli.bag_writing import BagAnswer, BagRequest
 from app.cli.gc_control import GcPause
+from app.files.child_process import answer_request
 from app.files.extras import install_hint
 
 
 def main() -> None:
     """Write one bag."""
-    # Libraries that print to standard output must not corrupt the answer.
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, GcPause() as memory:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        pickle.dump(_answered(sys.stdin.buffer, memory), answer)
-    sys.stderr.flush()
-    # Skip the teardown of native libraries: everything is written.
-    os._exit(0)
+    with GcPause() as memory:
+        answer_request(lambda stream: [pickle.dumps(_answered(stream, memory))])
 
 
 def _answered(stream: IO[bytes], memory: GcPause) -> BagAnswer:

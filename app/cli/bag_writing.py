@@ -1,10 +1,8 @@
 """Writes the messages of a replay to a bag, in another process, while the replay goes on."""
 
-import os
 import pickle
 import queue
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Self
 
-from app.files.shipped import checkout
+from app.files.child_process import module_command, same_code
 from app.runtime.priority import work_behind
 
 if TYPE_CHECKING:
@@ -55,12 +53,11 @@ class BagProcess:
     """
 
     def __enter__(self) -> Self:
-        paths = [str(checkout() or ""), os.environ.get("PYTHONPATH")]
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "app.cli.bag_process"],
+            module_command("app.cli.bag_process"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+            env=same_code(),
             start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
         )
         work_behind(self._process)

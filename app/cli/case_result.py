@@ -6,14 +6,15 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from app.cli.child_of_command import child_of_command
 from app.files.bounded_io import read_bounded
+from app.files.child_process import reported_error
 from app.geometry import InputError
 
 if TYPE_CHECKING:
@@ -25,10 +26,6 @@ _PICTURE_SIZE = (480, 300)
 _MAX_PICTURE_BYTES = 64 << 20
 _NICE = 10
 _MAX_ERROR_BYTES = 1 << 16
-
-
-def _child(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "app.cli.child_of_command", str(os.getpid()), *arguments]
 
 
 class CaseReplays:
@@ -45,7 +42,7 @@ class CaseReplays:
         with TemporaryDirectory() as report:
             command = ["replay", str(folder), "--no-ros", "--json", "--report", report]
             process = subprocess.Popen(
-                ["nice", "-n", str(_NICE), *_child(*command, *self._options)],
+                ["nice", "-n", str(_NICE), *child_of_command(*command, *self._options)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -119,7 +116,7 @@ class OpenedPage:
         await loop.run_in_executor(None, self.close)
         # In this thread: a child of another one would end with that thread.
         process = self._process = subprocess.Popen(
-            _child("--json", "view", str(folder), *self._options),
+            child_of_command("--json", "view", str(folder), *self._options),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -158,11 +155,8 @@ def _kill(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _reason(errors: bytes) -> str:
-    """The message of the error that a command printed with ``--json``."""
-    for line in reversed(errors.decode(errors="replace").splitlines()):
-        with suppress(ValueError, KeyError, TypeError):
-            return " ".join(str(json.loads(line)["error"]["message"]).split())
-    return ""
+    """The last error among the lines that a command has printed."""
+    return next(filter(None, map(reported_error, reversed(errors.splitlines()))), "")
 
 
 def _small_picture(path: Path) -> bytes | None:

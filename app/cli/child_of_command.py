@@ -12,6 +12,11 @@ import sys
 _PR_SET_PDEATHSIG = 1
 
 
+def child_of_command(*arguments: str) -> list[str]:
+    """The command line of ``marginguard ARGUMENTS`` as a child of this process."""
+    return [sys.executable, "-m", "app.cli.child_of_command", str(os.getpid()), *arguments]
+
+
 def end_with_parent(parent: int) -> None:
     """Request SIGTERM for the death of ``parent``; exit at once if it has died already."""
     if not sys.platform.startswith("linux"):

@@ -1,12 +1,11 @@
 """Commands that run beside another command, each a process of its own, and end with it."""
 
-import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 
+from app.cli.child_of_command import child_of_command
 from app.geometry import InputError
 
 END_TIMEOUT_S = 15.0
@@ -31,14 +30,7 @@ class CommandGroup:
     def start(self, command: str, *arguments: str) -> None:
         """Start ``marginguard COMMAND ARGUMENTS``."""
         process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "app.cli.child_of_command",
-                str(os.getpid()),
-                command,
-                *arguments,
-            ],
+            child_of_command(command, *arguments),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,

@@ -5,7 +5,6 @@ are tried in another process, so that a crash is a result like any other.
 """
 
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +14,7 @@ from pathlib import Path
 from app.cli.shipped_checks import check_shipped
 from app.cli.state_checks import check_state
 from app.cli.system_checks import Check, check_building, check_machine, checked
+from app.files.child_process import ChildError, run_to_end
 from app.files.extras import DISTRIBUTION, install_command, install_interfaces
 from app.files.shipped import checkout
 from app.files.state_folder import state_folder
@@ -45,16 +45,11 @@ Probe = Callable[[str], tuple[bool, str]]
 def run_probe(code: str) -> tuple[bool, str]:
     """`Probe` that runs ``code`` with this Python in a process of its own."""
     try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", code],
-            capture_output=True,
-            text=True,
-            timeout=PROBE_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return False, f"no answer in {PROBE_TIMEOUT_S:g} s"
-    lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
+        done = run_to_end([sys.executable, "-P", "-c", code], PROBE_TIMEOUT_S)
+    except ChildError as problem:
+        return False, str(problem)
+    printed = done.stdout if done.returncode == 0 else done.stderr
+    lines = printed.decode(errors="replace").strip().splitlines()
     if done.returncode < 0:
         lines.append(f"killed by signal {-done.returncode}")
     return done.returncode == 0, lines[-1].strip() if lines else f"exit status {done.returncode}"

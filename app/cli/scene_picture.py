@@ -1,6 +1,5 @@
 """Draws a replay in 3D Slicer's scene, in another process: a picture, a scene file, a movie."""
 
-import os
 import pickle
 import subprocess
 import sys
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from app.files.shipped import checkout
+from app.files.child_process import module_command, same_code
 from app.runtime.priority import work_behind
 
 if TYPE_CHECKING:
@@ -49,13 +48,11 @@ class ScenePainter:
     """
 
     def __enter__(self) -> Self:
-        # The process finds this package from any working directory, and no app.py there.
-        paths = [str(checkout() or ""), os.environ.get("PYTHONPATH")]
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "app.cli.scene_process"],
+            module_command("app.cli.scene_process"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+            env=same_code(),
             start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
         )
         work_behind(self._process)

@@ -5,7 +5,6 @@ It loads 3D Slicer's scene and the renderer, which takes seconds, and then reads
 bytes, or the reason why there are none. Without a request it ends silently.
 """
 
-import os
 import pickle
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from typing import IO, TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO
+from app.files.child_process import answer_request
 from app.files.extras import install_hint
 
 if TYPE_CHECKING:
@@ -28,13 +28,8 @@ _WARMUP_SIZE = (160, 120)
 
 def main() -> None:
     """Answer one request."""
-    # Libraries that print to standard output must not corrupt the answer.
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, GcPause() as memory:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        answer.write(_answered(sys.stdin.buffer, memory))
-    sys.stderr.flush()
-    # Skip the teardown of native libraries, which has crashed after everything was written.
-    os._exit(0)
+    with GcPause() as memory:
+        answer_request(lambda stream: [_answered(stream, memory)])
 
 
 def _answered(stream: IO[bytes], memory: GcPause) -> bytes:

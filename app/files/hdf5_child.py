@@ -5,17 +5,14 @@ The standard input has the limit of processor time in s (8 bytes), then each fil
 """
 
 import json
-import os
-import resource
-import signal
 import struct
-import sys
 from collections.abc import Iterator
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import h5py
+
+from app.files.child_process import answer_request, limit_this_process
 
 MAX_MEMORY_BYTES = 256 * 1024 * 1024
 """Limit for the memory that reading adds to that of the interpreter."""
@@ -28,21 +25,11 @@ _PARAMETERS = ("TransformParameters", "TranformParameters")
 _FIXED = ("TransformFixedParameters", "TranformFixedParameters")
 
 
-def main() -> None:
-    """Answer the request on the standard input."""
-    output = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    for line in answers(sys.stdin.buffer.read()):
-        output.write(line)
-        output.flush()
-    os._exit(0)
-
-
 def answers(request: bytes) -> Iterator[bytes]:
     """Yield the line of each file of ``request``. Limits this process."""
     stream = BytesIO(request)
     (max_cpu_s,) = struct.unpack(">d", stream.read(8))
-    _limit(max_cpu_s)
+    limit_this_process(max_cpu_s, MAX_MEMORY_BYTES)
     while header := stream.read(8):
         (size,) = struct.unpack(">Q", header)
         yield _answer(stream.read(size)) + b"\n"
@@ -57,16 +44,6 @@ def _answer(content: bytes) -> bytes:
         text = " ".join(str(problem).split())[:200]
         found = {"error": text if text.isprintable() else type(problem).__name__}
     return json.dumps(found).encode("ascii")
-
-
-def _limit(max_cpu_s: float) -> None:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    addresses = pages * resource.getpagesize() + MAX_MEMORY_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (addresses, addresses))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, max_cpu_s)
 
 
 def _transforms(file: h5py.File) -> dict[str, Any]:
@@ -126,4 +103,4 @@ def _numbers(group: h5py.Group, names: tuple[str, ...]) -> list[float]:
 
 
 if __name__ == "__main__":
-    main()
+    answer_request(lambda request: answers(request.read()))

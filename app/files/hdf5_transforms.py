@@ -5,14 +5,13 @@ process of its own with limits (`app.files.hdf5_child`), one for all files of a 
 """
 
 import json
-import os
 import signal
 import struct
-import subprocess
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
+from app.files.child_process import Ask, ChildError, ask
 from app.files.extras import check_installed
 from app.files.itk_parameters import ITK_LINEAR, matrix_from_parameters
 from app.geometry import FloatArray, InputError, MarginGuardError
@@ -26,29 +25,16 @@ CPU_S_PER_FILE = 0.002
 """Limits of the processor time; a file takes about 0.3 ms."""
 MAX_WALL_S = 60.0
 
-Start = Callable[[bytes], tuple[int, bytes]]
-"""Runs `hdf5_child.answers` on a request in a new process; returns its exit status and output."""
-
-
-def start_python(request: bytes) -> tuple[int, bytes]:
-    """Run the request in a new interpreter, which imports the same code."""
-    done = subprocess.run(
-        [sys.executable, "-m", "app.files.hdf5_child"],
-        input=request,
-        capture_output=True,
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            "HDF5_PLUGIN_PRELOAD": "::",  # loads no filter from a folder of the system
-        },
-        timeout=MAX_WALL_S,
-        check=False,
-    )
-    return done.returncode, done.stdout
+_ASK = partial(
+    ask,
+    "app.files.hdf5_child",
+    max_s=MAX_WALL_S,
+    HDF5_PLUGIN_PRELOAD="::",  # loads no filter from a folder of the system
+)
 
 
 def read_hdf5_matrices(
-    contents: Sequence[bytes], places: Sequence[str], *, start: Start = start_python
+    contents: Sequence[bytes], places: Sequence[str], *, ask: Ask = _ASK
 ) -> list[FloatArray]:
     """The matrices (4, 4), to parent and in RAS, of files of which each has one linear transform.
 
@@ -65,11 +51,9 @@ def read_hdf5_matrices(
         [limit, *(struct.pack(">Q", len(content)) + content for content in contents)]
     )
     try:
-        status, reply = start(request)
-    except subprocess.TimeoutExpired as problem:
-        raise InputError(f"{places[0]}: reading takes more than {MAX_WALL_S:g} s") from problem
-    except OSError as problem:
-        raise InputError(f"{places[0]} cannot be read: {problem.strerror}") from problem
+        status, reply = ask(request)
+    except ChildError as problem:
+        raise InputError(f"{places[0]} cannot be read: the HDF5 library {problem}") from problem
     # The reply has one line per file; where the process has ended, that file is the cause.
     lines = reply.splitlines()
     matrices = [_matrix(line, place) for line, place in zip(lines, places, strict=False)]

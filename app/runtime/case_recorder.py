@@ -8,7 +8,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from app.case import SessionValues, sent_values
+from app.files.child_process import module_command, reported_error, same_code
 from app.geometry import InputError
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -186,14 +186,12 @@ class _Recording:
         self._has_begun = self._stopping = False
         self._writing = threading.Lock()
         self._began, self._done = threading.Event(), threading.Event()
-        root = str(Path(__file__).resolve().parents[2])
-        known = os.environ.get("PYTHONPATH")
         self._process = subprocess.Popen(
             arguments,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{known}" if known else root},
+            env=same_code(),
             start_new_session=True,  # Ctrl-C ends the session, which then ends the recording
         )
         errors = threading.Thread(target=self._read_errors, name="recorder errors", daemon=True)
@@ -270,13 +268,11 @@ class _Recording:
 
     def _read_errors(self) -> None:
         for line in _lines(self._process.stderr):
-            error = _object(line).get("error")
-            if isinstance(error, dict):
-                self._error = " ".join(str(error.get("message", "")).split())
+            self._error = reported_error(line) or self._error
 
 
 def _command() -> list[str]:
-    return [sys.executable, "-m", "app.cli", "record", "--json", "--until-eof"]
+    return module_command("app.cli", "record", "--json", "--until-eof")
 
 
 def _lines(stream: IO[bytes] | None) -> Sequence[bytes] | IO[bytes]:

@@ -9,14 +9,13 @@ import logging
 import os
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar, cast
 
+from app.files.child_process import module_command, same_code
 from app.geometry import InputError
 from app.runtime.memory_file import read_object, write_object
 from app.runtime.priority import work_behind
@@ -153,14 +152,12 @@ class ComputeProcess:
 
 def _start() -> tuple["subprocess.Popen[bytes]", socket.socket]:
     here, there = socket.socketpair()
-    root = str(Path(__file__).resolve().parents[2])
-    known = os.environ.get("PYTHONPATH")
     with there:
         process = subprocess.Popen(
-            [sys.executable, "-m", "app.runtime.compute_worker", str(there.fileno())],
+            module_command("app.runtime.compute_worker", str(there.fileno())),
             pass_fds=[there.fileno()],
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{known}" if known else root},
+            env=same_code(),
         )
     work_behind(process)
     return process, here

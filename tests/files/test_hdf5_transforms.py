@@ -132,7 +132,7 @@ def test_process_that_ends_is_an_error_that_names_its_file():
     with pytest.raises(
         InputError, match="first cannot be read: the HDF5 library ended with status -11"
     ):
-        read_hdf5_matrices([b""], ["first"], start=lambda request: (-11, b""))
+        read_hdf5_matrices([b""], ["first"], ask=lambda request: (-11, b""))
 
 
 def test_missing_h5py_names_the_extra(tmp_path, monkeypatch):

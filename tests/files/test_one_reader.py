@@ -53,9 +53,8 @@ READS_OWN_FILES = {
     "fixture/jit.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "cohort/dataset.py": "the journal and the partitions of an earlier run",
-    "files/hdf5_child.py": "a table of the kernel",
+    "files/child_process.py": "a table of the kernel",
     "report/bundle.py": "scripts and styles of this project",
-    "robot/description/xacro_child.py": "a table of the kernel",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
     "viewer/calibration_part.py": "the tip that this process wrote",
     "viewer/contour_part.py": "the surface that this process wrote",
@@ -109,10 +108,7 @@ OPENS_FILES = {
     # A video in a temporary folder of its own.
     "files/video_file.py": {"av.open"},
     # Pipes between processes, and the folder of own caches.
-    "cli/bag_process.py": {"os.fdopen"},
-    "cli/scene_process.py": {"os.fdopen"},
-    "files/hdf5_child.py": {"os.open", "os.fdopen"},
-    "robot/description/xacro_child.py": {"os.open", "os.fdopen"},
+    "files/child_process.py": {"os.fdopen"},
     "cli/caches.py": {"os.open"},
 }
 """Files of ``app`` that open files otherwise than by the bounded read."""

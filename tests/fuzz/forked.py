@@ -9,14 +9,14 @@ from collections.abc import Callable
 
 
 def start_forked(request: bytes) -> tuple[int, bytes]:
-    """Answer ``request`` in a forked child; see `app.robot.description.xacro_file.Start`."""
+    """Answer ``request`` in a forked child; see `app.files.child_process.Ask`."""
     from app.robot.description.xacro_child import answer  # slow to load
 
     return _forked(answer, request)
 
 
 def start_forked_hdf5(request: bytes) -> tuple[int, bytes]:
-    """Answer ``request`` in a forked child; see `app.files.hdf5_transforms.Start`."""
+    """Answer ``request`` in a forked child; see `app.files.child_process.Ask`."""
     from app.files.hdf5_child import answers  # slow to load
 
     return _forked(lambda content: b"".join(answers(content)), request)

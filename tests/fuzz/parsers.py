@@ -98,7 +98,7 @@ def _read_needle(path: Path) -> object:
 
 def _read_hdf5(path: Path) -> None:
     content = read_bounded(path, MAX_INPUT_BYTES)
-    read_hdf5_matrices([content], [str(path)], start=start_forked_hdf5)
+    read_hdf5_matrices([content], [str(path)], ask=start_forked_hdf5)
 
 
 def _read_case_mesh(path: Path) -> object:
@@ -110,7 +110,7 @@ def _read_received_urdf(path: Path) -> None:
 
 
 def _read_xacro(path: Path) -> None:
-    data = expand_xacro(path, {}, start=start_forked)
+    data = expand_xacro(path, {}, ask=start_forked)
     robot_from_text(data.decode(), name=str(path), allowed_dirs=[path.parent])
 
 

@@ -9,7 +9,6 @@ import argparse
 import os
 import re
 import shlex
-import subprocess
 import sys
 import sysconfig
 from collections.abc import Mapping
@@ -107,25 +106,9 @@ def _check_version(program: Path) -> None:
     from app.geometry import InputError
 
     environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    environment["QT_QPA_PLATFORM"] = "offscreen"
     expected = "expected the program of 3D Slicer 5.x, which prints 'Slicer 5.x'"
-    try:
-        answer = subprocess.run(
-            [str(program), "--version"],
-            capture_output=True,
-            text=True,
-            errors="replace",
-            stdin=subprocess.DEVNULL,
-            timeout=_VERSION_TIMEOUT_S,
-            check=False,
-            env={**environment, "QT_QPA_PLATFORM": "offscreen"},
-        )
-    except subprocess.TimeoutExpired as error:
-        raise InputError(
-            f"{program} --version did not answer within {_VERSION_TIMEOUT_S:g} s; {expected}"
-        ) from error
-    except OSError as error:
-        raise InputError(f"{program} cannot be started: {error.strerror}; {expected}") from error
-    output = " ".join((answer.stdout + answer.stderr).split())
+    output = _printed(program, "--version", expected, environment)
     found = re.search(r"\bSlicer (\d+)\.\d+", output)
     if found is None:
         raise InputError(f"{program} --version printed {output[:80]!r}; {expected}")
@@ -146,23 +129,28 @@ def _check_python(program: Path) -> None:
             file=sys.stderr,
         )
         return
-    try:
-        answer = subprocess.run(
-            [str(python), "-V"],
-            capture_output=True,
-            text=True,
-            timeout=_VERSION_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise InputError(f"{python} -V did not answer within {_VERSION_TIMEOUT_S:g} s") from error
-    output = " ".join((answer.stdout + answer.stderr).split())
+    expected = f"expected 'Python {ours}'"
+    output = _printed(python, "-V", expected)
     found = re.search(r"\bPython (\d+\.\d+)\b", output)
     if found is None:
-        raise InputError(f"{python} -V printed {output[:80]!r}; expected 'Python {ours}'")
+        raise InputError(f"{python} -V printed {output[:80]!r}; {expected}")
     if found[1] != ours:
         raise InputError(
             f"{program} has Python {found[1]}; expected {ours}, which these packages are for: "
             f"create an environment with Python {found[1]} (3.11 to 3.13), or use a Slicer with "
             f"Python {ours}"
         )
+
+
+def _printed(
+    program: Path, option: str, expected: str, environment: Mapping[str, str] | None = None
+) -> str:
+    """What ``program option`` prints, in one line; raises `InputError` without an answer."""
+    from app.files.child_process import ChildError, run_to_end
+    from app.geometry import InputError
+
+    try:
+        done = run_to_end([str(program), option], _VERSION_TIMEOUT_S, environment=environment)
+    except ChildError as error:
+        raise InputError(f"{program} {option} {error}; {expected}") from error
+    return " ".join((done.stdout + done.stderr).decode(errors="replace").split())

@@ -10,9 +10,6 @@ import errno
 import json
 import os
 import re
-import resource
-import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -24,6 +21,7 @@ import xacro
 import xacro.substitution_args
 
 from app.files.bounded_io import is_file, read_bounded
+from app.files.child_process import answer_request, limit_this_process
 from app.files.suggestions import did_you_mean
 from app.files.xml_guard import read_xml
 from app.robot.description.mesh_locator import MeshLocator
@@ -37,15 +35,6 @@ _UNDEFINED = re.compile(r"Undefined substitution argument (\S+)")
 _PYTHON_CLASS = re.compile(r"<class '[\w.]+'>:? ?")
 
 
-def main() -> None:
-    """Answer the request on the standard input."""
-    output = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    output.write(answer(sys.stdin.buffer.read()))
-    output.flush()
-    os._exit(0)
-
-
 def answer(request: bytes) -> bytes:
     """Expand the file of the request; the reply is ``U`` and the URDF, or ``E`` and the error.
 
@@ -53,7 +42,7 @@ def answer(request: bytes) -> bytes:
     """
     values = json.loads(request)
     path = Path(values["path"])
-    _limit(values["max_cpu_s"])
+    limit_this_process(values["max_cpu_s"], MAX_MEMORY_BYTES)
     try:
         locator = MeshLocator(path, values["package_dirs"])
         return b"U" + _expand(
@@ -65,16 +54,6 @@ def answer(request: bytes) -> bytes:
         return b"E" + (
             f"{path} cannot be expanded: it needs more than {MAX_MEMORY_BYTES >> 20} MiB"
         ).encode("utf-8", "replace")
-
-
-def _limit(max_cpu_s: float) -> None:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    addresses = pages * resource.getpagesize() + MAX_MEMORY_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (addresses, addresses))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # writes to pipes are not limited
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, max_cpu_s)
 
 
 def _expand(path: Path, arguments: dict[str, str], reader: "_Reader", max_bytes: int) -> bytes:
@@ -201,4 +180,4 @@ def _one_line(problem: BaseException) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    answer_request(lambda request: [answer(request.read())])

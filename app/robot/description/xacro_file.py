@@ -11,11 +11,11 @@ the file's package (its own folder where it has none) or in that of a package fo
 import json
 import os
 import signal
-import subprocess
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
+from app.files.child_process import Ask, ChildError, ask
 from app.robot.description.urdf import MAX_URDF_BYTES
 from app.robot.errors import UrdfError
 
@@ -25,8 +25,7 @@ MAX_CPU_S = 1.5
 MAX_WALL_S = 30.0
 """Limit for the time of an expansion on a machine that is busy with other things."""
 
-Start = Callable[[bytes], tuple[int, bytes]]
-"""Runs `xacro_child.answer` on a request in a new process; returns its exit status and output."""
+_ASK = partial(ask, "app.robot.description.xacro_child", max_s=MAX_WALL_S)
 
 
 def parse_xacro_args(entries: list[str]) -> dict[str, str]:
@@ -40,25 +39,12 @@ def parse_xacro_args(entries: list[str]) -> dict[str, str]:
     return arguments
 
 
-def start_python(request: bytes) -> tuple[int, bytes]:
-    """Run the request in a new interpreter, which imports the same code."""
-    done = subprocess.run(
-        [sys.executable, "-m", "app.robot.description.xacro_child"],
-        input=request,
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        timeout=MAX_WALL_S,
-        check=False,
-    )
-    return done.returncode, done.stdout
-
-
 def expand_xacro(
     path: Path,
     arguments: Mapping[str, str],
     package_dirs: Sequence[str | Path] = (),
     *,
-    start: Start = start_python,
+    ask: Ask = _ASK,
 ) -> bytes:
     """Expand the xacro file at ``path`` to URDF.
 
@@ -74,13 +60,9 @@ def expand_xacro(
         "max_cpu_s": MAX_CPU_S,
     }
     try:
-        status, reply = start(json.dumps(request).encode())
-    except subprocess.TimeoutExpired as problem:
-        raise UrdfError(
-            f"{path} cannot be expanded: it takes more than {MAX_WALL_S:g} s"
-        ) from problem
-    except OSError as problem:
-        raise UrdfError(f"{path} cannot be expanded: {problem.strerror}") from problem
+        status, reply = ask(json.dumps(request).encode())
+    except ChildError as problem:
+        raise UrdfError(f"{path} cannot be expanded: xacro {problem}") from problem
     if status == -signal.SIGPROF:
         raise UrdfError(
             f"{path} cannot be expanded: it takes more than {MAX_CPU_S:g} s of processor time; "

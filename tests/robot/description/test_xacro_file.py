@@ -36,7 +36,7 @@ def start_fork(request):
 def quick_start(request, monkeypatch):
     """Start no interpreter, except in the tests of what it prints."""
     if "capfd" not in request.fixturenames:
-        monkeypatch.setitem(expand_xacro.__kwdefaults__, "start", start_fork)
+        monkeypatch.setitem(expand_xacro.__kwdefaults__, "ask", start_fork)
 
 
 @pytest.fixture
