@@ -38,6 +38,7 @@ from app.geometry.plain_number import is_plain_number
 from app.geometry.quaternion_arrays import quaternions_of_rotations, rotations_of_quaternions
 from app.geometry.slots import slot_setters
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
+from app.geometry.stamp_history import StampHistory
 from app.geometry.tracked import TrackedTransform, TrackingStatus
 from app.geometry.transform import (
     ROTATION_TOLERANCE,
@@ -73,6 +74,7 @@ __all__ = [
     "Pixels",
     "Stamp",
     "StampError",
+    "StampHistory",
     "SurfaceMesh",
     "TrackedTransform",
     "TrackingStatus",

@@ -15,9 +15,11 @@ from app.bridge.tf.errors import (
     TfInvalidError,
     TfLookupError,
 )
-from app.bridge.tf.history import EdgeHistory
-from app.bridge.tf.pose import IDENTITY, Pose, compose, inverse, matrices
-from app.geometry import NS_PER_S, FloatArray, Transform, check_frame
+from app.bridge.tf.pose import IDENTITY, Pose, compose, interpolate, inverse, matrices
+from app.geometry import NS_PER_S, FloatArray, StampHistory, Transform, check_frame
+
+DISORDER_NS = NS_PER_S
+"""A sample that is older than the newest by more than this indicates a restarted source."""
 
 _UNIT_TOLERANCE = 1e-3
 """Allowed deviation of a quaternion's norm from 1, as in `app.geometry.Transform`."""
@@ -41,12 +43,23 @@ class PoseSet:
     stamp_ns: int | None
 
 
+@dataclass(slots=True)
+class _Edge:
+    """``parent_from_child`` by its ``history``; without one, of a static edge, by ``pose``."""
+
+    parent: str
+    history: StampHistory[Pose] | None
+    pose: Pose = IDENTITY
+
+
 class TransformBuffer:
     """Keeps the last ``keep_ns`` of every edge and looks up transforms between any two frames.
 
     A frame has one parent. A new parent discards the history under the old one (`reparented`
-    counts that). ``max_frames`` (in total) and ``max_samples`` (per edge) bound the memory that
-    network input can occupy; frames beyond the limit are refused.
+    counts that). So does a jump back by more than `DISORDER_NS` (`restarts`). Of two samples with
+    the same stamp the first is kept, as in tf2, so that the result of a lookup does not change.
+    ``max_frames`` (in total) and ``max_samples`` (per edge) bound the memory that network input can
+    occupy; frames beyond the limit are refused.
     """
 
     def __init__(
@@ -58,7 +71,7 @@ class TransformBuffer:
         self._keep_ns = keep_ns
         self._max_frames = max_frames
         self._max_samples = max_samples
-        self._edges: dict[str, EdgeHistory] = {}
+        self._edges: dict[str, _Edge] = {}
         self._frames: set[str] = set()
         self._changed = threading.Condition()
         self._now_ns: int | None = None
@@ -75,10 +88,12 @@ class TransformBuffer:
         """
         pose = _normalized(parent, child, pose)
         with self._changed:
-            history = self._edges.get(child)
-            if history is None or history.parent != parent or history.static != static:
-                history = self._new_edge(parent, child, static=static)
-            inserted = history.insert(stamp_ns, pose)
+            edge = self._edges.get(child)
+            if edge is None or edge.parent != parent or (edge.history is None) != static:
+                edge = self._new_edge(parent, child, static=static)
+            if edge.history is None:
+                edge.pose = pose
+            inserted = edge.history is None or edge.history.insert(stamp_ns, pose)
             self._changed.notify_all()
         return inserted
 
@@ -92,7 +107,8 @@ class TransformBuffer:
             self._now_ns = now_ns
             if jumped:
                 self.jumps += 1
-                self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
+                edges = self._edges.items()
+                self._edges = {child: edge for child, edge in edges if edge.history is None}
             return jumped
 
     def clear(self) -> None:
@@ -111,7 +127,8 @@ class TransformBuffer:
     def restarts(self) -> int:
         """Number of times that the stamps of an edge have jumped back."""
         with self._changed:
-            return sum(edge.restarts for edge in self._edges.values())
+            histories = (edge.history for edge in self._edges.values())
+            return sum(each.restarts for each in histories if each is not None)
 
     def parent(self, child: str) -> str | None:
         """Parent of a frame; None for a root or an unknown frame."""
@@ -205,7 +222,7 @@ class TransformBuffer:
                 return found[0]
         raise errors[0]
 
-    def _new_edge(self, parent: str, child: str, *, static: bool) -> EdgeHistory:
+    def _new_edge(self, parent: str, child: str, *, static: bool) -> _Edge:
         new = {parent, child} - self._frames
         for name in new:
             check_frame(name)
@@ -222,12 +239,12 @@ class TransformBuffer:
                 raise TfConnectivityError(f"{parent} -> {child} would close the loop {loop}")
         if child in self._edges:
             self.reparented += 1
-        history = EdgeHistory(
-            parent, static=static, keep_ns=self._keep_ns, max_samples=self._max_samples
+        history: StampHistory[Pose] = StampHistory(
+            keep_ns=self._keep_ns, restart_ns=DISORDER_NS, max_values=self._max_samples
         )
-        self._edges[child] = history
+        edge = self._edges[child] = _Edge(parent, None if static else history)
         self._frames |= new
-        return history
+        return edge
 
     def _chain(self, frame: str) -> list[str]:
         """``frame`` and its ancestors, up to the root."""
@@ -257,8 +274,8 @@ class TransformBuffer:
         )
 
     def _latest_ns(self, children: Iterable[str]) -> int | None:
-        edges = (self._edges[child] for child in children)
-        return min((edge.newest_ns for edge in edges if not edge.static), default=None)
+        histories = (self._edges[child].history for child in children)
+        return min((each.newest_ns for each in histories if each is not None), default=None)
 
     def _along(self, children: Sequence[str], stamp_ns: int | None) -> Pose:
         """``top_from_first``, composed of the edges above ``children``, which are bottom-up."""
@@ -285,15 +302,18 @@ class TransformBuffer:
         return pose
 
     def _edge_at(self, child: str, stamp_ns: int | None) -> Pose:
-        edge = self._edges[child]
-        # Without a stamp all edges of the path are static and valid at any time.
-        pose = edge.at(0 if stamp_ns is None else stamp_ns)
-        if pose is None:
+        edge, history = self._edges[child], self._edges[child].history
+        if history is None:
+            return edge.pose
+        # Without a stamp all edges of the path are static.
+        found = None if stamp_ns is None else history.around(stamp_ns)
+        if found is None:
             raise TfExtrapolationError(
                 f"{edge.parent} -> {child} at {stamp_ns} ns: outside the buffered range; "
-                f"expected {edge.oldest_ns} to {edge.newest_ns} ns"
+                f"expected {history.oldest_ns} to {history.newest_ns} ns"
             )
-        return pose
+        before, after, fraction = found
+        return before if before is after else interpolate(before, after, fraction)
 
 
 def _normalized(parent: str, child: str, pose: Pose) -> Pose:

@@ -15,7 +15,6 @@ from app.bridge.tf import (
     TfLookupError,
     TransformBuffer,
 )
-from app.bridge.tf.history import EdgeHistory
 from app.geometry import NS_PER_S, FrameError
 from tests.oracles.transform_tree import BruteForceTree
 
@@ -194,16 +193,6 @@ def test_buffer_is_limited_by_time_samples_and_frames():
     buffer.insert("a", "c", 1, IDENTITY)
     with pytest.raises(TfInvalidError, match="expected at most 3 frames"):
         buffer.insert("a", "d", 1, IDENTITY)
-
-
-def test_history_is_limited_for_samples_in_reverse_order():
-    history = EdgeHistory("world", static=False, keep_ns=NS_PER_S, max_samples=50)
-    history.insert(10_000, IDENTITY)
-    for stamp_ns in range(9_999, 0, -1):
-        history.insert(stamp_ns, IDENTITY)
-    assert len(history) == 50
-    assert history.newest_ns == 10_000
-    assert history.oldest_ns == 9_951
 
 
 def test_repeated_stamp_keeps_its_first_pose():
