@@ -17,6 +17,7 @@ from app.geometry.errors import (
     StampError,
     TransformError,
 )
+from app.geometry.frame_graph import Edge, chain_to_root, poses_in, product_along, shortest_path
 from app.geometry.frames import (
     camel_case,
     check_frame,
@@ -61,6 +62,7 @@ __all__ = [
     "NS_PER_S",
     "PIXEL_TYPES",
     "ROTATION_TOLERANCE",
+    "Edge",
     "FloatArray",
     "FrameError",
     "Freshness",
@@ -83,6 +85,7 @@ __all__ = [
     "anatomical_direction",
     "anatomical_words",
     "camel_case",
+    "chain_to_root",
     "check_frame",
     "closest_rotation",
     "freshness_of",
@@ -92,11 +95,14 @@ __all__ = [
     "join_transform_name",
     "mean_transform",
     "mismatched_frames",
+    "poses_in",
+    "product_along",
     "quaternion_of_rotation",
     "quaternions_of_rotations",
     "rotation_angle",
     "rotation_of_quaternion",
     "rotations_of_quaternions",
+    "shortest_path",
     "slot_setters",
     "snake_case",
     "split_transform_name",

@@ -11,10 +11,10 @@ from app.geometry import (
     SurfaceMesh,
     Transform,
     join_transform_name,
+    poses_in,
 )
 from app.runtime import SessionContent, Stylus
 from app.scene.errors import SceneError
-from app.scene.frames.frame_graph import poses_in
 from app.scene.frames.watchdog import TransformHealth
 from app.scene.margin.breach_markers import MarkerStyle
 from app.scene.scene import MarginGuardScene

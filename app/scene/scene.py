@@ -13,10 +13,9 @@ from slicer import (
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 from app.fixture import FixtureDecision, MarginState
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import SurfaceMesh, Transform, poses_in
 from app.robot import Robot
 from app.scene.errors import SceneError
-from app.scene.frames.frame_graph import poses_in
 from app.scene.frames.transform_tree import RAS, TransformTree
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.scene.margin.margin_display import MarginDisplay

@@ -12,9 +12,9 @@ from app.geometry import (
     TrackingStatus,
     Transform,
     join_transform_name,
+    poses_in,
 )
 from app.scene.errors import SceneError
-from app.scene.frames.frame_graph import poses_in
 from app.scene.scene import MarginGuardScene
 
 MAX_POSES = 200_000

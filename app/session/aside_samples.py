@@ -2,8 +2,7 @@
 
 from collections.abc import Collection, Iterable
 
-from app.geometry import Stamp, TrackedTransform
-from app.session.pose_tree import Edge, shortest_path
+from app.geometry import Edge, Stamp, TrackedTransform, shortest_path
 
 
 class AsideSamples:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from app.session.pose_tree import Edge, shortest_path
+from app.geometry import Edge, shortest_path
 from app.session.sender_trail import (
     HANDOVER_NS,
     MAX_SENDERS,
@@ -134,7 +134,7 @@ class FrameSenders:
             for other, owner in self._edges.items()
             if owner == sender or now_ns - self._heard.get(owner, 0) < HANDOVER_NS
         }
-        path = shortest_path(tuple(active), *edge) or ()
+        path = shortest_path(active, *edge) or ()
         others = frozenset(active[each] for each in path) - {sender}
         if others and len(self._loops) < MAX_FRAMES:
             self._loops[edge] = _Loop(sender, others, frozenset(path))

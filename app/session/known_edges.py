@@ -5,9 +5,16 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from app.case import JointSample
-from app.geometry import FrameError, Stamp, TrackedTransform, Transform
+from app.geometry import (
+    Edge,
+    FrameError,
+    Stamp,
+    TrackedTransform,
+    Transform,
+    product_along,
+    shortest_path,
+)
 from app.robot import Robot
-from app.session.pose_tree import Edge, shortest_path
 from app.session.setup import RobotSetup
 
 
@@ -52,20 +59,18 @@ class KnownEdges:
         if self.base != self.root:
             identity = Transform.identity(self.base, self.root)
             edges[self.base, self.root] = (identity, None)
-        path = shortest_path(tuple(edges), target, source)
+        path = shortest_path(edges, target, source)
         if path is None:
             raise FrameError(f"{source!r} is not connected with {target!r} in the session")
-        product, oldest = Transform.identity(target, target), None
+        transforms, stamps = [], []
         for edge in path:
             known = edges[edge]
             if known is None:
                 raise FrameError(f"{edge[1]!r} in {edge[0]!r} is not known now")
-            transform, stamp = known
-            step = transform if transform.target == product.source else transform.inverse()
-            product = product @ step
-            if stamp is not None and (oldest is None or stamp < oldest):
-                oldest = stamp
-        return product, oldest
+            transforms.append(known[0])
+            stamps.append(known[1])
+        oldest = min((stamp for stamp in stamps if stamp is not None), default=None)
+        return product_along(target, transforms), oldest
 
 
 NO_EDGES = KnownEdges()

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from app.case import JointSample, TrackingFrame, agreed_sample
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
+from app.geometry import NS_PER_MS, NS_PER_S, Edge, Stamp, TrackedTransform, shortest_path
 from app.session.aside_samples import AsideSamples
 from app.session.joint_queue import JointQueue
 from app.session.live_clock import SourceClock
@@ -14,7 +14,6 @@ from app.session.named_frames import (
     nothing_received_problem,
     path_to_base,
 )
-from app.session.pose_tree import Edge, shortest_path
 from app.session.recent_samples import RecentSamples
 from app.session.setup import SessionSetup
 

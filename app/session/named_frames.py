@@ -3,8 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from app.case import Case
-from app.geometry import FrameError
-from app.session.pose_tree import Edge, shortest_path
+from app.geometry import Edge, FrameError, shortest_path
 from app.session.setup import REFERENCE, SessionSetup
 
 _TOOL = "tool.frame"

@@ -1,10 +1,10 @@
 """Latest sample of every measured edge, and the pose between any two frames computed from them."""
 
-from collections import deque
 from dataclasses import dataclass, field
 
 from app.case import TrackingFrame
 from app.fixture import REASON_OF_FRESHNESS, Reason
+from app.geometry import Edge as Edge  # imported from here by `app.session.session` and `live`
 from app.geometry import (
     Freshness,
     FreshnessLimits,
@@ -13,15 +13,14 @@ from app.geometry import (
     TrackingStatus,
     Transform,
     freshness_of,
+    product_along,
+    shortest_path,
 )
 from app.session.repetition import SensorRepetition, SourceRepetition
 
 MAX_TRANSLATION_MM = 10_000.0
 """No tracker of an operating room measures beyond 10 m. Drivers send larger numbers for a missing
 pose (NDI: -3.7e28), whatever the status is."""
-
-Edge = tuple[str, str]
-"""Target and source of a measured transform: (tf parent, tf child)."""
 
 REASON_OF_STATUS = {
     TrackingStatus.INVALID: Reason.INVALID,
@@ -159,11 +158,12 @@ class PoseTree:
         oldest: Stamp | None = None
         unchanged_ns = 0
         problems = _NOTHING
-        samples = []
+        poses = []
         for edge in path:
             state = self._edges[edge]
             stamp = state.latest.stamp
-            samples.append(state.latest)
+            if state.latest.transform is not None:
+                poses.append(state.latest.transform)
             if oldest is None or stamp.ns < oldest.ns:
                 oldest = stamp
             edge_unchanged_ns, edge_problems = self._verdict(edge, state)
@@ -171,7 +171,7 @@ class PoseTree:
                 unchanged_ns = edge_unchanged_ns
             if edge_problems:
                 problems |= edge_problems
-        transform = None if problems else _along(target, samples)
+        transform = None if problems else product_along(target, poses)
         return MeasuredPose(transform, oldest, unchanged_ns, problems)
 
     def usable(self) -> dict[Edge, TrackedTransform | None]:
@@ -260,7 +260,7 @@ class PoseTree:
     def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
         ends = (target, source)
         if ends not in self._paths:
-            self._paths[ends] = shortest_path(tuple(self._edges), target, source)
+            self._paths[ends] = shortest_path(self._edges, target, source)
         return self._paths[ends]
 
 
@@ -274,35 +274,6 @@ def is_too_far(pose: Transform) -> bool:
 def is_sampled(name: str, frame: TrackingFrame) -> bool:
     """True if ``frame`` holds a sample, good or lost, of an edge to or from ``name``."""
     return any(name in (sample.target, sample.source) for sample in frame.poses)
-
-
-def shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge, ...] | None:
-    """Edges from ``start`` to ``goal``, in either direction; None if they are not connected."""
-    paths: dict[str, tuple[Edge, ...]] = {start: ()}
-    queue = deque([start])
-    while queue:
-        at = queue.popleft()
-        if at == goal:
-            return paths[at]
-        for edge in edges:
-            if at in edge:
-                beyond = edge[1] if edge[0] == at else edge[0]
-                if beyond not in paths:
-                    paths[beyond] = (*paths[at], edge)
-                    queue.append(beyond)
-    return None
-
-
-def _along(start: str, samples: list[TrackedTransform]) -> Transform:
-    """Product of good samples from ``start`` on, each inverted if its edge is walked backwards."""
-    product: Transform | None = None
-    for sample in samples:
-        pose = sample.transform
-        if pose is not None:
-            at = start if product is None else product.source
-            step = pose if pose.target == at else pose.inverse()
-            product = step if product is None else product @ step
-    return Transform.identity(start, start) if product is None else product
 
 
 def _same_numbers(first: Transform, second: Transform) -> bool:

@@ -1,8 +1,7 @@
 """Memory of recent samples, to detect duplicates: these carry no information on the clock."""
 
 from app.case import agreed_sample
-from app.geometry import NS_PER_S, TrackedTransform
-from app.session.pose_tree import Edge
+from app.geometry import NS_PER_S, Edge, TrackedTransform
 
 REMEMBERED_NS = 5 * NS_PER_S
 """Time after its arrival for which a sample is remembered."""

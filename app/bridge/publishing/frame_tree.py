@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from app.fixture import MarginState
-from app.geometry import FrameError, Stamp, Transform
+from app.geometry import FrameError, Stamp, Transform, chain_to_root
 from app.session import StepResult
 
 
@@ -101,15 +101,10 @@ class FrameTree:
         if known is not None:
             self.left_out[parent, child] = f"{child!r} already has the parent {known!r}"
             return False
-        if child == parent or child in self._ancestors(parent):
+        if child in chain_to_root(parent, self._parents.get):
             self.left_out[parent, child] = (
                 f"{parent!r} is below {child!r}; the edge would close a loop"
             )
             return False
         self._parents[child] = parent
         return True
-
-    def _ancestors(self, frame: str) -> Iterator[str]:
-        while frame in self._parents:
-            frame = self._parents[frame]
-            yield frame

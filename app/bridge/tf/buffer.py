@@ -16,7 +16,7 @@ from app.bridge.tf.errors import (
     TfLookupError,
 )
 from app.bridge.tf.pose import IDENTITY, Pose, compose, interpolate, inverse, matrices
-from app.geometry import NS_PER_S, FloatArray, StampHistory, Transform, check_frame
+from app.geometry import NS_PER_S, FloatArray, StampHistory, Transform, chain_to_root, check_frame
 
 DISORDER_NS = NS_PER_S
 """A sample that is older than the newest by more than this indicates a restarted source."""
@@ -231,12 +231,10 @@ class TransformBuffer:
                 f"{parent} -> {child} adds frame number {self._max_frames + 1}; "
                 f"expected at most {self._max_frames} frames"
             )
-        ancestors = [parent]
-        while ancestors[-1] in self._edges:
-            ancestors.append(self._edges[ancestors[-1]].parent)
-            if ancestors[-1] == child:
-                loop = " -> ".join((child, *reversed(ancestors[:-1]), child))
-                raise TfConnectivityError(f"{parent} -> {child} would close the loop {loop}")
+        above = chain_to_root(parent, self.parent)
+        if child in above:
+            loop = " -> ".join((child, *reversed(above[: above.index(child)]), child))
+            raise TfConnectivityError(f"{parent} -> {child} would close the loop {loop}")
         if child in self._edges:
             self.reparented += 1
         history: StampHistory[Pose] = StampHistory(
@@ -250,10 +248,7 @@ class TransformBuffer:
         """``frame`` and its ancestors, up to the root."""
         if frame not in self._frames:
             raise TfLookupError(f"frame {frame!r} is unknown; {_known(self._frames)}")
-        chain = [frame]
-        while chain[-1] in self._edges:
-            chain.append(self._edges[chain[-1]].parent)
-        return chain
+        return chain_to_root(frame, self.parent)
 
     def _path(self, target: str, source: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Children of the edges from ``target`` and ``source`` to their lowest common ancestor."""

@@ -1,19 +1,23 @@
 """Poses of tracked frames over time: where the probe was when an image was acquired."""
 
 import math
-from collections.abc import Iterable, Sequence
-
-import numpy as np
+from collections.abc import Sequence
 
 from app.case.frames.assembly import agreed_sample
-from app.geometry import NS_PER_MS, FloatArray, StampHistory, TrackedTransform
+from app.geometry import (
+    NS_PER_MS,
+    Edge,
+    FloatArray,
+    StampHistory,
+    TrackedTransform,
+    Transform,
+    product_along,
+    shortest_path,
+)
 
 MAX_EDGES = 256
 _MIN_SAMPLES, _MAX_SAMPLES = 256, 8192
 """Of an edge, with ``keep_ns``: the number that stays, and the memory that a sender can take."""
-
-Step = tuple[tuple[str, str], bool]
-"""An edge (target, source), and whether it is followed from its source to its target."""
 
 
 class PoseHistory:
@@ -28,8 +32,8 @@ class PoseHistory:
 
     def __init__(self, max_gap_ns: int, keep_ns: float = math.inf) -> None:
         self._max_gap_ns, self._keep_ns = max_gap_ns, keep_ns
-        self._trails: dict[tuple[str, str], StampHistory[TrackedTransform]] = {}
-        self._paths: dict[tuple[str, str], tuple[Step, ...] | None] = {}
+        self._trails: dict[Edge, StampHistory[TrackedTransform]] = {}
+        self._paths: dict[Edge, tuple[Edge, ...] | None] = {}
 
     def add(self, samples: Sequence[TrackedTransform]) -> None:
         """Add samples of any edges, in any order."""
@@ -55,9 +59,7 @@ class PoseHistory:
         That is so once each edge between the frames has a sample at this time or after it.
         """
         path = self._path(target, source)
-        return path is not None and all(
-            self._trails[edge].newest_ns >= stamp_ns for edge, _ in path
-        )
+        return path is not None and all(self._trails[edge].newest_ns >= stamp_ns for edge in path)
 
     def matrix(self, stamp_ns: int, target: str, source: str) -> FloatArray | str:
         """Return ``target_from_source`` (4, 4) at ``stamp_ns``, or the reason why it is not known.
@@ -67,15 +69,15 @@ class PoseHistory:
         path = self._path(target, source)
         if path is None:
             return f"no pose connects {target!r} with {source!r}"
-        found: FloatArray = np.eye(4)
-        for edge, is_inverse in path:
+        poses = []
+        for edge in path:
             pose = self._at(edge, stamp_ns)
             if isinstance(pose, str):
                 return pose
-            found = found @ (np.linalg.inv(pose) if is_inverse else pose)
-        return found
+            poses.append(pose)
+        return product_along(target, poses).matrix
 
-    def _at(self, edge: tuple[str, str], stamp_ns: int) -> FloatArray | str:
+    def _at(self, edge: Edge, stamp_ns: int) -> Transform | str:
         trail, name = self._trails[edge], f"{edge[0]} -> {edge[1]}"
         found = trail.around(stamp_ns)
         if found is None:
@@ -93,28 +95,10 @@ class PoseHistory:
                 f"the poses of {name} around the image are {gap_ns / NS_PER_MS:.0f} ms apart; "
                 f"expected at most {self._max_gap_ns / NS_PER_MS:.0f} ms"
             )
-        return before.transform.interpolate(after.transform, fraction).matrix
+        return before.transform.interpolate(after.transform, fraction)
 
-    def _path(self, target: str, source: str) -> tuple[Step, ...] | None:
+    def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
         ends = target, source
         if ends not in self._paths:
-            self._paths[ends] = _shortest(self._trails, target, source)
+            self._paths[ends] = shortest_path(self._trails, target, source)
         return self._paths[ends]
-
-
-def _shortest(
-    edges: Iterable[tuple[str, str]], target: str, source: str
-) -> tuple[Step, ...] | None:
-    """Edges from ``target`` to ``source``; None if nothing connects them."""
-    steps: dict[str, list[tuple[str, Step]]] = {}
-    for parent, child in edges:
-        steps.setdefault(parent, []).append((child, ((parent, child), False)))
-        steps.setdefault(child, []).append((parent, ((parent, child), True)))
-    reached: dict[str, tuple[Step, ...]] = {target: ()}
-    to_visit = [target]
-    for frame in to_visit:  # grows in the loop: a search in breadth
-        for neighbour, step in steps.get(frame, ()):
-            if neighbour not in reached:
-                reached[neighbour] = (*reached[frame], step)
-                to_visit.append(neighbour)
-    return reached.get(source)

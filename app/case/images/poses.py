@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from app.geometry import FloatArray, TrackingStatus
+from app.geometry import Edge, FloatArray, TrackingStatus, shortest_path
 
-FramePoses = dict[tuple[str, str], FloatArray | TrackingStatus]
+FramePoses = dict[Edge, FloatArray | TrackingStatus]
 """(target, source) to a matrix (4, 4), or to the status of a pose that is lost."""
 
 
@@ -13,21 +13,15 @@ def matrix_between(poses: FramePoses, target: str, source: str) -> FloatArray | 
 
     The path with the fewest poses is used.
     """
-    steps: dict[str, dict[str, FloatArray]] = {}
-    for (parent, child), pose in poses.items():
-        if not isinstance(pose, TrackingStatus):
-            steps.setdefault(child, {})[parent] = pose
-            inverse = np.asarray(np.linalg.inv(pose), dtype=np.float64)
-            steps.setdefault(parent, {})[child] = inverse
-    reached: dict[str, FloatArray] = {source: np.eye(4)}
-    to_visit = [source]
-    for frame in to_visit:  # grows in the loop: a search in breadth
-        for neighbour, step in steps.get(frame, {}).items():
-            if neighbour not in reached:
-                reached[neighbour] = step @ reached[frame]
-                to_visit.append(neighbour)
-    if target in reached:
-        return reached[target]
+    known = {edge: pose for edge, pose in poses.items() if not isinstance(pose, TrackingStatus)}
+    path = shortest_path(known, source, target)
+    if path is not None:
+        found, frame = np.eye(4), source
+        for parent, child in path:
+            pose = known[parent, child]
+            found = (pose if child == frame else np.linalg.inv(pose)) @ found
+            frame = parent if child == frame else child
+        return found
     lost = [
         f"{parent} -> {child} is {pose.name}"
         for (parent, child), pose in poses.items()

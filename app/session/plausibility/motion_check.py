@@ -4,10 +4,10 @@ from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 from app.case import TrackingFrame
-from app.geometry import Stamp, TrackedTransform
+from app.geometry import Edge, Stamp, TrackedTransform
 from app.session.plausibility.limits import MotionLimits
 from app.session.plausibility.sensor_motion import SensorMotion
-from app.session.pose_tree import Edge, is_too_far
+from app.session.pose_tree import is_too_far
 
 
 class MotionCheck:

@@ -5,13 +5,13 @@ from types import MappingProxyType
 
 from app.case import PlausibilityEntry, TrackingFrame
 from app.fixture import Reason
-from app.geometry import Stamp, Transform
+from app.geometry import Edge, Stamp, Transform, shortest_path
 from app.registration import RegistrationDrift
 from app.session.plausibility.joint_check import JointCheck
 from app.session.plausibility.limits import MotionLimits
 from app.session.plausibility.motion_check import MotionCheck
 from app.session.plausibility.relations import Problems, Relations
-from app.session.pose_tree import Edge, PoseTree, shortest_path
+from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE, SessionSetup
 
 SINGLE_SOURCE = "one source: nothing checks the tracker"

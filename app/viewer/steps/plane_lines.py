@@ -8,8 +8,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPlane, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
-from app.geometry import FloatArray, FrameError, ImageSample, SurfaceMesh, Transform
-from app.scene.frames.frame_graph import poses_in
+from app.geometry import FloatArray, FrameError, ImageSample, SurfaceMesh, Transform, poses_in
 from app.scene.nodes.convert import poly_data
 from app.viewer.steps.view_state import ViewState
 
