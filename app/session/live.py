@@ -7,11 +7,10 @@ from dataclasses import replace
 
 from app.case import CauteryState, JointSample, TrackingFrame
 from app.fixture import Reason
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, stale_in_ns
+from app.geometry import NS_PER_MS, NS_PER_S, Edge, Stamp, TrackedTransform, stale_in_ns
 from app.session.live_clock import SourceClock
 from app.session.live_frames import LiveFrames
 from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
-from app.session.pose_tree import Edge
 from app.session.session import NOTHING_OUTSIDE, Session
 from app.session.step_result import StepResult
 

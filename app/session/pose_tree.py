@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from app.case import TrackingFrame
 from app.fixture import REASON_OF_FRESHNESS, Reason
-from app.geometry import Edge as Edge  # imported from here by `app.session.session` and `live`
 from app.geometry import (
+    Edge,
     Freshness,
     FreshnessLimits,
     Stamp,

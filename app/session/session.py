@@ -17,6 +17,7 @@ from app.fixture import (
     path_mm,
 )
 from app.geometry import (
+    Edge,
     FloatArray,
     FrameError,
     Freshness,
@@ -33,7 +34,7 @@ from app.session.loosening import AgreedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.plausibility.plausibility import Plausibility
-from app.session.pose_tree import Edge, PoseTree
+from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.step_result import StepResult
 from app.session.tumor_velocity import TumorVelocity
