@@ -16,7 +16,6 @@ from app.bridge.errors import BridgeError
 ENABLE = "ROS_SECURITY_ENABLE"
 STRATEGY = "ROS_SECURITY_STRATEGY"
 KEYSTORE = "ROS_SECURITY_KEYSTORE"
-ENCLAVE = "ROS_SECURITY_ENCLAVE_OVERRIDE"
 
 _ENFORCE = "Enforce"
 _WITHOUT_PLUGINS = b"doesn't have the security libraries"

@@ -46,10 +46,6 @@ class SenderNames:
         """True if ``sender`` is a publisher of this node."""
         return sender in self._own
 
-    def is_known(self, sender: bytes) -> bool:
-        """True if the node of ``sender`` is known by name."""
-        return sender in self._names
-
     def is_present(self, sender: object) -> bool:
         """True if the graph lists ``sender``.
 

@@ -1,7 +1,7 @@
 """Decode received images in a thread of their own, so that they delay neither poses nor steps."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from app.geometry import ImageSample, MarginGuardError
@@ -22,9 +22,6 @@ class ImageSink(Protocol):
     def refuse(self, problem: str) -> None:
         """Take the reason why an image cannot be decoded."""
 
-    def counts(self) -> Mapping[str, int]:
-        """Counts of images, for diagnostics."""
-
 
 class ImageIntake(Generic[Received]):
     """Passes each received image through ``decode`` to ``images``; skips those it has no time for.
@@ -43,10 +40,6 @@ class ImageIntake(Generic[Received]):
     def put(self, received: Received) -> None:
         """Take an image as it was received; from any thread, without waiting."""
         self._latest.put(received)
-
-    def counts(self) -> Mapping[str, int]:
-        """Counts of the sink, and how many images were skipped for a newer one."""
-        return {**self._images.counts(), "images: skipped": self._latest.superseded}
 
     def close(self) -> None:
         """End the thread."""

@@ -17,19 +17,17 @@ class LatestValue(Generic[Item]):
     """Holds one item: a newer one replaces one that has not been taken yet.
 
     `put` wakes a reader that waits in `take`. A reader that is slower than its source therefore
-    lags by one item at most; ``superseded`` counts the items that it never received. The
-    interpreter lock adds to the latency between two threads: see `SWITCH_INTERVAL_S`.
+    lags by one item at most. The interpreter lock adds to the latency between two threads: see
+    `SWITCH_INTERVAL_S`.
     """
 
     def __init__(self) -> None:
-        self.superseded = 0
         self._changed = threading.Condition()
         self._items: list[Item] = []
 
     def put(self, item: Item) -> None:
         """Store ``item`` for the reader."""
         with self._changed:
-            self.superseded += len(self._items)
             self._items[:] = [item]
             self._changed.notify()
 

@@ -1,8 +1,8 @@
 """Images of a live session: the newest one that has a pose at its own stamp."""
 
 import threading
-from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.case import CurrentImage, DepthCalibration, ImageDepths, ImagePose, PoseHistory
@@ -55,14 +55,12 @@ class LiveImages:
     def __init__(self, depths: ImageDepths, *, stale_after_ns: int, max_gap_ns: int) -> None:
         self._depths = depths
         self._newest_pose_ns: int | None = None
-        self.report: Callable[[str], None] = lambda problem: None
         self._limits = FreshnessLimits(stale_after_ns, future_tolerance_ns=stale_after_ns)
         self._poses = PoseHistory(max_gap_ns, _KEEP_NS)
         self._held: deque[_Held] = deque(maxlen=_HELD)
         self._kind: tuple[tuple[int, ...], str] | None = None
         self._problem = ""
         self._number = 0
-        self._counts: Counter[str] = Counter()
         self._lock = threading.Lock()
 
     @property
@@ -74,11 +72,6 @@ class LiveImages:
     def problem(self) -> str:
         """Why the last image was refused; empty if it was not."""
         return self._problem
-
-    def counts(self) -> Mapping[str, int]:
-        """Numbers of received and refused images, for diagnostics."""
-        with self._lock:
-            return {f"images: {name}": count for name, count in self._counts.items()}
 
     def add_poses(self, samples: Sequence[TrackedTransform]) -> None:
         """Add samples of the tracker."""
@@ -132,13 +125,9 @@ class LiveImages:
             self.refuse(str(error))
 
     def refuse(self, problem: str) -> None:
-        """Show no image until a good one arrives, with the reason ``problem``; report it."""
+        """Show no image until a good one arrives, with the reason ``problem``."""
         with self._lock:
-            self._counts["refused"] += 1
-            is_new = problem != self._problem
             self._problem = problem
-        if is_new:
-            self.report(problem)
 
     def at(self, now_ns: int, frame: str) -> CurrentImage:
         """The newest image at ``now_ns`` on the tracker's clock, placed in ``frame``."""
@@ -160,14 +149,12 @@ class LiveImages:
     ) -> None:
         last_ns = self._held[-1].stamp_ns if self._held else None
         if last_ns is not None and last_ns - _JUMP_NS <= stamp_ns <= last_ns:
-            self._counts["not after the one before"] += 1
             return
         if last_ns is not None and stamp_ns < last_ns:
             self._held.clear()
             self._depths.forget_times()
         self._depths.check(stamp_ns, image.pixel_mm)
         self._kind, self._problem = kind, ""
-        self._counts["received"] += 1
         numbered = ImageSample(self._number, Stamp(stamp_ns), ImageStatus.OK, pixels)
         self._held.append(_Held(numbered, stamp_ns, self._depths.at(stamp_ns)))
         self._number += 1

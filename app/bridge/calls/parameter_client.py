@@ -91,11 +91,6 @@ class ParameterClient:
         """True if the parameter services of the node are discovered."""
         return self._services["get_parameters"].is_available
 
-    @property
-    def late_replies(self) -> int:
-        """Number of replies that arrived after the caller's timeout."""
-        return sum(service.late_replies for service in self._services.values())
-
     def names(
         self,
         *prefixes: str,

@@ -1,7 +1,5 @@
 """Images of a live session, as a display receives them from their topic."""
 
-from collections.abc import Mapping
-
 from sensor_msgs.msg import Image
 
 from app.bridge.node import RosNode
@@ -24,10 +22,6 @@ class TopicImages:
         self._subscription = ros.subscribe(
             Topic(topic, Image, INCOMING_IMAGE), self._receive, raw=True
         )
-
-    def counts(self) -> Mapping[str, int]:
-        """Counts of images, for diagnostics."""
-        return self._intake.counts()
 
     def close(self) -> None:
         """Deliver nothing more."""

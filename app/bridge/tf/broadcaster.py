@@ -1,4 +1,4 @@
-"""Publish transforms on ``/tf`` and ``/tf_static``, each with the stamp of its sample."""
+"""Publish transforms on ``/tf``, each with the stamp of its sample."""
 
 from collections.abc import Iterable
 
@@ -7,8 +7,6 @@ from tf2_msgs.msg import TFMessage
 from app.bridge import messages, topics
 from app.bridge.node import RosNode
 from app.geometry import Stamp, Transform
-
-_ALWAYS = Stamp(0)
 
 
 class TfBroadcaster:
@@ -25,22 +23,6 @@ class TfBroadcaster:
         message = tf_message(samples)
         if message.transforms:
             self._publisher.publish(message)
-
-
-class StaticTfBroadcaster:
-    """Publishes static transforms on a latched topic.
-
-    The topic keeps only its last message, so every message contains all transforms sent so far.
-    """
-
-    def __init__(self, ros: RosNode) -> None:
-        self._publisher = ros.publisher(topics.TF_STATIC)
-        self._by_child: dict[str, Transform] = {}
-
-    def send(self, transforms: Iterable[Transform]) -> None:
-        """Add ``transforms``, replacing those with the same child, and publish all of them."""
-        self._by_child.update((transform.source, transform) for transform in transforms)
-        self._publisher.publish(tf_message((each, _ALWAYS) for each in self._by_child.values()))
 
 
 def tf_message(samples: Iterable[tuple[Transform, Stamp]]) -> TFMessage:

@@ -194,15 +194,6 @@ class TransformBuffer:
             up, down = self._path(target, source)
             return self._latest_ns((*up, *down))
 
-    def age_ns(self, target: str, source: str, now_ns: int) -> int:
-        """Age of the latest common time of the path; 0 if all of its edges are static.
-
-        The edge with the oldest newest sample decides, so a stale edge is not hidden by a fresh
-        one. Negative if even that sample is from the future.
-        """
-        latest_ns = self.latest_common_ns(target, source)
-        return 0 if latest_ns is None else now_ns - latest_ns
-
     def wait(
         self, target: str, source: str, stamp_ns: int | None = None, *, timeout_s: float
     ) -> Lookup:

@@ -27,10 +27,6 @@ class Commands:
         """Call ``call`` with the checked arguments at each command ``name``."""
         self._commands[name] = _Command(call, checks, role)
 
-    def names(self, role: Role) -> tuple[str, ...]:
-        """The commands that a page of ``role`` may use."""
-        return tuple(n for n, each in self._commands.items() if role.may(each.role))
-
     def run(self, name: str, args: Collection[object], role: Role) -> None:
         """Run a command for a page of ``role``.
 

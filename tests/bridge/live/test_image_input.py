@@ -1,6 +1,5 @@
 """Images of a live session from a ROS topic and from OpenIGTLink messages."""
 
-import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -39,41 +38,27 @@ PIXELS = some_pixels(8, 6, 5)
 LIMIT_NS = 10**9
 
 
-class Reported:
-    """Images, and an event for each problem that was reported."""
-
-    def __init__(self) -> None:
-        calibration = ImageCalibration("probe", np.diag([0.1, 0.1, 0.1, 1.0]))
-        self.images = LiveImages(
-            ImageDepths.one(calibration), stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS
-        )
-        self.images.report = self._report
-        self.problems: list[str] = []
-        self.event = threading.Event()
-
-    def _report(self, problem: str) -> None:
-        self.problems.append(problem)
-        self.event.set()
+def some_images() -> LiveImages:
+    depths = ImageDepths.one(ImageCalibration("probe", np.diag([0.1, 0.1, 0.1, 1.0])))
+    return LiveImages(depths, stale_after_ns=LIMIT_NS, max_gap_ns=LIMIT_NS)
 
 
-def shown(reported: Reported, ns: int) -> np.ndarray | None:
+def shown(images: LiveImages, ns: int) -> np.ndarray | None:
     """The pixels that a page would show at ``ns``."""
     pose = Transform("reference", "probe", np.eye(3), np.zeros(3))
-    reported.images.add_poses(
-        [TrackedTransform.valid(pose, Stamp(at)) for at in (ns - 10**6, ns + 10**6)]
-    )
-    found = reported.images.at(ns, "reference")
+    images.add_poses([TrackedTransform.valid(pose, Stamp(at)) for at in (ns - 10**6, ns + 10**6)])
+    found = images.at(ns, "reference")
     if found.number is None or found.pose.matrix is None:
         return None
-    return reported.images.image(found.number).pixels
+    return images.image(found.number).pixels
 
 
 def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
     ros: RosNode, other: RosNode
 ) -> None:
-    reported = Reported()
+    images = some_images()
     publisher = other.publisher(TOPIC)
-    topic = TopicImages(ros, TOPIC.name, "UF", reported.images)
+    topic = TopicImages(ros, TOPIC.name, "UF", images)
     stamps = iter(range(10**9, 10**12, 10**6))
 
     def send(pixels: np.ndarray = PIXELS[0], encoding: str = "mono8") -> int:
@@ -81,32 +66,30 @@ def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
         publisher.publish(image_message(pixels, encoding, "image", Stamp(ns)))
         return ns
 
-    wait_until(lambda: topic.counts().get("images: received", 0) > 0, send)
-    held = topic.counts()["images: received"]
+    wait_until(lambda: images.size, send)
     last_ns = send(PIXELS[3])
-    wait_until(lambda: topic.counts()["images: received"] > held)
-    wait_until(lambda: np.array_equal(shown(reported, last_ns), PIXELS[3][:, ::-1]))
+    wait_until(lambda: np.array_equal(shown(images, last_ns), PIXELS[3][:, ::-1]))
     send(np.zeros((6, 5, 3), np.uint8), "bgr8")
-    assert reported.event.wait(DEADLINE_S)
-    assert reported.problems == [
+    wait_until(lambda: images.problem)
+    assert images.problem == (
         "/us/image: encoding of the image is 'bgr8'; expected mono8, mono16, rgb8"
-    ]
-    assert shown(reported, last_ns) is None
+    )
+    assert shown(images, last_ns) is None
     topic.close()
 
 
 def test_images_of_two_publishers_are_refused(ros: RosNode, other: RosNode) -> None:
-    reported = Reported()
+    images = some_images()
     publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
-    topic = TopicImages(ros, TOPIC.name, "MF", reported.images)
+    topic = TopicImages(ros, TOPIC.name, "MF", images)
     stamps = iter(range(10**9, 10**12, 10**6))
 
     def send() -> None:
         for each in publishers:
             each.publish(image_message(PIXELS[0], "mono8", "image", Stamp(next(stamps))))
 
-    wait_until(reported.event.is_set, send)
-    assert reported.problems[0] == "/us/image has 2 publishers of images; expected 1"
+    wait_until(lambda: images.problem, send)
+    assert images.problem == "/us/image has 2 publishers of images; expected 1"
     topic.close()
 
 

@@ -115,14 +115,14 @@ def test_edges_above_the_common_ancestor_are_not_used():
     assert buffer.lookup("a", "b").stamp_ns == 900
 
 
-def test_age_is_that_of_the_oldest_edge():
+def test_oldest_edge_decides_the_latest_common_time():
     buffer = TransformBuffer()
     buffer.insert("reference", "cautery", 1_000, IDENTITY)
     buffer.insert("cautery", "tip", 0, IDENTITY, static=True)
     buffer.insert("tracker", "reference", 300, IDENTITY)
     buffer.insert("tracker", "reference", 2_000, IDENTITY)
-    assert buffer.age_ns("tracker", "tip", 2_500) == 1_500
-    assert buffer.age_ns("cautery", "tip", 2_500) == 0
+    assert buffer.latest_common_ns("tracker", "tip") == 1_000
+    assert buffer.latest_common_ns("cautery", "tip") is None
     assert buffer.lookup("cautery", "tip").stamp_ns is None
 
 

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from app.bridge import topics
 from app.bridge.qos import LATCHED, STREAM, Topic
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.broadcaster import StaticTfBroadcaster, TfBroadcaster, tf_message
+from app.bridge.tf.broadcaster import TfBroadcaster, tf_message
 from app.bridge.tf.listener import TfListener
 from app.bridge.tf.wire import TfSample, write_tf_message
 from app.geometry import Stamp, Transform
@@ -31,9 +31,8 @@ def shifted(child, x_mm, parent="world"):
 def test_broadcast_transform_keeps_its_stamp(ros, other):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
-    static = StaticTfBroadcaster(other)
-    static.send([shifted("base", 10.0)])
-    static.send([shifted("tip", 5.0, "tool")])
+    latched = [shifted("base", 10.0), shifted("tip", 5.0, "tool")]
+    other.publisher(topics.TF_STATIC).publish(tf_message((each, Stamp(0)) for each in latched))
     moving = TfBroadcaster(other)
     assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
     moving.send([(shifted("tool", 66.0, "base"), Stamp(12_345_678_901))])
@@ -43,10 +42,9 @@ def test_broadcast_transform_keeps_its_stamp(ros, other):
 
 
 def test_late_listener_gets_every_latched_transform(ros, other):
-    static = StaticTfBroadcaster(other)
+    first = other.publisher(topics.TF_STATIC)
     second = other.publisher(Topic(topics.TF_STATIC.name, topics.TF_STATIC.type, LATCHED))
-    static.send([shifted("a", 1.0), shifted("b", 2.0)])
-    static.send([shifted("a", 3.0)])
+    first.publish(tf_message([(shifted("a", 3.0), Stamp(0)), (shifted("b", 2.0), Stamp(0))]))
     second.publish(tf_message([(shifted("c", 4.0), Stamp(0))]))
     buffer = TransformBuffer()
     TfListener(ros, buffer)
