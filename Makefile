@@ -31,7 +31,7 @@ help:
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests on an idle machine: cohorts, real time, notebooks, browser runs'
 	@echo 'make test-exhaustive  repeat in full what shorter tests of the suite show (hours, idle machine)'
-	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
+	@echo 'make bench-faults  inject the whole matrix of faults into a live session (15 minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
 	@echo 'make test-foxglove  read the results of a replay with packages of Foxglove (npm)'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'

@@ -42,6 +42,7 @@ class Bench:
     def __init__(self, folder: Path, constraint_hz: float, stale_ms: float | None) -> None:
         self.folder = folder
         self._constraint_hz, self._stale_ms = constraint_hz, stale_ms
+        self.period_ms = 1000.0 / constraint_hz
         self._scene_path = folder / "scene.json"
         self.scene: Scene = write_scene(self._scene_path, time.time_ns())
         self.controller = Controller(self.scene)

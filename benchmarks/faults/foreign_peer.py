@@ -13,12 +13,12 @@ import numpy as np
 import rclpy
 import trimesh
 from geometry_msgs.msg import Point, TransformStamped
-from marginguard_msgs.msg import FixtureConstraint
-from marginguard_msgs.srv import Rearm, SetTumor
+from marginguard_msgs.msg import FixtureConstraint, SessionContent, SessionStep
+from marginguard_msgs.srv import Command, Rearm, SetTumor
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from shape_msgs.msg import MeshTriangle
@@ -133,6 +133,20 @@ class Foreign(Requests):
     def pause(self):
         """End what is published."""
         self.stopped.set()
+        return {"ns": time.time_ns()}
+
+    def hang(self, instance_id):
+        """Subscribe as a display, send a note, and take neither a message nor the reply."""
+        node = self.hung = rclpy.create_node("hung_display")  # that nothing spins
+        latched = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(SessionContent, "/marginguard/content", print, latched)
+        node.create_subscription(SessionStep, "/marginguard/step", print, qos_profile_sensor_data)
+        client = node.create_client(Command, "/marginguard/command")
+        if not client.wait_for_service(10.0):
+            raise RuntimeError("no service command")
+        request = Command.Request(node="/hung_display", instance_id=instance_id)
+        request.command, request.arguments = "note", '{"text": "from a hung display"}'
+        client.call_async(request)
         return {"ns": time.time_ns()}
 
     def constraint(self, raw, instance_id, hz):

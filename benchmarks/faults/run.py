@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.faults.bench import Bench, GuardStartError, UnmeasuredError
+from benchmarks.faults.display_rows import display_rows
 from benchmarks.faults.foreign_rows import foreign_rows
 from benchmarks.faults.guard_rows import guard_rows
 from benchmarks.faults.results import Row, RowResult, Variant, results_table
@@ -44,7 +45,7 @@ def run(options: Any, folder: Path) -> int:
 def all_rows() -> list[Row]:
     """The whole matrix, ordered so that a guard serves as many rows as possible."""
     order = list(Variant)
-    rows = [*tracker_rows(), *foreign_rows(), *guard_rows()]
+    rows = [*tracker_rows(), *foreign_rows(), *display_rows(), *guard_rows()]
     return sorted(rows, key=lambda row: order.index(row.variant))
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +17,23 @@ from app.bridge.displays import LiveChild, SessionClient
 from app.bridge.displays.names import PAGE_NODE, PANEL_NODE
 from app.bridge.displays.session_client import TransportDelay
 from app.fixture import MarginState, Reason
-from app.geometry import MarginGuardError
+from app.geometry import NS_PER_S, MarginGuardError
 from app.runtime import AddNote, ChooseDepth, LengthenNeedle, Rearm, SetMargins, SetTumor
 from benchmarks.images.session import write_session
 from tests.bridge.conftest import SENDER, TRACKED
+from tests.bridge.live.guard_monitor import monitored
 from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
 NODE = "/marginguard"
+DISPLAY = f"""
+from app.bridge import RosNode
+from app.bridge.displays import SessionClient
+with RosNode("{PAGE_NODE}_1") as ros:
+    for step in SessionClient(ros, "{NODE}").steps():
+        print(step.index, flush=True)
+"""
 
 
 class Display:
@@ -151,7 +160,8 @@ def test_page_and_panel_show_the_same_and_their_requests_name_them(guard, displa
 
 def test_of_two_displays_one_rearm_counts(guard, display):
     first, second = display(), display(f"{PAGE_NODE}_2")
-    first.until(is_tracked)
+    for each in (first, second):
+        each.until(is_tracked)
     first.client.operator.request(SetMargins(0.5, 4.0))  # looser ones begin a hold
     outcomes = []
     while outcomes.count("") != 1:
@@ -188,6 +198,24 @@ def test_new_node_is_found_after_the_first_was_killed(
     start_sender("tracked", "again")
     rearmed(page)
     assert page.error == ""
+
+
+def test_constraint_goes_on_while_a_display_is_stopped_and_after_it_is_killed(
+    guard, start, domain_id
+):
+    """Each time until a constraint comes by poses that are a second younger than the fault."""
+    child = start("-c", DISPLAY)
+    child.line()
+    with monitored(domain_id) as monitor:
+        for fault in (signal.SIGSTOP, signal.SIGKILL):
+            child.process.send_signal(fault)
+            late_ns = time.time_ns() + NS_PER_S
+
+            def is_late(each, late_ns=late_ns):
+                stamp = each.message.header.stamp
+                return stamp.sec * NS_PER_S + stamp.nanosec > late_ns
+
+            monitor.until(is_late)
 
 
 REFUSED = (
