@@ -49,7 +49,7 @@ class LiveImages:
     An image is placed by the poses at its own stamp (`PoseHistory`): it waits until they have come,
     and the one before it is shown meanwhile. It may be shown while it differs from the moment that
     is shown by at most ``stale_after_ns``. Poses around an image are at most ``max_gap_ns`` apart.
-    `problem` is that of the last image if it was refused; no image may be shown then.
+    None may be shown while the last one was refused; the pose of `at` then has the problem.
     """
 
     def __init__(self, depths: ImageDepths, *, stale_after_ns: int, max_gap_ns: int) -> None:
@@ -67,11 +67,6 @@ class LiveImages:
     def size(self) -> tuple[int, int] | None:
         """Columns and rows of every image; None before the first one."""
         return None if self._kind is None else (self._kind[0][1], self._kind[0][0])
-
-    @property
-    def problem(self) -> str:
-        """Why the last image was refused; empty if it was not."""
-        return self._problem
 
     def add_poses(self, samples: Sequence[TrackedTransform]) -> None:
         """Add samples of the tracker."""

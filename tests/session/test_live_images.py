@@ -177,7 +177,7 @@ def test_no_image_yet(images):
     assert images.at(0, "reference").pose.problem == "no image yet"
     assert images.size is None
     images.add(ImageSample(0, None, ImageStatus.OK, np.zeros((3, 4), np.uint8)))
-    assert "no stamp" in images.problem
+    assert "no stamp" in images.at(0, "reference").pose.problem
 
 
 def test_memory_holds_the_last_images_only(images):

@@ -70,10 +70,8 @@ def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
     last_ns = send(PIXELS[3])
     wait_until(lambda: np.array_equal(shown(images, last_ns), PIXELS[3][:, ::-1]))
     send(np.zeros((6, 5, 3), np.uint8), "bgr8")
-    wait_until(lambda: images.problem)
-    assert images.problem == (
-        "/us/image: encoding of the image is 'bgr8'; expected mono8, mono16, rgb8"
-    )
+    expected = "/us/image: encoding of the image is 'bgr8'; expected mono8, mono16, rgb8"
+    wait_until(lambda: images.at(last_ns, "reference").pose.problem == expected)
     assert shown(images, last_ns) is None
     topic.close()
 
@@ -88,8 +86,8 @@ def test_images_of_two_publishers_are_refused(ros: RosNode, other: RosNode) -> N
         for each in publishers:
             each.publish(image_message(PIXELS[0], "mono8", "image", Stamp(next(stamps))))
 
-    wait_until(lambda: images.problem, send)
-    assert images.problem == "/us/image has 2 publishers of images; expected 1"
+    expected = "/us/image has 2 publishers of images; expected 1"
+    wait_until(lambda: images.at(0, "reference").pose.problem == expected, send)
     topic.close()
 
 
