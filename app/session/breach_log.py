@@ -112,7 +112,7 @@ class BreachLog:
     """
 
     def __init__(self, tumor: SurfaceMesh, stale_after_ns: int) -> None:
-        self._center_mm = tumor.centroid_mm
+        self._tumor, self._center_mm = tumor, tumor.centroid_mm
         self._runs = InsideRuns(stale_after_ns)
         self._list = BreachList()
         self._first_ns: int | None = None
@@ -124,7 +124,8 @@ class BreachLog:
 
     def use(self, tumor: SurfaceMesh, stale_after_ns: int) -> None:
         """Use another tumour or limit from the next step on."""
-        self._center_mm = tumor.centroid_mm
+        if tumor is not self._tumor:  # of a large surface it takes a millisecond
+            self._tumor, self._center_mm = tumor, tumor.centroid_mm
         self._runs.use(stale_after_ns)
 
     def observe(self, step: StepResult) -> BreachList:
