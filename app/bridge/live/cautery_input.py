@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from std_msgs.msg import Bool
 
-from app.bridge.live.subscription import CountedSubscription
+from app.bridge.live.sources import CountedSubscription
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic

@@ -1,14 +1,189 @@
-"""Outputs of a live node besides its publisher: allowed twists, guidance, log."""
+"""Third stage of a live node: what receives its steps, besides the session's publisher."""
 
+import os
+import re
+import socket
 import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 from app.bridge.control import GuidancePublisher, TwistLimiter
+from app.bridge.displays.display_output import DisplayOutput
 from app.bridge.node import RosNode
+from app.bridge.publishing.constraint_stream import ConstraintStream
+from app.bridge.publishing.session_publisher import SessionPublisher
+from app.bridge.qos import INCOMING
 from app.bridge.steady_clock import steady_ns
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf.listener import TfListener
+from app.case import LiveCase
+from app.files.state_folder import state_folder
 from app.fixture import MarginParameters
-from app.geometry import ImageSample
-from app.runtime import ImageDescription, PassiveOutput, SessionContent, StepTiming, SwitchContent
-from app.session import SessionSetup, SetupDoubts, StepResult
+from app.geometry import ImageSample, InputError
+from app.runtime import (
+    AuditLog,
+    AuditOutput,
+    CaseRecorder,
+    Holds,
+    ImageDescription,
+    Output,
+    PassiveOutput,
+    PreparedLive,
+    RequestKind,
+    RequestLog,
+    SessionContent,
+    StepTiming,
+    SwitchContent,
+    described_images,
+)
+from app.session import (
+    SessionSetup,
+    SetupDoubts,
+    StepResult,
+    guidance_parameters,
+    limiter_parameters,
+)
+
+IMAGE_TOPIC = "~/image"
+"""Images that come over OpenIGTLink, for displays."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveOutputs:
+    """``in_order``: the outputs in the order in which they receive each step.
+
+    ``twists``, ``depth`` and ``displays`` are used by three of them. ``images`` are those of the
+    session, None without. ``holds`` identifies the hold that is published, ``requests`` lists the
+    requests of operators, ``recorder`` records the session.
+    """
+
+    in_order: tuple[Output, ...]
+    twists: TwistLimiter
+    depth: "ChosenDepth"
+    displays: DisplayOutput
+    images: ImageDescription | None
+    holds: Holds
+    requests: RequestLog
+    recorder: CaseRecorder
+
+    def refused_twists(self) -> Mapping[str, int]:
+        """Number of refused twists, by reason."""
+        return {f"twists refused: {why}": n for why, n in dict(self.twists.refused).items()}
+
+
+@contextmanager
+def live_outputs(
+    prepared: PreparedLive,
+    publisher: SessionPublisher,
+    image_problem: Callable[[], str],
+    *,
+    namespace: str,
+    audit: Path | None,
+    cases: Path | None,
+    displays: Sequence[str],
+    further: Sequence[Output],
+) -> Iterator[LiveOutputs]:
+    """The outputs of the session that ``publisher`` publishes; ``further`` are those of the caller.
+
+    Within the context the audit log is written. At its end a running recording is finished.
+    """
+    config, content, ros = prepared.config, prepared.content, publisher.ros
+    guides = guidance_parameters(config)
+    requests = RequestLog(time.time_ns, time.monotonic_ns)
+    with (
+        _audit_log(ros, publisher.constraints, audit or _audit_file(ros)) as log,
+        _case_recorder(config, namespace, cases) as recorder,
+    ):
+        requests.listen(log.request)
+        buffer = TransformBuffer()
+        TfListener(ros, buffer, clock=False, qos=INCOMING)
+        twists = TwistLimiter(
+            ros,
+            buffer,
+            parameters=limiter_parameters(config),
+            simulated=content.simulated and not config.moves_by_simulated,
+        )
+        guidance = () if guides is None else (GuidanceOutput(GuidancePublisher(ros, guides)),)
+        images = described_images(prepared.case, ros.node.resolve_topic_name(IMAGE_TOPIC))
+        depth = ChosenDepth(content, images)
+        recorder.depth = lambda: depth.choice
+        recorder.ended = partial(requests.refused, RequestKind.RECORD, "the recorder")
+        shown = DisplayOutput(
+            ros,
+            content,
+            images,
+            displays,
+            instance_id=publisher.constraints.instance_id,
+            holds=publisher.constraints,
+            requests=requests,
+            recording=lambda: recorder.status,
+            image_problem=image_problem,
+        )
+        in_order = (
+            PlaybackLog(ros),
+            FramesProblemLog(ros),
+            SetupDoubtLog(ros, prepared.setup),
+            publisher,
+            TwistOutput(twists, prepared.setup.margins),
+            *guidance,
+            AuditOutput(log, content, time.monotonic_ns),
+            depth,
+            *further,
+            shown,
+        )
+        yield LiveOutputs(in_order, twists, depth, shown, images, publisher.constraints, requests, recorder)
+
+
+def _audit_file(ros: RosNode) -> Path:
+    """Default audit log of a live node, below the state folder, by host, domain and namespace.
+
+    Raises `InputError` for a user without a home folder.
+    """
+    domain, namespace = ros.node.context.get_domain_id(), ros.node.get_namespace()
+    parts = (socket.gethostname(), f"domain{domain}", namespace.strip("/"))
+    name = "-".join(re.sub(r"[^A-Za-z0-9.]+", "_", part)[:60] for part in parts if part)
+    return state_folder() / "audit" / f"{name}.jsonl"
+
+
+@contextmanager
+def _case_recorder(config: LiveCase, namespace: str, cases: Path | None) -> Iterator[CaseRecorder]:
+    """Records the session of ``config`` below ``cases``, by default below the state folder.
+
+    A running recording is finished at the end of the context.
+    """
+    case = config.case
+    recorder = CaseRecorder(
+        case.folder / case.manifest.file,
+        cases or state_folder() / "cases",
+        title=case.manifest.name,
+        package_dirs=case.package_dirs,
+        namespace=namespace,
+    )
+    try:
+        yield recorder
+    finally:
+        with suppress(InputError):  # it has been listed with the requests
+            recorder.close()
+
+
+@contextmanager
+def _audit_log(ros: RosNode, constraints: ConstraintStream, path: Path) -> Iterator[AuditLog]:
+    """The audit log of a live node; within the context its thread writes."""
+    about = {
+        "node": ros.node.get_fully_qualified_name(),
+        "pid": os.getpid(),
+        "instance_id": constraints.instance_id,
+    }
+    log = AuditLog(path, about, time.time_ns, ros.node.get_logger().error)
+    try:
+        ros.node.get_logger().info(f"audit log: {log.path}")
+        yield log
+    finally:
+        log.close()
 
 
 class TwistOutput(PassiveOutput):

@@ -1,4 +1,4 @@
-"""Record ROS topics to a bag, as serialised messages with times of sending and of receipt."""
+"""Record ROS topics to a bag, and list the changes of a session while it is recorded."""
 
 import threading
 import time
@@ -6,12 +6,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
+from marginguard_msgs.msg import FixtureConstraint
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
     QoSProfile,
     ReliabilityPolicy,
 )
+from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.bag_topics import offered, ros_prefixes
@@ -21,6 +23,7 @@ from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
 from app.case import BagTopic, BagWriter, message_definition
+from app.case.live_recording import SessionChange
 from app.geometry import InputError, MarginGuardError
 
 _DEPTH = 1000
@@ -31,6 +34,8 @@ _Key = tuple[int, int | None, int]
 
 class RosRecorder:
     """Records ``topics`` (full names) as they appear, with the types found on the graph.
+
+    Messages are recorded as serialised, with times of sending and of receipt.
 
     Call `discover`, `flush` and `sync` periodically, from any threads; a killed process loses
     messages since the last `flush`. Messages are written in the node's thread. `refused` maps each
@@ -163,6 +168,53 @@ class RosRecorder:
                 self._bag.write(name, data, received_ns=received_ns, published_ns=published_ns)
             except MarginGuardError as error:
                 self._error = error
+
+
+class SessionWatch:
+    """Samples the constraints of a session and lists changes since the first one in `changes`.
+
+    Ten samples per second are sufficient, because a new tumour takes longer to prepare. Each run of
+    a session is followed by its ``instance_id``: a run changes when its ids do, and a run that
+    joins or replaces another one is a change if its ids differ from those before it.
+    """
+
+    def __init__(self) -> None:
+        self._last_received: bytes | None = None
+        self._ids: dict[str, tuple[str, str]] = {}
+        self._last: tuple[str, str] | None = None
+        self._publishers = 0
+        self.changes: list[SessionChange] = []
+
+    def has_new_publisher(self, publishers: int) -> bool:
+        """Set the number of publishers of constraints; True if one has joined another."""
+        before, self._publishers = self._publishers, publishers
+        return publishers > max(before, 1)
+
+    def has_changed(self, received: tuple[int, bytes] | None) -> bool:
+        """True if a constraint, given with its time of receipt, has another tumour or registration.
+
+        ``received`` is None before the first constraint. Invalid bytes are not a change.
+        """
+        if received is None or received[1] is self._last_received:
+            return False
+        at_ns, self._last_received = received
+        try:
+            message = deserialize_message(self._last_received, FixtureConstraint)
+        except Exception:  # rclpy raises several unrelated types for invalid bytes
+            return False
+        ids = (message.model_id, message.registration_id)
+        before = self._ids.get(message.instance_id, self._last)
+        self._ids[message.instance_id] = self._last = ids
+        if before is None or before == ids:
+            return False
+        parts = zip(("tumour", "registration"), before, ids, strict=True)
+        replaced = ", ".join(name for name, known, now in parts if known != now)
+        self.changes.append(SessionChange(at_ns, *ids, replaced))
+        return True
+
+    def note_replaced(self, at_ns: int, parts: str) -> None:
+        """List a change that the session itself has reported at ``at_ns``."""
+        self.changes.append(SessionChange(at_ns, *(self._last or ("", "")), parts))
 
 
 class _Recorded:

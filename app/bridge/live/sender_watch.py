@@ -11,8 +11,8 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from app.bridge import topics
+from app.bridge.live.sources import CountedSubscription
 from app.bridge.live.static_watch import StaticWatch
-from app.bridge.live.subscription import CountedSubscription
 from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.message_origin import Origin, sender_of
 from app.bridge.node import RosNode
@@ -32,36 +32,42 @@ _CONTENT = struct.Struct("<7dB")
 _NO_PROBLEM: Mapping[Reason, str] = MappingProxyType({})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WatchedSession:
-    """What a `SenderWatch` has to know of its session.
+@dataclass(frozen=True, slots=True)
+class WatchedInputs:
+    """Where a session receives its samples.
 
     ``pose_topic``: where its poses arrive, None for a source that is not on the graph.
-    ``named``: the edges that the configuration names. ``joint_topic``: the robot's, None without;
-    ``joint_names``: those that move its tool. The functions return the present measured edges and
-    the present static transforms, without waiting for a step, and the time in ns for which a sample
-    is in use. ``restore_static`` publishes the static ones again.
+    ``joint_topic``: the robot's, None without; ``joint_names``: those that move its tool.
+    ``edges``: those that the configuration names.
     """
 
     pose_topic: str | None
     joint_topic: str | None
     joint_names: frozenset[str]
+    edges: Collection[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WatchedSession:
+    """The present measured edges and static transforms of a session, read without waiting for a
+    step, and the time in ns for which a sample is in use.
+    """
+
     edges: Callable[[], Collection[tuple[str, str]]]
     static_edges: Callable[[], Sequence[Transform]]
     fresh_ns: Callable[[], int]
-    restore_static: Callable[[], None]
-    named: Collection[tuple[str, str]] = ()
 
 
 class SenderWatch:
     """Finds frames, joints, static transforms and constraints that other nodes send as well.
 
-    Call `start` when the session exists. `accepts_pose` and `accepts_joints` process each received
-    sample in the node's thread, `take_tf` the messages of tf. `outside` returns the faults for the
-    session's next step.
+    Call `start` when the session exists, and before its first sample. From then on `accepts_pose`
+    and `accepts_joints` process each received sample in the node's thread, `take_tf` the messages
+    of tf. `outside` returns the faults for the session's next step.
     ``constraint`` is the session's publisher; every other publisher on its topic is a fault.
-    ``own`` are all publishers of this node. ``new_sender()`` is called in the node's thread before
-    the first sample of each sender is used.
+    ``own`` are all publishers of this node; ``restore_static()`` publishes the session's static
+    transforms again. ``new_sender()`` is called in the node's thread before the first sample of
+    each sender is used.
 
     A name of a node is what the node announces: it is a candidate and not an identity.
 
@@ -72,28 +78,31 @@ class SenderWatch:
     def __init__(
         self,
         ros: RosNode,
-        session: WatchedSession,
+        inputs: WatchedInputs,
         *,
         constraint: Publisher,
         own: Sequence[Publisher],
+        restore_static: Callable[[], None],
         new_sender: Callable[[], None],
     ) -> None:
         self._ros = ros
-        self._session = session
+        self._session: WatchedSession  # from `start` on
+        self._restore_static = restore_static
         self._new_sender = new_sender
         senders = [sender_of(publisher) for publisher in own]
         self._tf = SenderNames(ros, topics.TF.name, senders)
         self._tf_static = SenderNames(ros, topics.TF_STATIC.name, senders)
         self._poses = self._tf
-        if session.pose_topic not in (None, topics.TF.name):
-            self._poses = SenderNames(ros, str(session.pose_topic), senders)
-        self._joints = SenderNames(ros, session.joint_topic or "", senders)
+        if inputs.pose_topic not in (None, topics.TF.name):
+            self._poses = SenderNames(ros, str(inputs.pose_topic), senders)
+        self._joints = SenderNames(ros, inputs.joint_topic or "", senders)
+        self._joint_names = inputs.joint_names
         self._constraint = constraint
         self._own_constraint = sender_of(constraint)
         self._names = list(dict.fromkeys([self._tf, self._tf_static, self._poses]))
-        if session.joint_topic is not None:
+        if inputs.joint_topic is not None:
             self._names.append(self._joints)
-        self._frames = FrameSenders(session.named)
+        self._frames = FrameSenders(inputs.edges)
         self._published = FrameSenders()
         self._static = StaticWatch(self._tf, self._tf_static)
         self._joint_trail, self._joint_sequences = SenderTrail(), SequenceTrail()
@@ -103,8 +112,9 @@ class SenderWatch:
         self._refused = self._other_fixtures = 0
         self._timer: Timer | None = None
 
-    def start(self, *, moving: bool) -> None:
-        """Read the graph; subscribe to ``/tf_static``, with ``moving`` also to ``/tf``."""
+    def start(self, session: WatchedSession, *, moving: bool) -> None:
+        """Read the graph for ``session``, and ``/tf_static``; with ``moving`` also ``/tf``."""
+        self._session = session
         self._timer = self._ros.every(CHECK_S, self._check)
         static = replace(topics.TF_STATIC, qos=STATIC_TF)
         CountedSubscription(self._ros, static, TF_MESSAGE, partial(self.take_tf, latched=True))
@@ -133,7 +143,7 @@ class SenderWatch:
     def accepts_joints(self, joints: JointValues, origin: Origin) -> bool:
         """Process joint positions; False if they must not be used."""
         self._meet(self._joints, origin)
-        if self._session.joint_names.isdisjoint(joints.names):
+        if self._joint_names.isdisjoint(joints.names):
             return True  # of another device
         sample, now_ns = Sample(joints.ns, (joints.names, joints.positions)), time.monotonic_ns()
         if origin.sender is None:
@@ -217,7 +227,7 @@ class SenderWatch:
                 "their positions must not mix; expected one sender"
             )
         if self._static.remove_ended(own, now_ns):
-            self._session.restore_static()
+            self._restore_static()
         found += self._static.problems(own, {child for _, child in edges}, now_ns)
         self._texts = tuple(found)
         self._log_fixtures(now_ns)

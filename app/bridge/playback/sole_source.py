@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from app.bridge import topics
 from app.bridge.errors import BridgeError
-from app.bridge.live.subscription import CountedSubscription
+from app.bridge.live.sources import CountedSubscription
 from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from io import BufferedReader
 
     from app.bridge import RosNode
-    from app.bridge.live.depth_recorder import DepthRecorder
-    from app.bridge.live.igtl_recorder import IgtlRecorder
+    from app.bridge.live.non_ros_recorder import DepthRecorder, IgtlRecorder
     from app.bridge.live.recorder import RosRecorder
     from app.case import BagWriter, LiveCase, SessionValues
 
@@ -234,7 +233,7 @@ def _record(
 ) -> None:
     from app.bridge import BridgeError
     from app.bridge.live import RosRecorder, SessionWatch
-    from app.bridge.live.depth_recorder import DepthRecorder
+    from app.bridge.live.non_ros_recorder import DepthRecorder
     from app.case import RECORDING_FOLDER
     from app.case.live_recording import write_changes
     from app.case.recorder.periodic_flush import PeriodicFlush
@@ -301,7 +300,7 @@ def _igtl_recorder(
     report: Callable[[str], None],
 ) -> "IgtlRecorder | None":
     """Records the OpenIGTLink source of ``live``; None for another source."""
-    from app.bridge.live.igtl_recorder import IgtlRecorder
+    from app.bridge.live.non_ros_recorder import IgtlRecorder
     from app.case.live_file import IgtlSourceEntry
 
     if live is None or not isinstance(live.source, IgtlSourceEntry):

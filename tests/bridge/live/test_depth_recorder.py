@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.bridge.live.depth_recorder import DepthRecorder
+from app.bridge.live.non_ros_recorder import DepthRecorder
 from app.case import IMAGE_DEPTH_TOPIC, BagTopic, BagWriter, DepthCalibration, ImageDepths
 from app.case.images.recorded_depths import RecordedDepth, recorded_depths
 from app.geometry import ImageCalibration, ImageSample, ImageStatus, InputError, Stamp

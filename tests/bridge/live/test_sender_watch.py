@@ -13,7 +13,7 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
 from app.bridge.live.playback_watch import PlaybackWatch
-from app.bridge.live.sender_watch import SenderWatch, WatchedSession
+from app.bridge.live.sender_watch import SenderWatch, WatchedInputs, WatchedSession
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.tf.broadcaster import tf_message
@@ -37,20 +37,21 @@ class Watched:
         self.restored = threading.Event()
         self.static_edges = (BASE,)
         constraint, static = ros.publisher(topics.CONSTRAINT), ros.publisher(topics.TF_STATIC)
+        self.senders = SenderWatch(
+            ros,
+            WatchedInputs("/tf", "/joint_states", joint_names=frozenset({"waist"})),
+            constraint=constraint,
+            own=[constraint, static],
+            restore_static=self.restored.set,
+            new_sender=lambda: None,
+        )
+        static.publish(tf_message([(BASE, Stamp(0))]))
         session = WatchedSession(
-            pose_topic="/tf",
-            joint_topic="/joint_states",
-            joint_names=frozenset({"waist"}),
             edges=lambda: EDGES,
             static_edges=lambda: self.static_edges,
             fresh_ns=lambda: 75 * NS_PER_MS,
-            restore_static=self.restored.set,
         )
-        self.senders = SenderWatch(
-            ros, session, constraint=constraint, own=[constraint, static], new_sender=lambda: None
-        )
-        static.publish(tf_message([(BASE, Stamp(0))]))
-        self.senders.start(moving=True)
+        self.senders.start(session, moving=True)
 
     @property
     def problem(self):

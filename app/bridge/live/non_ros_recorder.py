@@ -1,26 +1,73 @@
-"""Record what an OpenIGTLink server sends, beside the ROS topics of a recording."""
+"""Record what does not come over ROS: an OpenIGTLink server, and the imaging depths chosen."""
 
+import threading
 from collections.abc import Callable, Sequence
 
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Bool
 
 from app.bridge.bag_topics import bag_topic
 from app.bridge.igtl_images import message_of_image
 from app.bridge.live.cautery_input import said_by
-from app.bridge.live.depth_recorder import DepthRecorder
 from app.bridge.live.recorder import RosRecorder
+from app.bridge.messages import header_message
 from app.bridge.qos import NEWEST, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, tracked_message
-from app.case import LiveCase
+from app.case import IMAGE_DEPTH_TOPIC, ImageDepths, LiveCase, SessionValues, image_depths
 from app.case.live_file import IgtlSourceEntry
 from app.case.live_recording import IGTL_CAUTERY_TOPIC, IGTL_IMAGES_TOPIC
-from app.geometry import MarginGuardError, TrackedTransform
+from app.geometry import ImageSample, InputError, MarginGuardError, Stamp, TrackedTransform
 from app.igtl import DeviceImages, Header, IgtlSource
 
+_DEPTH = Topic(IMAGE_DEPTH_TOPIC, Range, NEWEST)
 _IMAGES = Topic(IGTL_IMAGES_TOPIC, Image, NEWEST)
 _CAUTERY = Topic(IGTL_CAUTERY_TOPIC, Bool, NEWEST)
+
+
+class DepthRecorder:
+    """Writes each chosen depth to `IMAGE_DEPTH_TOPIC`, and checks images by the depth in use."""
+
+    def __init__(self, recorder: RosRecorder, depths: ImageDepths) -> None:
+        self._recorder, self._depths = recorder, depths
+        self._lock = threading.Lock()
+        if depths.depths_mm:
+            recorder.add_own(bag_topic(_DEPTH.name, _DEPTH))
+
+    @classmethod
+    def of(
+        cls, recorder: RosRecorder, live: LiveCase, values: SessionValues | None
+    ) -> "DepthRecorder | None":
+        """For the images of ``live``, at the depth of ``values``; None without images."""
+        entry = live.case.manifest.images
+        if entry is None:
+            return None
+        depths = image_depths(live.case, entry)
+        if values is not None and values.image_depth_mm is not None:
+            depths.choose(values.image_depth_mm, None)
+        return cls(recorder, depths)
+
+    def write(self, depth_mm: float, from_ns: int) -> str:
+        """Write that ``depth_mm`` holds for images stamped after ``from_ns``; return a note."""
+        try:
+            with self._lock:
+                self._depths.choose(depth_mm, from_ns)
+        except InputError as error:
+            return str(error)
+        message = Range(
+            header=header_message("image", Stamp(from_ns)),
+            radiation_type=Range.ULTRASOUND,
+            range=depth_mm / 1000.0,
+            max_range=max(self._depths.depths_mm) / 1000.0,
+        )
+        self._recorder.write_own(_DEPTH.name, bytes(serialize_message(message)))
+        return f"depth of the images: {depth_mm:g} mm"
+
+    def check(self, image: ImageSample) -> None:
+        """Raise `InputError` for an image of another depth than the one in use at its stamp."""
+        if image.stamp is not None:
+            with self._lock:
+                self._depths.check(image.stamp.ns, image.pixel_mm)
 
 
 class IgtlRecorder:
