@@ -9,6 +9,7 @@ the rcl library that rclpy has loaded. The identifier is that of
 import ctypes
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
 from typing import Any, NamedTuple
@@ -184,6 +185,22 @@ class MessageTaker:
         self._rcl.free_bytes(ctypes.byref(self._bytes))
 
 
+@dataclass(frozen=True, slots=True)
+class Receiver:
+    """Callback of a raw subscription that passes each message and its origin to ``receive``.
+
+    `OriginExecutor` calls ``receive`` itself. Without the sender, rclpy calls this object.
+    """
+
+    receive: ReceiveFrom
+
+    def __call__(self, data: bytes, info: Mapping[str, int]) -> None:
+        """Receive a message with the number and the times that rclpy gives."""
+        number = _sequence(info["publication_sequence_number"])
+        origin = Origin(None, number, info["source_timestamp"], info["received_timestamp"])
+        self.receive(data, origin)
+
+
 class OriginExecutor(SingleThreadedExecutor):
     """Executor that passes the origin of each message to the subscriptions of `add_receiver`."""
 
@@ -192,7 +209,7 @@ class OriginExecutor(SingleThreadedExecutor):
         self._takers: WeakKeyDictionary[Subscription, MessageTaker] = WeakKeyDictionary()
 
     def add_receiver(self, subscription: Subscription) -> None:
-        """Take the messages of ``subscription``, whose callback is of `receiver`, with origin."""
+        """Take the messages of ``subscription``, whose callback is a `Receiver`, with origin."""
         rcl = _loaded_rcl()
         if rcl is not None:
             self._takers[subscription] = MessageTaker(rcl)
@@ -214,32 +231,13 @@ class OriginExecutor(SingleThreadedExecutor):
             failed = None
             for data, origin in taken:
                 try:
-                    sub.callback(data, origin)
+                    sub.callback.receive(data, origin)
                 except Exception as error:  # the other messages are not lost
                     failed = error
             if failed is not None:
                 raise failed
 
         return execute
-
-
-def receiver(callback: ReceiveFrom) -> Callable[[bytes, Any], None]:
-    """Callback of a raw subscription that calls ``callback`` with each message and its origin.
-
-    Without `OriginExecutor` the sender is unknown, and the sequence number that of rclpy.
-    """
-
-    def receive(data: bytes, info: Origin | Mapping[str, int]) -> None:
-        if not isinstance(info, Origin):
-            info = Origin(
-                None,
-                _sequence(info["publication_sequence_number"]),
-                info["source_timestamp"],
-                info["received_timestamp"],
-            )
-        callback(data, info)
-
-    return receive
 
 
 def _sequence(number: int) -> int | None:

@@ -35,7 +35,7 @@ from app.bridge.message_definitions import (
     checked_callback,
     expected_digest,
 )
-from app.bridge.message_origin import OriginExecutor, ReceiveFrom, receiver
+from app.bridge.message_origin import OriginExecutor, ReceiveFrom, Receiver
 from app.bridge.open_ports import listens_to_other_machines
 from app.bridge.qos import Topic
 from app.bridge.security import check_security
@@ -171,6 +171,20 @@ class RosNode:
         With ``raw`` the callback receives the serialised bytes. It is not called while a publisher
         has another definition of one of our messages (`definition_problems`).
         """
+        return self._subscribe(topic, callback, raw=raw)
+
+    def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
+        """As `subscribe` with ``raw``; ``callback(data, origin)`` also receives the origin."""
+        return self._subscribe(topic, callback, raw=True, with_origin=True)
+
+    def _subscribe(
+        self,
+        topic: Topic,
+        callback: Callable[..., None],
+        *,
+        raw: bool,
+        with_origin: bool = False,
+    ) -> Subscription:
         created: list[Subscription] = []  # empty while a callback may already be called
         watched: list[DefinitionWatch] = []
         if expected_digest(topic.type) is not None:
@@ -184,7 +198,8 @@ class RosNode:
         subscription = self.node.create_subscription(
             topic.type,
             topic.name,
-            callback,
+            # rclpy passes the origin to a callback with two parameters.
+            Receiver(callback) if with_origin else callback,  # type: ignore[arg-type]
             topic.qos,
             raw=raw,
             event_callbacks=SubscriptionEventCallbacks(
@@ -192,16 +207,11 @@ class RosNode:
             ),
         )
         created.append(subscription)
+        if with_origin:
+            self._executor.add_receiver(subscription)
         self.call_soon(self._events.collect)
         for watch in watched:
             self._watches[subscription] = watch
-        return subscription
-
-    def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
-        """As `subscribe` with ``raw``; ``callback(data, origin)`` also receives the origin."""
-        # rclpy passes the origin to a callback with two parameters.
-        subscription = self.subscribe(topic, receiver(callback), raw=True)  # type: ignore[arg-type]
-        self._executor.add_receiver(subscription)
         return subscription
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:

@@ -8,7 +8,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import message_origin
-from app.bridge.message_origin import Origin, receiver, sender_of
+from app.bridge.message_origin import Origin, Receiver, sender_of
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.bridge.topics import TF
@@ -154,7 +154,7 @@ def test_large_and_empty_messages_arrive_unchanged(domain_id):
 
 def test_receiver_accepts_the_mapping_of_rclpy():
     found = []
-    receiver(lambda data, origin: found.append((data, origin)))(
+    Receiver(lambda data, origin: found.append((data, origin)))(
         b"data", {"publication_sequence_number": 7, "source_timestamp": 5, "received_timestamp": 6}
     )
     assert found == [(b"data", Origin(None, 7, 5, 6))]

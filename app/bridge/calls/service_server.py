@@ -118,17 +118,15 @@ class ServiceServer:
             )
 
     def _reply(self, request: Any, response: Any) -> Any:
-        def handle(request: Any) -> None:
-            self._handle(request, response)
-            serialize_message(response)  # an invalid response must fail here, not when it is sent
-
-        refusal = self._answer(handle, request)
+        refusal = self._answer(self._handle, request, response)
+        if refusal is None:  # an invalid response must fail here, not when it is sent
+            refusal = self._answer(serialize_message, response)
         return response if refusal is None else refusal
 
-    def _answer(self, handle: Callable[[Any], None], request: Any) -> Any:
+    def _answer(self, handle: Callable[..., object], *arguments: Any) -> Any:
         """Call ``handle``; return the response for a failure, None if there is none."""
         try:
-            handle(request)
+            handle(*arguments)
         except MarginGuardError as error:
             self.refused += 1
             return failure_reply(self.type.Response(), str(error))
