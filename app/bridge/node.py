@@ -110,11 +110,11 @@ class RosNode:
         self._closing_lock = threading.Lock()
         self._events = EndpointEvents(self.node)
         self._wake = self.node.create_guard_condition(lambda: None)
-        for name in self.node.list_parameters([], 0).names:
-            descriptor = copy(self.node.describe_parameter(name))
+        for parameter in self.node.list_parameters([], 0).names:
+            descriptor = copy(self.node.describe_parameter(parameter))
             if not descriptor.read_only:
                 descriptor.read_only = True
-                self.node.set_descriptor(name, descriptor)
+                self.node.set_descriptor(parameter, descriptor)
         self._thread = threading.Thread(
             target=self._spin,
             name=f"{name} executor",

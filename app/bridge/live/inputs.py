@@ -1,4 +1,4 @@
-"""First stage of a live node: what it receives, and the watches for other senders of the same."""
+"""Inputs of a live node, and the watches for other senders of the same."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -24,9 +24,9 @@ Counts = Callable[[], Mapping[str, int]]
 class LiveInputs:
     """Pose source, joints, cautery and images of a live node, and the watches on the graph.
 
-    The session is made with `playback`, `cautery`, `senders` and `problem`. Samples arrive from
-    `connect` on. ``publisher`` is that of the session: its node receives, and other publishers of
-    its topics are faults.
+    The session is made with `playback`, `cautery`, `senders` and `source_problem`. No pose and no
+    joints arrive before `connect`. ``publisher`` is that of the session: its node receives, and
+    other publishers of its topics are faults.
     """
 
     def __init__(self, prepared: PreparedLive, publisher: SessionPublisher) -> None:
@@ -56,7 +56,7 @@ class LiveInputs:
         )
         self.cautery = cautery_input(self._ros, prepared.config)
 
-    def problem(self) -> str:
+    def source_problem(self) -> str:
         """Why the source cannot send; empty if it can."""
         return self._source.problem if isinstance(self._source, IgtlSource) else ""
 

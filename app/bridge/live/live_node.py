@@ -10,7 +10,7 @@ from pathlib import Path
 from app.bridge.live.guard_start import GuardStart, guard_start
 from app.bridge.live.inputs import Counts, LiveInputs, named_edges
 from app.bridge.live.operator_endpoints import served_operators
-from app.bridge.live.outputs import live_outputs
+from app.bridge.live.outputs import LiveOutputs, live_outputs
 from app.bridge.node import RosNode
 from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
@@ -25,7 +25,14 @@ from app.runtime import (
     Output,
     PreparedLive,
 )
-from app.session import LiveSession, Session, SessionSetup, load_replacement
+from app.session import (
+    LiveSession,
+    Session,
+    SessionSetup,
+    guidance_parameters,
+    limiter_parameters,
+    load_replacement,
+)
 
 _LOAD_AFTER_S = 2.0
 """The process for new tumours starts so long after the session, when that has been loaded."""
@@ -63,29 +70,28 @@ def live_node(
 
     With ``ros`` it uses that node, in the node's own thread; the owner of the node destroys its
     services and subscriptions. ``outputs`` receive every step after the publishers. ``audit`` is
-    the file of the audit log, by default one below the state folder (`audit_file`). Raises
-    `SecurityError` if the configuration requires ROS security that this process does not have.
-    ``cases`` is the folder of the session's recordings, by default
-    one below the state folder (`case_recorder`). ``displays`` are nodes that may send commands, as
-    the operators of the configuration.
+    the file of the audit log and ``cases`` the folder of the session's recordings, by default below
+    the state folder. ``displays`` are nodes that may send commands, as the operators of the
+    configuration. Raises `SecurityError` if the configuration requires ROS security that this
+    process does not have.
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
     orderly way. Raises the errors of `guard_start`.
     """
     config = prepared.config
+    limiter, guidance = limiter_parameters(config), guidance_parameters(config)
+    counts: list[Counts] = []
     if config.needs_security:
         check_security(required=True)
-    counts: list[Counts] = []
+    # The nodes of the tracker and of the robot publish their own data.
+    measured = not isinstance(config.source, TfSourceEntry)
     with (
         guard_start(prepared, NODE_NAME, namespace, ros) as start,
         SessionPublisher(
             prepared.content,
             namespace=namespace,
             heartbeat_hz=constraint_hz,
-            # The nodes of the tracker and of the robot publish their own data.
-            policy=PublishPolicy(
-                clock=False, measured=not isinstance(config.source, TfSourceEntry), robot=False
-            ),
+            policy=PublishPolicy(clock=False, measured=measured, robot=False),
             counts=partial(_all_counts, counts),
             ros=ros,
         ) as publisher,
@@ -93,12 +99,13 @@ def live_node(
     ):
         opened, node = stack.enter_context, publisher.ros
         inputs = LiveInputs(prepared, publisher)
-        live = _live_session(prepared, inputs, start, node)
         node_outputs = opened(
             live_outputs(
                 prepared,
                 publisher,
-                inputs.image_problem,
+                limiter=limiter,
+                guidance=guidance,
+                image_problem=inputs.image_problem,
                 namespace=namespace,
                 audit=audit,
                 cases=cases,
@@ -106,21 +113,13 @@ def live_node(
                 further=outputs,
             )
         )
-        run = LiveRun(
-            live,
-            prepared.content,
-            node_outputs.in_order,
-            HoldKeeper(start.state, lambda: publisher.constraints.ended),
-            holds=node_outputs.holds,
-            requests=node_outputs.requests,
-            compute=opened(_compute_process(prepared.setup)).call,
-            recorder=node_outputs.recorder,
-        )
+        compute = opened(_compute_process(prepared.setup))
+        run = _live_run(prepared, start, publisher, inputs, node_outputs, compute)
         instance_id = publisher.constraints.instance_id
         opened(served_operators(node, run, config, displays, instance_id))
         try:
             counts += [
-                live.left_out,
+                run.live.left_out,
                 *inputs.connect(run, node_outputs),
                 lambda: {"callbacks that failed": node.failures},
                 node_outputs.refused_twists,
@@ -131,20 +130,35 @@ def live_node(
             inputs.close()
 
 
-def _live_session(
-    prepared: PreparedLive, inputs: LiveInputs, start: GuardStart, ros: RosNode
-) -> LiveSession:
-    """Second stage: the session, which steps through the samples of ``inputs``."""
+def _live_run(
+    prepared: PreparedLive,
+    start: GuardStart,
+    publisher: SessionPublisher,
+    inputs: LiveInputs,
+    outputs: LiveOutputs,
+    compute: ComputeProcess,
+) -> LiveRun:
+    """The session: steps through the samples of ``inputs`` and gives each step to ``outputs``."""
     config = prepared.config
-    return LiveSession(
+    live = LiveSession(
         Session(prepared.setup, free_motion=True),
         host_ns=_host_clock(config.stamps_of_host),
         stamps_of_host=config.stamps_of_host,
         edges=named_edges(config.source),
         playback=inputs.playback,
-        outside=lambda: _joined(inputs.senders.outside(), start.faults(ros)),
-        source_problem=inputs.problem,
+        outside=lambda: _joined(inputs.senders.outside(), start.faults(publisher.ros)),
+        source_problem=inputs.source_problem,
         cautery=None if inputs.cautery is None else inputs.cautery.state,
+    )
+    return LiveRun(
+        live,
+        prepared.content,
+        outputs.in_order,
+        HoldKeeper(start.state, lambda: publisher.constraints.ended),
+        holds=outputs.holds,
+        requests=outputs.requests,
+        compute=compute.call,
+        recorder=outputs.recorder,
     )
 
 

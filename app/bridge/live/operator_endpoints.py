@@ -1,4 +1,4 @@
-"""Last stage of a live node: what serves its operators, services and parameters."""
+"""What serves the operators of a live node: services and parameters."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

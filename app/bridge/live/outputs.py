@@ -1,4 +1,4 @@
-"""Third stage of a live node: what receives its steps, besides the session's publisher."""
+"""What receives the steps of a live node, and in which order."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveCase
 from app.files.state_folder import state_folder
-from app.fixture import MarginParameters
+from app.fixture import GuidanceParameters, LimiterParameters, MarginParameters
 from app.geometry import ImageSample, InputError
 from app.runtime import (
     AuditLog,
@@ -40,13 +40,7 @@ from app.runtime import (
     SwitchContent,
     described_images,
 )
-from app.session import (
-    SessionSetup,
-    SetupDoubts,
-    StepResult,
-    guidance_parameters,
-    limiter_parameters,
-)
+from app.session import SessionSetup, SetupDoubts, StepResult
 
 IMAGE_TOPIC = "~/image"
 """Images that come over OpenIGTLink, for displays."""
@@ -56,9 +50,9 @@ IMAGE_TOPIC = "~/image"
 class LiveOutputs:
     """``in_order``: the outputs in the order in which they receive each step.
 
-    ``twists``, ``depth`` and ``displays`` are used by three of them. ``images`` are those of the
-    session, None without. ``holds`` identifies the hold that is published, ``requests`` lists the
-    requests of operators, ``recorder`` records the session.
+    ``depth`` and ``displays`` are two of them, ``twists`` replies to the twists of a controller.
+    ``images`` are those of the session, None without. ``holds`` identifies the hold that is
+    published, ``requests`` lists the requests of operators, ``recorder`` records the session.
     """
 
     in_order: tuple[Output, ...]
@@ -79,8 +73,10 @@ class LiveOutputs:
 def live_outputs(
     prepared: PreparedLive,
     publisher: SessionPublisher,
-    image_problem: Callable[[], str],
     *,
+    limiter: LimiterParameters,
+    guidance: GuidanceParameters | None,
+    image_problem: Callable[[], str],
     namespace: str,
     audit: Path | None,
     cases: Path | None,
@@ -92,7 +88,6 @@ def live_outputs(
     Within the context the audit log is written. At its end a running recording is finished.
     """
     config, content, ros = prepared.config, prepared.content, publisher.ros
-    guides = guidance_parameters(config)
     requests = RequestLog(time.time_ns, time.monotonic_ns)
     with (
         _audit_log(ros, publisher.constraints, audit or _audit_file(ros)) as log,
@@ -104,10 +99,10 @@ def live_outputs(
         twists = TwistLimiter(
             ros,
             buffer,
-            parameters=limiter_parameters(config),
+            parameters=limiter,
             simulated=content.simulated and not config.moves_by_simulated,
         )
-        guidance = () if guides is None else (GuidanceOutput(GuidancePublisher(ros, guides)),)
+        wrench = () if guidance is None else (GuidanceOutput(GuidancePublisher(ros, guidance)),)
         images = described_images(prepared.case, ros.node.resolve_topic_name(IMAGE_TOPIC))
         depth = ChosenDepth(content, images)
         recorder.depth = lambda: depth.choice
@@ -129,7 +124,7 @@ def live_outputs(
             SetupDoubtLog(ros, prepared.setup),
             publisher,
             TwistOutput(twists, prepared.setup.margins),
-            *guidance,
+            *wrench,
             AuditOutput(log, content, time.monotonic_ns),
             depth,
             *further,
