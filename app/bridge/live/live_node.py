@@ -50,7 +50,7 @@ class LiveNode:
         return self.live_run.commands
 
     def stop(self) -> None:
-        """Request the end of `steps`. Thread-safe."""
+        """Request the end of `LiveRun.steps`. Thread-safe."""
         self.live_run.stop()
 
 
