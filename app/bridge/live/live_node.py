@@ -155,7 +155,7 @@ def _live_run(
         prepared.content,
         outputs.in_order,
         HoldKeeper(start.state, lambda: publisher.constraints.ended),
-        holds=outputs.holds,
+        holds=publisher.constraints,
         requests=outputs.requests,
         compute=compute.call,
         recorder=outputs.recorder,

@@ -28,7 +28,6 @@ from app.runtime import (
     AuditLog,
     AuditOutput,
     CaseRecorder,
-    Holds,
     ImageDescription,
     Output,
     PassiveOutput,
@@ -51,8 +50,8 @@ class LiveOutputs:
     """``in_order``: the outputs in the order in which they receive each step.
 
     ``depth`` and ``displays`` are two of them, ``twists`` replies to the twists of a controller.
-    ``images`` are those of the session, None without. ``holds`` identifies the hold that is
-    published, ``requests`` lists the requests of operators, ``recorder`` records the session.
+    ``images`` are those of the session, None without. ``requests`` lists the requests of operators,
+    ``recorder`` records the session.
     """
 
     in_order: tuple[Output, ...]
@@ -60,7 +59,6 @@ class LiveOutputs:
     depth: "ChosenDepth"
     displays: DisplayOutput
     images: ImageDescription | None
-    holds: Holds
     requests: RequestLog
     recorder: CaseRecorder
 
@@ -130,7 +128,7 @@ def live_outputs(
             *further,
             shown,
         )
-        yield LiveOutputs(in_order, twists, depth, shown, images, publisher.constraints, requests, recorder)
+        yield LiveOutputs(in_order, twists, depth, shown, images, requests, recorder)
 
 
 def _audit_file(ros: RosNode) -> Path:
