@@ -1,20 +1,29 @@
 """The events of a node's publishers and subscriptions as one waitable."""
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.event_handler import EventHandler
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
+from app.geometry import NS_PER_S
+
+INTERVAL_S = 0.05
+"""A node that messages wake more often than this looks at its events once in it."""
+
 
 class EndpointEvents(Waitable):
     """Waits for the events of many endpoints of ``node`` together.
 
     rclpy builds its wait set anew for each message, and spends more on the two or three events of
-    each endpoint than on everything else. Call every method in the node's thread, or while nothing
+    each endpoint than on everything else. So a busy node waits for them every `INTERVAL_S` only,
+    and a timer ends a wait without them. Call every method in the node's thread, or while nothing
     spins the node.
     """
 
@@ -24,6 +33,9 @@ class EndpointEvents(Waitable):
         self._handlers: tuple[EventHandler, ...] = ()
         self._waiting: tuple[EventHandler, ...] = ()
         self._ready: list[EventHandler] = []
+        self._waited_ns = 0
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(INTERVAL_S, lambda: None, clock=steady)
         node.add_waitable(self)
 
     def collect(self) -> None:
@@ -31,6 +43,7 @@ class EndpointEvents(Waitable):
         found = [each for each in self._node.waitables if isinstance(each, EventHandler)]
         for handler in found:
             self._node.remove_waitable(handler)
+            handler.__enter__()  # until `release`, and not anew for each wait
         self._handlers += tuple(found)
 
     def release(self, endpoint: Publisher | Subscription | None = None) -> None:
@@ -39,18 +52,23 @@ class EndpointEvents(Waitable):
         released: Any = self._handlers if endpoint is None else endpoint.event_handlers
         for handler in released:
             if handler in self._handlers:
+                handler.__exit__(None, None, None)
                 self._node.add_waitable(handler)
         self._handlers = tuple(each for each in self._handlers if each not in released)
 
     def __enter__(self) -> None:
         # The executor counts, adds and checks the same events afterwards.
-        self._waiting = self._handlers
-        for handler in self._waiting:
-            handler.__enter__()
+        now_ns = time.monotonic_ns()
+        if now_ns - self._waited_ns < INTERVAL_S * NS_PER_S:
+            self._waiting = ()
+            if self._timer.is_canceled():
+                self._timer.reset()
+        else:
+            self._waiting, self._waited_ns = self._handlers, now_ns
+            self._timer.cancel()
 
     def __exit__(self, *raised: Any) -> None:
-        for handler in self._waiting:
-            handler.__exit__(*raised)
+        pass
 
     def get_num_entities(self) -> NumberOfEntities:
         """Number of events."""

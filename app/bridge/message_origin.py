@@ -214,30 +214,42 @@ class OriginExecutor(SingleThreadedExecutor):
         if rcl is not None:
             self._takers[subscription] = MessageTaker(rcl)
 
-    def _take_subscription(self, sub: Subscription) -> Any:
-        taker = self._takers.get(sub)
+    def _make_handler(self, entity: Any, node: Any, take_from_wait_list: Any) -> Any:
+        """For a receiver not a task: rclpy wakes itself twice for each, to build two wait sets."""
+        taker = self._takers.get(entity) if isinstance(entity, Subscription) else None
         if taker is None:
-            return super()._take_subscription(sub)  # type: ignore[no-untyped-call]
+            return super()._make_handler(entity, node, take_from_wait_list)
+        return _Delivery(taker, entity)
+
+
+class _Delivery:
+    """Passes the waiting messages of ``subscription`` to its `Receiver`, as a task of rclpy."""
+
+    __slots__ = ("_failed", "_subscription", "_taker")
+
+    def __init__(self, taker: MessageTaker, subscription: Subscription) -> None:
+        self._taker, self._subscription = taker, subscription
+        self._failed: Exception | None = None
+
+    def __call__(self) -> None:
         try:
-            with sub.handle:
-                address = sub.handle.pointer
-                taken = list(islice(iter(partial(taker.take, address), None), _MAX_TAKEN))
+            with self._subscription.handle:
+                address = self._subscription.handle.pointer
+                take = partial(self._taker.take, address)
+                taken = list(islice(iter(take, None), _MAX_TAKEN))
         except InvalidHandle:  # it has been destroyed
-            return None
-        if not taken:
-            return None
+            return
+        for data, origin in taken:
+            try:
+                self._subscription.callback.receive(data, origin)
+            except Exception as error:  # the other messages are not lost
+                self._failed = error
 
-        async def execute() -> None:
-            failed = None
-            for data, origin in taken:
-                try:
-                    sub.callback.receive(data, origin)
-                except Exception as error:  # the other messages are not lost
-                    failed = error
-            if failed is not None:
-                raise failed
+    def exception(self) -> Exception | None:
+        return self._failed
 
-        return execute
+    def result(self) -> None:
+        """Nothing is returned."""
 
 
 def _sequence(number: int) -> int | None:

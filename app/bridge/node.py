@@ -171,19 +171,16 @@ class RosNode:
         With ``raw`` the callback receives the serialised bytes. It is not called while a publisher
         has another definition of one of our messages (`definition_problems`).
         """
-        return self._subscribe(topic, callback, raw=raw)
+        if raw:
+            return self._subscribe(topic, lambda data, _: callback(data), raw=True)
+        return self._subscribe(topic, callback)
 
     def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
         """As `subscribe` with ``raw``; ``callback(data, origin)`` also receives the origin."""
-        return self._subscribe(topic, callback, raw=True, with_origin=True)
+        return self._subscribe(topic, callback, raw=True)
 
     def _subscribe(
-        self,
-        topic: Topic,
-        callback: Callable[..., None],
-        *,
-        raw: bool,
-        with_origin: bool = False,
+        self, topic: Topic, callback: Callable[..., None], *, raw: bool = False
     ) -> Subscription:
         created: list[Subscription] = []  # empty while a callback may already be called
         watched: list[DefinitionWatch] = []
@@ -199,7 +196,7 @@ class RosNode:
             topic.type,
             topic.name,
             # rclpy passes the origin to a callback with two parameters.
-            Receiver(callback) if with_origin else callback,  # type: ignore[arg-type]
+            Receiver(callback) if raw else callback,  # type: ignore[arg-type]
             topic.qos,
             raw=raw,
             event_callbacks=SubscriptionEventCallbacks(
@@ -207,7 +204,7 @@ class RosNode:
             ),
         )
         created.append(subscription)
-        if with_origin:
+        if raw:
             self._executor.add_receiver(subscription)
         self.call_soon(self._events.collect)
         for watch in watched:
