@@ -14,16 +14,16 @@ from rclpy.waitable import NumberOfEntities, Waitable
 
 from app.geometry import NS_PER_S
 
-INTERVAL_S = 0.05
-"""A node that messages wake more often than this looks at its events once in it."""
+INTERVAL_S = 0.02
+"""A node that is woken more often than this looks at its events once in it: they come as late."""
 
 
 class EndpointEvents(Waitable):
     """Waits for the events of many endpoints of ``node`` together.
 
     rclpy builds its wait set anew for each message, and spends more on the two or three events of
-    each endpoint than on everything else. So a busy node waits for them every `INTERVAL_S` only,
-    and a timer ends a wait without them. Call every method in the node's thread, or while nothing
+    each endpoint than on everything else. So a node waits for them every `INTERVAL_S` only, and
+    a timer ends a wait without them. Call every method in the node's thread, or while nothing
     spins the node.
     """
 

@@ -9,6 +9,7 @@ the rcl library that rclpy has loaded. The identifier is that of
 import ctypes
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
@@ -232,18 +233,18 @@ class _Delivery:
         self._failed: Exception | None = None
 
     def __call__(self) -> None:
-        try:
+        with suppress(InvalidHandle):  # it has been destroyed, perhaps in its own callback
             with self._subscription.handle:
                 address = self._subscription.handle.pointer
                 take = partial(self._taker.take, address)
                 taken = list(islice(iter(take, None), _MAX_TAKEN))
-        except InvalidHandle:  # it has been destroyed
-            return
-        for data, origin in taken:
-            try:
-                self._subscription.callback.receive(data, origin)
-            except Exception as error:  # the other messages are not lost
-                self._failed = error
+            for data, origin in taken:
+                with self._subscription.handle:
+                    pass
+                try:
+                    self._subscription.callback.receive(data, origin)
+                except Exception as error:  # the other messages are not lost
+                    self._failed = error
 
     def exception(self) -> Exception | None:
         return self._failed

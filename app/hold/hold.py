@@ -1,6 +1,7 @@
 """The hold of a session as one state machine: what latches it, its causes, what ends it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 from app.fixture import POSE_DOUBTS, FixtureDecision, MarginState, Reason, worst_first
@@ -79,6 +80,16 @@ class Hold:
             hold=True,
             constraint_is_current=decision.constraint_is_current and not self._doubted,
         )
+
+    @contextmanager
+    def latched_by_error(self) -> Iterator[None]:
+        """An error within the context latches the hold: what the step would have found is lost."""
+        try:
+            yield
+        except Exception:
+            self._known = False
+            self.latch("a step has failed", doubt=True)
+            raise
 
     def latch(self, cause: str, *, doubt: bool = False) -> None:
         """Latch the hold for ``cause``, a text for the operator; with ``doubt`` of the pose."""

@@ -114,19 +114,18 @@ class Session:
         tracking_mm = self._tracking_sigma(proximity, tumor_from_tool)
         stated = self.setup.tumor_sigma_mm, self.setup.tip_sigma_mm
         sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, *stated)
-        decision = self._monitor.update(
-            MarginObservation(
-                now=frame.stamp,
-                stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
-                proximity=proximity,
-                swept=None if between is None else between.proximity,
-                problems=problems | tool.problems | registration_problems | found.keys(),
-                sigma_tre_mm=sigma_mm,
-                unchanged_ns=max(pose.unchanged_ns for pose in used),
-                tumor_twist=self._tumor_twist(frame.stamp),
-            )
+        observation = MarginObservation(
+            now=frame.stamp,
+            stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
+            proximity=proximity,
+            swept=None if between is None else between.proximity,
+            problems=problems | tool.problems | registration_problems | found.keys(),
+            sigma_tre_mm=sigma_mm,
+            unchanged_ns=max(pose.unchanged_ns for pose in used),
+            tumor_twist=self._tumor_twist(frame.stamp),
         )
-        decision = self._hold.applied(decision, found)
+        with self._hold.latched_by_error():
+            decision = self._hold.applied(self._monitor.update(observation), found)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(

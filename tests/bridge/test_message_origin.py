@@ -95,6 +95,30 @@ def test_message_whose_callback_fails_does_not_take_the_next_ones_with_it(domain
     assert found == ["0", "1", "2"]
 
 
+def test_subscription_that_is_destroyed_in_its_callback_receives_no_more(domain_id):
+    found, held, looked = [], threading.Event(), threading.Event()
+    with (
+        RosNode("receiver", domain_id=domain_id) as ros,
+        RosNode("sender", domain_id=domain_id) as sender,
+    ):
+
+        def receive(data):
+            found.append(data)
+            ros.destroy_subscription(subscription)
+            ros.call_soon(looked.set)
+
+        subscription = ros.subscribe(WORDS, receive, raw=True)
+        publisher = sender.publisher(WORDS)
+        assert sender.wait_for_subscribers(WORDS, 1, DEADLINE_S)
+        ros.call_soon(held.wait)  # so that all messages wait together
+        for number in range(5):
+            publisher.publish(String(data=str(number)))
+        sender.flush()
+        held.set()
+        assert looked.wait(DEADLINE_S)
+    assert len(found) == 1
+
+
 def test_sender_without_ros_is_identified_as_on_the_graph(domain_id, start, monkeypatch):
     for name, value in CYCLONE_ON_THIS_MACHINE.items():
         monkeypatch.setenv(name, value)

@@ -106,6 +106,17 @@ def test_the_text_of_the_caller_names_a_fault():
     assert hold.causes == ("process 7 sends too",)
 
 
+def test_a_step_that_fails_latches_and_bars_the_rearm():
+    hold = running()
+    with pytest.raises(ValueError, match="a plane"), hold.latched_by_error():
+        raise ValueError("a plane")
+    with pytest.raises(NotRearmableError):
+        hold.rearm()
+    held = hold.applied(decision(), {})
+    assert (held.hold, held.constraint_is_current) == (True, False)
+    assert hold.causes == ("a step has failed",)
+
+
 def test_tightening_does_not_latch():
     hold = running()
     hold.change([], latch=False)
