@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.examples.cpp_rule import compiled
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -62,3 +65,17 @@ def own_case(run_example: RunExample, tmp_path_factory: pytest.TempPathFactory) 
     """Folder of the case that `own_case.py` writes, and what it prints."""
     folder = tmp_path_factory.mktemp("own")
     return folder / "my_case", run_example("own_case.py", folder=folder)
+
+
+@pytest.fixture(scope="session")
+def cpp_sources() -> Path:
+    """Folder of the C++ rule of a controller."""
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    return EXAMPLES / "cpp_controller"
+
+
+@pytest.fixture(scope="session")
+def cpp_driver(cpp_sources: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Program that decides on the events of its standard input."""
+    return compiled(cpp_sources, tmp_path_factory.mktemp("rule") / "driver", "-O2")
