@@ -1,6 +1,7 @@
 """Fixtures and collection rules for all tests: their tier and their order."""
 
 import gc
+import os
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
@@ -76,11 +77,15 @@ def frozen() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def no_field_cache() -> Iterator[None]:
-    """Tests neither read nor fill the user's cache of fields."""
+def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """All tests share distance fields and convex parts, outside the user's cache."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # of the folders of all workers
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MARGINGUARD_FIELD_CACHE", "off")
-        yield
+        patch.delenv("MARGINGUARD_FIELD_CACHE", raising=False)
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield folder / "cache"
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -31,8 +31,6 @@ from app.session import StepResult
 from tests import shipped_case
 from tests.bridge.processes import DEADLINE_S as DEADLINE_S
 from tests.bridge.processes import Child, Receiver
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import domain_id as domain_id
 from tests.session_content import ONE_LINK_URDF, one_link_content
 

@@ -6,8 +6,6 @@ from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import domain_id as domain_id
 
 

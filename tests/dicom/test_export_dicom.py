@@ -12,8 +12,6 @@ from app.cli.dicom_folder import resected_structures, write_dicom
 from app.cli.main import main
 from app.geometry import SurfaceMesh
 from tests.cli.small_case import write_small_case
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 
 pytestmark = pytest.mark.slow
 

@@ -228,8 +228,9 @@ def check_closed_loops(driver: Path, tumor_kind: str, project_root: Path, steps:
     """
     cautery = trimesh.load(project_root / "data" / "recorded_case" / "cautery.stl")
     lives: list[list[Event]] = []
+    shape = tumor(tumor_kind, np.random.default_rng(0))
     for seed, tool_kind in enumerate(TOOLS):
-        scene = Scene(tumor(tumor_kind, np.random.default_rng(seed)), tool(tool_kind, cautery))
+        scene = Scene(shape, tool(tool_kind, cautery))
         for v_max_mm_s in (0.0, 50.0):
             rule = FixtureRule()
             loop = simulate(scene, rule, seed, steps=steps, stop_mm=1.0, v_max_mm_s=v_max_mm_s)

@@ -16,8 +16,6 @@ from tests.bridge.conftest import start_receiver as start_receiver
 from tests.bridge.conftest import started_in
 from tests.bridge.processes import DEADLINE_S as DEADLINE_S
 from tests.bridge.processes import Child
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).resolve().parents[1] / "oracles" / "pyigtl_peer.py"

@@ -8,6 +8,4 @@ from tests.bridge.conftest import start as start
 from tests.bridge.conftest import start_live as start_live
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.bridge.conftest import start_sender as start_sender
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import domain_id as domain_id

@@ -114,9 +114,9 @@ def test_distances_are_those_of_two_balls(steps: list[mg.StepResult]) -> None:
 
 
 def test_fields_are_cached_in_the_folder_of_the_run(
-    steps: list[mg.StepResult], shared_fields: Path
+    steps: list[mg.StepResult], shared_cache: Path
 ) -> None:
-    assert cache_folder().parent == shared_fields
+    assert cache_folder().parent == shared_cache
     assert list(cache_folder().glob("*.field"))
 
 

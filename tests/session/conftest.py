@@ -8,8 +8,6 @@ from app.case import open_case
 from app.robot import load_robot
 from app.session import setup_from_case
 from app.synthetic.touch_arm import TOUCH_URDF
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 
 
 @pytest.fixture(scope="session")

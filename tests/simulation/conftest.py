@@ -17,14 +17,6 @@ TOUCH = ROOT / "data" / "robots" / "touch" / "touch.urdf"
 PARALLELOGRAMS = ROOT / "data" / "robots" / "parallelogram"
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path_factory, monkeypatch):
-    """Keep convex parts out of the user's cache."""
-    folder = tmp_path_factory.getbasetemp() / "cache"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-
-
 def placed(frame: str, *position_mm: float) -> Transform:
     return Transform("world", frame, np.eye(3), np.array(position_mm))
 

@@ -11,8 +11,6 @@ from typing import Any
 import pytest
 
 from tests.bridge.processes import Child
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.manual_clock import ManualClock
 from tests.ros_domain import environment_of, reserved_domain
 from tests.slicer_module.ros2_values import URDF

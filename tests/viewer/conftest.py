@@ -20,8 +20,6 @@ from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, V
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.cli.signals import SignalState
 from app.scene import OffscreenError, use_offscreen_rendering
-from tests.field_cache import fields_folder as fields_folder
-from tests.field_cache import shared_fields as shared_fields
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.page_actions import press, show_frame, wait_until_uncovered
 from tests.viewer.viewed_case import write_viewed_case
