@@ -4,7 +4,7 @@ import re
 import threading
 import time
 from collections.abc import Callable
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,7 @@ from tests.igtl.conftest import PyigtlServer
 pytestmark = pytest.mark.slow
 
 STEP_S = 0.02
+NOISE_MM = 5e-4
 
 
 def test_live_session_measures_the_same_distance_as_a_replay(
@@ -37,12 +38,16 @@ def test_live_session_measures_the_same_distance_as_a_replay(
     stop = threading.Event()
 
     def track() -> None:
-        while not stop.wait(STEP_S):
+        for number in count():
+            if stop.wait(STEP_S):
+                return
             for sample in frame.poses:
                 assert sample.transform is not None
+                matrix = sample.transform.matrix.copy()
+                matrix[:3, 3] += NOISE_MM * (number % 7)  # a pose that repeats is frozen
                 server.send(
                     name=join_transform_name(sample.source, sample.target),
-                    matrix=sample.transform.matrix.tolist(),
+                    matrix=matrix.tolist(),
                     time_s=time.time(),
                     metadata={"TransformStatus": "OK"},
                 )
