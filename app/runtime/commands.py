@@ -20,10 +20,7 @@ from app.runtime.new_tumor import check_size, replacement_for
 from app.runtime.outputs import Output, SwitchContent
 from app.runtime.requests import RequestKind, RequestLog
 from app.runtime.shown_changes import ShownChange
-from app.session import (
-    Session,
-    SessionSetup,
-)
+from app.session import Session, SessionSetup
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
 """Gives exclusive access to the session between two steps, as `LiveSession.between_steps` does."""

@@ -9,13 +9,7 @@ import numpy as np
 
 from app.case import CauteryState
 from app.fixture import Proximity
-from app.geometry import (
-    NS_PER_S,
-    FloatArray,
-    SurfaceMesh,
-    Transform,
-    anatomical_words,
-)
+from app.geometry import NS_PER_S, FloatArray, SurfaceMesh, Transform, anatomical_words
 from app.session.breach_place import is_tip, place_letters
 from app.session.inside_runs import InsideRun, InsideRuns
 from app.session.step_result import StepResult

@@ -9,11 +9,7 @@ from app.geometry import NS_PER_MS, NS_PER_S, Edge, Stamp, TrackedTransform, sho
 from app.session.aside_samples import AsideSamples
 from app.session.joint_queue import JointQueue
 from app.session.live_clock import SourceClock
-from app.session.named_frames import (
-    missing_frames_problem,
-    nothing_received_problem,
-    path_to_base,
-)
+from app.session.named_frames import missing_frames_problem, nothing_received_problem, path_to_base
 from app.session.recent_samples import RecentSamples
 from app.session.setup import SessionSetup
 

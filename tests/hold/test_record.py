@@ -9,12 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.hold import StateFileError
-from app.hold.instance import (
-    InstanceKey,
-    Slot,
-    arm_name,
-    host_id,
-)
+from app.hold.instance import InstanceKey, Slot, arm_name, host_id
 from app.hold.record import (
     MAX_BYTES,
     MAX_CAUSE_CHARS,

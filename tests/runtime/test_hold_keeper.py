@@ -8,11 +8,7 @@ import pytest
 
 from app.fixture import Reason
 from app.hold import InstanceKey, live_state
-from app.runtime import (
-    HoldKeeper,
-    LiveRun,
-    used_values,
-)
+from app.runtime import HoldKeeper, LiveRun, used_values
 from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
 

@@ -9,26 +9,11 @@ import numpy as np
 import pytest
 
 from app.case import MarginEntry
-from app.fixture import (
-    MarginState,
-    TipProximity,
-)
-from app.geometry import (
-    InputError,
-    MarginGuardError,
-    MeshError,
-    SurfaceMesh,
-    Transform,
-)
+from app.fixture import MarginState, TipProximity
+from app.geometry import InputError, MarginGuardError, MeshError, SurfaceMesh, Transform
 from app.hold import NotRearmableError, RearmRefusedError, SeenHold
 from app.registration import given_registration
-from app.runtime import (
-    ChooseDepth,
-    ImageDepth,
-    LengthenNeedle,
-    LocalOperator,
-    SetStylusTip,
-)
+from app.runtime import ChooseDepth, ImageDepth, LengthenNeedle, LocalOperator, SetStylusTip
 from tests.doubles import PARAMETERS, frame, joint_sample, sample
 from tests.runtime.command_world import (
     APPLIED,

@@ -8,9 +8,7 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.hold import SeenHold
-from app.runtime import (
-    StepThread,
-)
+from app.runtime import StepThread
 from tests.manual_clock import ManualClock
 
 DEADLINE_S = 60.0

@@ -4,11 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.fixture import (
-    MarginState,
-    Reason,
-    TipProximity,
-)
+from app.fixture import MarginState, Reason, TipProximity
 from app.geometry import SurfaceMesh, Transform
 from app.hold import NotRearmableError
 from app.registration import given_registration

@@ -4,11 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.fixture import (
-    POSE_DOUBTS,
-    MarginState,
-    Reason,
-)
+from app.fixture import POSE_DOUBTS, MarginState, Reason
 from app.geometry import TrackingStatus, Transform
 from app.hold import NotRearmableError
 from app.hold.hold import MAX_CAUSES

@@ -8,10 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import CauteryState
-from app.fixture import (
-    MarginState,
-    Reason,
-)
+from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration

@@ -3,14 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.fixture import (
-    LimiterParameters,
-    MarginState,
-    Proximity,
-    Reason,
-    Witnesses,
-    limit_twist,
-)
+from app.fixture import LimiterParameters, MarginState, Proximity, Reason, Witnesses, limit_twist
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration, predict_tre, register_points

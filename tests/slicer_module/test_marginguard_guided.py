@@ -12,15 +12,7 @@ from app.case import open_case
 from app.geometry import InputError
 from app.runtime import CalibrationKind
 from tests.slicer_module.marginguard_module import CASE, frame_times_s, frames_in, spin_until, step
-from tests.viewer.calibrated_tool import (
-    KNOWN_MM,
-    NOISE_MM,
-    NOISE_RAD,
-    RATE_HZ,
-    SHAFT,
-    TIP_MM,
-    Tool,
-)
+from tests.viewer.calibrated_tool import KNOWN_MM, NOISE_MM, NOISE_RAD, RATE_HZ, SHAFT, TIP_MM, Tool
 
 pytestmark = pytest.mark.slow
 

@@ -35,9 +35,7 @@ from app.geometry import (
 from app.hold import SeenHold
 from app.registration import DriftBound, RegistrationDrift
 from app.robot.kinematics.link_poses import LinkPoses
-from app.runtime import (
-    SessionContent,
-)
+from app.runtime import SessionContent
 from app.session import KnownEdges, PathDepth, PathPoint, StepResult
 from app.session.known_edges import known_edges
 

@@ -20,10 +20,7 @@ from app.bridge.sender_names import node_name
 from app.files.state_folder import state_folder
 from app.fixture import Reason
 from app.hold import InstanceKey, LiveState, arm_name, host_id, live_state
-from app.runtime import (
-    PreparedLive,
-    used_values,
-)
+from app.runtime import PreparedLive, used_values
 from app.session.session import NOTHING_OUTSIDE
 
 MIN_DISCOVERY_S = 0.5

@@ -17,14 +17,7 @@ from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
 from app.bridge.security import check_security
 from app.case import TfSourceEntry
 from app.fixture import ProximityEngine, Reason
-from app.runtime import (
-    ComputeProcess,
-    HoldKeeper,
-    LiveRun,
-    OperatorCommands,
-    Output,
-    PreparedLive,
-)
+from app.runtime import ComputeProcess, HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
 from app.session import (
     LiveSession,
     Session,

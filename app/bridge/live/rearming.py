@@ -7,10 +7,7 @@ from app.bridge.control.margin_parameters import OVER_ROS
 from app.bridge.control.operator_requests import OperatorRequests
 from app.bridge.node import RosNode
 from app.hold import SeenHold
-from app.runtime import (
-    OperatorCommands,
-    RequestKind,
-)
+from app.runtime import OperatorCommands, RequestKind
 
 MAX_WAITING = 1000
 """Requests that wait for the node's thread. The oldest one is dropped for a new one: with ROS's

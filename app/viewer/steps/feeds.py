@@ -16,10 +16,7 @@ from app.geometry import (
     stale_in_ns,
 )
 from app.hold import SeenHold
-from app.runtime import (
-    OperatorRequest,
-    SessionContent,
-)
+from app.runtime import OperatorRequest, SessionContent
 from app.session import StepResult
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.steps.view_state import ViewState, ViewStateBuilder

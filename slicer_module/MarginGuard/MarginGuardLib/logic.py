@@ -7,12 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from slicer import (
-    vtkMRMLApplicationLogic,
-    vtkMRMLMarkupsNode,
-    vtkMRMLNode,
-    vtkMRMLScene,
-)
+from slicer import vtkMRMLApplicationLogic, vtkMRMLMarkupsNode, vtkMRMLNode, vtkMRMLScene
 
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_S, InputError
@@ -37,11 +32,7 @@ from .jobs import Jobs
 from .live_step_run import LiveStepRun
 from .needle import PanelNeedle
 from .recorded import RecordedCase, prepare_recorded
-from .registration_input import (
-    registration_of_case,
-    registration_of_landmarks,
-    registration_text,
-)
+from .registration_input import registration_of_case, registration_of_landmarks, registration_text
 from .shown_session import ShownSession
 from .status import PanelStatus
 from .tumor_input import surface_of

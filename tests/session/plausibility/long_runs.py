@@ -19,20 +19,12 @@ from app.case import (
     TrackingFrame,
     read_recording,
 )
-from app.fixture import (
-    MarginParameters,
-    Reason,
-    TipProximity,
-)
+from app.fixture import MarginParameters, Reason, TipProximity
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.hold import NotRearmableError
 from app.session import Session, SessionSetup
 from tests.session.plausibility.injected_faults import FAULTS, Fault, injected
-from tests.session.plausibility.simulated_motion import (
-    DISTURBANCES,
-    Disturbance,
-    SimulatedMotion,
-)
+from tests.session.plausibility.simulated_motion import DISTURBANCES, Disturbance, SimulatedMotion
 
 PLAUSIBILITY_REASONS = frozenset(
     {

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from app.case import EnvelopeEntry, MotionEntry, PlausibilityEntry, SphereEntry, TrackingFrame
-from app.fixture import (
-    MarginState,
-    Reason,
-)
+from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, Transform
 from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration

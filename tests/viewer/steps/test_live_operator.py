@@ -8,15 +8,7 @@ import pytest
 
 from app.geometry import Transform
 from app.hold import RearmRefusedError
-from app.runtime import (
-    ChooseDepth,
-    ImageDepth,
-    LengthenNeedle,
-    Rearm,
-    Record,
-    SetMargins,
-    SetTip,
-)
+from app.runtime import ChooseDepth, ImageDepth, LengthenNeedle, Rearm, Record, SetMargins, SetTip
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
 from app.viewer.controls import LiveControls

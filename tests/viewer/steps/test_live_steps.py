@@ -10,9 +10,7 @@ import trimesh
 from app.geometry import MeshError, SurfaceMesh
 from app.hold import SeenHold
 from app.registration import register_points
-from app.runtime import (
-    SessionContent,
-)
+from app.runtime import SessionContent
 from app.viewer import LiveSteps
 from tests.session_content import one_link_content, registered
 
