@@ -27,6 +27,14 @@ MAY_IMPORT = {
     "hold": {"geometry", "files", "fixture"},
     "session": {"geometry", "files", "registration", "robot", "case", "fixture", "hold"},
     "runtime": {"geometry", "files", "registration", "robot", "case", "fixture", "hold", "session"},
+    "workflow": {
+        "geometry",
+        "registration",
+        "fixture",
+        "contour",
+        "session",
+        "runtime",
+    },
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
     "control": {"geometry", "files", "robot", "fixture"},
     "contour": {"geometry", "case", "fixture"},
@@ -72,6 +80,7 @@ MAY_IMPORT = {
         "hold",
         "session",
         "runtime",
+        "workflow",
         "scene",
     },
 }

@@ -130,7 +130,7 @@ def _shown(
 ) -> Iterator["Viewer"]:
     """The page, with the steps on their way to it within the context."""
     from app.bridge.world_editor import TRACKER, WORLD
-    from app.runtime import RobotRegistration, SimulatedWorld, ToolCalibration, stop_surface
+    from app.runtime import SimulatedWorld
     from app.viewer import (
         LiveFeed,
         LiveOperator,
@@ -142,6 +142,7 @@ def _shown(
         Viewer,
         ViewStateBuilder,
     )
+    from app.workflow import stop_surface
 
     def silence() -> str:
         return (child.ended if child is not None else "") or session.silence
@@ -153,8 +154,6 @@ def _shown(
     feed = LiveFeed(ViewStateBuilder(content, surface), time.monotonic_ns, silence)
     title = Title(content.name, live=True, images=session.images, volume=volume)
     operator = LiveOperator(feed.list_request)
-    calibration = ToolCalibration(content)
-    registration = None if content.robot is None else RobotRegistration(content)
     hand = None if options.hand is None else MouseHand(time.monotonic_ns)
     world = None if options.world is None else SimulatedWorld(WORLD, TRACKER, time.time_ns)
     viewer = Viewer(
@@ -166,14 +165,11 @@ def _shown(
         scheduler=scheduler,
         client=client,
         hand=hand,
-        calibration=calibration,
-        registration=registration,
         world=world,
     )
     feed.call_on_change(viewer.wake)
-    guides = [each for each in (calibration, registration) if each is not None]
     with prompt_process(), ThreadPoolExecutor(max_workers=1) as workers:
-        followed = LiveSteps(feed, content, surface, workers, guides)
+        followed = LiveSteps(feed, content, surface, workers, viewer.workflow)
         operator.connect(operator_of_session)
         thread = threading.Thread(
             target=_follow, args=(session, steps, followed, feed), name="session"

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
     from app.files.volume_file import Volume
     from app.report import ReplayLog, ReplayRecord
-    from app.runtime import EventNotes, ReplayRun, SessionContent
+    from app.runtime import ReplayRun, SessionContent
     from app.viewer import ReplayFeed, ReplayTimeline, Viewer
+    from app.workflow import EventNotes
 
 MOVIE_S = 10.0
 """Longest duration of the exported movie, to which time is compressed."""
@@ -126,12 +127,13 @@ def replay_parts(
         from app.cli.keyframes import PICTURES_PER_S
         from app.cli.scene_log import SceneLog
         from app.report import ReplayLog
-        from app.runtime import EventNotes, ReplayRun, prepare_case, stop_surface
+        from app.runtime import ReplayRun, prepare_case
         from app.viewer import (
             ReplayFeed,
             ReplayTimeline,
             ViewStateBuilder,
         )
+        from app.workflow import EventNotes, stop_surface
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
     setup, log = prepared.setup, ReplayLog()

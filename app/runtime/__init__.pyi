@@ -57,44 +57,6 @@ from .step_thread import DeliveredStep, StepRun, StepThread
 from .stylus import Stylus
 from .tracked_tool import TrackedTool, stylus_text, tip_mm, tip_of
 from .wakeup import Wakeup
-from .workflow.accepted_tip import tip_command
-from .workflow.calibration_fit import (
-    CalibrationFit,
-    CalibrationKind,
-    CalibrationTask,
-    fit_calibration,
-)
-from .workflow.coverage import Coverage
-from .workflow.event_notes import EventNote, EventNotes
-from .workflow.guided_fits import GuidedFits
-from .workflow.guided_recording import Phase
-from .workflow.guided_text import (
-    calibration_count,
-    calibration_numbers,
-    calibration_title,
-    calibration_verdict,
-    coverage_text,
-    registration_count,
-    registration_verdict,
-)
-from .workflow.recorded_breaches import recorded_breaches
-from .workflow.registration_fit import RegistrationFit, RegistrationTask, fit_registration
-from .workflow.robot_registration import (
-    RegistrationStatus,
-    RobotRegistration,
-    UseRegistration,
-)
-from .workflow.steps import (
-    WorkflowName,
-    WorkflowState,
-    WorkflowStep,
-    next_step,
-    workflow_steps,
-)
-from .workflow.stop_surface import stop_surface
-from .workflow.tip_directions import TipDirections
-from .workflow.tool_calibration import CalibrationStatus, TipChange, ToolCalibration, UseTip
-from .workflow.workflow_output import WorkflowOutput
 
 __all__ = [
     "MAX_BODY_TRIANGLES",
@@ -104,21 +66,13 @@ __all__ = [
     "AuditOutput",
     "BetweenSteps",
     "BodyKind",
-    "CalibrationFit",
-    "CalibrationKind",
-    "CalibrationStatus",
-    "CalibrationTask",
     "CaseRecorder",
     "ChooseDepth",
     "Compute",
     "ComputeProcess",
-    "Coverage",
     "Deliver",
     "DeliveredStep",
     "DescribedSession",
-    "EventNote",
-    "EventNotes",
-    "GuidedFits",
     "HoldKeeper",
     "ImageDepth",
     "ImageDescription",
@@ -135,7 +89,6 @@ __all__ = [
     "OperatorRequest",
     "Output",
     "PassiveOutput",
-    "Phase",
     "PreparedCase",
     "PreparedLive",
     "QtSpinner",
@@ -145,14 +98,10 @@ __all__ = [
     "RecordingExtent",
     "RecordingStatus",
     "RegisteredCase",
-    "RegistrationFit",
-    "RegistrationStatus",
-    "RegistrationTask",
     "ReplayRun",
     "RequestKind",
     "RequestLog",
     "RequestOutcome",
-    "RobotRegistration",
     "SessionContent",
     "SessionWire",
     "SetMargins",
@@ -169,48 +118,25 @@ __all__ = [
     "StepTiming",
     "Stylus",
     "SwitchContent",
-    "TipChange",
-    "TipDirections",
     "TooManyRequestsError",
-    "ToolCalibration",
     "TrackedTool",
-    "UseRegistration",
-    "UseTip",
     "Wakeup",
-    "WorkflowName",
-    "WorkflowOutput",
-    "WorkflowState",
-    "WorkflowStep",
     "WorldBody",
     "WorldMoment",
     "WorldRequest",
-    "calibration_count",
-    "calibration_numbers",
-    "calibration_title",
-    "calibration_verdict",
     "compute_here",
     "content_of",
-    "coverage_text",
     "described_images",
-    "fit_calibration",
-    "fit_registration",
     "mesh_digest",
-    "next_step",
     "open_recording",
     "place_text",
     "playback_of",
     "prepare_case",
     "prepare_live",
-    "recorded_breaches",
     "register_case",
-    "registration_count",
-    "registration_verdict",
-    "stop_surface",
     "stylus_text",
     "text_digest",
-    "tip_command",
     "tip_mm",
     "tip_of",
     "used_values",
-    "workflow_steps",
 ]

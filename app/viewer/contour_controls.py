@@ -10,7 +10,6 @@ from app.runtime import TrackedTool
 from app.viewer.contour_part import ContourPart
 from app.viewer.messages.checks import integer, number, one_of, text
 from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import NotDoneError
 
 MAX_ERASE_MM = 30.0
 MAX_CALIBRATION_MM = 5.0
@@ -25,7 +24,7 @@ class ContourControls:
     """Add, move and erase points, undo, delete all, dilate, mark a clip, state the error, accept.
 
     A change that cannot be made, also because another page has changed the contour, raises
-    `NotDoneError`: the page that asked shows its text, and the contour stays as it is.
+    `InputError`: the page that asked shows its text, and the contour stays as it is.
     """
 
     def __init__(
@@ -68,7 +67,7 @@ class ContourControls:
         editor = self._part.editor
         known = editor.contour.point(point)
         if known is not None and known.image is None:
-            raise NotDoneError("contour: a point at the tip cannot be moved; expected to erase it")
+            raise InputError("contour: a point at the tip cannot be moved; expected to erase it")
         # A point that is gone is refused by the editor.
         place = np.zeros(3) if known is None else self._place(known.image or 0, x, y)
         self._do(lambda: editor.move(Change(author, seen), point, place, (x, y)))
@@ -100,18 +99,15 @@ class ContourControls:
         self._do(accept)
 
     def _place(self, image: int, x: float, y: float) -> FloatArray:
-        """The place (3,) in mm of a pixel. Raises `NotDoneError` for an image without one."""
+        """The place (3,) in mm of a pixel. Raises `InputError` for an image without one."""
         matrix = self._part.places.matrix(image)
         if matrix is None:
-            raise NotDoneError(
+            raise InputError(
                 f"contour: the place of image {image} is not known; expected an image that was "
                 "shown"
             )
         return np.asarray((matrix @ (x, y, 0.0, 1.0))[:3])
 
     def _do(self, change: Callable[[], object]) -> None:
-        try:
-            change()
-        except InputError as error:
-            raise NotDoneError(str(error)) from error
+        change()
         self._changed()

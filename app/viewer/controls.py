@@ -8,7 +8,6 @@ from app.case import MAX_DEPTH_MM
 from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.runtime import ChooseDepth, LengthenNeedle, Rearm, Record, SetMargins
-from app.runtime.workflow.event_notes import MAX_CHARS, EventNotes
 from app.scene import MarkerStyle
 from app.scene.margin.breach_markers import (
     MAX_SIZE_MM,
@@ -21,10 +20,11 @@ from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.image_part import ImagePart
 from app.viewer.messages.checks import boolean, integer, number, one_of, text
 from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.messages.errors import RefusedError
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.replay import RATES, ReplayControl
 from app.viewer.steps.view_state import ViewState
+from app.workflow.event_notes import MAX_CHARS, EventNotes
 
 Changed = Callable[[], None]
 """Called after each command, to draw again."""
@@ -196,23 +196,23 @@ class LiveControls:
 
     def _record(self, start: bool, name: str) -> None:
         if not self._operator.request(Record(start, name.strip())):
-            raise NotDoneError("recording: " + _LATER)
+            raise InputError("recording: " + _LATER)
 
     def _lengthen(self, by_mm: float) -> None:
         if not self._operator.request(LengthenNeedle(by_mm)):
-            raise NotDoneError("needle: " + _LATER)
+            raise InputError("needle: " + _LATER)
 
     def _choose_depth(self, seen_mm: float, depth_mm: float) -> None:
         """Use ``depth_mm`` for new images, while the page has shown ``seen_mm`` as in use."""
         content = self._operator.content
         known = None if content is None else content.image_depth
         if known is not None and known.depth_mm != seen_mm:
-            raise NotDoneError(
+            raise InputError(
                 f"depth of the images: it is now {known.depth_mm:g} mm, and nothing was done; "
                 "expected the same request again, after a look at it"
             )
         if not self._operator.request(ChooseDepth(depth_mm)):
-            raise NotDoneError("depth of the images: " + _LATER)
+            raise InputError("depth of the images: " + _LATER)
 
     def _set_margins(
         self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float
@@ -221,23 +221,23 @@ class LiveControls:
         content = self._operator.content
         margins = None if content is None else content.margins
         if margins is not None and (margins.stop_mm, margins.warn_mm) != (seen_stop, seen_warn):
-            raise NotDoneError(
+            raise InputError(
                 f"margins: they are now {margins.stop_mm:g} and {margins.warn_mm:g} mm, and "
                 "nothing was done; expected the same request again, after a look at them"
             )
         if stop_mm >= warn_mm:
-            raise NotDoneError(
+            raise InputError(
                 f"margins: stop {stop_mm:g} mm, warning {warn_mm:g} mm; expected a larger warning "
                 "distance"
             )
         if not self._operator.request(SetMargins(stop_mm, warn_mm)):
-            raise NotDoneError("margins: " + _LATER)
+            raise InputError("margins: " + _LATER)
 
     def _rearm(self, seq: int, nonce: str) -> None:
         if not (nonce.isascii() and nonce.isdecimal()) or not 0 < int(nonce) <= _MAX_NONCE:
             raise RefusedError("nonce: not that of a hold; expected the decimal number of one")
         if not self._operator.request(Rearm(seq, int(nonce))):
-            raise NotDoneError("re-arm: " + _LATER)
+            raise InputError("re-arm: " + _LATER)
 
 
 class NoteControls:
@@ -263,12 +263,9 @@ class NoteControls:
     def _add(self, line: str) -> None:
         shown = self._shown()
         if shown is None:
-            raise NotDoneError("note: there is no step yet; expected one")
+            raise InputError("note: there is no step yet; expected one")
         step = shown.step
         stamp_ns = step.frame.stamp.ns
-        try:
-            note = self._notes.add(step.index, stamp_ns, shown.elapsed_s, line)
-        except InputError as error:
-            raise NotDoneError(str(error)) from error
+        note = self._notes.add(step.index, stamp_ns, shown.elapsed_s, line)
         self._listed(f"{note.text} (step {note.frame}, stamp {note.stamp_ns} ns)")
         self._changed()

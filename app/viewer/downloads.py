@@ -3,12 +3,16 @@
 import asyncio
 import threading
 from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic_ns
 
 from aiohttp import web
 
-from app.geometry import MarginGuardError
+from app.geometry import InputError, MarginGuardError
 from app.runtime.rate_limit import RateLimit
+from app.viewer.access.auth import ROLE
+from app.viewer.access.role import Role
 
 _PICTURES_PER_S, _PICTURE_BURST = 2.0, 4.0
 
@@ -22,6 +26,9 @@ KINDS = {
     ".pdf": "application/pdf",
 }
 """Ending of an export: its type."""
+
+Write = Callable[[Path], object]
+"""Writes the file of this path."""
 
 
 class Downloads:
@@ -69,6 +76,31 @@ class Downloads:
     def _made(self, make: Callable[[], bytes]) -> bytes:
         with self._one_at_a_time:
             return make()
+
+
+async def operators_file(
+    request: web.Request, kind: str, prepare: Callable[[], Write]
+) -> web.Response:
+    """The file that the last part of the path names, for operators alone.
+
+    ``prepare`` returns what writes it, and raises `InputError` with why it cannot be made: 409.
+    """
+    if not request[ROLE].may(Role.OPERATE):
+        raise web.HTTPForbidden
+    name = request.path.rpartition("/")[2]
+    try:
+        write = prepare()
+    except InputError as error:
+        return web.Response(status=409, text=str(error))
+    loop = asyncio.get_running_loop()
+    return _download(await loop.run_in_executor(None, _written, name, write), kind, name)
+
+
+def _written(name: str, write: Write) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
 
 
 def _download(content: bytes, kind: str, name: str) -> web.Response:

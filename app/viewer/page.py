@@ -6,9 +6,7 @@ from trame_server.state import State
 
 from app.fixture import MarginState
 from app.runtime import RecordingStatus
-from app.runtime.workflow.event_notes import EventNotes
 from app.session import BreachList
-from app.viewer.calibration_part import CalibrationPart
 from app.viewer.contour_part import ContourPart
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController
@@ -16,6 +14,7 @@ from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.orientation import orientation
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
+from app.viewer.guided_part import GuidedPart
 from app.viewer.hand_part import HandPart
 from app.viewer.image_part import ImagePart
 from app.viewer.readout.breach_rows import breach_rows
@@ -28,10 +27,10 @@ from app.viewer.readout.stylus import stylus_values
 from app.viewer.readout.timeline import Timeline
 from app.viewer.readout.ultrasound import depth_values
 from app.viewer.readout.workflow import workflow_values
-from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
 from app.viewer.world_part import WorldPart
+from app.workflow.event_notes import EventNotes
 
 
 class Page:
@@ -42,9 +41,8 @@ class Page:
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``images``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
-    ``notes`` are listed; ``recording`` is that of a live session, ``calibration`` that of its tool
-    and ``registration`` that of its robot, None in a replay; ``world``: None without a simulated
-    one. All calls come from the page's thread.
+    ``notes`` are listed; ``recording`` is that of a live session; ``guided``: None in a replay;
+    ``world``: None without a simulated one. All calls come from the page's thread.
     """
 
     def __init__(
@@ -60,8 +58,7 @@ class Page:
         contour: ContourPart | None = None,
         notes: EventNotes | None = None,
         recording: Callable[[], RecordingStatus | None] = lambda: None,
-        calibration: CalibrationPart | None = None,
-        registration: RegistrationPart | None = None,
+        guided: GuidedPart | None = None,
         world: WorldPart | None = None,
     ) -> None:
         self.view = view
@@ -75,8 +72,7 @@ class Page:
         self._hand = hand
         self._contour = contour
         self._notes = notes or EventNotes()
-        self._calibration = calibration
-        self._registration = registration
+        self._guided = guided
         self._world = world
         state.world = None
         state.registration = None
@@ -111,8 +107,7 @@ class Page:
             self.camera.reframe()
         moment = None if now is None else (now.step.index, now.silent, now.request)
         edited = None if self._contour is None else self._contour.revision
-        guides = [each for each in (self._calibration, self._registration) if each is not None]
-        guided = tuple(each.revision for each in guides)
+        guided = None if self._guided is None else self._guided.workflow.revision
         bodies = None if self._world is None else self._world.revision
         kind = None if self._images is None else self._images.kind
         notes = len(self._notes.entries)
@@ -128,8 +123,8 @@ class Page:
             if self._contour is not None:
                 place = None if self._images is None else self._images.place
                 self._contour.update(now, self.view, *(place or (None, None)))
-            for guide in guides:
-                guide.update(now.content)
+            if self._guided is not None:
+                self._guided.workflow.update(now.content)
             if self._world is not None and self._world.update(now, self.view):
                 self.camera.frame_bodies()
         self.camera.update()
@@ -166,7 +161,7 @@ class Page:
                 state.update(self._hand.values())
             if self._contour is not None:
                 state.update(self._contour.values())
-            for part in (self._calibration, self._registration, self._world):
+            for part in (self._guided, self._world):
                 if part is not None:
                     state.update(part.values())
             if self._client_scene is not None:
@@ -175,12 +170,12 @@ class Page:
                 state.camera = self._client_scene.camera()
 
     def _workflow(self) -> dict[str, object] | None:
-        calibration = self._calibration
+        guided = self._guided
         return workflow_values(
             self._now,
-            is_live=calibration is not None,
+            is_live=guided is not None,
             has_images=self._images is not None and self._images.has_ultrasound,
-            calibration=None if calibration is None else calibration.guide.status(),
+            calibration=None if guided is None else guided.workflow.calibration.status(),
             recording=self._recording(),
         )
 

@@ -16,21 +16,10 @@ from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
 from app.files.volume_file import Volume
-from app.runtime import (
-    AddNote,
-    RobotRegistration,
-    SetRegistration,
-    SimulatedWorld,
-    ToolCalibration,
-    compute_here,
-    tip_command,
-)
-from app.runtime.workflow.event_notes import EventNotes
+from app.runtime import AddNote, SimulatedWorld
 from app.viewer.address import Address
 from app.viewer.body_drag import BodyDrag
 from app.viewer.body_upload import BodyUpload
-from app.viewer.calibration_controls import CalibrationControls
-from app.viewer.calibration_part import STYLUS_FILE, TIP_FILE, CalibrationPart
 from app.viewer.contour_controls import ContourControls
 from app.viewer.contour_part import ContourPart
 from app.viewer.controls import (
@@ -48,6 +37,7 @@ from app.viewer.drawing.frame_rate import LOAD_BESIDE_CONTROLLER
 from app.viewer.drawing.pictures import ClientLoop, MakeScheduler, RenderLoop, RenderScheduler
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.errors import ViewerError
+from app.viewer.guided_part import STYLUS_FILE, TIP_FILE, GuidedControls, GuidedPart
 from app.viewer.hand_part import HandPart
 from app.viewer.image_part import ImagePart, image_kinds
 from app.viewer.log import limit_logs
@@ -59,8 +49,6 @@ from app.viewer.page import Page
 from app.viewer.pointer_area import PointerArea, PointerPart
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
-from app.viewer.registration_controls import RegistrationControls
-from app.viewer.registration_part import RegistrationPart
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.mouse_hand import MouseHand
@@ -68,6 +56,7 @@ from app.viewer.steps.replay import ReplayControl
 from app.viewer.web_app import Content, Handle, WebServer
 from app.viewer.world_controls import WorldControls
 from app.viewer.world_part import WorldPart
+from app.workflow import EventNotes, Workflow
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "scene"
@@ -99,8 +88,7 @@ class Viewer:
     ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
-    known here. ``calibration`` is that of the tool of a live session, ``registration`` that of
-    its robot. ``world``: a simulated one, whose bodies ``view`` shows, too.
+    known here. ``world``: a simulated one, whose bodies ``view`` shows, too.
     """
 
     def __init__(
@@ -116,8 +104,6 @@ class Viewer:
         scheduler: MakeScheduler | None = None,
         client: bool = False,
         hand: MouseHand | None = None,
-        calibration: ToolCalibration | None = None,
-        registration: RobotRegistration | None = None,
         world: SimulatedWorld | None = None,
     ) -> None:
         if client and hand is not None:
@@ -137,27 +123,14 @@ class Viewer:
         kinds = image_kinds(title.images, title.volume)
         self._images = ImagePart(title.images, title.volume) if kinds else None
         self._hand = None if hand is None else HandPart(view, hand)
-        self._contour = self._contour_part(view, operator)
-        self._calibration = (
-            None
-            if calibration is None or operator is None
-            else CalibrationPart(
-                calibration,
-                operator.compute,
-                self.wake,
-                lambda change: operator.request(tip_command(change)),
-            )
+        self._contour = (
+            ContourPart(view.content, self.wake, operator)
+            if operator is not None or title.images is not None
+            else None
         )
-        self._registration = (
-            None
-            if registration is None or operator is None
-            else RegistrationPart(
-                registration,
-                operator.compute,
-                self.wake,
-                lambda result: operator.request(SetRegistration(result)),
-            )
-        )
+        self._guided = None
+        if operator is not None:
+            self._guided = GuidedPart(Workflow(view.content, operator, self.wake))
         self._world = None if world is None else WorldPart(world)
         self._pointed: list[PointerPart] = [] if self._hand is None else [self._hand]
         if world is not None and not client:
@@ -174,8 +147,7 @@ class Viewer:
             self._contour,
             title.notes,
             _no_recording if operator is None else lambda: operator.recording,
-            self._calibration,
-            self._registration,
+            self._guided,
             self._world,
         )
         state.rates = []
@@ -192,20 +164,15 @@ class Viewer:
             ImageControls(self._commands, self._images, kinds, self.redraw)
         if self._contour is not None:
             ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
-        if self._calibration is not None:
-            CalibrationControls(self._commands, self._calibration, self.redraw)
-        if self._registration is not None:
-            RegistrationControls(self._commands, self._registration, self.redraw)
+        if self._guided is not None:
+            GuidedControls(self._commands, self._guided.workflow, self.redraw)
         if world is not None:
             WorldControls(self._commands, world, self.redraw)
 
-    def _contour_part(self, view: SceneView, operator: LiveOperator | None) -> ContourPart | None:
-        """The contour of a live session, and of a replay with images."""
-        if operator is not None:
-            return ContourPart(view.content, operator.compute, self.wake, operator.request)
-        if self._title.images is not None:
-            return ContourPart(view.content, compute_here, self.wake)
-        return None
+    @property
+    def workflow(self) -> Workflow | None:
+        """The guided recordings of a live session; None in a replay."""
+        return None if self._guided is None else self._guided.workflow
 
     def redraw(self) -> None:
         """Draw as soon as possible, in the page's thread."""
@@ -269,10 +236,8 @@ class Viewer:
             self._operator.close()
         if self._contour is not None:
             self._contour.close()
-        if self._calibration is not None:
-            self._calibration.close()
-        if self._registration is not None:
-            self._registration.close()
+        if self._guided is not None:
+            self._guided.workflow.close()
         await asyncio.gather(state_server, return_exceptions=True)
         if drawing.done() and not drawing.cancelled():
             drawing.result()
@@ -293,8 +258,8 @@ class Viewer:
         handlers |= {f"/{name}": downloads.export for name in self._title.exports}
         if self._contour is not None:
             handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
-        if self._calibration is not None:
-            handlers |= {f"/{name}": self._calibration.file for name in (TIP_FILE, STYLUS_FILE)}
+        if self._guided is not None:
+            handlers |= {f"/{name}": self._guided.file for name in (TIP_FILE, STYLUS_FILE)}
         posts: dict[str, Handle] = {"/paraview/": _session}
         if self._world is not None:
             posts["/body/{name}"] = BodyUpload(self._world.world).post

@@ -24,8 +24,9 @@ UI = FOLDER / "Resources" / "UI" / "MarginGuard.ui"
 if str(FOLDER) not in sys.path:
     sys.path.insert(0, str(FOLDER))  # as Slicer does with --additional-module-paths
 
-from app.runtime import prepare_case, recorded_breaches  # noqa: E402
+from app.runtime import prepare_case  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
+from app.workflow import recorded_breaches  # noqa: E402
 from MarginGuardLib.logic import STATUS_NS as STATUS_NS  # noqa: E402
 from MarginGuardLib.logic import PanelLogic as PanelLogic  # noqa: E402
 from MarginGuardLib.recorded import RecordedCase  # noqa: E402

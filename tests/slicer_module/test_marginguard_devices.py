@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from app.geometry import InputError
-from app.runtime import CalibrationKind, TrackedTool
+from app.runtime import TrackedTool
 from app.scene.image_volume import VOLUME_NAME
+from app.workflow import CalibrationKind
 from benchmarks.images import session as images
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id

@@ -1,6 +1,7 @@
 """Guided calibration and registration by touch in the panel, with the engine of the page."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import marginguard as mg
 from app.case import open_case
 from app.geometry import InputError
-from app.runtime import CalibrationKind
+from app.workflow import CalibrationKind, Coverage, GuidedShown, TouchedPoint
 from tests.slicer_module.marginguard_module import CASE, frame_times_s, frames_in, spin_until, step
 from tests.viewer.calibrated_tool import KNOWN_MM, NOISE_MM, NOISE_RAD, RATE_HZ, SHAFT, TIP_MM, Tool
 
@@ -78,14 +79,19 @@ def play_frames(panel_logic, count):
 
 
 def stop_and_use(panel_logic):
-    panel_logic.calibration().stop()
+    do(panel_logic.calibration(), "stop")
     spin_until(panel_logic, lambda now: now.calibration.can_use)
     use(panel_logic, panel_logic.calibration())
 
 
+def do(recording, command, *args):
+    """Run a command of an operator who has seen the present revision."""
+    getattr(recording, command)(recording.status().revision, *args)
+
+
 def use(panel_logic, recording):
     """Use the result; wait until no job runs, which the panel names with three dots."""
-    recording.use()
+    do(recording, "accept")
     spin_until(panel_logic, lambda now: not now.message.endswith(" ..."))
 
 
@@ -98,7 +104,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_too
     spin_until(panel_logic, lambda now: now.calibration.can_start)
     with pytest.raises(InputError, match="no robot"):
         panel_logic.touch()
-    panel_logic.calibration().start(CalibrationKind.PIVOT)
+    do(panel_logic.calibration(), "start", CalibrationKind.PIVOT)
     play_frames(panel_logic, 5)
     status = spin_until(panel_logic, lambda now: "Not yet: " in now.calibration.text)
     assert status.calibration.is_recording and not status.calibration.can_use
@@ -106,7 +112,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_too
 
     play_frames(panel_logic, MOTION_FRAMES - 5)
     status = spin_until(panel_logic, is_covered)
-    assert status.calibration.coverage.sectors == (True,) * 8
+    assert status.coverage.sectors == (True,) * 8
     assert "mm RMS" in status.calibration.text
     np.testing.assert_allclose(tip(panel_logic).translation_mm, KNOWN_MM, atol=1e-9)
     stop_and_use(panel_logic)
@@ -117,13 +123,13 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_too
     assert np.linalg.norm(pivoted.translation_mm - TIP_MM) < 0.5
     assert "hold: calibration of the tool" in step(panel_logic).reasons
 
-    panel_logic.calibration().start(CalibrationKind.SPIN)
+    do(panel_logic.calibration(), "start", CalibrationKind.SPIN)
     play_frames(panel_logic, MOTION_FRAMES - 5)
     spin_until(panel_logic, is_covered)
     stop_and_use(panel_logic)
     spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) > 0.0)
     assert np.degrees(np.arccos(tip(panel_logic).rotation[:, 2] @ SHAFT)) < 0.5
-    panel_logic.calibration().undo()
+    do(panel_logic.calibration(), "undo")
     spin_until(panel_logic, lambda now: tip(panel_logic).angle_to(pivoted) == 0.0)
 
 
@@ -134,38 +140,40 @@ def test_robot_is_registered_by_the_dwells_of_a_replay(panel_logic, recorded, mo
     panel_logic.load_case(CASE)
     spin_until(panel_logic, lambda now: now.position_s is not None and now.touch.can_start)
     before = panel_logic.session.started().content.registration
-    panel_logic.touch().start()
+    do(panel_logic.touch(), "start")
     play_frames(panel_logic, sum(each < DWELLS_END_S for each in frame_times_s(opened)))
     spin_until(panel_logic, lambda now: now.position_s >= DWELLS_END_S)
-    panel_logic.touch().stop()
+    do(panel_logic.touch(), "stop")
     status = spin_until(panel_logic, lambda now: now.touch.can_use)
-    assert [row[0] for row in status.touch.rows] == [str(n) for n in range(1, DWELLS + 1)]
-    assert all(0.0 < float(residual) < 1.5 for _, residual, _ in status.touch.rows)
+    points = status.touch.points
+    assert [each.number for each in points] == list(range(1, DWELLS + 1))
+    assert all(0.0 < float(each.residual) < 1.5 for each in points)
     assert "Good enough" in status.touch.text
 
-    with pytest.raises(InputError, match="no point is selected"):
-        panel_logic.touch().remove(-1)
-    panel_logic.touch().remove(2)
-    status = spin_until(panel_logic, lambda now: len(now.touch.rows) == DWELLS - 1)
+    with pytest.raises(InputError, match="that point does not exist"):
+        do(panel_logic.touch(), "remove", -1)
+    do(panel_logic.touch(), "remove", int(points[2].id))
+    status = spin_until(panel_logic, lambda now: len(now.touch.points) == DWELLS - 1)
     assert status.touch.can_restore
-    panel_logic.touch().restore()
-    spin_until(panel_logic, lambda now: len(now.touch.rows) == DWELLS and now.touch.can_use)
+    do(panel_logic.touch(), "restore")
+    spin_until(panel_logic, lambda now: len(now.touch.points) == DWELLS and now.touch.can_use)
     use(panel_logic, panel_logic.touch())
     status = spin_until(panel_logic, lambda now: now.touch.can_undo)
     used = panel_logic.session.started().content.registration
     assert used is not before and used.accepted and len(used.used) == DWELLS
     panel_logic.step()
     spin_until(panel_logic, lambda now: "registration" in now.reasons)
-    panel_logic.touch().undo()
+    do(panel_logic.touch(), "undo")
     spin_until(panel_logic, lambda now: not now.touch.can_undo)
     assert panel_logic.session.started().content.registration is before
 
 
 def test_commands_of_a_session_that_is_over_are_refused(replayed):
     calibration = replayed.calibration()
-    calibration.start(CalibrationKind.PIVOT)
+    seen = replayed.refresh().calibration.revision
+    calibration.start(seen, CalibrationKind.PIVOT)
     with pytest.raises(InputError, match="changed it meanwhile"):
-        calibration.stop()  # nothing of the new recording was shown yet
+        calibration.stop(seen)  # nothing of the new recording was shown yet
     spin_until(replayed, lambda now: now.calibration.is_recording)
     replayed.end_session()
     status = replayed.refresh()
@@ -174,16 +182,22 @@ def test_commands_of_a_session_that_is_over_are_refused(replayed):
         replayed.calibration()
 
 
-def test_widgets_show_coverage_and_points(panel):
-    from app.runtime import Coverage
-    from MarginGuardLib.guided import GuidedShown
+ROWS = (("1", "0.21", "0.34"), ("2", "0.30", ""))
+POINTS = tuple(TouchedPoint(int(row[0]), f"{n}00", *row[1:], "") for n, row in enumerate(ROWS, 1))
+TOUCHED = GuidedShown(3, "recording", points=POINTS, can_restore=True)
 
-    ui, section = panel.ui, panel._sections._guided
+
+def show_guided(panel, calibration, touch, coverage=None):
+    status = SimpleNamespace(calibration=calibration, touch=touch, coverage=coverage, stylus="")
+    panel._sections._guided.show(status)
+
+
+def test_widgets_show_coverage_and_points(panel):
+    ui = panel.ui
     covered = Coverage(np.array([[20.0, 20.0]]), (True, *(False,) * 7), 0.5)
-    rows = (("1", "0.21", "0.34"), ("2", "0.30", ""))
-    calibration = GuidedShown("pivot: recording", covered, can_start=True, is_recording=True)
-    touched = GuidedShown("2 points", rows=rows, can_start=True, can_restore=True)
-    section.show(calibration, touched, "")
+    calibration = GuidedShown(1, "recording", title="pivot: recording")
+    show_guided(panel, calibration, TOUCHED, covered)
+    assert ui.calibrationLabel.text() == "pivot: recording"
     image = ui.coverageLabel.pixmap().toImage()
     sector = image.pixelColor(140, 60)  # right of the middle, a little above: the first sector
     other = image.pixelColor(140, 90)
@@ -191,25 +205,26 @@ def test_widgets_show_coverage_and_points(panel):
     assert image.pixelColor(105, 45).lightness() < 60  # the pose
     table = ui.touchTableWidget
     cells = [[table.item(row, column).text() for column in range(3)] for row in range(2)]
-    assert cells == [list(row) for row in rows]
+    assert cells == [list(row) for row in ROWS]
     assert ui.stopCalibrationButton.isEnabled() and not ui.useCalibrationButton.isEnabled()
     assert ui.restorePointButton.isEnabled() and ui.removePointButton.isEnabled()
-    section.show(GuidedShown(), GuidedShown(), "")
+    show_guided(panel, GuidedShown(), GuidedShown())
     assert ui.coverageLabel.pixmap().isNull()
     assert table.rowCount() == 0
     assert not ui.startPivotButton.isEnabled()
 
 
 def test_point_of_the_selected_row_is_removed(panel):
-    from MarginGuardLib.guided import GuidedShown
     from tests.slicer_module.test_marginguard_panel import CommandsDouble
 
-    rows = (("1", "", ""), ("2", "", ""))
-    panel._sections._guided.show(GuidedShown(), GuidedShown(rows=rows), "")
+    show_guided(panel, GuidedShown(), TOUCHED)
     commands = CommandsDouble(panel.logic.panel_logic)
     panel.logic.panel_logic = commands
+    panel.ui.touchTableWidget.clearSelection()
+    panel.ui.touchTableWidget.setCurrentCell(-1, -1)
+    panel.ui.removePointButton.click()
     panel.ui.touchTableWidget.selectRow(1)
     panel.ui.touchTableWidget.setCurrentCell(1, 0)
     panel.ui.removePointButton.click()
     panel.logic.panel_logic = commands.panel_logic
-    assert commands.calls == [("touch.remove", 1)]
+    assert commands.calls == [("touch.remove", 3, 200)]

@@ -10,8 +10,9 @@ import pytest
 import slicer
 
 from app.fixture import MarginState
-from app.runtime import CalibrationKind, TrackedTool
+from app.runtime import TrackedTool
 from app.scene import Preset, SceneApplication
+from app.workflow import CalibrationKind
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.conftest import open_panel
 from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, frame_times_s, in_slicer

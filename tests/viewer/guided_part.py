@@ -1,25 +1,34 @@
-"""A part of the page that guides a calibration or a registration, run by the page's commands."""
+"""A guided recording of the page, run by the page's commands."""
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 
 from app.runtime import LocalOperator, compute_here
 from app.viewer import LiveOperator
 from app.viewer.access.role import Role
+from app.viewer.guided_part import GuidedControls, GuidedPart
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.workflow import Workflow
 from tests.waiting import wait_until
 
 
-class GuidedPart:
-    """The part ``name`` with its commands, and the waiting for its fits."""
+class GuidedPage:
+    """The recording ``name`` with its commands, and the waiting for its fits.
 
-    def __init__(self, name, part, controls, guide, content, use):
+    ``request`` gets the command that uses its result.
+    """
+
+    def __init__(self, name, content, request):
         self.computed = threading.Semaphore(0)
-        self.part = part(guide, compute_here, self.computed.release, use)
+        operator = SimpleNamespace(request=request, compute=compute_here)
+        self.workflow = Workflow(content, operator, self.computed.release)
+        self.part = GuidedPart(self.workflow)
+        self.guide = getattr(self.workflow, name)
         self.commands = Commands()
-        controls(self.commands, self.part, lambda: None)
+        GuidedControls(self.commands, self.workflow, lambda: None)
         self._name, self._content = name, content
 
     @property
@@ -31,12 +40,12 @@ class GuidedPart:
 
     def finish(self):
         """Wait until what was recorded so far is fitted."""
-        self.part.update(self._content)
+        self.workflow.update(self._content)
         for _ in range(3):
-            if self.part.guide.task() is None:
+            if self.guide.task() is None:
                 return
             assert self.computed.acquire(timeout=60.0)
-            self.part.update(self._content)
+            self.workflow.update(self._content)
         raise AssertionError("not computed")
 
     def check_viewers_and_outdated_pages_are_refused(self, commands):

@@ -3,34 +3,25 @@
 import numpy as np
 import pytest
 
-from app.runtime import tip_command
-from app.viewer.calibration_controls import CalibrationControls
-from app.viewer.calibration_part import CalibrationPart
 from app.viewer.messages.errors import NotDoneError, RefusedError
 from tests.runtime.test_operator_commands import CONTENT, World
-from tests.runtime.workflow.guided import pivot_rotation
-from tests.runtime.workflow.test_stylus_calibration import CONTENT as STYLUS_CONTENT
-from tests.runtime.workflow.test_stylus_calibration import TIP_MM as STYLUS_TIP_MM
-from tests.runtime.workflow.test_stylus_calibration import GuidedStylus
-from tests.runtime.workflow.test_tool_calibration import TIP_MM, GuidedTool
-from tests.viewer.guided_part import GuidedPart, connect, must_not_be_used, requested
+from tests.viewer.guided_part import GuidedPage, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator
+from tests.workflow.guided import pivot_rotation
+from tests.workflow.test_stylus_calibration import CONTENT as STYLUS_CONTENT
+from tests.workflow.test_stylus_calibration import TIP_MM as STYLUS_TIP_MM
+from tests.workflow.test_stylus_calibration import GuidedStylus
+from tests.workflow.test_tool_calibration import TIP_MM, GuidedTool
 
 pytestmark = pytest.mark.slow
 
 
-def calibrating(use, guided=None):
-    """A calibration part and the source of its poses."""
+def calibrating(request, guided=None):
+    """A calibration on the page and the source of its poses."""
     guided = guided or GuidedTool(CONTENT)
-    controls = CalibrationControls
-    return guided, GuidedPart(
-        "calibration", CalibrationPart, controls, guided.guide, guided.content, use
-    )
-
-
-def using(operator):
-    """What the page does with an accepted tip."""
-    return lambda change: operator.request(tip_command(change))
+    part = GuidedPage("calibration", guided.content, request)
+    guided.guide = part.guide
+    return guided, part
 
 
 @pytest.fixture
@@ -39,17 +30,17 @@ def world():
 
 
 def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world, operator):
-    guided, part = calibrating(using(operator))
+    guided, part = calibrating(operator.request)
     assert part.part.values()["calibration_map"] is None
     part.run("start", "pivot", "cautery")
     for number in range(200):
         guided.observe(pivot_rotation(number))
     part.finish()
     assert part.values["verdict"].startswith("Good enough: sigma of the tip is")
-    assert not part.values["ready"]
+    assert not part.values["can_use"]
     drawn = part.part.values()["calibration_map"]
     assert len(drawn["points"]) <= 120
-    assert drawn["text"].startswith("8 of 8 directions, ")
+    assert part.values["coverage"].startswith("8 of 8 directions, ")
     assert part.part.values()["calibration_map"] is drawn
     part.run("stop")
     part.finish()
@@ -62,8 +53,8 @@ def test_pivot_becomes_the_tip_of_the_session_and_a_hold(world, operator):
     assert np.linalg.norm(tip.translation_mm - TIP_MM) < 0.5
     assert world.session.setup.tip_sigma_mm > 0.0
     assert "calibration of the tool replaced" in world.session.hold_causes[0]
-    part.part.update(world.commands.content)
-    assert (part.values["phase"], part.values["undo"]) == ("idle", True)
+    part.workflow.update(world.commands.content)
+    assert (part.values["phase"], part.values["can_undo"]) == ("idle", True)
     assert (request.kind, request.accepted, request.origin) == ("set_tip", True, "the page")
 
 
@@ -72,7 +63,9 @@ def test_page_without_poses_says_why():
     assert part.values["title"] == part.values["verdict"] == ""
     part.run("start", "pivot", "cautery")
     guided.observe(pivot_rotation(0), lost=True)
-    assert part.values["problem"] == "'cautery' in 'reference' is not known now"
+    assert part.values["problem"] == (
+        "No pose is recorded: 'cautery' in 'reference' is not known now"
+    )
     assert part.values["count"] == "0 poses"
     guided.observe(pivot_rotation(0))
     assert (part.values["problem"], part.values["count"]) == ("", "1 pose")
@@ -84,7 +77,7 @@ def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator):
     world = World(stylus=STYLUS_CONTENT.stylus)
     setup = world.setup
     connect(operator, world)
-    guided, part = calibrating(using(operator), GuidedStylus())
+    guided, part = calibrating(operator.request, GuidedStylus())
     part.run("start", "pivot", "stylus")
     assert part.values["title"] == "pivot of the stylus: recording"
     for number in range(200):

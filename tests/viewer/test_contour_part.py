@@ -31,9 +31,10 @@ CORNERS = np.array([[12, 0, 0], [-12, 0, 0], [0, 12, 0], [0, -12, 0], [0, 0, 12]
 class Contouring:
     """A contour part with its commands, and the waiting for its surface."""
 
-    def __init__(self, use=None):
+    def __init__(self, request=must_not_be_used, compute=compute_here):
         self.computed = threading.Semaphore(0)
-        self.part = ContourPart(CONTENT, compute_here, self.computed.release, use)
+        operator = SimpleNamespace(request=request, compute=compute)
+        self.part = ContourPart(CONTENT, self.computed.release, operator)
         self.commands = Commands()
         ContourControls(self.commands, self.part, lambda: None, live=True)
 
@@ -56,7 +57,7 @@ class Contouring:
         """Wait until the surface of the present points is computed."""
         for _ in range(3):
             self.part.update(None, WITHOUT_SCENE)
-            if self.part.values()["contour"]["revision"] == self.part._computed:
+            if self.part.values()["contour"]["computed"]:
                 return
             assert self.computed.acquire(timeout=60.0)
         raise AssertionError("not computed")
@@ -82,7 +83,9 @@ def test_contour_becomes_the_tumour_in_its_frame_with_its_uncertainty(world, ope
     low, high = tumor.transformed(TUMOR_EDGE).bounds_mm
     np.testing.assert_allclose([low, high], [[-12] * 3, [12] * 3], atol=0.1)
     sigma_mm = world.session.setup.tumor_sigma_mm
-    assert sigma_mm == pytest.approx(contouring.part._surface.uncertainty.sigma_mm)
+    assert sigma_mm == pytest.approx(
+        float(contouring.part.values()["contour"]["sigma_mm"]), abs=0.005
+    )
     assert sigma_mm > 0.5
     assert "tumour replaced" in world.session.hold_causes[0]
     assert (request.accepted, request.origin) == (True, "the page")
@@ -105,7 +108,7 @@ def test_marked_hydromark_becomes_the_tumour_with_the_uncertainty_of_its_place(w
 
 
 def test_contour_that_is_not_ready_is_refused_in_one_line():
-    contouring = Contouring(must_not_be_used)
+    contouring = Contouring()
     with pytest.raises(NotDoneError, match="no points; expected 4 or more"):
         contouring.run("contour_accept", 0)
     contouring.add(CORNERS[:2])
@@ -167,8 +170,7 @@ def test_surface_that_fails_does_not_end_the_page(caplog):
     def fail(*_):
         raise np.linalg.LinAlgError("singular")
 
-    contouring = Contouring(must_not_be_used)
-    contouring.part._compute = fail
+    contouring = Contouring(compute=fail)
     contouring.add(CORNERS)
     contouring.finish()
     with pytest.raises(NotDoneError, match="no surface was found; expected other points"):

@@ -5,13 +5,11 @@ from itertools import islice
 import pytest
 
 from app.case import open_case
-from app.runtime import RobotRegistration, SetRegistration, content_of
+from app.runtime import SetRegistration, content_of
 from app.session import Session, setup_from_case
 from app.viewer.messages.errors import NotDoneError, RefusedError
-from app.viewer.registration_controls import RegistrationControls
-from app.viewer.registration_part import RegistrationPart
 from tests.runtime.test_operator_commands import World
-from tests.viewer.guided_part import GuidedPart, connect, must_not_be_used, requested
+from tests.viewer.guided_part import GuidedPage, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator
 
 pytestmark = pytest.mark.slow
@@ -25,27 +23,24 @@ def case(project_root):
     return open_case(project_root / "data" / "recorded_case")
 
 
-class Registering(GuidedPart):
-    """A registration part that observes the shipped case."""
+class Registering(GuidedPage):
+    """A registration on the page that observes the shipped case."""
 
-    def __init__(self, case, use):
+    def __init__(self, case, request):
         self.case = case
         self.setup = setup_from_case(case, tip_only=True)
         content = content_of(case, self.setup, tip_only=True)
-        guide = RobotRegistration(content)
-        super().__init__(
-            "registration", RegistrationPart, RegistrationControls, guide, content, use
-        )
+        super().__init__("registration", content, request)
 
     def observe(self, frames=FRAMES):
         session = Session(self.setup)
         for frame in islice(self.case.frames(), frames):
-            self.part.guide.observe(session.step(frame))
+            self.guide.observe(session.step(frame))
 
 
 def test_points_with_their_errors_become_the_registration(case):
     used = []
-    registering = Registering(case, lambda result: used.append(result) or True)
+    registering = Registering(case, lambda command: used.append(command.registration) or True)
     assert registering.values["count"] == ""
     registering.run("start", "cautery")
     registering.observe()
@@ -53,14 +48,14 @@ def test_points_with_their_errors_become_the_registration(case):
     values = registering.values
     assert values["count"] == "recording, 8 points"
     assert values["verdict"].startswith("Good enough: predicted TRE")
-    assert [each["n"] for each in values["points"]] == list(range(1, 9))
+    assert [each["number"] for each in values["points"]] == list(range(1, 9))
     assert all(0.0 < float(each["residual"]) < 0.5 for each in values["points"])
     registering.run("stop")
     registering.finish()
     registering.run("remove", registering.values["points"][2]["id"])
     registering.finish()
     assert len(registering.values["points"]) == 7
-    assert registering.values["restore"]
+    assert registering.values["can_restore"]
     registering.run("restore")
     registering.finish()
     registering.run("use")
@@ -80,7 +75,7 @@ def test_few_points_are_not_used_and_say_why(case):
     with pytest.raises(NotDoneError, match="1 points; expected at least 4"):
         registering.run("use")
     registering.run("discard")
-    assert registering.values["points"] == []
+    assert not registering.values["points"]
 
 
 def test_viewers_outdated_pages_and_wrong_points_change_nothing(case):

@@ -38,9 +38,8 @@ REPLY_S, LONG_REPLY_S = 10.0, 120.0
 _LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
 
 _MESH_S = 5.0
-_MAX_WAITING = 3
-"""Steps that wait for a display. Of more only the newest is shown: it is slower than the guard."""
-_MAX_HELD = 100
+_MAX_WAITING = 100
+"""Steps that wait for a display. Of more only the newest is left: it is slower than the guard."""
 _WAIT_S = 0.2
 _DRIFT = 5e-5
 """Largest drift of two machines' clocks."""
@@ -53,12 +52,13 @@ class SessionClient:
 
     ``node`` is a full name, or one in the namespace of ``ros``.
 
-    `steps` waits for a node that has not started yet, and follows one that is started again. A
-    display that is slower than the node is given the newest step and not those in between. What
-    it cannot use ends it with a `BridgeError`: messages of another version, and steps of two
-    guards at once. ``images`` are those of the session, from the first step on; None without.
-    ``starting()`` is called while there was no step yet; its error ends `steps`. ``own``: the first
-    step is that of a node which was started for this display, whatever other node has that name.
+    `steps` waits for a node that has not started yet, and follows one that is started again. It
+    gives every step, as guided recordings need them, to a display that takes them fast enough: see
+    `_MAX_WAITING`. What it cannot use ends it with a `BridgeError`: messages of another version,
+    and steps of two guards at once. ``images`` are those of the session, from the first step on;
+    None without. ``starting()`` is called while there was no step yet; its error ends `steps`.
+    ``own``: the first step is that of a node which was started for this display, whatever other
+    node has that name.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class SessionClient:
         self._descriptions: dict[str, ContentMessage] = {}
         self._instance_id, self._ended_ids = "", set[str]()
         self._changed = threading.Condition()
-        self._waiting: deque[bytes] = deque(maxlen=_MAX_HELD)
+        self._waiting: deque[bytes] = deque()
         self._cancel = threading.Event()
         self._problem = ""
         self._stopped = False
@@ -157,13 +157,12 @@ class SessionClient:
     def _next(self) -> bytes | None:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
-            if len(self._waiting) > _MAX_WAITING:
-                while len(self._waiting) > 1:
-                    self._waiting.popleft()
             return self._waiting.popleft() if self._waiting else None
 
     def _receive_step(self, data: bytes) -> None:
         with self._changed:
+            if len(self._waiting) >= _MAX_WAITING:
+                self._waiting.clear()
             self._waiting.append(data)
             self._changed.notify()
 

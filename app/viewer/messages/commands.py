@@ -3,9 +3,10 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+from app.geometry import InputError
 from app.viewer.access.role import Role
 from app.viewer.messages.checks import Check, arguments, shown
-from app.viewer.messages.errors import RefusedError
+from app.viewer.messages.errors import NotDoneError, RefusedError
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,8 @@ class Commands:
     def run(self, name: str, args: Collection[object], role: Role) -> None:
         """Run a command for a page of ``role``.
 
-        Raises `RefusedError` if there is no such command, or if role or arguments do not permit it.
+        Raises `RefusedError` if there is no such command, or if role or arguments do not permit it,
+        and `NotDoneError` for an `InputError` of the command.
         """
         command = self._commands.get(name)
         if command is None:
@@ -39,4 +41,8 @@ class Commands:
             )
         if not role.may(command.role):
             raise RefusedError(f"command {name}: role {role.value}; expected {command.role.value}")
-        command.call(*arguments(args, command.checks))
+        values = arguments(args, command.checks)
+        try:
+            command.call(*values)
+        except InputError as error:
+            raise NotDoneError(str(error)) from error

@@ -1,45 +1,16 @@
-"""A calibration of the tool as values of the page."""
+"""The coverage of a calibration as values of the page."""
 
 import math
 from typing import Any
 
-from app.runtime import (
-    CalibrationKind,
-    CalibrationStatus,
-    Coverage,
-    calibration_count,
-    calibration_numbers,
-    calibration_title,
-    calibration_verdict,
-    coverage_text,
-)
+from app.workflow import Coverage
 
 _RADIUS = 50.0
 _MAX_POINTS = 120
 
 
-def calibration_values(status: CalibrationStatus, *, can_undo: bool) -> dict[str, Any]:
-    """Phase, counts, numbers and verdict; ``can_undo``: the tip before can be restored."""
-    fit = status.fit
-    verdict, advice = calibration_verdict(status)
-    return {
-        "revision": status.revision,
-        "phase": status.phase.value,
-        "kind": status.kind.value,
-        "title": calibration_title(status),
-        "count": calibration_count(status),
-        "numbers": calibration_numbers(fit, status.kind),
-        "problem": status.problem,
-        "verdict": verdict,
-        "ok": fit is not None and fit.accepted,
-        "advice": advice,
-        "ready": status.can_accept,
-        "undo": can_undo,
-    }
-
-
-def calibration_map(coverage: Coverage, kind: CalibrationKind) -> dict[str, Any]:
-    """Points and sectors of a plot with +y upwards, 50 units to each side, and their text."""
+def calibration_map(coverage: Coverage) -> dict[str, Any]:
+    """Points and sectors of a plot with +y upwards, 50 units to each side."""
     points = coverage.points_deg[:: max(1, -(-len(coverage.points_deg) // _MAX_POINTS))]
     count = len(coverage.sectors)
     return {
@@ -51,7 +22,6 @@ def calibration_map(coverage: Coverage, kind: CalibrationKind) -> dict[str, Any]
             {"d": _sector_path(number, count), "covered": is_covered}
             for number, is_covered in enumerate(coverage.sectors)
         ],
-        "text": coverage_text(coverage, kind),
     }
 
 

@@ -1,9 +1,9 @@
 """Distances in the six anatomical directions as values for the page."""
 
 from app.geometry import ANATOMICAL_WORDS
-from app.runtime import TipDirections
 from app.viewer.readout.reason_text import distance_text
 from app.viewer.steps.view_state import ViewState
+from app.workflow import TipDirections
 
 _PAIRS = ("R", "L", "A", "P", "S", "I")
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from app.runtime.workflow.event_notes import EventNote
 from app.viewer.readout.timeline import Timeline
+from app.workflow.event_notes import EventNote
 
 _MAX_ROWS = 50
 """Notes on the page: the last ones."""

@@ -6,10 +6,10 @@ from typing import Any, Protocol
 
 from app.fixture import MarginParameters
 from app.geometry import NS_PER_MS, NS_PER_S
-from app.runtime.workflow.event_notes import EventNote
 from app.viewer.readout.plot import WIDTH, Point, plot
 from app.viewer.steps.feeds import ReplayFeed
 from app.viewer.steps.view_state import ViewState
+from app.workflow.event_notes import EventNote
 
 _LIVE_SPAN_NS = 30 * NS_PER_S
 _LIVE_STEP_NS = 200 * NS_PER_MS

@@ -2,14 +2,9 @@
 
 from typing import Any
 
-from app.runtime import (
-    CalibrationStatus,
-    RecordingStatus,
-    WorkflowState,
-    next_step,
-    workflow_steps,
-)
+from app.runtime import RecordingStatus
 from app.viewer.steps.view_state import ViewState
+from app.workflow import CalibrationStatus, WorkflowState, next_step, workflow_steps
 
 _MAX_CHARS = 140
 

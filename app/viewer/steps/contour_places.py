@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 
-from app.geometry import FloatArray, FrameError, InputError, Transform
+from app.geometry import FloatArray, InputError
 from app.runtime import SessionContent, TrackedTool, tip_mm
 from app.session import StepResult
 from app.viewer.steps.view_state import ViewState
@@ -18,7 +18,7 @@ class ContourPlaces:
     """
 
     def __init__(self, content: SessionContent) -> None:
-        self.frame = frame_from_tumor(content).target
+        self.frame = content.frame_from_tumor.target
         self.number: int | None = None
         self._images: OrderedDict[int, FloatArray] = OrderedDict()
         self._content = content
@@ -55,11 +55,3 @@ class ContourPlaces:
     def matrix(self, number: int) -> FloatArray | None:
         """The map (4, 4) of an image that was shown; None for others."""
         return self._images.get(number)
-
-
-def frame_from_tumor(content: SessionContent) -> Transform:
-    """The edge from the tumour's frame to the one that it moves with."""
-    for edge in content.static_edges:
-        if edge.source == content.tumor.frame:
-            return edge
-    raise FrameError(f"static transforms: none places {content.tumor.frame!r}; expected one")

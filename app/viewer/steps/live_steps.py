@@ -1,13 +1,13 @@
 """The steps of a live session on their way to a page: each with the content it was taken with."""
 
 import sys
-from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 
 from app.geometry import MarginGuardError, SurfaceMesh
-from app.runtime import Operator, RobotRegistration, SessionContent, ToolCalibration, stop_surface
+from app.runtime import Operator, SessionContent
 from app.session import StepResult
 from app.viewer.steps.feeds import LiveFeed
+from app.workflow import Workflow, stop_surface
 
 
 class LiveSteps:
@@ -15,7 +15,7 @@ class LiveSteps:
 
     The margin surface of another tumour or stop margin takes a second to compute in ``workers``;
     until then there is none, never that of the content before.
-    ``guides`` record the poses of all steps, also of those that the page leaves out.
+    ``workflow`` records the poses of all steps, also of those that the page leaves out.
     """
 
     def __init__(
@@ -24,13 +24,13 @@ class LiveSteps:
         content: SessionContent,
         margin_surface: SurfaceMesh | None,
         workers: Executor,
-        guides: Sequence[ToolCalibration | RobotRegistration] = (),
+        workflow: Workflow | None = None,
     ) -> None:
         self._feed = feed
         self._content = content
         self._margin_surface = margin_surface
         self._workers = workers
-        self._guides = tuple(guides)
+        self._workflow = workflow
         self._computing: Future[SurfaceMesh | None] | None = None
 
     def put(self, step: StepResult, operator: Operator, delay_ns: int = 0) -> None:
@@ -42,8 +42,8 @@ class LiveSteps:
         if self._computing is not None and self._computing.done():
             self._margin_surface = _result(self._computing)
             self._computing = None
-        for guide in self._guides:
-            guide.observe(step)
+        if self._workflow is not None:
+            self._workflow.observe(step)
         self._feed.put(step, self._content, self._margin_surface, operator.seen(), delay_ns)
         self._feed.list_of_session(operator.last_request)
 

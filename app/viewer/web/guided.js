@@ -37,8 +37,8 @@ export function guide(trame, name, markup, connect, shown) {
     const all = {
       stop: now.phase === "recording",
       discard: now.phase !== "idle",
-      use: now.ready,
-      undo: now.undo && now.phase === "idle",
+      use: now.can_use,
+      undo: now.can_undo && now.phase === "idle",
       ...shown(now),
     };
     for (const [part, is] of Object.entries(all)) {

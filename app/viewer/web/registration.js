@@ -28,7 +28,7 @@ export function registerRobot(trame) {
       find("start").addEventListener("click", () => send("start", chosenTool("touch")));
       find("restore").addEventListener("click", () => send("restore"));
     },
-    ({ phase, restore }) => ({ start: phase !== "recording", restore }),
+    ({ phase, can_restore }) => ({ start: phase !== "recording", restore: can_restore }),
   );
   // The rows are drawn anew with each fit.
   document.addEventListener("click", (event) => {

@@ -4,27 +4,19 @@ Surface, uncertainty and checks are those of the page (`app.contour`).
 """
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
 
-from app.contour import (
-    Contour,
-    ContourPoint,
-    ContourSurface,
-    contour_sigma,
-    contour_size,
-    contour_surface,
-)
+from app.contour import Contour, ContourPoint, ContourSurface
 from app.contour.uncertainty import pixel_sigma
-from app.geometry import FloatArray, InputError, MarginGuardError
-from app.runtime import Operator, SetTumor, TrackedTool, tip_mm
+from app.geometry import FloatArray, InputError
+from app.runtime import Operator, TrackedTool, tip_mm
 from app.scene import ContourModel, SceneError
+from app.workflow import ContourTumor
 
 from .contour_points import ContourPoints
-from .jobs import Jobs
 from .shown_session import ShownSession
 
 
@@ -51,23 +43,17 @@ class PanelContour:
         session: ShownSession,
         mrml_scene: vtkMRMLScene,
         logic: vtkMRMLApplicationLogic | None,
-        jobs: Jobs,
         changed: Callable[[], None],
     ) -> None:
         self._session = session
         self._mrml_scene = mrml_scene
         self._logic = logic
-        self._jobs = jobs
         self._changed = changed
         self._points: ContourPoints | None = None
         self._model: ContourModel | None = None
         self._drawn: ContourSurface | None = None
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="contour")
+        self._tumor = ContourTumor(session.display_operator.compute, changed)
         self._settings = Contour("")
-        self._computing: tuple[Contour, Future[ContourSurface]] | None = None
-        self._computed: Contour | None = None
-        self._surface: ContourSurface | None = None
-        self._problem = ""
         self._pixel_sigma_mm = 0.0
 
     def note_pixel(self, pixel_mm: tuple[float, float] | None) -> None:
@@ -115,21 +101,8 @@ class PanelContour:
     def use(self) -> None:
         """Use the contour as the tumour of the session, which is then on hold."""
         edge = self._session.started().content.frame_from_tumor
-        surface = self._surface
-        if self._computed is None or not _is_same(self._computed, self._contour(edge.target)):
-            raise InputError(
-                "contour: its surface is being computed; expected the same request in a moment"
-            )
-        if surface is None:
-            raise InputError(self._problem or "contour: no points; expected 4 or more")
-        if surface.uncertainty is None:
-            raise InputError(
-                "contour: the error of its points is not stated; expected that of the calibration "
-                "of the tool's tip, in mm"
-            )
-        operator, sigma_mm = self._session.started(), surface.uncertainty.sigma_mm
-        command = SetTumor(edge, surface.mesh.transformed(edge.inverse()), sigma_mm)
-        self._jobs.submit("setting the tumour", lambda: operator.request(command), lambda _: None)
+        command = self._tumor.command(self._contour(edge.target), edge)
+        self._tumor.use(command, self._session.display_operator)
 
     def update(self, operator: Operator | None) -> None:
         """Keep points and surface in the frame that the tumour moves with; compute the surface."""
@@ -142,28 +115,24 @@ class PanelContour:
             self._points.follow(self._session.display.frame_node(frame))
         except SceneError:
             return  # the next step places the frame
-        self._follow(self._contour(frame), operator)
-        self._draw()
+        self._tumor.follow(self._contour(frame), lambda _: self._pixel_sigma_mm)
+        self._draw(self._tumor.surface)
 
     def shown(self) -> ContourShown:
         """What the panel shows of it."""
         can_edit = self._session.is_running and self._session.display is not None
         if self._points is None:
             return ContourShown(can_edit=can_edit)
-        count = len(self._points.positions_mm)
-        lines = [f"{count} point{'s' * (count != 1)}"]
-        surface, problem = self._surface, self._problem if count else ""
-        uncertainty = None if surface is None else surface.uncertainty
-        lines += [] if surface is None else [contour_size(surface)]
-        if uncertainty is not None:
-            lines.append(f"\N{GREEK SMALL LETTER SIGMA} {contour_sigma(uncertainty)}")
-        lines += [problem] if problem else []
+        count, surface = len(self._points.positions_mm), self._tumor.surface
+        size, sigma, problem = self._tumor.texts()
+        sigma = f"\N{GREEK SMALL LETTER SIGMA} {sigma}" if sigma else ""
+        lines = [f"{count} point{'s' * (count != 1)}", size, sigma, problem]
         return ContourShown(
-            text="\n".join(lines),
+            text="\n".join(each for each in lines if each),
             can_edit=can_edit,
             has_points=count > 0,
             can_undo=self._points.can_undo,
-            can_use=can_edit and uncertainty is not None,
+            can_use=can_edit and surface is not None and surface.uncertainty is not None,
         )
 
     def clear(self) -> None:
@@ -175,7 +144,7 @@ class PanelContour:
     def close(self) -> None:
         """End the thread."""
         self.clear()
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        self._tumor.close()
 
     def _edited(self) -> ContourPoints:
         """The points, which are added to the scene before their first edit."""
@@ -196,55 +165,32 @@ class PanelContour:
         positions_mm = np.empty((0, 3)) if self._points is None else self._points.positions_mm
         return replace(self._settings, frame=frame, points=_contour(frame, positions_mm).points)
 
-    def _follow(self, contour: Contour, operator: Operator) -> None:
-        """Take a surface that is done, and begin to compute that of ``contour`` if it is newer."""
-        if self._computing is not None and self._computing[1].done():
-            (self._computed, done), self._computing = self._computing, None
-            try:
-                self._surface, self._problem = done.result(), ""
-            except MarginGuardError as error:
-                self._surface, self._problem = None, str(error)
-        is_new = self._computed is None or not _is_same(self._computed, contour)
-        if self._computing is None and is_new:
-            future = self._worker.submit(
-                operator.compute, contour_surface, contour, self._pixel_sigma_mm
-            )
-            self._computing = contour, future
-            future.add_done_callback(lambda _: self._changed())
-
-    def _draw(self) -> None:
+    def _draw(self, surface: ContourSurface | None) -> None:
         parent = self._points.node.GetParentTransformNode()
         if self._model is not None and self._model.node.GetScene() is None:
             self._model = self._drawn = None
-        if self._model is None and self._surface is not None:
+        if self._model is None and surface is not None:
             self._model = ContourModel(self._mrml_scene, parent)
         if self._model is None:
             return
         if self._model.node.GetParentTransformNode() is not parent:
             self._model.node.SetAndObserveTransformNodeID(parent.GetID())
-        if self._surface is self._drawn:
+        if surface is self._drawn:
             return
-        self._drawn = self._surface
-        if self._surface is None:
+        self._drawn = surface
+        if surface is None:
             self._model.hide()
         else:
-            self._model.show(self._surface.mesh)
+            self._model.show(surface.mesh)
 
     def _forget(self) -> None:
         if self._model is not None and self._model.node.GetScene() is not None:
             self._model.remove()
         self._points = self._model = self._drawn = None
-        self._computing = self._computed = self._surface = None
-        self._problem = ""
+        self._tumor.forget()
         self._pixel_sigma_mm = 0.0
 
 
 def _contour(frame: str, positions_mm: FloatArray) -> Contour:
     points = (ContourPoint(number, each) for number, each in enumerate(positions_mm, 1))
     return Contour(frame, tuple(points))
-
-
-def _is_same(first: Contour, second: Contour) -> bool:
-    names = [each.name for each in fields(Contour) if each.name != "points"]
-    is_same = all(getattr(first, name) == getattr(second, name) for name in names)
-    return is_same and np.array_equal(first.positions_mm, second.positions_mm)

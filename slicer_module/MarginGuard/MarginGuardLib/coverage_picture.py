@@ -4,7 +4,7 @@ from typing import Any
 
 import qt
 
-from app.runtime import Coverage
+from app.workflow import Coverage
 
 SIZE = 150
 _RANGE_DEG = 50.0

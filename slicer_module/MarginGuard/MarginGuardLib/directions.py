@@ -4,8 +4,9 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from app.geometry import MarginGuardError, SurfaceMesh
-from app.runtime import Compute, SessionContent, TipDirections, stop_surface
+from app.runtime import Compute, SessionContent
 from app.session import StepResult
+from app.workflow import TipDirections, stop_surface
 
 _PAIRS = ("RL", "AP", "SI")
 

@@ -3,8 +3,9 @@
 from slicer import vtkMRMLScene
 
 from app.geometry import NS_PER_S, InputError
-from app.runtime import AddNote, EventNote, EventNotes, WorkflowOutput
+from app.runtime import AddNote
 from app.session import BreachEntry, BreachList
+from app.workflow import EventNote, EventNotes, WorkflowOutput
 
 from .shown_session import ShownSession
 

@@ -6,10 +6,11 @@ from typing import Any
 
 import slicer
 
-from app.runtime import CalibrationKind, Coverage
+from app.geometry import InputError
+from app.workflow import CalibrationKind, Coverage, GuidedShown
 
 from .coverage_picture import coverage_picture
-from .guided import GuidedShown
+from .status import PanelStatus
 from .table import fill_table
 from .tool_choice import ToolChoice
 
@@ -26,73 +27,86 @@ class GuidedSection:
     def __init__(self, ui: Any, on_click: Callable[[Any, Callable[[Any], object]], None]) -> None:
         self._ui = ui
         self._coverage: Coverage | None = None
+        self._calibration = self._touch = GuidedShown()
+        """As shown: a command names the revision that its operator has seen."""
         self._calibrated = ToolChoice(ui.calibratedToolComboBox)
         self._touching = ToolChoice(ui.touchToolComboBox)
         for button, command in (
             (ui.startPivotButton, partial(self._calibrate, CalibrationKind.PIVOT)),
             (ui.startSpinButton, partial(self._calibrate, CalibrationKind.SPIN)),
-            (ui.stopCalibrationButton, lambda logic: logic.calibration().stop()),
-            (ui.discardCalibrationButton, lambda logic: logic.calibration().discard()),
+            (
+                ui.stopCalibrationButton,
+                lambda logic: logic.calibration().stop(self._calibration.revision),
+            ),
+            (
+                ui.discardCalibrationButton,
+                lambda logic: logic.calibration().discard(self._calibration.revision),
+            ),
             (ui.useCalibrationButton, self._use_calibration),
             (ui.undoCalibrationButton, self._undo_calibration),
-            (ui.startTouchButton, self._touch),
-            (ui.stopTouchButton, lambda logic: logic.touch().stop()),
-            (ui.discardTouchButton, lambda logic: logic.touch().discard()),
+            (ui.startTouchButton, self._start_touch),
+            (ui.stopTouchButton, lambda logic: logic.touch().stop(self._touch.revision)),
+            (ui.discardTouchButton, lambda logic: logic.touch().discard(self._touch.revision)),
             (ui.removePointButton, self._remove_point),
-            (ui.restorePointButton, lambda logic: logic.touch().restore()),
+            (ui.restorePointButton, lambda logic: logic.touch().restore(self._touch.revision)),
             (ui.useTouchButton, self._use_registration),
             (ui.undoRegistrationButton, self._undo_registration),
         ):
             on_click(button, command)
 
-    def show(self, calibration: GuidedShown, registration: GuidedShown, stylus: str) -> None:
-        """Show both recordings; ``stylus``: its tip in words, empty without one."""
-        ui = self._ui
-        self._calibrated.show(stylus)
-        self._touching.show(stylus)
+    def show(self, status: PanelStatus) -> None:
+        """Show both recordings, and the tools that may be chosen."""
+        ui, calibration, touch = self._ui, status.calibration, status.touch
+        self._calibration, self._touch = calibration, touch
+        self._calibrated.show(status.stylus)
+        self._touching.show(status.stylus)
         ui.calibrationLabel.setText(calibration.text)
-        if calibration.coverage is None and self._coverage is not None:
+        if status.coverage is None and self._coverage is not None:
             ui.coverageLabel.clear()
-        elif calibration.coverage is not None and calibration.coverage is not self._coverage:
-            ui.coverageLabel.setPixmap(coverage_picture(calibration.coverage))
-        self._coverage = calibration.coverage
+        elif status.coverage is not None and status.coverage is not self._coverage:
+            ui.coverageLabel.setPixmap(coverage_picture(status.coverage))
+        self._coverage = status.coverage
         ui.startPivotButton.setEnabled(calibration.can_start)
         ui.startSpinButton.setEnabled(calibration.can_start)
         ui.stopCalibrationButton.setEnabled(calibration.is_recording)
         ui.discardCalibrationButton.setEnabled(calibration.can_discard)
         ui.useCalibrationButton.setEnabled(calibration.can_use)
         ui.undoCalibrationButton.setEnabled(calibration.can_undo)
-        ui.touchLabel.setText(registration.text)
-        fill_table(ui.touchTableWidget, registration.rows)
-        ui.startTouchButton.setEnabled(registration.can_start)
-        ui.stopTouchButton.setEnabled(registration.is_recording)
-        ui.discardTouchButton.setEnabled(registration.can_discard)
-        ui.removePointButton.setEnabled(bool(registration.rows))
-        ui.restorePointButton.setEnabled(registration.can_restore)
-        ui.useTouchButton.setEnabled(registration.can_use)
-        ui.undoRegistrationButton.setEnabled(registration.can_undo)
+        ui.touchLabel.setText(touch.text)
+        rows = ((str(each.number), each.residual, each.left_out) for each in touch.points)
+        fill_table(ui.touchTableWidget, tuple(rows))
+        ui.startTouchButton.setEnabled(touch.can_start)
+        ui.stopTouchButton.setEnabled(touch.is_recording)
+        ui.discardTouchButton.setEnabled(touch.can_discard)
+        ui.removePointButton.setEnabled(bool(touch.points))
+        ui.restorePointButton.setEnabled(touch.can_restore)
+        ui.useTouchButton.setEnabled(touch.can_use)
+        ui.undoRegistrationButton.setEnabled(touch.can_undo)
 
     def _calibrate(self, kind: CalibrationKind, logic: Any) -> None:
-        logic.calibration().start(kind, self._calibrated.tool)
+        logic.calibration().start(self._calibration.revision, kind, self._calibrated.tool)
 
-    def _touch(self, logic: Any) -> None:
-        logic.touch().start(self._touching.tool)
+    def _start_touch(self, logic: Any) -> None:
+        logic.touch().start(self._touch.revision, self._touching.tool)
 
     def _use_calibration(self, logic: Any) -> None:
         if slicer.util.confirmOkCancelDisplay(f"Use this calibration? {_HELD_AFTER}"):
-            logic.calibration().use()
+            logic.calibration().accept(self._calibration.revision)
 
     def _undo_calibration(self, logic: Any) -> None:
         if slicer.util.confirmOkCancelDisplay(f"Use the tip from before? {_HELD_AFTER}"):
-            logic.calibration().undo()
+            logic.calibration().undo(self._calibration.revision)
 
     def _remove_point(self, logic: Any) -> None:
-        logic.touch().remove(self._ui.touchTableWidget.currentRow())
+        row, points = self._ui.touchTableWidget.currentRow(), self._touch.points
+        if not 0 <= row < len(points):
+            raise InputError("registration: no point is selected; expected a row of the table")
+        logic.touch().remove(self._touch.revision, int(points[row].id))
 
     def _use_registration(self, logic: Any) -> None:
         if slicer.util.confirmOkCancelDisplay(f"Use this registration of the robot? {_HELD}"):
-            logic.touch().use()
+            logic.touch().accept(self._touch.revision)
 
     def _undo_registration(self, logic: Any) -> None:
         if slicer.util.confirmOkCancelDisplay(f"Use the registration from before? {_HELD}"):
-            logic.touch().undo()
+            logic.touch().undo(self._touch.revision)

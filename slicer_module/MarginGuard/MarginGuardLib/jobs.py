@@ -4,9 +4,18 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from app.geometry import MarginGuardError
+from app.runtime import Operator, OperatorCommand, RequestKind
+
+_NAMES = {
+    RequestKind.TIP: "using the tip",
+    RequestKind.STYLUS: "using the tip",
+    RequestKind.REGISTRATION: "using the registration",
+    RequestKind.TUMOR: "setting the tumour",
+}
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +73,29 @@ class Jobs:
         """Cancel all jobs and wait until the running one has ended."""
         self.cancel()
         self._executor.shutdown()
+
+
+class JobOperator:
+    """`app.workflow.DisplayOperator` of the session that the panel shows: a request is a job.
+
+    ``session()`` is the operator of that session; raises `InputError` without one.
+    """
+
+    def __init__(self, jobs: Jobs, session: Callable[[], Operator]) -> None:
+        self._jobs = jobs
+        self._session = session
+
+    def request(self, command: OperatorCommand) -> bool:
+        """Begin to carry ``command`` out; False while another job runs."""
+        if self._jobs.current:
+            return False
+        operator = self._session()
+        self._jobs.submit(_NAMES[command.kind], lambda: operator.request(command), lambda _: None)
+        return True
+
+    def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Return ``function(*args)``, computed beside the session."""
+        return self._session().compute(function, *args)
 
 
 def one_line(error: BaseException) -> str:

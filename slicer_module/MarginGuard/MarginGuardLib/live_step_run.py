@@ -1,7 +1,7 @@
 """The live session that the panel shows: a live node of its own, which the panel has started."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from secrets import token_hex
 
 from app.bridge import RosNode, prepare_environment
@@ -9,8 +9,9 @@ from app.bridge.displays import LiveChild, SessionClient
 from app.bridge.displays.names import PANEL_NODE
 from app.bridge.publishing.session_publisher import NODE_NAME
 from app.geometry import InputError
-from app.runtime import Operator, WorkflowOutput
+from app.runtime import Operator, SessionContent
 from app.session import LiveImages, StepResult
+from app.workflow import WorkflowOutput
 
 
 class LiveStepRun:
@@ -19,8 +20,11 @@ class LiveStepRun:
     The node is started with the first step and ends with the last one.
     """
 
-    def __init__(self, config: str) -> None:
+    def __init__(
+        self, config: str, workflow_of: Callable[[SessionContent], WorkflowOutput]
+    ) -> None:
         self._config = config
+        self._workflow_of = workflow_of
         self.workflow: WorkflowOutput | None = None
         """Guided recordings and breaches; None before the first step."""
         self._client: SessionClient | None = None
@@ -86,7 +90,7 @@ class LiveStepRun:
             assert client.operator is not None  # it comes with the first step
             content = client.operator.content
             if self.workflow is None:
-                self.workflow = WorkflowOutput(content)
+                self.workflow = self._workflow_of(content)
             self.workflow.observe(step, content)
             yield step
 

@@ -12,23 +12,22 @@ from slicer import vtkMRMLApplicationLogic, vtkMRMLMarkupsNode, vtkMRMLNode, vtk
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_S, InputError
 from app.registration import RegistrationResult
-from app.runtime import (
-    Record,
-    RecordingStatus,
-    SetMargins,
-    SetRegistration,
-    SetTumor,
-    stylus_text,
+from app.runtime import Record, RecordingStatus, SetMargins, SetRegistration, SetTumor, stylus_text
+from app.scene import points_of_markups
+from app.workflow import (
+    GuidedShown,
+    RobotRegistration,
+    ToolCalibration,
+    Workflow,
+    calibration_shown,
+    registration_shown,
     workflow_steps,
 )
-from app.scene import points_of_markups
 
 from .alarm import Alarm
 from .contour import PanelContour
 from .directions import PanelDirections
 from .events import SessionEvents
-from .guided import GuidedCalibration, GuidedRegistration, GuidedShown, GuidedWork
-from .jobs import Jobs
 from .live_step_run import LiveStepRun
 from .needle import PanelNeedle
 from .recorded import RecordedCase, prepare_recorded
@@ -70,12 +69,10 @@ class PanelLogic:
         self._clock_ns = clock_ns
         self._displayed_state: MarginState | None = None
         self._displayed_ns = 0
-        self._jobs = Jobs(changed)
-        self._changed = changed
-        self.contour = PanelContour(self.session, mrml_scene, logic, self._jobs, changed)
+        self._jobs = self.session.jobs
+        self.contour = PanelContour(self.session, mrml_scene, logic, changed)
         self.needle = PanelNeedle(self.session)
         self.ultrasound = PanelUltrasound(self.session, mrml_scene)
-        self._guided: GuidedWork | None = None
         self._message = ""
 
     def connect(self, config: Path) -> None:
@@ -85,7 +82,7 @@ class PanelLogic:
         """
         self._check_not_live()
         self.end_session()
-        self.session.begin(LiveStepRun(str(config)))
+        self.session.begin(LiveStepRun(str(config), self.session.workflow_of))
 
     def disconnect(self) -> None:
         """Stop the session without waiting for its end; its display becomes grey."""
@@ -208,13 +205,13 @@ class PanelLogic:
             "using the registration", lambda: operator.request(SetRegistration(candidate)), done
         )
 
-    def calibration(self) -> GuidedCalibration:
+    def calibration(self) -> ToolCalibration:
         """The guided calibration of the tool; raises `InputError` without a session."""
-        return self._guided_work().calibration
+        return self._guided().calibration
 
-    def touch(self) -> GuidedRegistration:
+    def touch(self) -> RobotRegistration:
         """The guided registration of the robot; raises `InputError` without one."""
-        registration = self._guided_work().registration
+        registration = self._guided().registration
         if registration is None:
             raise InputError("registration: the session has no robot; expected one")
         return registration
@@ -249,7 +246,10 @@ class PanelLogic:
             self._message = session.thread.failure
         if session.failure:
             self._message = session.failure
-        self._update_guided()
+        workflow, operator = session.workflow, session.operator
+        self.contour.update(operator)
+        if workflow is not None and operator is not None:
+            workflow.guided.update(operator.content)
         self.view.update()
         self.ultrasound.update()
         self.contour.note_pixel(self.ultrasound.pixel_mm)
@@ -275,30 +275,16 @@ class PanelLogic:
         self._directions.close()
         self.contour.close()
 
-    def _guided_work(self) -> GuidedWork:
+    def _guided(self) -> Workflow:
         self.session.running()
-        if self._guided is None:
+        if self.session.workflow is None:
             raise InputError("the session has not begun; expected the request later")
-        return self._guided
-
-    def _update_guided(self) -> None:
-        """Follow the guided recordings of the session; those of an earlier one are closed."""
-        workflow, operator = self.session.workflow, self.session.operator
-        self.contour.update(operator)
-        if self._guided is not None and self._guided.workflow is not workflow:
-            self._guided.close()
-            self._guided = None
-        if workflow is None or operator is None:
-            return
-        if self._guided is None:
-            self._guided = GuidedWork(workflow, operator, self._jobs, self._changed)
-        self._guided.update(operator.content)
+        return self.session.workflow.guided
 
     def _end(self) -> None:
         self.contour.clear()
         self.ultrasound.clear()
         self.session.end()
-        self._update_guided()
         self.view.end()
         self.candidate = None
         self._message = ""
@@ -322,12 +308,13 @@ class PanelLogic:
         if shown is None or operator is None:
             return ""
         is_stale = session.readout()[0] is not shown.decision.state
+        guided = None if session.workflow is None else session.workflow.guided
         steps = workflow_steps(
             shown,
             operator.content,
             is_live=session.opened is None,
             silent="" if session.is_running and not is_stale else "no step has followed",
-            calibration=None if self._guided is None else self._guided.calibration.status,
+            calibration=None if guided is None else guided.calibration.status(),
             recording=self._recording(),
         )
         return "\n".join(each.line for each in steps)
@@ -355,8 +342,10 @@ class PanelLogic:
     def _status(self) -> PanelStatus:
         session, recording = self.session, self._recording()
         state, banner = session.readout()
-        guided = self._guided if session.is_running else None
-        touch = None if guided is None else guided.registration
+        workflow = session.workflow if session.is_running else None
+        calibration = None if workflow is None else workflow.guided.calibration
+        touch = None if workflow is None else workflow.guided.registration
+        fit = None if calibration is None else calibration.status().fit
         return PanelStatus(
             state=state,
             banner=banner,
@@ -379,8 +368,9 @@ class PanelLogic:
             workflow=self._workflow(),
             directions=self._tip_directions(),
             cautery=self.session.cautery(),
-            calibration=GuidedShown() if guided is None else guided.calibration.shown(),
-            touch=GuidedShown() if touch is None else touch.shown(),
+            calibration=GuidedShown() if calibration is None else calibration_shown(calibration),
+            coverage=None if fit is None else fit.coverage,
+            touch=GuidedShown() if touch is None else registration_shown(touch),
             contour=self.contour.shown(),
             needle=self.needle.length(),
             ultrasound=self.ultrasound.shown(),

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.case import ImageSource, open_case_images
-from app.runtime import PreparedCase, prepare_case, recorded_breaches
+from app.runtime import PreparedCase, prepare_case
 from app.session import BreachList
+from app.workflow import recorded_breaches
 
 
 @dataclass(frozen=True, slots=True, eq=False)

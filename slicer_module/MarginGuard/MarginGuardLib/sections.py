@@ -27,7 +27,7 @@ class Sections:
 
     def show(self, status: PanelStatus, events: SessionEvents) -> None:
         """Show ``status`` and what ``events`` lists now."""
-        self._guided.show(status.calibration, status.touch, status.stylus)
+        self._guided.show(status)
         self._contour.show(status.contour, status.stylus)
         self._needle.show(status.needle, is_live=status.is_live)
         self._ultrasound.show(status.ultrasound)

@@ -15,15 +15,16 @@ from app.runtime import (
     PreparedCase,
     Rearm,
     ReplayRun,
+    SessionContent,
     StepRun,
     StepThread,
-    WorkflowOutput,
 )
 from app.scene import MarkerStyle, TransformHealth
 from app.session import BreachList, StepResult
+from app.workflow import Workflow, WorkflowOutput
 
 from .display import NOT_TRACKED_YET, SessionDisplay
-from .jobs import Jobs, one_line
+from .jobs import JobOperator, Jobs, one_line
 from .live_step_run import LiveStepRun
 
 THE_PANEL = "the panel"
@@ -60,6 +61,9 @@ class ShownSession:
         self._clock_ns = clock_ns
         self._changed = changed
         self._last: DeliveredStep | None = None
+        self.jobs = Jobs(changed)
+        """Slow work of the panel, one after the other."""
+        self.display_operator = JobOperator(self.jobs, self.started)
         self._workflow: WorkflowOutput | None = None
         self._recorded = BreachList()
 
@@ -71,7 +75,7 @@ class ShownSession:
 
     def begin_replay(self, opened: PreparedCase, breaches: BreachList) -> None:
         """Replay ``opened`` with its ``breaches``, paused at its first frame."""
-        workflow = WorkflowOutput(opened.content)
+        workflow = self.workflow_of(opened.content)
         run = ReplayRun(
             opened,
             clock_ns=time.monotonic_ns,
@@ -85,6 +89,8 @@ class ShownSession:
 
     def end(self) -> None:
         """Stop the run and remove the display from the scene."""
+        if self.workflow is not None:
+            self.workflow.guided.close()
         if self.thread is not None:
             self.thread.stop()
         if self.display is not None:
@@ -93,6 +99,11 @@ class ShownSession:
         self.thread = self.opened = self._last = self.display = self._workflow = None
         self.health = ()
         self.failure = ""
+
+    def workflow_of(self, content: SessionContent) -> WorkflowOutput:
+        """The guided recordings and breaches of a session with ``content``."""
+        guided = Workflow(content, self.display_operator, self._changed)
+        return WorkflowOutput(content, guided)
 
     def seek(self, seconds: float, *, paused: bool) -> None:
         """Replay from ``seconds`` with the present setup and content of the session."""

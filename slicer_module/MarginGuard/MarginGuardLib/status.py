@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from app.fixture import MarginState
+from app.workflow import Coverage, GuidedShown
 
 from .contour import ContourShown
-from .guided import GuidedShown
 from .ultrasound import UltrasoundShown
 
 
@@ -20,7 +20,8 @@ class PanelStatus:
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
     ``directions``: of the tip to the stop margin, in mm. ``cautery``: its state, empty where no
     source tells it.
-    ``calibration`` and ``touch``: the guided calibration, and registration by touch.
+    ``calibration`` with its ``coverage``, and ``touch``: the guided calibration, and registration
+    by touch; without a ``phase`` where there is no session for it.
     ``needle``: its length in mm, ``stylus``: its tip in words; empty without one.
     """
 
@@ -44,6 +45,7 @@ class PanelStatus:
     directions: str
     cautery: str
     calibration: GuidedShown
+    coverage: Coverage | None
     touch: GuidedShown
     contour: ContourShown
     needle: str

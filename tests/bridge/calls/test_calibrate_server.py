@@ -77,8 +77,6 @@ def test_landmark_goal_succeeds_and_invalid_goals_fail(calibrate):
     assert "'missing' in 'reference'" in unknown["result"]["message"]
     assert "calibration method is 9" in nonsense["result"]["message"]
     assert cancelled["status"] == "cancelled"
-    count = cancelled["result"][
-        "samples"
-    ]  # 0 where the first message of progress came before a pose
+    count = cancelled["result"]["samples"]
+    assert count in (0, 1)  # 0: progress is told before the first pose; more differ in nothing
     assert cancelled["result"]["message"] == f"cancelled after {count} poses"
-    assert count < 60

@@ -9,18 +9,18 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import Transform
 from app.registration import given_registration
-from app.runtime import (
+from app.runtime import RecordingStatus
+from app.session import Session, SessionSetup
+from app.workflow import (
     CalibrationKind,
-    RecordingStatus,
-    ToolCalibration,
     WorkflowName,
     WorkflowState,
     next_step,
     workflow_steps,
 )
-from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
 from tests.session_content import one_link_content
+from tests.workflow.test_tool_calibration import GuidedTool
 
 WITH_ROBOT = one_link_content()
 TOOL, TUMOR, _ = WITH_ROBOT.static_edges
@@ -77,7 +77,7 @@ def test_tip_at_the_origin_and_unused_calibrations_are_not_done():
     unknown = Transform.identity("cautery", "cautery_tip")
     steps = steps_of(stepped(), replace(CONTENT, static_edges=(unknown, TUMOR)))
     assert "at the sensor's origin" in steps["calibrate"].problem
-    guide = ToolCalibration(CONTENT)
+    guide = GuidedTool(CONTENT).guide
     guide.start(0, CalibrationKind.PIVOT)
     steps = steps_of(stepped(), calibration=guide.status())
     assert steps["calibrate"].problem == "a pivot of the cautery is being recorded"

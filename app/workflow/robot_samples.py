@@ -5,9 +5,9 @@ import numpy as np
 from app.geometry import FloatArray, FrameError, Transform
 from app.runtime.content import SessionContent
 from app.runtime.tracked_tool import REFUSED, TrackedTool, tip_of
-from app.runtime.workflow.registration_fit import Interval, RegistrationTask
-from app.runtime.workflow.tool_samples import MIN_INTERVAL_NS
 from app.session import REFERENCE, RobotSetup, StepResult, box_corners
+from app.workflow.registration_fit import Interval, RegistrationTask
+from app.workflow.tool_samples import MIN_INTERVAL_NS
 
 MAX_SAMPLES = 30_000
 """Samples that are kept: 7 minutes or more."""

@@ -4,13 +4,27 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from app.geometry import InputError
+from app.runtime.content import SessionContent
+from app.runtime.operator_command import OperatorCommand
+from app.workflow.guided_fits import GuidedFits
 
 _MAX_UNDO = 50
 
 _Result = TypeVar("_Result")
+_Value = TypeVar("_Value")
+
+
+class DisplayOperator(Protocol):
+    """What a display begins in its session, without waiting for the outcome."""
+
+    def request(self, command: OperatorCommand, /) -> bool:
+        """Begin to carry ``command`` out; False while that is not possible."""
+
+    def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Return ``function(*args)``, computed where it does not delay the display."""
 
 
 class Phase(StrEnum):
@@ -26,11 +40,22 @@ class GuidedRecording(ABC, Generic[_Result]):
 
     A change names the revision that its operator has seen, and is refused with `InputError` if
     another operator has changed the recording since. Each recording has another ``_run``. Its
-    result stays until the session uses it, because the session may refuse it.
+    result stays until the session uses it, because the session may refuse it. ``fit`` computes the
+    result of a task; ``changed()`` is called in any thread when that is done.
     """
 
-    def __init__(self, what: str) -> None:
+    def __init__(
+        self,
+        what: str,
+        content: SessionContent,
+        fit: Callable[[Any], Any],
+        operator: DisplayOperator,
+        changed: Callable[[], None],
+    ) -> None:
         self._what = what
+        self._content = content
+        self._operator = operator
+        self._fits = GuidedFits[Any, Any](self, fit, operator.compute, changed)
         self._lock = threading.Lock()
         self._revision = self._run = 0
         self._phase = Phase.IDLE
@@ -38,6 +63,29 @@ class GuidedRecording(ABC, Generic[_Result]):
         """What the session used at the last request, and what was requested."""
         self._used: list[tuple[_Result | None, _Result]] = []
         """Those requests that the session has met."""
+
+    def update(self, content: SessionContent) -> None:
+        """As `use_content`; take a fit that is done, and begin the next one."""
+        self.use_content(content)
+        self._fits.follow()
+
+    def use_content(self, content: SessionContent) -> None:
+        """Use ``content``, that of the session now.
+
+        A recording whose result the session has begun to use ends with it.
+        """
+        with self._lock:
+            self._content = content
+            self._follow_session()
+
+    @property
+    def revision(self) -> object:
+        """A value that changes when there is something to show without a new step."""
+        return self._revision, self._fits.is_done
+
+    def close(self) -> None:
+        """End the thread of the fits."""
+        self._fits.close()
 
     @property
     def can_undo(self) -> bool:
@@ -60,19 +108,19 @@ class GuidedRecording(ABC, Generic[_Result]):
             self._check(seen)
             self._begin(Phase.IDLE)
 
-    def accept(self, seen: int, use: Callable[[_Result], bool]) -> None:
-        """Request by ``use`` that the session uses the result. Raises `InputError` with why not."""
+    def accept(self, seen: int) -> None:
+        """Request that the session uses the result. Raises `InputError` with why not."""
         with self._lock:
             self._check(seen)
             refusal = self._refusal()
             if refusal:
                 raise InputError(refusal)
             before, after = self._replacement()
-            self._request(use, after)
+            self._request(after)
             self._requested = before, after
 
-    def undo(self, seen: int, use: Callable[[_Result], bool]) -> None:
-        """Request by ``use`` what the session used before the result that was accepted last.
+    def undo(self, seen: int) -> None:
+        """Request what the session used before the result that was accepted last.
 
         Raises `InputError` if there is none.
         """
@@ -84,7 +132,7 @@ class GuidedRecording(ABC, Generic[_Result]):
                     f"{self._what}: the one in use did not replace another one here; expected one "
                     "to undo"
                 )
-            self._request(use, before)
+            self._request(before)
 
     def _follow_session(self) -> None:
         """End the recording if the session has begun to use its result. Called with the lock."""
@@ -100,8 +148,8 @@ class GuidedRecording(ABC, Generic[_Result]):
                 return before
         return None
 
-    def _request(self, use: Callable[[_Result], bool], result: _Result) -> None:
-        if not use(result):
+    def _request(self, result: _Result) -> None:
+        if not self._operator.request(self._command(result)):
             raise InputError(
                 f"{self._what}: the session is not ready for another one; expected the same "
                 "request later"
@@ -121,6 +169,18 @@ class GuidedRecording(ABC, Generic[_Result]):
         self._run += 1
         self._requested = None
         self._clear()
+
+    @abstractmethod
+    def task(self) -> Any | None:
+        """What is to be fitted now; None while there is nothing."""
+
+    @abstractmethod
+    def use_fit(self, fit: Any) -> None:
+        """Show ``fit``; one of an earlier recording is dropped."""
+
+    @abstractmethod
+    def _command(self, result: _Result) -> OperatorCommand:
+        """The command by which the session uses ``result``."""
 
     @abstractmethod
     def _refusal(self) -> str:

@@ -15,9 +15,9 @@ from app.fixture import MarginState
 from app.geometry import SurfaceMesh
 from app.runtime.case_recorder import RecordingStatus
 from app.runtime.content import SessionContent
-from app.runtime.workflow.guided_recording import Phase
-from app.runtime.workflow.tool_calibration import CalibrationStatus
 from app.session import REFERENCE, StepResult
+from app.workflow.guided_recording import Phase
+from app.workflow.tool_calibration import CalibrationStatus
 
 _NO_TIP_MM = 1e-3
 _MM3_PER_CM3 = 1000.0

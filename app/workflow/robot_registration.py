@@ -6,16 +6,19 @@ from dataclasses import dataclass
 from app.geometry import InputError
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent
+from app.runtime.operator_command import SetRegistration
 from app.runtime.tracked_tool import TrackedTool, tip_of
-from app.runtime.workflow.guided_recording import GuidedRecording, Phase
-from app.runtime.workflow.registration_fit import Interval, RegistrationFit, RegistrationTask
-from app.runtime.workflow.robot_samples import RobotSamples
 from app.session import StepResult
+from app.workflow.guided_recording import DisplayOperator, GuidedRecording, Phase
+from app.workflow.registration_fit import (
+    Interval,
+    RegistrationFit,
+    RegistrationTask,
+    fit_registration,
+)
+from app.workflow.robot_samples import RobotSamples
 
 _NEW_SAMPLES = 15
-
-UseRegistration = Callable[[RegistrationResult], bool]
-"""Begins to use a registration in the session; False while that is not possible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,16 +47,16 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
     A stylus touches the robot's tip there with its own, where the tool on the robot is not tracked.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
-    The samples are fitted elsewhere: `task` returns those that are due, `use_fit` takes the result.
     Raises `InputError` for a content without a robot.
     """
 
-    def __init__(self, content: SessionContent) -> None:
-        super().__init__("registration")
+    def __init__(
+        self, content: SessionContent, operator: DisplayOperator, changed: Callable[[], None]
+    ) -> None:
+        super().__init__("registration", content, fit_registration, operator, changed)
         if content.robot is None:
             raise InputError("registration: the session has no robot; expected one")
         self._robot = content.robot
-        self._content = content
         self._tool = TrackedTool.CAUTERY
         self._samples = RobotSamples()
         self._fit: RegistrationFit | None = None
@@ -66,15 +69,6 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         with self._lock:
             if self._phase is Phase.RECORDING:
                 self._samples.observe(step, self._content, self._robot)
-
-    def use_content(self, content: SessionContent) -> None:
-        """Use the tip, the tumour and the registration of ``content``, those of the session now.
-
-        A registration that the session has begun to use ends with it.
-        """
-        with self._lock:
-            self._content = content
-            self._follow_session()
 
     def status(self) -> RegistrationStatus:
         """What to show now."""
@@ -141,6 +135,9 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         with self._lock:
             if fit.run == self._run and self._phase is not Phase.IDLE:
                 self._fit = fit
+
+    def _command(self, result: RegistrationResult) -> SetRegistration:
+        return SetRegistration(result)
 
     def _replacement(self) -> tuple[RegistrationResult | None, RegistrationResult]:
         if self._fit is None or self._fit.result is None:

@@ -21,7 +21,7 @@ from app.registration import (
     select_poses,
     tip_transform,
 )
-from app.runtime.workflow.coverage import Coverage, pivot_coverage, spin_coverage
+from app.workflow.coverage import Coverage, pivot_coverage, spin_coverage
 
 _NO_TIP_MM = 1e-3
 """A tip this close to the sensor's origin has never been calibrated."""

@@ -5,15 +5,17 @@ from dataclasses import dataclass
 
 from app.geometry import InputError, Transform
 from app.runtime.content import SessionContent
+from app.runtime.operator_command import SetStylusTip, SetTip
 from app.runtime.tracked_tool import TrackedTool
-from app.runtime.workflow.calibration_fit import (
+from app.session import StepResult
+from app.workflow.calibration_fit import (
     CalibrationFit,
     CalibrationKind,
     CalibrationTask,
+    fit_calibration,
 )
-from app.runtime.workflow.guided_recording import GuidedRecording, Phase
-from app.runtime.workflow.tool_samples import ToolSamples
-from app.session import StepResult
+from app.workflow.guided_recording import DisplayOperator, GuidedRecording, Phase
+from app.workflow.tool_samples import ToolSamples
 
 _NEW_POSES = 5
 """Poses after which a fit is computed again."""
@@ -28,8 +30,10 @@ class TipChange:
     tool: TrackedTool = TrackedTool.CAUTERY
 
 
-UseTip = Callable[[TipChange], bool]
-"""Begins to use a tip in the session; False while that is not possible."""
+def tip_command(change: TipChange) -> SetTip | SetStylusTip:
+    """The command that uses the tip of ``change`` for its tool, and for no other one."""
+    command = SetTip if change.tool is TrackedTool.CAUTERY else SetStylusTip
+    return command(change.tool_from_tip, change.sigma_mm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,14 +61,12 @@ class ToolCalibration(GuidedRecording[TipChange]):
     The tool is that of the guard or the stylus: an accepted result replaces the tip of this one.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
-    The poses are fitted elsewhere: `task` returns those that are due, `use_fit` takes the result.
-    A change names the ``revision`` that its operator has seen, and is refused with `InputError` if
-    another operator has changed the calibration since.
     """
 
-    def __init__(self, content: SessionContent) -> None:
-        super().__init__("calibration")
-        self._content = content
+    def __init__(
+        self, content: SessionContent, operator: DisplayOperator, changed: Callable[[], None]
+    ) -> None:
+        super().__init__("calibration", content, fit_calibration, operator, changed)
         self._tool = TrackedTool.CAUTERY
         self._kind = CalibrationKind.PIVOT
         self._samples = ToolSamples(content.tool_from_tip.target)
@@ -77,15 +79,6 @@ class ToolCalibration(GuidedRecording[TipChange]):
         with self._lock:
             if self._phase is Phase.RECORDING:
                 self._samples.observe(step)
-
-    def use_content(self, content: SessionContent) -> None:
-        """Use the tips of ``content``, those of the session now.
-
-        A calibration whose tip the session has begun to use ends with it.
-        """
-        with self._lock:
-            self._content = content
-            self._follow_session()
 
     def status(self) -> CalibrationStatus:
         """What to show now."""
@@ -170,6 +163,9 @@ class ToolCalibration(GuidedRecording[TipChange]):
         if stylus is None or stylus.frame_from_tip is None:
             return None
         return TipChange(stylus.frame_from_tip, stylus.sigma_mm, tool)
+
+    def _command(self, result: TipChange) -> SetTip | SetStylusTip:
+        return tip_command(result)
 
     def _replacement(self) -> tuple[TipChange | None, TipChange]:
         fit, before = self._fit, self._in_use(self._tool)

@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 
 from app.geometry import FrameError, InputError, Transform
-from app.runtime import (
-    CalibrationKind,
-    Phase,
-    Stylus,
-    ToolCalibration,
-    TrackedTool,
-    fit_calibration,
-    tip_mm,
-)
-from tests.runtime.workflow.guided import (
+from app.runtime import SetStylusTip, Stylus, TrackedTool, tip_mm
+from app.workflow import CalibrationKind, Phase, ToolCalibration, fit_calibration
+from tests.session_content import one_link_content
+from tests.workflow.guided import (
     PERIOD_MS,
     Guided,
     edges_of,
@@ -23,7 +17,6 @@ from tests.runtime.workflow.guided import (
     spin_rotation,
     step_with,
 )
-from tests.session_content import one_link_content
 
 CONTENT = replace(one_link_content(), stylus=Stylus("stylus"))
 TIP_MM, DIVOT_MM = np.array([-4.0, 9.0, 152.0]), np.array([30.0, -20.0, 15.0])
@@ -34,10 +27,10 @@ EDGE = ("reference", "stylus")
 NOISE_MM = 0.1
 
 
-def with_tip(content, change):
-    """``content`` with the tip of ``change``, which is the stylus' one."""
-    assert change.tool is STYLUS
-    stylus = content.known_stylus.with_tip(change.tool_from_tip, change.sigma_mm)
+def with_tip(content, command):
+    """``content`` after ``command``, which is for the stylus."""
+    assert isinstance(command, SetStylusTip)
+    stylus = content.known_stylus.with_tip(command.frame_from_tip, command.sigma_mm)
     return replace(content, stylus=stylus)
 
 
@@ -50,7 +43,7 @@ class GuidedStylus(Guided):
     """A calibration with the steps of a session with both tools; the cautery swings elsewhere."""
 
     def __init__(self, content=CONTENT):
-        super().__init__(ToolCalibration(content), content, fit_calibration, with_tip)
+        super().__init__(ToolCalibration, content, fit_calibration, with_tip)
         self.rng = np.random.default_rng(7)
         self.at_ms = 0
 

@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 from app.fixture import Reason
 from app.geometry import InputError, Transform
 from app.registration import calibrate_pivot, select_pivot_poses
-from app.runtime import CalibrationKind, Phase, ToolCalibration, fit_calibration
-from app.runtime.workflow.tool_samples import MAX_POSES
-from tests.runtime.workflow.guided import (
+from app.runtime import SetTip
+from app.workflow import CalibrationKind, Phase, ToolCalibration, fit_calibration
+from app.workflow.tool_samples import MAX_POSES
+from tests.session_content import one_link_content
+from tests.workflow.guided import (
     PERIOD_MS,
     Guided,
     edges_of,
@@ -19,7 +21,6 @@ from tests.runtime.workflow.guided import (
     spin_rotation,
     step_with,
 )
-from tests.session_content import one_link_content
 
 CONTENT = one_link_content()
 TIP_MM, DIVOT_MM = np.array([6.0, -3.0, 118.0]), np.array([50.0, 40.0, 30.0])
@@ -28,18 +29,19 @@ EAST = np.array([1.0, 0.0, 0.0])
 PIVOT, SPIN = CalibrationKind.PIVOT, CalibrationKind.SPIN
 
 
-def with_tip(content, change):
-    """``content`` with the tip of ``change``."""
+def with_tip(content, command):
+    """``content`` after ``command``."""
+    assert isinstance(command, SetTip)
     others = [e for e in content.static_edges if e.source != "cautery_tip"]
-    edges = (*others, change.tool_from_tip)
-    return replace(content, static_edges=edges, tip_sigma_mm=change.sigma_mm)
+    edges = (*others, command.tool_from_tip)
+    return replace(content, static_edges=edges, tip_sigma_mm=command.sigma_mm)
 
 
 class GuidedTool(Guided):
     """A calibration with the steps of a session whose tip is in the divot."""
 
     def __init__(self, content=CONTENT):
-        super().__init__(ToolCalibration(content), content, fit_calibration, with_tip)
+        super().__init__(ToolCalibration, content, fit_calibration, with_tip)
         self.rng = np.random.default_rng(5)
         self.at_ms = 0
 
@@ -185,7 +187,7 @@ def test_reference_is_the_trackers_frame_where_none_is_tracked(guided):
 
 
 def test_recording_is_bounded(guided, monkeypatch):
-    monkeypatch.setattr("app.runtime.workflow.tool_samples.MAX_POSES", 20)
+    monkeypatch.setattr("app.workflow.tool_samples.MAX_POSES", 20)
     assert MAX_POSES == 6000
     guided.begin(25)
     status = guided.guide.status()
@@ -200,8 +202,8 @@ def test_change_of_another_page_is_refused_and_loses_nothing(guided):
         lambda: guided.guide.start(old, PIVOT),
         lambda: guided.guide.stop(old),
         lambda: guided.guide.discard(old),
-        lambda: guided.guide.accept(old, guided.use),
-        lambda: guided.guide.undo(old, guided.use),
+        lambda: guided.guide.accept(old),
+        lambda: guided.guide.undo(old),
     ):
         with pytest.raises(InputError, match="another page has changed it meanwhile"):
             change()
@@ -214,7 +216,7 @@ def test_requests_in_a_wrong_phase_are_refused_in_one_line(guided):
     with pytest.raises(InputError, match="no recording has been stopped"):
         guided.accept()
     with pytest.raises(InputError, match="did not replace another one here"):
-        guided.guide.undo(guided.seen, guided.use)
+        guided.guide.undo(guided.seen)
     guided.guide.start(guided.seen, PIVOT)
     guided.guide.stop(guided.seen)
     with pytest.raises(InputError, match="no pose was recorded"):
@@ -231,11 +233,11 @@ def test_tip_that_the_session_refuses_stays_to_be_accepted_again(guided):
     guided.uses = False
     with pytest.raises(InputError, match="the session is not ready"):
         guided.accept()
-    guided.guide.accept(guided.seen, lambda change: True)  # refused later, by the session
-    guided.guide.use_content(guided.content)
+    guided.uses, guided.refuses_later = True, True
+    guided.accept()
     assert guided.guide.status().can_accept
     assert not guided.guide.can_undo
-    guided.uses = True
+    guided.refuses_later = False
     guided.accept()
     assert guided.guide.can_undo
 

@@ -8,24 +8,30 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.runtime import compute_here
 from app.session import KnownEdges
 
 PERIOD_MS = 20
 
 
 class Guided:
-    """``fit_of(task)`` computes a fit; ``used(content, result)`` is the content with a result."""
+    """A guide of the class ``guide`` and the session that uses its results, in one thread.
+
+    ``fit_of(task)`` computes a fit; ``used(content, command)`` is the content after a command.
+    """
 
     def __init__(
         self,
-        guide: Any,
+        guide: Callable[..., Any],
         content: Any,
         fit_of: Callable[[Any], Any],
         used: Callable[[Any, Any], Any],
     ) -> None:
-        self.guide, self.content = guide, content
+        self.guide, self.content = guide(content, self, lambda: None), content
         self._fit_of, self._used = fit_of, used
-        self.uses = True
+        self.uses, self.refuses_later = True, False
+
+    compute = staticmethod(compute_here)
 
     @property
     def seen(self) -> int:
@@ -41,18 +47,18 @@ class Guided:
         self.guide.stop(self.seen)
         return self.fit()
 
-    def use(self, result: Any) -> bool:
-        """Use ``result`` as the session does: its content has it from then on."""
-        if self.uses:
-            self.content = self._used(self.content, result)
+    def request(self, command: Any) -> bool:
+        """Carry ``command`` out as the session does: its content has the result from then on."""
+        if self.uses and not self.refuses_later:
+            self.content = self._used(self.content, command)
         return self.uses
 
     def accept(self) -> None:
-        self.guide.accept(self.seen, self.use)
+        self.guide.accept(self.seen)
         self.guide.use_content(self.content)
 
     def undo(self) -> None:
-        self.guide.undo(self.seen, self.use)
+        self.guide.undo(self.seen)
         self.guide.use_content(self.content)
 
 

@@ -10,17 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FrameError, InputError, TrackedTransform, TrackingStatus, Transform
-from app.runtime import (
-    Phase,
-    RobotRegistration,
-    Stylus,
-    TrackedTool,
-    fit_registration,
-)
-from app.runtime.workflow.robot_samples import RobotSamples
+from app.runtime import Stylus, TrackedTool
 from app.session import Session
-from tests.runtime.workflow.guided import Guided
+from app.workflow import Phase, RobotRegistration, fit_registration
+from app.workflow.robot_samples import RobotSamples
 from tests.session_content import one_link_content
+from tests.workflow.guided import Guided
 
 pytestmark = pytest.mark.slow
 
@@ -39,15 +34,15 @@ def steps(recorded_case):
     return [session.step(frame) for frame in islice(recorded_case.case.frames(), FRAMES)]
 
 
-def with_registration(content, result):
-    return replace(content, robot=replace(content.robot, registration=result))
+def with_registration(content, command):
+    return replace(content, robot=replace(content.robot, registration=command.registration))
 
 
 class GuidedRobot(Guided):
     """A registration with the steps of the case."""
 
     def __init__(self, content):
-        super().__init__(RobotRegistration(content), content, fit_registration, with_registration)
+        super().__init__(RobotRegistration, content, fit_registration, with_registration)
 
     def begin(self, steps, *tool):
         self.guide.start(self.seen, *tool)
@@ -150,7 +145,7 @@ def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
 
 
 def test_recording_is_bounded(content, steps, monkeypatch):
-    monkeypatch.setattr("app.runtime.workflow.robot_samples.MAX_SAMPLES", 5)
+    monkeypatch.setattr("app.workflow.robot_samples.MAX_SAMPLES", 5)
     samples = RobotSamples()
     for step in steps[20:30]:
         samples.observe(step, content, content.robot)
@@ -192,7 +187,7 @@ def test_change_of_another_page_is_refused_and_loses_nothing(guided, steps):
 
 def test_session_without_a_robot_has_none():
     with pytest.raises(InputError, match="the session has no robot"):
-        RobotRegistration(replace(one_link_content(), robot=None))
+        GuidedRobot(replace(one_link_content(), robot=None))
 
 
 def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):

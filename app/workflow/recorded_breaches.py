@@ -2,8 +2,7 @@
 
 from app.runtime.opening import PreparedCase
 from app.runtime.replay_run import ReplayRun
-from app.runtime.workflow.workflow_output import WorkflowOutput
-from app.session import BreachList
+from app.session import BreachList, BreachLog
 
 
 def recorded_breaches(prepared: PreparedCase) -> BreachList:
@@ -11,7 +10,8 @@ def recorded_breaches(prepared: PreparedCase) -> BreachList:
 
     Only before the case is played: a replay uses the same proximity engine.
     """
-    workflow = WorkflowOutput(prepared.content)
-    for _ in ReplayRun(prepared, clock_ns=lambda: 0, outputs=(workflow,)).steps():
-        pass
-    return workflow.breaches
+    content = prepared.content
+    log = BreachLog(content.tumor, content.margins.stale_after_ns)
+    for step in ReplayRun(prepared, clock_ns=lambda: 0).steps():
+        log.observe(step)
+    return log.breaches

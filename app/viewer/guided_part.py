@@ -1,0 +1,118 @@
+"""The part of the page on which operators calibrate tools and register the robot."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from aiohttp import web
+
+from app.files import write_transform
+from app.geometry import InputError
+from app.runtime import TrackedTool
+from app.viewer.downloads import Write, operators_file
+from app.viewer.messages.checks import integer, one_of, text
+from app.viewer.messages.commands import Commands
+from app.viewer.messages.errors import RefusedError
+from app.viewer.readout.calibration import calibration_map
+from app.workflow import (
+    CalibrationFit,
+    CalibrationKind,
+    Workflow,
+    calibration_shown,
+    registration_shown,
+)
+
+TIP_FILE, STYLUS_FILE = "tip.yaml", "stylus.yaml"
+_MAX_DIGITS = 20
+_seen_revision = integer(0, 2**53 - 1)
+
+
+class GuidedPart:
+    """The guided recordings of ``workflow``, which all pages share. The page's thread owns it."""
+
+    def __init__(self, workflow: Workflow) -> None:
+        self.workflow = workflow
+        self._map: tuple[CalibrationFit | None, dict[str, Any] | None] = None, None
+
+    def values(self) -> dict[str, Any]:
+        """The values of the page that belong to the last update of ``workflow``."""
+        calibration, registration = self.workflow.calibration, self.workflow.registration
+        status = calibration.status()
+        if self._map[0] is not status.fit:
+            made = None if status.fit is None else calibration_map(status.fit.coverage)
+            self._map = status.fit, made
+        robot = (
+            {}
+            if registration is None
+            else {"registration": asdict(registration_shown(registration))}
+        )
+        return {
+            "calibration": asdict(calibration_shown(calibration)),
+            "calibration_map": self._map[1],
+            **robot,
+        }
+
+    async def file(self, request: web.Request) -> web.Response:
+        """The tip of a tool that the session uses, as YAML for a ``tip_from`` of ``live.yaml``.
+
+        ``tip.yaml`` is that of the guarded tool, ``stylus.yaml`` that of the stylus; 409 without.
+        """
+
+        def tip() -> Write:
+            is_stylus = request.path.endswith(STYLUS_FILE)
+            tool = TrackedTool.STYLUS if is_stylus else TrackedTool.CAUTERY
+            change = self.workflow.calibration.in_use(tool)
+            if change is None:
+                raise InputError("stylus: it has no calibrated tip; expected one to save")
+            note = f"sigma {change.sigma_mm:.3f} mm"
+            return lambda path: write_transform(path, change.tool_from_tip, note)
+
+        return await operators_file(request, "application/yaml", tip)
+
+
+class GuidedControls:
+    """Commands of both recordings, ``calibration_start`` to ``registration_undo``.
+
+    Each names the revision that the page has seen, and raises `InputError` where it cannot be done,
+    also because another page has changed the recording: the page that asked shows why.
+    """
+
+    def __init__(self, commands: Commands, workflow: Workflow, changed: Callable[[], None]) -> None:
+        self._commands, self._changed = commands, changed
+        calibration, registration = workflow.calibration, workflow.registration
+        kind = one_of([each.value for each in CalibrationKind])
+        tool = one_of([each.value for each in TrackedTool])
+
+        def calibrate(seen: int, kind: str, tool: str) -> None:
+            calibration.start(seen, CalibrationKind(kind), TrackedTool(tool))
+
+        self._add("calibration_start", calibrate, kind, tool)
+        for name, guide in (("calibration", calibration), ("registration", registration)):
+            if guide is not None:
+                self._add(f"{name}_stop", guide.stop)
+                self._add(f"{name}_discard", guide.discard)
+                self._add(f"{name}_use", guide.accept)
+                self._add(f"{name}_undo", guide.undo)
+        if registration is None:
+            return
+
+        def touch(seen: int, tool: str) -> None:
+            registration.start(seen, TrackedTool(tool))
+
+        def remove(seen: int, point: str) -> None:
+            if not (point.isascii() and point.isdecimal()):
+                raise RefusedError(
+                    "point: not one of the registration; expected its decimal number"
+                )
+            registration.remove(seen, int(point))
+
+        self._add("registration_start", touch, tool)
+        self._add("registration_remove", remove, text(_MAX_DIGITS))
+        self._add("registration_restore", registration.restore)
+
+    def _add(self, name: str, change: Callable[..., None], *checks: Any) -> None:
+        def do(*args: Any) -> None:
+            change(*args)
+            self._changed()
+
+        self._commands.add(name, do, _seen_revision, *checks)

@@ -1,0 +1,88 @@
+"""The guided recordings and the breaches of a session, fed with every step of its run."""
+
+from collections.abc import Callable
+
+from app.runtime.content import SessionContent
+from app.runtime.outputs import PassiveOutput, StepTiming, SwitchContent
+from app.session import BreachList, BreachLog, StepResult
+from app.workflow.guided_recording import DisplayOperator
+from app.workflow.robot_registration import RobotRegistration
+from app.workflow.tool_calibration import ToolCalibration
+
+
+class Workflow:
+    """The guided recordings of a session with ``content``, for all operators of a display.
+
+    ``calibration`` is that of the tools, ``registration`` that of the robot, None without one.
+    ``changed()`` is called in any thread when there is something to show.
+    """
+
+    def __init__(
+        self, content: SessionContent, operator: DisplayOperator, changed: Callable[[], None]
+    ) -> None:
+        self.calibration = ToolCalibration(content, operator, changed)
+        self.registration = (
+            None if content.robot is None else RobotRegistration(content, operator, changed)
+        )
+        guides = (self.calibration, self.registration)
+        self._guides = tuple(each for each in guides if each is not None)
+
+    def observe(self, step: StepResult) -> None:
+        """Record the poses of ``step``; every step, in the session's thread."""
+        for each in self._guides:
+            each.observe(step)
+
+    @property
+    def revision(self) -> object:
+        """A value that changes when there is something to show without a new step."""
+        return tuple(each.revision for each in self._guides)
+
+    def update(self, content: SessionContent) -> None:
+        """Follow the session, whose content is now ``content``; in the display's thread."""
+        for each in self._guides:
+            each.update(content)
+
+    def close(self) -> None:
+        """End the threads of the fits."""
+        for each in self._guides:
+            each.close()
+
+
+class WorkflowOutput(PassiveOutput):
+    """`Output` of a session with ``content``: a display may leave out steps, this leaves out none.
+
+    ``guided`` are its guided recordings.
+    """
+
+    def __init__(self, content: SessionContent, guided: Workflow) -> None:
+        self.guided = guided
+        self._content = content
+        self.begin_ns: int | None = None
+        """Stamp of the first step; None before it."""
+        self._breach_log = BreachLog(content.tumor, content.margins.stale_after_ns)
+
+    @property
+    def breaches(self) -> BreachList:
+        """The breaches up to the last step."""
+        return self._breach_log.breaches
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Record the poses of ``step``, and whether the tool is in the tumour."""
+        self.observe(step, self._content)
+        return True
+
+    def observe(self, step: StepResult, content: SessionContent) -> None:
+        """As `publish`, of a step that was taken with ``content``."""
+        self._use(content)
+        if self.begin_ns is None:
+            self.begin_ns = step.frame.stamp.ns
+        self.guided.observe(step)
+        self._breach_log.observe(step)
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Nothing is slow here."""
+        return self._use
+
+    def _use(self, content: SessionContent) -> None:
+        self._content = content
+        self._breach_log.use(content.tumor, content.margins.stale_after_ns)
