@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -253,6 +254,22 @@ def test_request_that_is_not_a_displays_is_refused(guard, display):
     mesh = meshes.call(GetMesh.Request(digest="tumor/sha256:0"), DEADLINE_S)
     assert (mesh.success, len(mesh.vertices)) == (False, 0)
     assert "expected a digest of the present ~/content" in mesh.message
+
+
+def test_display_that_stalls_gets_every_step_and_one_that_is_too_slow_the_newest(
+    guard, display, domain_id, monkeypatch
+):
+    monkeypatch.setattr("app.bridge.displays.session_client._MAX_WAITING", 40)
+    other = display()
+    with RosNode(f"{PANEL_NODE}_1", domain_id=domain_id) as ros:
+        client = SessionClient(ros, NODE)
+        with closing(client), closing(client.steps()) as steps:
+            last = next(steps).index
+            other.until(lambda step, _: step.index >= last + 30)
+            taken = [next(steps).index for _ in range(30)]
+            assert taken == list(range(last + 1, last + 31))
+            other.until(lambda step, _: step.index >= last + 130)
+            assert next(steps).index > last + 31 + 40
 
 
 def test_display_without_a_node_says_so(display):
