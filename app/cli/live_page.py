@@ -102,12 +102,12 @@ def _client(
     from app.bridge.publishing.session_publisher import NODE_NAME
     from app.geometry import InputError
 
-    def check() -> None:
-        if child is not None and child.ended:
+    def check(_silent_s: float) -> None:
+        if child is not None and child.ended and client.operator is None:
             raise InputError(child.error)
 
     node = NODE_NAME if options.node is None else options.node
-    client = SessionClient(ros, node, starting=check, own=child is not None)
+    client = SessionClient(ros, node, waiting=check, own=child is not None)
     if child is None:
         print(f"the live node: {client.node}", file=sys.stderr)
     try:

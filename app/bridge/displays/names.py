@@ -5,8 +5,9 @@ COMMAND = "~/command"
 
 PAGE_NODE = "marginguard_page"
 PANEL_NODE = "marginguard_panel"
+API_NODE = "marginguard_api"
 
-_DISPLAYS = {PAGE_NODE: "the page", PANEL_NODE: "the panel"}
+_DISPLAYS = {PAGE_NODE: "the page", PANEL_NODE: "the panel", API_NODE: "the Python API"}
 
 
 def origin_text(node: str) -> str:

@@ -56,9 +56,9 @@ class SessionClient:
     gives every step, as guided recordings need them, to a display that takes them fast enough: see
     `_MAX_WAITING`. What it cannot use ends it with a `BridgeError`: messages of another version,
     and steps of two guards at once. ``images`` are those of the session, from the first step on;
-    None without. ``starting()`` is called while there was no step yet; its error ends `steps`.
-    ``own``: the first step is that of a node which was started for this display, whatever other
-    node has that name.
+    None without. ``waiting(s)`` is called while no step has come for so many seconds; its error
+    ends `steps`. ``own``: the first step is that of a node which was started for this display,
+    whatever other node has that name.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class SessionClient:
         node: str,
         *,
         clock_ns: Callable[[], int] = time.time_ns,
-        starting: Callable[[], None] = lambda: None,
+        waiting: Callable[[float], None] = lambda _: None,
         own: bool = False,
     ) -> None:
         if not node.startswith("/"):
@@ -76,7 +76,7 @@ class SessionClient:
         self.images: LiveImages | None = None
         self.operator: RemoteOperator | None = None
         """What may be requested; None before the first step."""
-        self._ros, self._clock_ns, self._starting = ros, clock_ns, starting
+        self._ros, self._clock_ns, self._while_waiting = ros, clock_ns, waiting
         self._own, self._host = own, host_id()
         self._delay = TransportDelay()
         self._wire = SessionWire()
@@ -116,9 +116,9 @@ class SessionClient:
 
     def steps(self) -> Generator[StepResult]:
         """Yield every step as it comes, until `stop`."""
+        last_s = time.monotonic()
         while not self._stopped:
-            if self.operator is None:
-                self._starting()
+            self._while_waiting(time.monotonic() - last_s)
             data = self._next()
             if data is None:
                 continue
@@ -135,6 +135,7 @@ class SessionClient:
             if self.images is not None:
                 self.images.add_poses([*step.frame.poses, *others])
             yield step
+            last_s = time.monotonic()
 
     def stop(self) -> None:
         """End `steps` soon; from any thread."""

@@ -62,9 +62,7 @@ class LiveStepRun:
         )
         try:
             with RosNode(name) as ros:
-                client = self._client = SessionClient(
-                    ros, NODE_NAME, starting=self._check, own=True
-                )
+                client = self._client = SessionClient(ros, NODE_NAME, waiting=self._check, own=True)
                 try:
                     if not self._stopped:
                         yield from self._followed(client)
@@ -94,6 +92,6 @@ class LiveStepRun:
             self.workflow.observe(step, content)
             yield step
 
-    def _check(self) -> None:
-        if self._child is not None and self._child.ended:
+    def _check(self, _silent_s: float) -> None:
+        if self._child is not None and self._child.ended and self.operator is None:
             raise InputError(self._child.error)

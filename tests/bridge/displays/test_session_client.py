@@ -5,13 +5,14 @@ import os
 import signal
 import threading
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from marginguard_msgs.srv import Command, GetMesh
 
+import marginguard as mg
 from app.bridge import BridgeError, RosNode
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.displays import LiveChild, SessionClient
@@ -157,6 +158,44 @@ def test_page_and_panel_show_the_same_and_their_requests_name_them(guard, displa
         ("set_tumor", f"the page (/{PAGE_NODE}_1)", False),
         ("set_tumor", f"the page (/{PAGE_NODE}_1)", True),
     ]
+
+
+def test_script_follows_a_session_and_its_commands_name_it(guard, domain_id, tmp_path):
+    with mg.live_session(NODE, timeout_s=DEADLINE_S) as session:
+        with pytest.raises(mg.InputError, match="no step has come yet"):
+            _ = session.content
+        steps = session.steps()
+        next(each for each in steps if is_tracked(each, None))
+        assert session.request(mg.SetMargins(0.5, 4.0)) == ""  # looser ones begin a hold
+        while True:
+            next(each for each in steps if is_latched(each, None))
+            with suppress(mg.MarginGuardError):  # a pose that came late has begun another hold
+                session.rearm()
+                break
+        next(each for each in steps if is_tracked(each, None) and not each.decision.hold)
+        assert session.content.margins.stop_mm == 0.5
+        with pytest.raises(mg.MarginGuardError, match="warn_mm is 3; expected more than stop_mm 4"):
+            session.request(mg.SetMargins(4.0, 3.0))
+    found = [(each["kind"], each["origin"].split(" (")[0]) for each in audited(tmp_path)]
+    assert set(found) == {("set_margins", "the Python API"), ("rearm", "the Python API")}
+
+
+def test_script_is_told_that_a_guard_has_ended(guard, domain_id):
+    with mg.live_session(NODE, timeout_s=2.0) as session:
+        steps = session.steps()
+        next(steps)
+        guard.process.kill()
+        with pytest.raises(mg.MarginGuardError, match=f"{NODE}: no step in 2 s"):
+            for _ in steps:
+                pass
+
+
+@pytest.mark.parametrize("arguments", [{"node": 3}, {"timeout_s": 0.0}, {"timeout_s": "1"}])
+def test_wrong_arguments_of_a_script_are_named(arguments):
+    (name,) = arguments
+    session = mg.live_session(**arguments)
+    with pytest.raises(mg.InputError, match=f"{name}: is .*; expected "), session:
+        pass
 
 
 def test_of_two_displays_one_rearm_counts(guard, display):

@@ -1,0 +1,117 @@
+"""A session of a live node: its steps, and what an operator may request of it."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from secrets import token_hex
+from typing import TYPE_CHECKING
+
+from app.geometry import InputError
+from app.runtime import (
+    AddNote,
+    ChooseDepth,
+    LengthenNeedle,
+    OperatorCommand,
+    Rearm,
+    Record,
+    SessionContent,
+    SetMargins,
+    SetRegistration,
+    SetStylusTip,
+    SetTip,
+    SetTumor,
+)
+from app.session import StepResult
+from marginguard.arguments import needs
+from marginguard.constraints import prepare_ros
+
+if TYPE_CHECKING:
+    from app.bridge.displays import SessionClient
+    from app.bridge.displays.session_client import RemoteOperator
+
+__all__ = [
+    "AddNote",
+    "ChooseDepth",
+    "LengthenNeedle",
+    "LiveSession",
+    "Rearm",
+    "Record",
+    "SetMargins",
+    "SetRegistration",
+    "SetStylusTip",
+    "SetTip",
+    "SetTumor",
+    "live_session",
+]
+
+DEFAULT_NODE = "/marginguard"
+
+
+class LiveSession:
+    """A session in another process, as the page and the panel see it; made by `live_session`."""
+
+    def __init__(self, steps: Iterator[StepResult], client: "SessionClient") -> None:
+        self._steps = steps
+        self._client = client
+
+    def steps(self) -> Iterator[StepResult]:
+        """Yield each new step. Raises `MarginGuardError` when none arrives in time."""
+        return self._steps
+
+    @property
+    def content(self) -> SessionContent:
+        """Tumour, tool, margins and registration of the last step. `InputError` before one."""
+        return self._operator.content
+
+    def request(self, command: OperatorCommand) -> str:
+        """Carry ``command`` out and return the answer. Raises `MarginGuardError` if it is refused.
+
+        The audit log names this script's node as its origin.
+        """
+        return self._operator.request(command)
+
+    def rearm(self) -> str:
+        """End the hold that the last step shows, as `request` does."""
+        seen = self._operator.seen()
+        return self.request(Rearm(seen.seq, seen.nonce))
+
+    @property
+    def _operator(self) -> "RemoteOperator":
+        if self._client.operator is None:
+            raise InputError("live session: no step has come yet; expected one: see `steps`")
+        return self._client.operator
+
+
+@contextmanager
+def live_session(node: str = DEFAULT_NODE, *, timeout_s: float = 5.0) -> Iterator[LiveSession]:
+    """Join the session of the live node ``node`` while the ``with`` block runs.
+
+    Its steps end with a `BridgeError` (a `MarginGuardError`) when none arrives for ``timeout_s``.
+    A script that takes them too slowly misses some; it never gets an old one as new. Needs the
+    extra ``ros``. Raises `InputError` without it.
+
+    >>> import marginguard as mg
+    >>> with mg.live_session("/no/such/session", timeout_s=0.1) as session:
+    ...     next(session.steps())
+    Traceback (most recent call last):
+        ...
+    app.bridge.errors.BridgeError: /no/such/session: no step in 0.1 s; no live node ... is there
+    """
+    if not isinstance(node, str):
+        raise InputError(f"node: is {node!r}; expected the name of a node as str")
+    if isinstance(timeout_s, bool) or not isinstance(timeout_s, int | float) or not timeout_s > 0.0:
+        raise InputError(f"timeout_s: is {timeout_s!r}; expected seconds > 0")
+    with needs("ROS 2"):
+        from app.bridge import BridgeError, RosNode
+        from app.bridge.displays import SessionClient
+        from app.bridge.displays.names import API_NODE
+    prepare_ros()
+
+    def waiting(silent_s: float) -> None:
+        if silent_s > timeout_s:
+            why = f"; {client.silence}" if client.silence else ""
+            raise BridgeError(f"{client.node}: no step in {timeout_s:g} s{why}")
+
+    with RosNode(f"{API_NODE}_{token_hex(3)}") as ros:
+        client = SessionClient(ros, node, waiting=waiting)
+        with closing(client), closing(client.steps()) as steps:
+            yield LiveSession(steps, client)
