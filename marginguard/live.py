@@ -82,8 +82,13 @@ class LiveSession:
 
 
 @contextmanager
-def live_session(node: str = DEFAULT_NODE, *, timeout_s: float = 5.0) -> Iterator[LiveSession]:
+def live_session(
+    node: str = DEFAULT_NODE, *, timeout_s: float = 5.0, name: str = ""
+) -> Iterator[LiveSession]:
     """Join the session of the live node ``node`` while the ``with`` block runs.
+
+    ``name`` is that of this script's node, as ``operators`` of a ``live.yaml`` lists it; it begins
+    with ``marginguard_api``, and is another one for each script without it.
 
     Its steps end with a `BridgeError` (a `MarginGuardError`) when none arrives for ``timeout_s``.
     A script that takes them too slowly misses some; it never gets an old one as new. Needs the
@@ -105,13 +110,16 @@ def live_session(node: str = DEFAULT_NODE, *, timeout_s: float = 5.0) -> Iterato
         from app.bridge.displays import SessionClient
         from app.bridge.displays.names import API_NODE
     prepare_ros()
+    name = name or f"{API_NODE}_{token_hex(3)}"
+    if not name.startswith(API_NODE):
+        raise InputError(f"name: is {name!r}; expected a name that begins with {API_NODE!r}")
 
     def waiting(silent_s: float) -> None:
         if silent_s > timeout_s:
             why = f"; {client.silence}" if client.silence else ""
             raise BridgeError(f"{client.node}: no step in {timeout_s:g} s{why}")
 
-    with RosNode(f"{API_NODE}_{token_hex(3)}") as ros:
+    with RosNode(name) as ros:
         client = SessionClient(ros, node, waiting=waiting)
         with closing(client), closing(client.steps()) as steps:
             yield LiveSession(steps, client)

@@ -14,6 +14,8 @@ from app.geometry import InputError, MarginGuardError, MeshError, SurfaceMesh, T
 from app.hold import NotRearmableError, RearmRefusedError, SeenHold
 from app.registration import given_registration
 from app.runtime import ChooseDepth, ImageDepth, LengthenNeedle, LocalOperator, SetStylusTip
+from app.runtime.operator_command import COMMANDS
+from app.runtime.requests import ADMITTED, RequestKind
 from tests.doubles import PARAMETERS, frame, joint_sample, sample
 from tests.runtime.command_world import (
     APPLIED,
@@ -216,6 +218,11 @@ def test_registration_changes_robot_and_static_edge(world):
     assert content.registration_id == registration_id != CONTENT.registration_id
     assert content.static_edges == (TOOL_EDGE, TUMOR_EDGE, MOVED_BASE)
     assert world.session.setup.robot.registration is registration
+
+
+def test_every_kind_of_request_has_a_command_and_a_limit():
+    assert set(COMMANDS) == set(RequestKind)
+    assert set(ADMITTED) == set(RequestKind) - {RequestKind.REARM}
 
 
 @ALL_COMMANDS

@@ -116,7 +116,7 @@ class WaitingRun:
     operator = workflow = images = None
     delay_ns, silence = 0, ""
 
-    def __init__(self, config):
+    def __init__(self, config, workflow_of):
         self._stopped = threading.Event()
 
     def steps(self):

@@ -82,6 +82,8 @@ SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(
         },
         "marginguard_msgs/msg/HalfSpace": {"offset": MM_PER_M, "tumor_velocity": MM_PER_M},
         "marginguard_msgs/msg/FixtureConstraint": {
+            "free_distance": MM_PER_M,
+            "max_tool_speed": MM_PER_M,
             "signed_distance": MM_PER_M,
             "lower_bound": MM_PER_M,
             "stop_distance": MM_PER_M,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from rosidl_parser import definition as idl
@@ -237,3 +238,13 @@ def test_large_arrays_are_views_of_the_message():
     assert np.shares_memory(values["data"], np.frombuffer(image.data, dtype=np.uint8))
     with pytest.raises(ValueError, match="read-only"):
         values["data"][0] = 1
+
+
+def test_every_length_of_a_constraint_is_in_millimetres():
+    fields = FixtureConstraint.get_fields_and_field_types()
+    numbers = {name: 1.0 for name, kind in fields.items() if kind == "double"}
+    plain = to_plain(FixtureConstraint(**numbers))
+    angles = ("free_turn", "max_tool_turn")
+    assert {name: plain[name] for name in numbers} == {
+        name: 1.0 if name in angles else 1000.0 for name in numbers
+    }
