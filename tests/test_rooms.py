@@ -329,3 +329,9 @@ def test_package_loads_only_the_modules_of_the_imported_names():
     code = "from app.fixture import FixtureDecision; from app.robot import Robot; import app.report"
     slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.control.decision"}
     assert loaded(code, slow) == {"app.fixture.control.decision"}
+
+
+def test_yourdfpy_is_loaded_only_with_a_urdf():
+    assert loaded("from app.robot.description.urdf import parse_urdf", {"yourdfpy"}) == set()
+    code = "from app.robot import load_robot; load_robot('data/robots/touch/touch.urdf')"
+    assert loaded(code, {"yourdfpy", "jsonschema"}) == {"yourdfpy"}

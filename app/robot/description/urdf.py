@@ -1,17 +1,21 @@
-"""Reads a URDF: strict checks, then its elements as values.
+"""Reads a URDF: strict checks, then its elements by yourdfpy, in the file's metres and radians.
 
-Other readers use the first of two roots, the last of two links of one name, and parts of malformed
-XML, and only log it. So every ambiguity is refused here before.
+yourdfpy repeats a single number, ignores a fourth one, keeps the last of two links of one name,
+gives a moment of inertia that is missing the value 1, and leaves the losses of joints as text. So
+every ambiguity is refused here before.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from lxml import etree
 
 from app.files.xml_guard import check_xml, parse_xml, read_xml
-from app.robot.description.urdf_elements import RobotElement, robot_element
 from app.robot.errors import UrdfError
+
+if TYPE_CHECKING:
+    from yourdfpy import Robot
 
 MAX_URDF_BYTES = 16 * 1024 * 1024
 GEOMETRIES = ("mesh", "box", "cylinder", "sphere")
@@ -24,23 +28,24 @@ _COUNTS = {
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
 }
-"""Count of numbers per attribute. Some readers repeat a single one and ignore a fourth."""
+"""Count of numbers per attribute."""
 
 _ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _XACRO = "http://www.ros.org/wiki/xacro"
 
 
-def read_urdf(path: Path) -> RobotElement:
+def read_urdf(path: Path) -> "Robot":
     """Read the file at ``path``: see `parse_urdf`."""
     return _parse(read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES), path)
 
 
-def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES) -> RobotElement:
+def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES) -> "Robot":
     """Parse the text of a URDF; ``name`` is for messages.
 
     Every joint of the result has a type, a parent and a child; revolute and prismatic ones have
-    limits (``lower`` and ``upper`` are 0 where the tag omits them, as in urdfdom). Raises
-    `UrdfError` for anything malformed or ambiguous.
+    limits (``lower`` and ``upper`` are 0 where the tag omits them, as in urdfdom). A moment of
+    inertia that the file omits is NaN. Raises `UrdfError` for anything malformed or ambiguous.
     """
     if len(data) > max_bytes:
         raise UrdfError(f"{name} has {len(data)} bytes; expected at most {max_bytes}")
@@ -48,7 +53,7 @@ def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES
     return _parse(data, name)
 
 
-def _parse(data: bytes, path: Path | str) -> RobotElement:
+def _parse(data: bytes, path: Path | str) -> "Robot":
     root = parse_xml(data, path, UrdfError)
     _check_root(root, path)
     for kind in ("link", "joint"):
@@ -56,14 +61,35 @@ def _parse(data: bytes, path: Path | str) -> RobotElement:
     for shape in root.iterfind("link/*"):
         if shape.tag in ("visual", "collision"):
             _check_geometry(shape, path)
+    for origin in root.iterfind("link/inertial/origin"):
+        _check_numbers(origin, path)
     for joint in root.iterfind("joint"):
         _check_joint(joint, path)
     try:
         with np.errstate(all="ignore"):  # poses that are not finite are refused later
-            return robot_element(root)
+            return _elements(root)
     except (ValueError, KeyError) as problem:  # malformed numbers, missing attributes
         reason = " ".join(str(problem).split())
         raise UrdfError(f"{path} cannot be read as URDF: {reason}") from problem
+
+
+def _elements(root: etree._Element) -> "Robot":
+    """The values of the checked ``root``; numbers that are malformed raise `ValueError`.
+
+    Not by `yourdfpy.URDF.load`, which parses the text again, and recovers what it can of a text
+    that its parser refuses.
+    """
+    from yourdfpy import URDF  # slow to load: trimesh and networkx
+
+    for inertia in root.iterfind("link/inertial/inertia"):
+        for name in _MOMENTS:
+            inertia.set(name, inertia.get(name, "nan"))
+    robot = URDF._parse_robot(root)
+    for joint in robot.joints:
+        for name in ("damping", "friction"):
+            if (text := getattr(joint.dynamics, name, None)) is not None:
+                setattr(joint.dynamics, name, float(text))
+    return robot
 
 
 def _check_root(root: etree._Element, path: Path | str) -> None:
