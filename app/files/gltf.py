@@ -1,210 +1,260 @@
-"""Triangles of glTF 2.0 files (``.gltf``, GLB): each mesh at each of its places, with its colour.
+"""Guard of glTF 2.0 (``.gltf``, GLB), which trimesh reads: nodes, triangles and plain colours.
 
-trimesh reads glTF too, but follows a node graph of any depth and count, reads sparse and compressed
-accessors as zeros, and allocates what an accessor declares. Here the graph is one tree of bounded
-depth (as the specification requires), and every accessor lies in its buffer. Compressed geometry
-and sparse accessors are refused.
+trimesh follows a node graph of any depth, reads sparse and compressed accessors as zeros, leaves
+out fans and what is below a camera, takes a negative index from the end of a list, and allocates
+what a file declares. So the schema of glTF checks the document first, then the rules here that it
+cannot state. trimesh gets a document without pictures, cameras and extensions, and opens no file.
 """
 
+import base64
+import json
+import math
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+from urllib.parse import unquote
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from jsonschema import ValidationError
+from trimesh.exchange.gltf import load_gltf, validate
 
-from app.files.gltf_document import GltfDocument
+from app.files.linked_files import read_linked
 from app.files.mesh_options import MeshOptions
-from app.files.mesh_part import MeshPart, placed
-from app.geometry import FloatArray
+from app.geometry import InputError
+
+MAX_JSON_BYTES = 32 * 1024 * 1024
+MAX_VALUES = 50_000
+"""Limit for the values of the document: the schema takes up to 0.1 ms for one."""
 
 MAX_DEPTH = 100
 """Limit for the depth of the node tree."""
 
-_TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_COMPRESSION = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "MPEG_accessor_timed")
+_UNUSED = {
+    *("name", "extras", "extensions", "extensionsUsed", "animations", "targets", "weights"),
+    *("camera", "cameras", "skin", "skins", "images", "textures", "samplers"),
+}
+_COMPRESSION = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "MPEG_accessor_timed"}
+_TRIANGLES, _STRIP, _UINT16 = 4, 5, 5123
+_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_WHITE = [1.0, 1.0, 1.0, 1.0]
+_GLB = b"glTF\2\0\0\0"
 
 
-def read_gltf(content: bytes, path: Path, options: MeshOptions) -> list[MeshPart]:
-    """Return the triangles of the file's scene.
+def read_gltf(content: bytes, path: Path, options: MeshOptions) -> dict[str, Any]:
+    """Read the file's scene as keywords of `trimesh.load_scene`.
 
-    Raises ``options.error`` for malformed files, for compressed geometry, for nodes that are not a
-    tree of at most `MAX_DEPTH` levels, and for more than ``options.max_triangles``.
+    Raises ``options.error`` for malformed files, for sparse or compressed geometry, for fans, for
+    nodes that are not a tree of at most `MAX_DEPTH` levels, and for more bytes or, over all places,
+    more triangles and vertices than allowed.
     """
-    return _Reader(GltfDocument(content, path, options), options).parts()
+    guard = _Guard(path, options)
+    text, binary = content, b""
+    if path.suffix.lower() == ".glb":
+        text, binary = guard.chunks(content)
+    document = guard.document(text)
+    buffers = guard.buffers(binary)
+    guard.check_accessors(buffers)
+    guard.check_scene()
+    load: Any = load_gltf  # has no types
+    text = json.dumps(document).encode()
+    keywords: dict[str, Any] = load(BytesIO(text), resolver=buffers)
+    return keywords
 
 
-class _Reader:
-    def __init__(self, document: GltfDocument, options: MeshOptions) -> None:
-        self._document = document
-        self._max_triangles = options.max_triangles
-        self._max_bytes = options.max_bytes
-        self._triangles = 0
-        self._meshes: dict[int, list[MeshPart]] = {}
-        self._visited: set[int] = set()
+class _Guard:
+    def __init__(self, path: Path, options: MeshOptions) -> None:
+        self._path = path
+        self._options = options
+        self._root: dict[str, Any] = {}
+        self._values = self._triangles = self._vertices = 0
 
-    def parts(self) -> list[MeshPart]:
-        document = self._document
-        required = document.items(document.root, "extensionsRequired", "extensionsRequired")
-        for name in _COMPRESSION:
-            if name in required:
-                document.refuse(f"requires the extension {name}; expected plain geometry")
-        if not document.items(document.root, "scenes", "scenes"):
-            return []
-        scene = document.entry("scenes", document.root.get("scene", 0), "scene")
-        parts: list[MeshPart] = []
-        waiting = [
-            (index, np.eye(4), 1) for index in document.items(scene, "nodes", "nodes of the scene")
-        ]
+    def chunks(self, content: bytes) -> tuple[bytes, bytes]:
+        """The JSON of a GLB, and its binary chunk, which is the second one; empty without it."""
+        if not content.startswith(_GLB):
+            self._refuse(f"begins with {content[:8]!r}; expected {_GLB!r}, which is version 2")
+        chunks, at = [], 12
+        for kind in (b"JSON", b"BIN\0"):
+            size, start = int.from_bytes(content[at : at + 4], "little"), at + 8
+            is_there = content[at + 4 : start] == kind
+            if is_there and start + size > len(content):
+                self._refuse(f"has a chunk of {size} bytes, and {len(content) - start} are left")
+            at = start + size
+            chunks.append(content[start:at] if is_there else b"")
+        return chunks[0], chunks[1]
+
+    def document(self, text: bytes) -> dict[str, Any]:
+        """The document without its unused parts, of the form that the schema states."""
+        if len(text) > MAX_JSON_BYTES:
+            self._refuse(f"has {len(text)} bytes of JSON; expected at most {MAX_JSON_BYTES}")
+        try:
+            root: dict[str, Any] = self._used(json.loads(text))
+        except (ValueError, RecursionError) as problem:  # ValueError: also malformed UTF-8
+            self._refuse(f"is not JSON: {problem}")
+        check: Any = validate  # has no types
+        try:
+            check(root)
+        except ValidationError as problem:
+            place, reason = problem.json_path[:80], problem.message[:160]
+            self._refuse(f"is not glTF 2.0 at {place!r}: {reason}")
+        version, required = root["asset"]["version"], root.pop("extensionsRequired", ())
+        if not version.startswith("2."):
+            self._refuse(f"is glTF {version[:40]!r}; expected version 2")
+        for name in _COMPRESSION.intersection(required):
+            self._refuse(f"requires the extension {name}; expected plain geometry")
+        self._root = root
+        return root
+
+    def buffers(self, binary: bytes) -> dict[str, bytes]:
+        """The bytes of the buffers by their new URI: of the GLB, a data URI or a linked file."""
+        found: dict[str, bytes] = {}
+        left = self._options.max_bytes
+        for index, buffer in enumerate(self._root.get("buffers", ())):
+            uri, what = buffer.get("uri"), f"has a buffer {index}"
+            head, comma, data = (uri or "").partition(";base64,")
+            try:
+                if uri is None and index == 0 and binary:
+                    content = binary
+                elif comma and head.startswith("data:"):
+                    content = base64.b64decode(data, validate=True)
+                elif uri is None or uri.startswith("data:"):
+                    self._refuse(f"{what} without data or of other text than base64")
+                elif self._options.linked_files:
+                    content = read_linked(self._path, unquote(uri), left)
+                else:
+                    self._refuse(f"{what} in the file {uri[:60]!r}; expected one file")
+            except (ValueError, InputError) as problem:
+                self._refuse(f"{what} that cannot be read: {problem}")
+            left -= len(content)
+            if left < 0:
+                self._refuse(f"has buffers of more than {self._options.max_bytes} bytes")
+            buffer["uri"] = str(index)
+            found[str(index)] = content
+        return found
+
+    def check_accessors(self, buffers: dict[str, bytes]) -> None:
+        """Refuse accessors outside of their buffers, and more bytes than allowed in all."""
+        views, total = self._root.get("bufferViews", []), 0
+        for number, view in enumerate(views):
+            self._entry("buffers", view["buffer"])
+            total += view["byteLength"]
+            if view.get("byteOffset", 0) + view["byteLength"] > len(buffers[str(view["buffer"])]):
+                self._refuse(f"has bufferViews[{number}] outside of its buffer")
+        for number, accessor in enumerate(self._root.get("accessors", ())):
+            count, kind = accessor["count"], (accessor["componentType"], accessor["type"])
+            if kind[0] not in _BYTES or kind[1] not in _WIDTHS:
+                self._refuse(f"has accessors[{number}] of {str(kind)[:60]}; expected those of glTF")
+            row = _BYTES[kind[0]] * _WIDTHS[kind[1]]
+            total += count * row
+            if "bufferView" in accessor:
+                view = self._entry("bufferViews", accessor["bufferView"])
+                start, stride = accessor.get("byteOffset", 0), view.get("byteStride", row)
+                if start + (count - 1) * stride + row > view["byteLength"]:
+                    self._refuse(f"has {count} values in accessors[{number}] outside of its buffer")
+        if total > 4 * self._options.max_bytes:
+            self._refuse(f"declares {total} bytes; expected {4 * self._options.max_bytes}")
+
+    def check_scene(self) -> None:
+        """Refuse what is not a tree of triangles; give each part a node of its own.
+
+        trimesh gives the parts of one node names that differ in each run.
+        """
+        nodes = self._root.get("nodes", [])
+        places: dict[int, range] = {}
+        parts: list[dict[str, Any]] = []
+        for node in self._tree():
+            mesh = node.pop("mesh", None)
+            if mesh is not None and mesh not in places:
+                first = len(parts)
+                parts += self._parts(mesh)
+                places[mesh] = range(first, len(parts))
+            for part in places.get(mesh, ()):
+                self._count(parts[part])
+                node.setdefault("children", []).append(len(nodes))
+                nodes.append({"mesh": part})
+        self._root["meshes"] = [{"primitives": [part]} for part in parts]
+
+    def _tree(self) -> list[dict[str, Any]]:
+        """The nodes of the scene."""
+        found: dict[int, dict[str, Any]] = {}
+        scene = self._entry("scenes", self._root.get("scene", 0)) if "scenes" in self._root else {}
+        waiting = [(index, 1) for index in scene.get("nodes", ())]
         while waiting:
-            index, parent, depth = waiting.pop()
-            node = document.entry("nodes", index, "a node")
-            if index in self._visited:
-                document.refuse(f"reaches its node {index} twice; expected a tree")
+            index, depth = waiting.pop()
+            if index in found:
+                self._refuse(f"reaches its node {index} twice; expected a tree")
             if depth > MAX_DEPTH:
-                document.refuse(f"has nodes nested deeper than {MAX_DEPTH} levels")
-            self._visited.add(index)
-            matrix = parent @ self._matrix(node, f"nodes[{index}]")
-            children = document.items(node, "children", f"nodes[{index}].children")
-            waiting += [(child, matrix, depth + 1) for child in children]
-            if "mesh" in node:
-                for vertices, faces, colors in self._mesh(node["mesh"]):
-                    self._count(len(faces))
-                    parts.append(placed(vertices, faces, colors, matrix))
-        return parts
-
-    def _count(self, triangles: int) -> None:
-        self._triangles += triangles
-        if self._triangles > self._max_triangles:
-            self._document.refuse(f"has more than {self._max_triangles} triangles")
-
-    def _matrix(self, node: dict[str, Any], place: str) -> FloatArray:
-        """``parent_from_node`` (4, 4)."""
-        document = self._document
-        matrix = np.eye(4)
-        if "matrix" in node:
-            numbers = document.numbers(node["matrix"], 16, f"{place}.matrix")
-            matrix = np.array(numbers).reshape(4, 4).T
-        if "translation" in node:
-            moved = np.eye(4)
-            moved[:3, 3] = document.numbers(node["translation"], 3, f"{place}.translation")
-            matrix = matrix @ moved
-        if "rotation" in node:
-            rotation = np.array(document.numbers(node["rotation"], 4, f"{place}.rotation"))
-            length = float(np.linalg.norm(rotation))
+                self._refuse(f"has nodes nested deeper than {MAX_DEPTH} levels")
+            node = found[index] = self._entry("nodes", index)
+            length = math.hypot(*node.get("rotation", (1.0,)))
             if not 0.5 < length < 2.0:
-                document.refuse(f"has a rotation of length {length:g} in {place}; expected 1")
-            turned = np.eye(4)
-            turned[:3, :3] = Rotation.from_quat(rotation).as_matrix()
-            matrix = matrix @ turned
-        if "scale" in node:
-            scale = document.numbers(node["scale"], 3, f"{place}.scale")
-            matrix = matrix @ np.diag([*scale, 1.0])
-        return matrix
+                self._refuse(f"has a rotation of length {length:g} in nodes[{index}]; expected 1")
+            waiting += [(child, depth + 1) for child in node.get("children", ())]
+        return list(found.values())
 
-    def _mesh(self, index: Any) -> list[MeshPart]:
-        mesh = self._document.entry("meshes", index, "a mesh")
-        if index not in self._meshes:
-            self._meshes[index] = list(self._read_mesh(mesh, f"meshes[{index}]"))
-        return self._meshes[index]
-
-    def _read_mesh(self, mesh: dict[str, Any], place: str) -> Iterator[MeshPart]:
-        document = self._document
-        for number, value in enumerate(document.items(mesh, "primitives", f"{place}.primitives")):
-            where = f"{place}.primitives[{number}]"
-            primitive = document.mapping(value, where)
-            mode = document.integer(primitive, "mode", where, _TRIANGLES)
+    def _parts(self, mesh: int) -> Iterator[dict[str, Any]]:
+        """The primitives of triangles, with positions and one kind of colour."""
+        for number, primitive in enumerate(self._entry("meshes", mesh)["primitives"]):
+            place, mode = f"meshes[{mesh}].primitives[{number}]", primitive.get("mode", _TRIANGLES)
             if mode < _TRIANGLES:
                 continue  # points and lines
-            if mode not in (_TRIANGLES, _STRIP, _FAN):
-                document.refuse(f"has the mode {mode} in {where}; expected 0 to 6")
-            attributes = document.mapping(primitive.get("attributes"), f"{where}.attributes")
-            vertices = self._accessor(attributes.get("POSITION"), 3, where).astype(np.float64)
-            corners = np.arange(len(vertices))
+            if mode > _STRIP:
+                self._refuse(f"has the mode {mode} in {place}; expected a list or a strip")
+            given = primitive["attributes"]
+            self._check_values(given.get("POSITION"), ("VEC3",), f"positions of {place}")
+            used = {"POSITION": given["POSITION"]}
             if "indices" in primitive:
-                corners = self._accessor(primitive["indices"], 1, where)[:, 0].astype(np.int64)
-            faces = self._faces(corners, mode, where)
-            yield vertices, faces, self._colors(primitive, attributes, faces, len(vertices), where)
+                self._check_values(primitive["indices"], ("SCALAR",), f"indices of {place}")
+            if "material" in primitive:
+                material = self._entry("materials", primitive["material"])
+                color = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", _WHITE)
+                material.clear()
+                material["pbrMetallicRoughness"] = {"baseColorFactor": color}
+            elif "COLOR_0" in given:
+                self._check_values(given["COLOR_0"], ("VEC3", "VEC4"), f"colours of {place}")
+                accessor = self._entry("accessors", given["COLOR_0"])
+                if accessor["componentType"] != _UINT16:  # trimesh takes the low bytes
+                    used["COLOR_0"] = given["COLOR_0"]
+            yield {**primitive, "attributes": used}
 
-    def _faces(self, corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.int64]:
-        """Triangles (n, 3) of the corners of a list, a strip or a fan."""
-        if mode == _TRIANGLES:
-            if len(corners) % 3:
-                self._document.refuse(f"has {len(corners)} corners in {where}; expected triples")
-            return corners.reshape(-1, 3)
-        count = max(len(corners) - 2, 0)
-        first = np.arange(count)
-        if mode == _FAN:
-            common = np.broadcast_to(corners[:1], count) if count else corners[:0]
-            return np.stack([corners[first + 1], corners[first + 2], common], axis=1)
-        # Every second triangle of a strip has its corners in the other order.
-        odd = first % 2
-        return np.stack(
-            [corners[first], corners[first + 1 + odd], corners[first + 2 - odd]], axis=1
-        )
-
-    def _accessor(self, index: Any, width: int, where: str) -> NDArray[Any]:
-        """Numbers (n, ``width``) of an accessor."""
-        document = self._document
-        accessor = document.entry("accessors", index, f"an accessor of {where}")
-        place = f"accessors[{index}]"
-        kind, component = accessor.get("type"), accessor.get("componentType")
-        if _WIDTHS.get(str(kind)) != width or component not in list(_COMPONENTS):
-            document.refuse(
-                f"has {place} of {str(kind)[:40]!r}, {str(component)[:40]!r}; expected {width} "
-                f"values of one of {', '.join(map(str, _COMPONENTS))}"
-            )
+    def _check_values(self, index: int | None, kinds: tuple[str, ...], what: str) -> None:
+        accessor = {} if index is None else self._entry("accessors", index)
+        if accessor.get("type") not in kinds:
+            self._refuse(f"has {what} of {accessor.get('type')}; expected {' or '.join(kinds)}")
         if "sparse" in accessor or "bufferView" not in accessor:
-            document.refuse(f"has {place}, sparse or without data; expected plain geometry")
-        view = document.entry("bufferViews", accessor["bufferView"], f"{place}.bufferView")
-        if not set(_COMPRESSION).isdisjoint(document.mapping(view.get("extensions", {}), place)):
-            document.refuse(f"has compressed data in {place}; expected plain geometry")
-        data = document.buffer(view.get("buffer"))
-        dtype = np.dtype(_COMPONENTS[component])
-        row = dtype.itemsize * width
-        count = document.integer(accessor, "count", place)
-        stride = document.integer(view, "byteStride", f"{place}.bufferView", 0) or row
-        length = document.integer(view, "byteLength", f"{place}.bufferView")
-        inner = document.integer(accessor, "byteOffset", place, 0)
-        start = inner + document.integer(view, "byteOffset", f"{place}.bufferView", 0)
-        used = (count - 1) * stride + row if count else 0
-        if stride < row or inner + used > length or start + used > len(data):
-            document.refuse(f"has {count} values in {place} that are outside of its buffer")
-        if count * row > self._max_bytes:
-            document.refuse(f"has {count} values in {place}; expected {self._max_bytes} bytes")
-        raw = np.frombuffer(data, np.uint8, used, start) if used else np.zeros(0, np.uint8)
-        rows = np.lib.stride_tricks.as_strided(raw, (count, row), (stride, 1), writeable=False)
-        return np.ascontiguousarray(rows).view(dtype).reshape(count, width)
+            self._refuse(f"has {what} that are sparse or without data; expected plain geometry")
+        if accessor.get("normalized") and kinds == ("VEC3",):
+            self._refuse(f"has {what} that are normalized; expected metres")
 
-    def _colors(
-        self,
-        primitive: dict[str, Any],
-        attributes: dict[str, Any],
-        faces: NDArray[np.int64],
-        vertex_count: int,
-        where: str,
-    ) -> FloatArray | None:
-        """Colours (n, 4) of the faces: of the material, or the mean of those of the corners."""
-        document = self._document
-        if "material" in primitive:
-            material = document.entry("materials", primitive["material"], f"{where}.material")
-            looks = document.mapping(material.get("pbrMetallicRoughness", {}), "a material")
-            factor = looks.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
-            color = np.clip(document.numbers(factor, 4, "baseColorFactor"), 0.0, 1.0)
-            return np.tile(np.nan_to_num(color), (len(faces), 1))
-        if "COLOR_0" not in attributes:
-            return None
-        accessor = document.entry("accessors", attributes["COLOR_0"], f"{where}.COLOR_0")
-        width = 3 if accessor.get("type") == "VEC3" else 4
-        values = self._accessor(attributes["COLOR_0"], width, where)
-        if len(values) != vertex_count:
-            document.refuse(f"has {len(values)} colours in {where}; expected {vertex_count}")
-        top = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-        rgba = np.ones((vertex_count, 4))
-        rgba[:, :width] = np.clip(np.nan_to_num(values / top), 0.0, 1.0)
-        if len(faces) and (faces.min() < 0 or faces.max() >= vertex_count):
-            document.refuse(f"has faces of vertices that {where} does not hold")
-        return np.asarray(rgba[faces].mean(axis=1))
+    def _count(self, primitive: dict[str, Any]) -> None:
+        """Add the triangles and vertices of a part at one of its places."""
+        limit, accessors = self._options.max_triangles, self._root["accessors"]
+        vertices = accessors[primitive["attributes"]["POSITION"]]["count"]
+        corners = accessors[primitive["indices"]]["count"] if "indices" in primitive else vertices
+        self._triangles += corners if primitive.get("mode") == _STRIP else corners // 3
+        self._vertices += vertices
+        if self._triangles > limit:
+            self._refuse(f"has more than {limit} triangles")
+        if self._vertices > 3 * limit:
+            self._refuse(f"has {self._vertices} vertices or more; expected at most {3 * limit}")
+
+    def _used(self, value: Any) -> Any:
+        """Copy ``value`` without unused keys and empty lists."""
+        self._values += 1
+        if self._values > MAX_VALUES:
+            self._refuse(f"has more than {MAX_VALUES} values; expected fewer parts")
+        if isinstance(value, list):
+            return [self._used(each) for each in value]
+        if isinstance(value, dict):
+            given = {k: each for k, each in value.items() if k not in _UNUSED and each != []}
+            return {key: self._used(each) for key, each in given.items()}
+        return value
+
+    def _entry(self, kind: str, index: int) -> dict[str, Any]:
+        entries: list[dict[str, Any]] = self._root.get(kind, [])
+        if index >= len(entries):
+            self._refuse(f"names {kind}[{index}]; expected 0 to {len(entries) - 1}")
+        return entries[index]
+
+    def _refuse(self, problem: str) -> NoReturn:
+        raise self._options.error(f"mesh {self._path} {problem}")

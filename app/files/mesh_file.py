@@ -87,9 +87,12 @@ def _read(
         return _parts(trimesh.load_scene(_unprocessed(keywords)), path, options), unit, signs
     content = read_bounded(path, options.max_bytes, options.error)
     if ending in (".glb", ".gltf"):
-        from app.files.gltf import read_gltf
+        import trimesh
 
-        return read_gltf(content, path, options), 1.0, signs
+        from app.files.gltf import read_gltf  # slow to load
+
+        keywords = read_gltf(content, path, options)
+        return _parts(trimesh.load_scene(_unprocessed(keywords)), path, options), 1.0, signs
     _CHECKS[ending](content, path, options)
     if ending == ".stl" and is_binary_stl(content):
         return _binary_stl(content, path, options), 1.0, _axis_signs(content, path, options)
@@ -151,6 +154,10 @@ def _parts(scene: Any, path: Path, options: MeshOptions) -> list[MeshPart]:
     """Vertices, faces and colours of each geometry at each of its places, in the scene's frame."""
     import trimesh
 
+    # trimesh leaves NaN out of a chain of transforms: the part would be at a wrong place.
+    edges = scene.graph.transforms.edge_data.values()
+    if not all(np.isfinite(edge["matrix"]).all() for edge in edges if "matrix" in edge):
+        raise options.error(f"mesh {path} has the transform of a node that is not finite")
     parts: list[MeshPart] = []
     count = 0
     for node in sorted(scene.graph.nodes_geometry):

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 
 import numpy as np
 import pytest
@@ -55,6 +56,8 @@ def refusal(path):
 
 def test_chain_of_100_000_nodes_is_refused(tmp_path):
     nodes = [{"children": [n + 1]} for n in range(99_998)] + [{"mesh": 0}]
+    assert "more than 50000 values" in refusal(gltf(tmp_path, nodes))
+    nodes = [{"children": [n + 1]} for n in range(100)] + [{"mesh": 0}]
     assert "nested deeper than 100 levels" in refusal(gltf(tmp_path, nodes))
 
 
@@ -62,7 +65,6 @@ def test_chain_of_100_000_nodes_is_refused(tmp_path):
     "nodes",
     [
         [{"children": [0]}],
-        [{"children": [1, 1]}, {"mesh": 0}],
         [{"children": [1, 2]}, {"children": [2]}, {"mesh": 0}],
     ],
 )
@@ -70,15 +72,24 @@ def test_nodes_that_are_no_tree_are_refused(tmp_path, nodes):
     assert "expected a tree" in refusal(gltf(tmp_path, nodes))
 
 
+SPARSE = {
+    "count": 1,
+    "indices": {"bufferView": 1, "componentType": 5125},
+    "values": {"bufferView": 0},
+}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"count": 10**9}, "outside of its buffer"),
-        ({"count": -1}, "expected an integer of at least 0"),
+        ({"count": -1}, "'$.accessors[0].count': -1 is less than the minimum of 1"),
         ({"byteOffset": 8}, "outside of its buffer"),
-        ({"sparse": {"count": 1}}, "sparse or without data"),
-        ({"type": "VEC2"}, "expected 3 values"),
+        ({"sparse": SPARSE}, "sparse or without data"),
+        ({"type": "VEC2"}, "expected VEC3"),
         ({"bufferView": 7}, "expected 0 to 1"),
+        ({"bufferView": -1}, "-1 is less than the minimum of 0"),
+        ({"normalized": True}, "positions of meshes[0].primitives[0] that are normalized"),
     ],
 )
 def test_accessor_outside_of_its_buffer_is_refused(tmp_path, change, message):
@@ -92,10 +103,41 @@ def test_indices_of_another_part_are_refused(tmp_path):
 
 
 def test_instances_beyond_the_limit_are_refused(tmp_path):
-    path = gltf(tmp_path, [{"mesh": 0}] * 20, scene=range(20))
-    options = type(OPTIONS)(formats=(".gltf",), max_bytes=1000, max_triangles=19)
-    with pytest.raises(MeshError, match="more than 19 triangles"):
-        read_mesh_file(path, options)
+    """Places of triangles, and a part of one triangle that shares many vertices."""
+    for indices, message in (((0, 1, 2) * 2, "more than 19 tri"), ((0, 1, 2), "60 vertices")):
+        path = gltf(tmp_path, [{"mesh": 0}] * 20, scene=range(20), indices=indices)
+        options = type(OPTIONS)(formats=(".gltf",), max_bytes=1000, max_triangles=19)
+        with pytest.raises(MeshError, match=message):
+            read_mesh_file(path, options)
+
+
+@pytest.mark.parametrize(
+    ("node", "primitive", "message"),
+    [
+        ({}, {"mode": 6}, "the mode 6 in meshes[0].primitives[0]"),
+        ({"translation": [math.nan, 0, 0]}, {}, "transform of a node that is not finite"),
+        ({"rotation": [0, 0, 0, 0]}, {}, "a rotation of length 0"),
+        ({}, {"material": 0}, "names materials[0]"),
+    ],
+)
+def test_what_trimesh_leaves_out_is_refused(tmp_path, node, primitive, message):
+    path = gltf(tmp_path, [{**node, "children": [1]}, {"mesh": 0}], primitive=primitive)
+    assert message in refusal(path)
+
+
+def test_parts_at_and_below_a_camera_are_read(tmp_path):
+    path = gltf(tmp_path, [{"mesh": 0, "camera": 0, "children": [1]}, {"mesh": 0}])
+    assert len(read_robot_mesh(path).faces) == 2
+
+
+def test_parts_are_in_the_order_of_the_file(tmp_path):
+    path = gltf(tmp_path, [{"mesh": 0}])
+    document = json.loads(path.read_text())
+    mesh, colors = document["meshes"][0], [[0, 0, n / 255, 1] for n in range(8)]
+    mesh["primitives"] = [{**mesh["primitives"][0], "material": n} for n in range(8)]
+    document["materials"] = [{"pbrMetallicRoughness": {"baseColorFactor": c}} for c in colors]
+    path.write_text(json.dumps(document))
+    np.testing.assert_allclose(read_robot_mesh(path).face_colors, colors)
 
 
 @pytest.mark.parametrize("mode", [4, 5])
