@@ -1,6 +1,7 @@
 """A calibrated transform as a file: YAML for cases, ITK's text or HDF5 of 3D Slicer.
 
-`app.files.itk_parameters` describes how ITK stores the matrix that Slicer displays.
+`app.files.itk_parameters` describes how ITK stores the matrix that Slicer displays. ITK's text is
+not read by SimpleITK, which is an optional dependency.
 """
 
 from collections.abc import Callable

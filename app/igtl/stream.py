@@ -1,4 +1,4 @@
-"""Split the byte stream of a socket into messages."""
+"""Split the byte stream of a socket into messages; `source` says why not by pyigtl."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping

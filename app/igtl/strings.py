@@ -1,4 +1,7 @@
-"""STRING messages: a text of a device, such as ``on`` or ``off``."""
+"""STRING messages: a text of a device, such as ``on`` or ``off``.
+
+`wire` says why the messages of pyigtl are not used.
+"""
 
 import struct
 

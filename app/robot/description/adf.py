@@ -3,7 +3,8 @@
 Versions 0.1 (written by the Blender add-on of 2019) to 1.0. A joint's ``parent`` and ``child`` name
 a body by the key of its section (``BODY link1``, with the space). The body's name in ROS is the
 section's ``name`` without spaces. Lengths are in m and angles in rad. An orientation is roll, pitch
-and yaw about the fixed axes x, y, z in that order, as in URDF.
+and yaw about the fixed axes x, y, z in that order, as in URDF. AMBF's own readers are in
+the simulator and in an add-on of Blender, not in a library.
 """
 
 import math

@@ -3,6 +3,8 @@
 The header holds all tracking data: ``Seq_Frame0000_StylusToTrackerTransform = 16 numbers`` (row by
 row, mm), its ``...Status``, ``Timestamp`` and ``UnfilteredTimestamp`` in seconds. Images may follow
 the header or lie in a second file, compressed or not: `app.case.images` reads them.
+
+Not by SimpleITK, which is an optional dependency: each line and the number of fields are bounded.
 """
 
 import re

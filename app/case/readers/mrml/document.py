@@ -1,4 +1,7 @@
-"""Parses an MRML scene file for its sequences of transforms and its plain transforms."""
+"""Parses an MRML scene file for its sequences of transforms and its plain transforms.
+
+Not by 3D Slicer, which only `app.scene` may load and which opens every file that a scene names.
+"""
 
 import re
 from collections.abc import Iterator

@@ -2,7 +2,8 @@
 
 ``<log TimeStampSec="12" TimeStampNSec="5" type="transform" DeviceName="StylusToReference"
 transform="16 numbers"/>``: seconds and nanoseconds, the matrix row by row in mm. The format does
-not order its elements, and usually has one device after the other.
+not order its elements, and usually has one device after the other. The readers of PerkTutor are
+modules of 3D Slicer, which is not loaded here.
 """
 
 import re
