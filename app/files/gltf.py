@@ -91,6 +91,7 @@ class _Guard:
             root: dict[str, Any] = self._used(json.loads(text))
         except (ValueError, RecursionError) as problem:  # ValueError: also malformed UTF-8
             self._refuse(f"is not JSON: {problem}")
+        _clip_rotations(root)
         check: Any = validate  # has no types
         try:
             check(root)
@@ -258,3 +259,13 @@ class _Guard:
 
     def _refuse(self, problem: str) -> NoReturn:
         raise self._options.error(f"mesh {self._path} {problem}")
+
+
+def _clip_rotations(root: object) -> None:
+    """Cut the rotations of nodes to the schema's range: single precision rounds 1 to 1.0000001."""
+    nodes = root.get("nodes") if isinstance(root, dict) else None
+    for node in nodes if isinstance(nodes, list) else ():
+        rotation = node.get("rotation") if isinstance(node, dict) else None
+        for place, value in enumerate(rotation if isinstance(rotation, list) else ()):
+            if isinstance(value, float) and 1.0 < abs(value) < 1.0 + 1e-5:
+                rotation[place] = math.copysign(1.0, value)

@@ -130,6 +130,14 @@ def test_parts_at_and_below_a_camera_are_read(tmp_path):
     assert len(read_robot_mesh(path).faces) == 2
 
 
+def test_rotation_of_single_precision_is_read(tmp_path):
+    assert len(
+        read_robot_mesh(gltf(tmp_path, [{"mesh": 0, "rotation": [0, 0, 0, 1.0000001]}])).faces
+    )
+    path = gltf(tmp_path, [{"mesh": 0, "rotation": [0, 0, 0, 1.001]}])
+    assert "1.001 is greater than the maximum of 1" in refusal(path)
+
+
 def test_parts_are_in_the_order_of_the_file(tmp_path):
     path = gltf(tmp_path, [{"mesh": 0}])
     document = json.loads(path.read_text())
