@@ -261,11 +261,15 @@ class _Guard:
         raise self._options.error(f"mesh {self._path} {problem}")
 
 
-def _clip_rotations(root: object) -> None:
+def _clip_rotations(root: Any) -> None:
     """Cut the rotations of nodes to the schema's range: single precision rounds 1 to 1.0000001."""
     nodes = root.get("nodes") if isinstance(root, dict) else None
     for node in nodes if isinstance(nodes, list) else ():
         rotation = node.get("rotation") if isinstance(node, dict) else None
-        for place, value in enumerate(rotation if isinstance(rotation, list) else ()):
-            if isinstance(value, float) and 1.0 < abs(value) < 1.0 + 1e-5:
-                rotation[place] = math.copysign(1.0, value)
+        if isinstance(rotation, list):
+            node["rotation"] = [_clipped(value) for value in rotation]
+
+
+def _clipped(value: Any) -> Any:
+    is_rounded = isinstance(value, float) and 1.0 < abs(value) < 1.0 + 1e-5
+    return math.copysign(1.0, value) if is_rounded else value
