@@ -56,7 +56,7 @@ READS_OWN_FILES = {
     "files/child_process.py": "a table of the kernel",
     "report/bundle.py": "scripts and styles of this project",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
-    "viewer/downloads.py": "the surface that this process wrote",
+    "viewer/downloads.py": "a tip or surface that this process wrote",
     "hold/instance.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
 }
