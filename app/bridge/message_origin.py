@@ -9,17 +9,11 @@ the rcl library that rclpy has loaded. The identifier is that of
 import ctypes
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
-from itertools import islice
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from functools import cache
+from typing import NamedTuple
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.publisher import Publisher
-from rclpy.subscription import Subscription
 
 from app.bridge.errors import BridgeError
 
@@ -31,10 +25,6 @@ _GID_BYTES = 16
 
 _MAX_KEPT_BYTES = 1 << 20
 """A larger buffer of a subscription is released after its message."""
-
-_MAX_TAKEN = 64
-"""Messages of one subscription in a turn of the executor. To wait for the next turn costs more than
-a message, since rclpy builds its wait set anew; other callbacks get their turn meanwhile."""
 
 _UNSUPPORTED = 2**64 - 1
 """``RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED``."""
@@ -99,7 +89,7 @@ class _Info(ctypes.Structure):
     )
 
 
-class _Rcl:
+class Rcl:
     """The functions of the loaded libraries; raises `OSError` or `AttributeError` without them."""
 
     def __init__(self) -> None:
@@ -109,6 +99,8 @@ class _Rcl:
         self.take = rcl.rcl_take_serialized_message
         self.take.argtypes = (ctypes.c_void_p,) * 4
         self.reset_error = rcl.rcutils_reset_error
+        self.on_message = rcl.rcl_subscription_set_on_new_message_callback
+        self.on_message.argtypes = (ctypes.c_void_p,) * 3
         self.init_bytes = rcl.rcutils_uint8_array_init
         self.init_bytes.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
         self.free_bytes = rcl.rcutils_uint8_array_fini
@@ -123,18 +115,25 @@ class _Rcl:
         rcl.rmw_get_implementation_identifier.restype = ctypes.c_void_p
         self.implementation = rcl.rmw_get_implementation_identifier()
 
+    def call_on_message(self, subscription: int, function: int | None, data: int | None) -> None:
+        """Have the middleware call ``function(data, count)`` for new messages; None: no more."""
+        if self.on_message(subscription, function, data) != 0:
+            self.reset_error()
+            raise BridgeError("subscription: rcl cannot tell when a message comes")
+
 
 @cache
-def _loaded_rcl() -> _Rcl | None:
+def loaded_rcl() -> Rcl | None:
+    """The functions that rclpy has loaded; None where they are not those of ROS 2 Jazzy."""
     try:
-        return _Rcl()
+        return Rcl()
     except (OSError, AttributeError):  # another build of ROS, or another operating system
         return None
 
 
 def sender_of(publisher: Publisher) -> bytes | None:
     """Identity of our own ``publisher``, as in `Origin`; None if it cannot be determined."""
-    rcl, gid = _loaded_rcl(), _Gid()
+    rcl, gid = loaded_rcl(), _Gid()
     if rcl is None:
         return None
     with publisher.handle:
@@ -148,7 +147,7 @@ def sender_of(publisher: Publisher) -> bytes | None:
 class MessageTaker:
     """Takes messages of one subscription with their origin. For one thread at a time."""
 
-    def __init__(self, rcl: _Rcl) -> None:
+    def __init__(self, rcl: Rcl) -> None:
         self._rcl = rcl
         self._info = _Info()
         self._bytes = _Bytes()
@@ -190,7 +189,8 @@ class MessageTaker:
 class Receiver:
     """Callback of a raw subscription that passes each message and its origin to ``receive``.
 
-    `OriginExecutor` calls ``receive`` itself. Without the sender, rclpy calls this object.
+    `MessageThread` calls ``receive`` itself. Without it rclpy calls this object, and the sender is
+    not known.
     """
 
     receive: ReceiveFrom
@@ -200,57 +200,6 @@ class Receiver:
         number = _sequence(info["publication_sequence_number"])
         origin = Origin(None, number, info["source_timestamp"], info["received_timestamp"])
         self.receive(data, origin)
-
-
-class OriginExecutor(SingleThreadedExecutor):
-    """Executor that passes the origin of each message to the subscriptions of `add_receiver`."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self._takers: WeakKeyDictionary[Subscription, MessageTaker] = WeakKeyDictionary()
-
-    def add_receiver(self, subscription: Subscription) -> None:
-        """Take the messages of ``subscription``, whose callback is a `Receiver`, with origin."""
-        rcl = _loaded_rcl()
-        if rcl is not None:
-            self._takers[subscription] = MessageTaker(rcl)
-
-    def _make_handler(self, entity: Any, node: Any, take_from_wait_list: Any) -> Any:
-        """For a receiver not a task: rclpy wakes itself twice for each, to build two wait sets."""
-        taker = self._takers.get(entity) if isinstance(entity, Subscription) else None
-        if taker is None:
-            return super()._make_handler(entity, node, take_from_wait_list)
-        return _Delivery(taker, entity)
-
-
-class _Delivery:
-    """Passes the waiting messages of ``subscription`` to its `Receiver`, as a task of rclpy."""
-
-    __slots__ = ("_failed", "_subscription", "_taker")
-
-    def __init__(self, taker: MessageTaker, subscription: Subscription) -> None:
-        self._taker, self._subscription = taker, subscription
-        self._failed: Exception | None = None
-
-    def __call__(self) -> None:
-        with suppress(InvalidHandle):  # it has been destroyed, perhaps in its own callback
-            with self._subscription.handle:
-                address = self._subscription.handle.pointer
-                take = partial(self._taker.take, address)
-                taken = list(islice(iter(take, None), _MAX_TAKEN))
-            for data, origin in taken:
-                with self._subscription.handle:
-                    pass
-                try:
-                    self._subscription.callback.receive(data, origin)
-                except Exception as error:  # the other messages are not lost
-                    self._failed = error
-
-    def exception(self) -> Exception | None:
-        return self._failed
-
-    def result(self) -> None:
-        """Nothing is returned."""
 
 
 def _sequence(number: int) -> int | None:

@@ -21,12 +21,12 @@ from rclpy.event_handler import (
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
-from app.bridge.endpoint_events import EndpointEvents
 from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, keeps_to_this_machine
 from app.bridge.errors import BridgeError, reason_of
 from app.bridge.message_definitions import (
@@ -35,7 +35,8 @@ from app.bridge.message_definitions import (
     checked_callback,
     expected_digest,
 )
-from app.bridge.message_origin import OriginExecutor, ReceiveFrom, Receiver
+from app.bridge.message_origin import ReceiveFrom, Receiver
+from app.bridge.message_thread import MessageThread, TurnExecutor
 from app.bridge.open_ports import listens_to_other_machines
 from app.bridge.qos import Topic
 from app.bridge.security import check_security
@@ -54,11 +55,12 @@ class RosNode:
     """``with RosNode("marginguard") as ros: ros.node.create_publisher(...)``.
 
     Uses no global state: no ``rclpy.init``, no signal handlers, no default context. One process
-    can have several nodes in different domains. One executor thread serves parameters, services,
-    subscriptions and discovery events. Any thread may publish. An exception in a callback is
-    logged and counted in `failures`; the other callbacks continue. Endpoints with incompatible
-    quality of service are logged and listed in `incompatible`. Parameters declared by ROS itself
-    (``use_sim_time``) become read-only, so that other nodes cannot stop the clock of this node.
+    can have several nodes in different domains. One thread serves parameters, services, timers and
+    discovery events, another one messages; one callback at a time runs. Any thread may publish. An
+    exception in a callback is logged and counted in `failures`; the other callbacks continue.
+    Endpoints with incompatible quality of service are logged and listed in `incompatible`.
+    Parameters declared by ROS itself (``use_sim_time``) become read-only, so that other nodes
+    cannot stop the clock of this node.
     An open node is closed at the end of the program.
 
     Raises `SecurityError` if ROS security is asked for and not available, and `BridgeError` if the
@@ -98,17 +100,18 @@ class RosNode:
                 f"{UDP_ON_THIS_MACHINE.name}; set {TRANSPORTS}=DEFAULT to stay on this machine "
                 "without it"
             )
-        self._executor = OriginExecutor(context=self._context)
+        turn = threading.RLock()
+        self.failures = 0
+        self._messages = MessageThread(f"{name} messages", turn, self._callback_failed)
+        self._executor = TurnExecutor(turn, self._messages, context=self._context)
         self._executor.add_node(self.node)
         self._publishers: list[tuple[Topic, Publisher]] = []
         self._watches: dict[object, DefinitionWatch] = {}
-        self.failures = 0
         self.incompatible: dict[str, str] = {}
         self._matched = threading.Condition()
         self._close_callbacks: list[Callable[[], None]] = []
         self._closing = threading.Event()
         self._closing_lock = threading.Lock()
-        self._events = EndpointEvents(self.node)
         self._wake = self.node.create_guard_condition(lambda: None)
         for parameter in self.node.list_parameters([], 0).names:
             descriptor = copy(self.node.describe_parameter(parameter))
@@ -143,21 +146,15 @@ class RosNode:
             ),
         )
         self._publishers.append((topic, publisher))
-        self.call_soon(self._events.collect)
         if expected_digest(topic.type) is not None:
             watched.append(self._watch_subscribers(topic, publisher))
         return publisher
 
     def destroy_publisher(self, publisher: Publisher) -> None:
-        """Destroy a publisher of this node. Call in the node's thread.
-
-        In another thread it would break the wait set of the executor.
-        """
+        """Destroy a publisher of this node. Call it in a callback of the node."""
         self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
         self._watches.pop(publisher, None)
-        if self.is_open:
-            self._events.release(publisher)
-            self.node.destroy_publisher(publisher)
+        self._in_executor(lambda: self.node.destroy_publisher(publisher))
 
     def warn(self, text: str) -> None:
         """Log ``text`` as a warning of this node."""
@@ -166,22 +163,19 @@ class RosNode:
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> Subscription:
-        """Create a subscription that calls ``callback(message)`` in the node's thread.
+        """Create a subscription that calls ``callback(message)`` as a callback of the node.
 
         With ``raw`` the callback receives the serialised bytes. It is not called while a publisher
         has another definition of one of our messages (`definition_problems`).
         """
         if raw:
-            return self._subscribe(topic, lambda data, _: callback(data), raw=True)
-        return self._subscribe(topic, callback)
+            return self.subscribe_with_origin(topic, lambda data, _: callback(data))
+        return self.subscribe_with_origin(
+            topic, lambda data, _: callback(deserialize_message(data, topic.type))
+        )
 
     def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
         """As `subscribe` with ``raw``; ``callback(data, origin)`` also receives the origin."""
-        return self._subscribe(topic, callback, raw=True)
-
-    def _subscribe(
-        self, topic: Topic, callback: Callable[..., None], *, raw: bool = False
-    ) -> Subscription:
         created: list[Subscription] = []  # empty while a callback may already be called
         watched: list[DefinitionWatch] = []
         if expected_digest(topic.type) is not None:
@@ -196,19 +190,17 @@ class RosNode:
             topic.type,
             topic.name,
             # rclpy passes the origin to a callback with two parameters.
-            Receiver(callback) if raw else callback,  # type: ignore[arg-type]
+            Receiver(callback),  # type: ignore[arg-type]
             topic.qos,
-            raw=raw,
+            raw=True,
             event_callbacks=SubscriptionEventCallbacks(
                 matched=on_matched, incompatible_qos=self._incompatible_qos_callback(topic)
             ),
         )
         created.append(subscription)
-        if raw:
-            self._executor.add_receiver(subscription)
-        self.call_soon(self._events.collect)
         for watch in watched:
             self._watches[subscription] = watch
+        self._messages.add(subscription)
         return subscription
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
@@ -224,11 +216,10 @@ class RosNode:
         return [watch.problem for watch in watches if not watch.is_clean() and watch.problem]
 
     def destroy_subscription(self, subscription: Subscription) -> None:
-        """Destroy a subscription. Call in the node's thread, as `destroy_publisher`."""
+        """Destroy a subscription, of which no message comes any more. Call it in a callback."""
         self._watches.pop(subscription, None)
-        if self.is_open:
-            self._events.release(subscription)
-            self.node.destroy_subscription(subscription)
+        self._messages.remove(subscription)
+        self._in_executor(lambda: self.node.destroy_subscription(subscription))
 
     def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
         """Wait until each publisher of ``topic`` has ``count`` subscribers; False on timeout.
@@ -253,7 +244,7 @@ class RosNode:
     @property
     def in_own_thread(self) -> bool:
         """True in a callback of this node, which must not wait for another callback."""
-        return threading.current_thread() is self._thread
+        return threading.current_thread() is self._thread or self._messages.is_current
 
     @property
     def is_open(self) -> bool:
@@ -281,8 +272,8 @@ class RosNode:
         with self._closing_lock:
             self._closing.set()
         self._wake.trigger()
+        self._messages.close(_JOIN_TIMEOUT_S)
         self._thread.join(_JOIN_TIMEOUT_S)
-        self._events.release()
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
@@ -297,7 +288,7 @@ class RosNode:
                     return
                 time.sleep(_FLUSH_POLL_S)
 
-    def call_soon(self, callback: Callable[[], None]) -> None:
+    def call_soon(self, callback: Callable[[], object]) -> None:
         """Schedule ``callback()`` in the node's thread; does nothing on a closed node."""
         with self._closing_lock:
             if self.is_open:
@@ -335,11 +326,21 @@ class RosNode:
             try:
                 self._executor.spin_once()
             except Exception:  # raised by a callback
-                self.failures += 1
-                self.node.get_logger().error(
-                    f"a callback failed: {traceback.format_exc()}",
-                    throttle_duration_sec=_LOG_INTERVAL_S,
-                )
+                self._callback_failed()
+
+    def _callback_failed(self) -> None:
+        self.failures += 1
+        self.node.get_logger().error(
+            f"a callback failed: {traceback.format_exc()}", throttle_duration_sec=_LOG_INTERVAL_S
+        )
+
+    def _in_executor(self, destroy: Callable[[], object]) -> None:
+        """Call ``destroy()`` in the thread that waits for the node's entities, or soon after."""
+        if threading.current_thread() is self._thread:
+            if self.is_open:
+                destroy()
+        else:
+            self.call_soon(destroy)
 
     def _watch_publishers(self, topic: Topic, created: Sequence[Subscription]) -> DefinitionWatch:
         name = self.node.resolve_topic_name(topic.name)

@@ -138,7 +138,7 @@ def test_sender_without_ros_is_identified_as_on_the_graph(domain_id, start, monk
 
 def library_of_another_middleware():
     """The address of the middleware's name is not where the structure of Jazzy has it."""
-    rcl = message_origin._Rcl()
+    rcl = message_origin.Rcl()
     rcl.implementation += 1
     return rcl
 
@@ -148,7 +148,7 @@ def test_without_a_known_library_the_sender_is_unknown_and_rclpy_gives_the_seque
     domain_id, monkeypatch, load
 ):
     library = load()
-    monkeypatch.setattr(message_origin, "_loaded_rcl", lambda: library)
+    monkeypatch.setattr(message_origin, "loaded_rcl", lambda: library)
     collector = Collector(2)
     with RosNode("receiver", domain_id=domain_id) as ros:
         ros.subscribe_with_origin(WORDS, collector)
