@@ -91,11 +91,15 @@ class MessageThread:
             os.close(descriptor)
 
     def close(self, timeout_s: float) -> None:
-        """End the thread and deliver nothing more."""
+        """End the thread and deliver nothing more. A callback that does not return keeps both."""
         os.eventfd_write(self._end, 1)
         self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            return
         for subscription in list(self._descriptors):
             self.remove(subscription)
+        self._ready.close()
+        os.close(self._end)
 
     def _descriptor(self) -> int:
         descriptor = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
@@ -133,7 +137,7 @@ class MessageThread:
         if len(taken) == _MAX_TAKEN:
             os.eventfd_write(descriptor, 1)  # the rest in the next turn
         for data, origin in taken:
-            if descriptor not in self._inputs:  # removed by its own callback
+            if self._inputs.get(descriptor) is not found:  # removed by its own callback
                 return
             try:
                 found.receive(data, origin)
