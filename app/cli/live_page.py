@@ -76,7 +76,6 @@ def _child(options: argparse.Namespace, page: str) -> Iterator["LiveChild"]:
     namespace = f"/{options.namespace.strip('/')}".rstrip("/")
     arguments = [f"--config={options.config}", f"--display={namespace}/{page}"]
     arguments += [f"--package-dir={folder}" for folder in options.package_dirs]
-    arguments += ["--tip-only"] if options.tip_only else []
     for option in ("namespace", "audit", "cases"):
         value = getattr(options, option)
         arguments += [f"--{option}={value}"] if value else []

@@ -162,20 +162,18 @@ def playback_of(
     )
 
 
-def prepare_live(
-    config_file: Path, *, package_dirs: Sequence[Path] = (), tip_only: bool = False
-) -> PreparedLive:
+def prepare_live(config_file: Path, *, package_dirs: Sequence[Path] = ()) -> PreparedLive:
     """Open a ``live.yaml`` and set up its session. Raises as `prepare_case` does."""
     config = open_live(config_file, package_dirs=package_dirs)
     case = with_repaired_meshes(config.case)
-    setup = setup_from_case(case, tip_only=tip_only)
+    setup = setup_from_case(case)
     setup = replace(
         setup,
         tumor_motion=tumor_motion_parameters(config),
         motion_frame=config.motion_frame,
         tracking=TrackingError(config.latency_ns, config.sigma_mm, config.sigma_rad),
     )
-    return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))
+    return PreparedLive(config, case, setup, content_of(case, setup, tip_only=False))
 
 
 def _open(

@@ -215,7 +215,6 @@ class PageReceiver(Receiver):
         options = argparse.Namespace(
             config=CONFIG,
             package_dirs=(),
-            tip_only=False,
             namespace="",
             audit=None,
             cases=None,

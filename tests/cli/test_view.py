@@ -44,6 +44,18 @@ def test_case_and_live_session_exclude_each_other(arguments, capsys):
     assert "expected CASE, --live and --config FILE, or --live and" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "command", [["live"], ["view", "--live"]], ids=lambda command: " ".join(command)
+)
+def test_guard_of_the_tip_alone_is_refused(command, capsys):
+    try:
+        status = main([*command, "--tip-only", "--config", "live.yaml"])
+    except SystemExit as error:  # of argparse
+        status = error.code
+    assert status == 2
+    assert "a guard measures the whole tool; expected a " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", ["--token", "--view-token"])
 def test_empty_token_is_refused(capsys, option):
     assert main(["view", "data/recorded_case", option, ""]) == 2

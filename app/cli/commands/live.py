@@ -56,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help=f"rate at which the constraint is repeated, up to {MAX_HZ:g}; default: {MAX_HZ:g}",
     )
-    parser.add_argument(
-        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
-    )
+    parser.add_argument("--tip-only", action=_NoTipOnly, nargs=0, help=argparse.SUPPRESS)
     add_audit(parser)
     add_cases(parser)
     parser.add_argument(
@@ -75,6 +73,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="wait to be configured and activated by other nodes ('ros2 lifecycle set')",
     )
     add_json(parser)
+
+
+class _NoTipOnly(argparse.Action):
+    """Refuses an option of earlier versions."""
+
+    def __call__(self, *_: object) -> None:
+        """Raise the error that argparse prints."""
+        raise argparse.ArgumentError(
+            self, "a guard measures the whole tool; expected a replay ('view CASE', 'replay')"
+        )
 
 
 def _rate_hz(text: str) -> float:
@@ -140,9 +148,7 @@ def _opened(
         from app.cli.prompt_process import prompt_process
         from app.runtime import prepare_live
 
-        prepared = prepare_live(
-            options.config, package_dirs=options.package_dirs, tip_only=options.tip_only
-        )
+        prepared = prepare_live(options.config, package_dirs=options.package_dirs)
         for note in prepared.case.notes():
             print(note, file=sys.stderr)
     with (

@@ -57,7 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cases(parser)
     add_package_dirs(parser)
     parser.add_argument(
-        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
+        "--tip-only",
+        action="store_true",
+        help="of a CASE: check the tool's tip instead of its whole mesh",
     )
     add_address(parser)
     parser.add_argument(
@@ -103,6 +105,8 @@ def run(options: argparse.Namespace) -> int:
             "view: invalid combination of arguments; expected CASE, --live and --config FILE, or "
             "--live and --node NAME"
         )
+    if options.live and options.tip_only:
+        raise InputError("view: --tip-only: a guard measures the whole tool; expected a CASE")
     in_browser = _in_browser(options)
     for name, needed, is_there in (
         ("audit", "--config", options.config is not None),

@@ -65,7 +65,7 @@ def test_live_session_goes_through_its_lifecycle_and_ends_on_hold(
     config = live_yaml(TF, stale_after_ms=5_000.0)
     values = yaml.safe_load(config.read_text()) | {"guidance": GUIDANCE}
     config.write_text(yaml.safe_dump(values))
-    options = ("--lifecycle", "--tip-only", "--constraint-hz", "100", "--config", str(config))
+    options = ("--lifecycle", "--constraint-hz", "100", "--config", str(config))
     live = start("-m", "app.cli", "live", *options)
     start_sender("tf", "again")
     # Configure twice to detect resources that the first configuration did not release.
