@@ -167,6 +167,7 @@ ONLY_IN = {
     "pydicom": {"dicom"},
     "statsmodels": {"cohort"},
     "matplotlib": {"report"},
+    "jinja2": {"report"},
     "PIL": {"scene"},
 }
 """External module -> packages that may import it (`cli` may import all of them)."""

@@ -1,10 +1,11 @@
 """Sections of ``report.html`` that show an analysis, and a page of these sections alone."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
 
 from app.analysis.coverage import WITHIN_MM
 from app.geometry import ANATOMICAL_WORDS
@@ -15,7 +16,7 @@ from app.report.covered_surface import CoveredSurface, covered_surface
 from app.report.distance_svg import distance_svg
 from app.report.insertion_table import insertion_rows
 from app.report.methods import methods_text
-from app.report.page import NOT_A_DEVICE, document, length, scrolling, table, time_text
+from app.report.page import document, length, part, time_text
 from app.report.time_plot import TimePlot
 from app.report.time_svg import time_svg
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
     from app.analysis.breach_probability import Outcome
     from app.analysis.depth import DepthEstimate
+    from app.analysis.specimen import Resection
     from app.fixture import MarginParameters
     from app.geometry import FloatArray, SurfaceMesh
 
@@ -62,41 +64,51 @@ class AnalysedCase:
 
 def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
     """A page of the analysis alone: figures in it, no links."""
-    name = case.analysis.name
-    head = f'<h1>{escape(name)}</h1>\n<p class="device">{escape(NOT_A_DEVICE)}</p>'
     plot = analysed_distance_plot(case.analysis, case.margins)
-    over_time = f"<h2>Distance over time</h2>\n{_plot(plot, 'Signed distance over time')}"
-    sections = [head, over_time, *analysis_sections(case, figures)]
-    return document(f"{name}: analysis", sections, figures=True)
+    return document(
+        "analysis.html",
+        f"{case.analysis.name}: analysis",
+        figures=True,
+        name=case.analysis.name,
+        distance=_plot(plot, "Signed distance over time"),
+        sections=analysis_sections(case, figures),
+    )
 
 
-def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Iterable[str]:
+def analysis_sections(case: AnalysedCase, figures: Mapping[str, str]) -> Markup:
     """The sections: breaches, distances, coverage, sides, volumes, what-if, methods."""
     found = case.analysis
-    yield _breaches(found, case.methods["bias_sigma_mm"])
-    yield _figure("Time at each distance", figures["distances.svg"], _distances(found))
-    shares = ", ".join(
+    shares = (
         f"{100.0 * share:.0f} % within {within:g} mm"
         for within, share in found.coverage.shares().items()
     )
-    views = figures["coverage.svg"].replace(_NAMESPACE, "").strip()
-    yield (
-        f"<h2>Coverage of the tumour</h2>\n{coverage_figure(case.covered, views)}\n"
-        f'<p class="note">Of the surface: {escape(shares)}.</p>'
+    moments = probability_plot(found)
+    resection = found.resection
+    return part(
+        "sections.html",
+        breaches=_breaches(found),
+        interval=_in_the_interval(case.methods["bias_sigma_mm"]),
+        distances_svg=_inline(figures["distances.svg"]),
+        percentiles=_distances(found),
+        coverage=coverage_figure(case.covered, _inline(figures["coverage.svg"])),
+        shares=", ".join(shares),
+        sides=_sides(found),
+        side_header=(
+            *("side", "area", "nearest"),
+            *(f"within {within:g} mm" for within in WITHIN_MM),
+            *("breaches", "margin of the specimen"),
+        ),
+        volumes=None if resection is None else _volumes(resection),
+        no_specimen="" if resection is None else resection.why,
+        insertion=insertion_rows(found.insertion),
+        what_if=_what_if(found),
+        moments=None if moments is None else _plot(moments, "Probability of a breach over time"),
+        methods=methods_text(found, case.methods),
     )
-    yield _sides(found)
-    yield _volumes(found)
-    yield _insertion(found)
-    yield _what_if(found)
-    yield f"<h2>Methods</h2>\n<p>{escape(methods_text(found, case.methods))}</p>"
 
 
-def _figure(title: str, svg: str, caption: str) -> str:
-    inline = svg.replace(_NAMESPACE, "").strip()
-    return (
-        f"<h2>{escape(title)}</h2>\n{scrolling(inline, title, 'figure')}\n"
-        f'<p class="note">{escape(caption)}</p>'
-    )
+def _inline(svg: str) -> Markup:
+    return Markup(svg.replace(_NAMESPACE, "").strip())
 
 
 def _distances(found: "CaseAnalysis") -> str:
@@ -109,10 +121,8 @@ def _distances(found: "CaseAnalysis") -> str:
     )
 
 
-def _breaches(found: "CaseAnalysis", bias_sigma_mm: float) -> str:
-    if not found.breaches:
-        return ""
-    rows = [
+def _breaches(found: "CaseAnalysis") -> Sequence[Sequence[str]]:
+    return [
         (
             str(number),
             time_text(breach.start_s),
@@ -125,13 +135,6 @@ def _breaches(found: "CaseAnalysis", bias_sigma_mm: float) -> str:
         )
         for number, breach in enumerate(found.breaches, start=1)
     ]
-    header = (
-        *("breach", "from", "lasted", "place", "part", "entry", "lowest sample", "estimate"),
-        *("95 % interval", "P(inside)"),
-    )
-    title = "Depth of the breaches"
-    note = f'<p class="note">{escape(_in_the_interval(bias_sigma_mm))}</p>'
-    return f"{scrolling(table(title, header, rows), title)}\n{note}"
 
 
 def _in_the_interval(bias_sigma_mm: float) -> str:
@@ -158,13 +161,8 @@ def _estimate(found: "DepthEstimate | None") -> tuple[str, str, str]:
     )
 
 
-def _sides(found: "CaseAnalysis") -> str:
-    header = (
-        *("side", "area", "nearest"),
-        *(f"within {within:g} mm" for within in WITHIN_MM),
-        *("breaches", "margin of the specimen"),
-    )
-    rows = [
+def _sides(found: "CaseAnalysis") -> Sequence[Sequence[str]]:
+    return [
         (
             side.side,
             f"{side.area_mm2:.0f} mm²",
@@ -175,45 +173,31 @@ def _sides(found: "CaseAnalysis") -> str:
         )
         for side in found.sides
     ]
-    title = "Sides of the tumour"
-    return scrolling(table(title, header, rows), title)
 
 
-def _volumes(found: "CaseAnalysis") -> str:
-    resection = found.resection
-    if resection is None:
-        return ""
-    rows: list[Sequence[str]] = []
+def _volumes(resection: "Resection") -> Sequence[tuple[str, str]]:
+    rows = []
     if resection.swept is not None:
         rows.append(("swept by the cutting part", _volume(resection.swept.volume_mm3)))
         rows.append(("of it tumour", _volume(resection.tumor_cut_mm3)))
     specimen = resection.specimen
     if specimen is not None:
         closest = specimen.closest
+        margin = f"{length(specimen.margins_mm[closest])}, {ANATOMICAL_WORDS[closest]}"
         rows.append(("specimen", _volume(specimen.volume_mm3)))
         rows.append(("tumour outside of it", _volume(specimen.tumor_outside_mm3)))
-        rows.append(
-            (
-                "closest margin",
-                f"{length(specimen.margins_mm[closest])}, {ANATOMICAL_WORDS[closest]}",
-            )
-        )
-    note = f'<p class="note">No specimen: {escape(resection.why)}.</p>' if resection.why else ""
-    return table("Volumes", ("volume", "value"), rows) + note
-
-
-def _insertion(found: "CaseAnalysis") -> str:
-    return table("Insertion", ("metric of Perk Tutor", "value"), insertion_rows(found.insertion))
+        rows.append(("closest margin", margin))
+    return rows
 
 
 def _volume(value_mm3: float) -> str:
     return f"{value_mm3:.1f} mm³"
 
 
-def _what_if(found: "CaseAnalysis") -> str:
+def _what_if(found: "CaseAnalysis") -> Sequence[Sequence[str]]:
     risk = found.probability
     if risk is None:
-        return ""
+        return ()
     rows = [("as recorded", *_outcome(risk.outcome), "", "")]
     for name, effect in risk.sources.items():
         share = f"{100.0 * effect.variance_share:.0f} %"
@@ -228,21 +212,11 @@ def _what_if(found: "CaseAnalysis") -> str:
         )
         for stop in risk.stops
     )
-    header = (
-        *("question", "P(breach)", "expected time inside", "lowest distance (5 to 95 %)"),
-        *("share of variance", "held by the fixture"),
-    )
-    title = "What if: constant errors and other stop margins"
-    moments = probability_plot(found)
-    assert moments is not None  # there is a probability
-    return (
-        f"{scrolling(table(title, header, rows), title)}\n"
-        f"{_plot(moments, 'Probability of a breach over time')}"
-    )
+    return rows
 
 
-def _plot(plot: TimePlot, title: str) -> str:
-    return plot.html(time_svg(plot, title).replace(_NAMESPACE, "").strip(), title)
+def _plot(plot: TimePlot, title: str) -> Markup:
+    return plot.html(_inline(time_svg(plot, title)), title)
 
 
 def _outcome(outcome: "Outcome") -> tuple[str, str, str]:

@@ -1,9 +1,15 @@
-"""Scripts and style sheets of the interactive figures, which a page holds itself."""
+"""Style sheets of the pages and scripts of their figures, which a page holds itself."""
 
 from base64 import b64encode
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
+
+
+@cache
+def page_style() -> str:
+    """The style sheet of every page."""
+    return _text("page.css")
 
 
 @cache

@@ -1,14 +1,12 @@
 """``report.html`` of a cohort: groups, comparison, outliers, failures; one file, no script."""
 
-import base64
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
 from pathlib import Path
 
 from app.cohort import METRICS, Comparison, Outlier
 from app.cohort.columns import OK, Row
-from app.report.page import NOT_A_DEVICE, document, scrolling
+from app.report.page import document
 
 MAX_LISTED = 200
 """Rows of the tables of outliers and failures; the dataset has all."""
@@ -41,61 +39,49 @@ def cohort_html(
     ]
     tips = any(row["tip_only"] for row in rows)  # of all cases or of none
     measured = "the tip alone (--tip-only)" if tips else "the whole mesh of the tool"
-    body = [
-        f"<h1>{escape(name)}</h1>",
-        f'<p class="device">{escape(NOT_A_DEVICE)}</p>',
-        '<ul class="tiles">',
-        *(f"<li><b>{escape(big)}</b>{escape(small)}</li>" for big, small in tiles),
-        "</ul>",
-        f'<p class="note">Measured: {measured}.</p>',
-        *_comparison(comparisons, forest_png),
-        *_outliers(outliers),
-        *_failures(others),
-        f'<p class="note">Made by MarginGuard {escape(version)} from the dataset in the folder '
-        "cases beside this page.</p>",
-    ]
-    return document(f"{name}: cohort report", body)
+    names = tuple(comparisons[0].tests) if comparisons else ()
+    return document(
+        "cohort.html",
+        f"{name}: cohort report",
+        name=name,
+        tiles=tiles,
+        measured=measured,
+        groups=comparisons[0].groups if comparisons else (),
+        forest_png=forest_png,
+        comparisons=[_compared(each) for each in comparisons],
+        test_header=(
+            "metric",
+            *(f"p, {each}" for each in names),
+            "mixed model, effect of the group, 95 %",
+        ),
+        tests=[
+            (METRICS[c.metric], *(p_text(c.tests[each]) for each in names), _effect(c))
+            for c in comparisons
+        ],
+        methods=" ".join(_METHODS.split()),
+        outlier_count=len(outliers),
+        outliers=[
+            (each.row, METRICS[each.metric], f"{each.value:.4g}", f"{each.score:+.1f}")
+            for each in outliers[:MAX_LISTED]
+        ],
+        failure_count=len(others),
+        failures=others[:MAX_LISTED],
+        case_url=case_url,
+        version=version,
+    )
 
 
-def _comparison(comparisons: Sequence[Comparison], forest_png: bytes | None) -> Iterable[str]:
-    if not comparisons:
-        yield '<p class="note">No comparison: it needs two groups of two cases each.</p>'
-        return
-    first, second = comparisons[0].groups
-    yield f"<h2>{escape(second)} against {escape(first)}</h2>"
-    if forest_png is not None:
-        data = base64.b64encode(forest_png).decode("ascii")
-        label = "Forest plot of the differences"
-        image = f'<img alt="{label}" src="data:image/png;base64,{data}">'
-        yield scrolling(image, label, "figure")
-    yield _table(
-        "Comparison",
-        ("metric", first, second, "difference, 95 %", "pairs", "primary test", "p", "p, Holm"),
-        (
-            (
-                METRICS[c.metric],
-                f"{c.means[0]:.4g} ± {c.deviations[0]:.3g} (n {c.counts[0]})",
-                f"{c.means[1]:.4g} ± {c.deviations[1]:.3g} (n {c.counts[1]})",
-                f"{c.difference:+.4g} [{c.low:.4g}, {c.high:.4g}]",
-                str(c.pairs or "none"),
-                c.primary,
-                p_text(c.p),
-                p_text(c.adjusted_p),
-            )
-            for c in comparisons
-        ),
+def _compared(c: Comparison) -> Sequence[str]:
+    return (
+        METRICS[c.metric],
+        f"{c.means[0]:.4g} ± {c.deviations[0]:.3g} (n {c.counts[0]})",
+        f"{c.means[1]:.4g} ± {c.deviations[1]:.3g} (n {c.counts[1]})",
+        f"{c.difference:+.4g} [{c.low:.4g}, {c.high:.4g}]",
+        str(c.pairs or "none"),
+        c.primary,
+        p_text(c.p),
+        p_text(c.adjusted_p),
     )
-    yield "<h2>Other tests, not adjusted</h2>"
-    names = tuple(comparisons[0].tests)
-    yield _table(
-        "Other tests",
-        ("metric", *(f"p, {name}" for name in names), "mixed model, effect of the group, 95 %"),
-        (
-            (METRICS[c.metric], *(p_text(c.tests[name]) for name in names), _effect(c))
-            for c in comparisons
-        ),
-    )
-    yield f'<p class="note">{escape(" ".join(_METHODS.split()))}</p>'
 
 
 def _effect(comparison: Comparison) -> str:
@@ -112,60 +98,9 @@ def p_text(p: float | None) -> str:
     return "below 0.0001" if p < 0.0001 else f"{p:.4f}"
 
 
-def _outliers(outliers: Sequence[Outlier]) -> Iterable[str]:
-    yield f"<h2>Outliers ({len(outliers)})</h2>"
-    yield (
-        '<p class="note">Modified z score beyond 3.5 within the group, by median and median '
-        "absolute deviation.</p>"
-    )
-    if outliers:
-        head = (
-            "<th>case</th><th>group</th><th>metric</th>"
-            '<th class="number">value</th><th class="number">score</th>'
-        )
-        lines = (
-            f"<td>{_link(each.row)}</td><td>{escape(str(each.row['group']))}</td>"
-            f"<td>{escape(METRICS[each.metric])}</td>"
-            f'<td class="number">{each.value:.4g}</td><td class="number">{each.score:+.1f}</td>'
-            for each in outliers[:MAX_LISTED]
-        )
-        yield _wide("Outliers", head, lines)
-
-
-def _failures(rows: Sequence[Row]) -> Iterable[str]:
-    yield f"<h2>Cases with an error ({len(rows)})</h2>"
-    if rows:
-        lines = (
-            f"<td>{_link(row)}</td><td>{escape(str(row['status']))}</td>"
-            f"<td>{escape(str(row['reason']))}</td>"
-            for row in rows[:MAX_LISTED]
-        )
-        yield _wide("Cases with an error", "<th>case</th><th>status</th><th>reason</th>", lines)
-
-
-def _link(row: Row) -> str:
-    """The name of a case as a link to its folder; a simulated one names what makes it."""
-    name, source = escape(str(row["name"])), str(row["source"] or "")
-    if not source:
-        return f"{name}<br><small>make-case --case {name}</small>"
+def case_url(row: Row) -> str:
+    """The address of a case's folder; empty where it has none, as a simulated one."""
+    source = str(row["source"] or "")
     if source.startswith(("http://", "https://", "file://")):
-        url = source
-    elif "://" in source:
-        return f"{name}<br><small>{escape(source)}</small>"
-    else:
-        url = Path(source).absolute().as_uri()
-    return f'<a href="{escape(url, quote=True)}">{name}</a>'
-
-
-def _table(label: str, head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    return _wide(
-        label,
-        "".join(f"<th>{escape(cell)}</th>" for cell in head),
-        ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in lines),
-    )
-
-
-def _wide(label: str, head: str, lines: Iterable[str]) -> str:
-    """A table of cells that are HTML."""
-    rows = "".join(f"<tr>{line}</tr>" for line in (head, *lines))
-    return scrolling(f"<table>{rows}</table>", label)
+        return source
+    return "" if not source or "://" in source else Path(source).absolute().as_uri()

@@ -3,50 +3,42 @@
 `web/coverage.js` draws it. A browser without scripts and a printer show the six views instead.
 """
 
-import json
 from base64 import b64encode
-from html import escape
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from app.analysis.coverage import WITHIN_MM
 from app.geometry import ANATOMICAL_AXES, ANATOMICAL_WORDS, FloatArray
 from app.report.coverage_colors import AMBIENT, CLASS_NAMES, COLORS, DIRECT, INK, PAPER
 from app.report.covered_surface import CoveredSurface
-from app.report.page import scrolling
+from app.report.page import json_of, part
 
 STEPS_PER_MM = 1000
 """Distances in the page are whole numbers of these steps, rounded up: no class changes by it."""
 FARTHER = 0xFFFF
 """Stands for a distance beyond the largest of `WITHIN_MM`."""
 MAX_VERTICES = 0x10000
-_TITLE = "Coverage of the tumour"
 _STEPS_OF_REACH = 0x7FFF
-_HELP = (
-    "Drag or use the arrow keys to turn, + and - or the wheel to zoom, 0 to reset. The distance is "
-    "that under the pointer, with keys that at the cross."
-)
 
 
-def coverage_figure(surface: CoveredSurface, views: str) -> str:
-    """The figure; ``views`` is the HTML of the picture that paper and no script show.
+def coverage_figure(surface: CoveredSurface, views: Markup) -> Markup:
+    """The figure; ``views`` is the picture that paper and no script show.
 
     It is that picture alone for a surface of more than `MAX_VERTICES` vertices, which only one that
     is not closed can have.
     """
-    if len(surface.vertices_mm) > MAX_VERTICES:
-        return scrolling(views, _TITLE, "figure")
-    data = json.dumps(coverage_document(surface), allow_nan=False, separators=(",", ":"))
-    return (
-        f'<figure class="coverage" aria-label="{_TITLE}">{scrolling(views, _TITLE, "static")}'
-        '<div class="turned"><div class="tools"></div>'
-        '<canvas tabindex="0" role="application" aria-label="Surface of the tumour" '
-        'aria-describedby="coverage-help"></canvas>'
-        f'<p class="reading" role="status"></p>{_legend()}'
-        f'<p class="help" id="coverage-help">{escape(_HELP)}</p></div>'
-        f'<script type="application/json">{data}</script></figure>'
+    is_turned = len(surface.vertices_mm) <= MAX_VERTICES
+    return part(
+        "coverage.html",
+        title="Coverage of the tumour",
+        views=views,
+        data=json_of(coverage_document(surface)) if is_turned else None,
+        classes=list(zip(COLORS, CLASS_NAMES, strict=True)),
+        ink=INK,
+        paper=PAPER,
     )
 
 
@@ -114,19 +106,6 @@ def _view_from(direction: FloatArray) -> dict[str, float]:
     if level < 1e-6:
         return {"azimuth": 180.0 if z > 0.0 else 0.0, "elevation": elevation}
     return {"azimuth": round(float(np.degrees(np.arctan2(x, y))), 1), "elevation": elevation}
-
-
-def _legend() -> str:
-    entries = [
-        '<li><svg viewBox="0 0 14 14" aria-hidden="true"><rect x=".5" y=".5" width="13" '
-        f'height="13" fill="{color}" stroke="{INK}" stroke-width=".5"/></svg>{escape(name)}</li>'
-        for color, name in zip(COLORS, CLASS_NAMES, strict=True)
-    ]
-    entries.append(
-        '<li><svg viewBox="0 0 14 14" aria-hidden="true"><circle cx="7" cy="7" r="6" '
-        f'fill="{PAPER}" stroke="{INK}" stroke-width="1.5"/></svg>place of a breach</li>'
-    )
-    return f'<ul class="legend">{"".join(entries)}</ul>'
 
 
 def _packed(values: NDArray[Any], kind: str) -> str:

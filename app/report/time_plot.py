@@ -3,16 +3,16 @@
 Each figure has a static picture, which a browser without scripts and a printer show.
 """
 
-import json
 from dataclasses import dataclass
-from html import escape
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray
+from app.report.page import json_of, part
 
 MAX_POINTS = 20_000
 """A longer recording is shown by the lowest and the highest value of each part of it."""
@@ -121,16 +121,10 @@ class TimePlot:
             ],
         }
 
-    def html(self, static: str, description: str) -> str:
-        """The figure; ``static`` is the HTML of its picture, ``description`` a text."""
-        data = json.dumps(self.document(), allow_nan=False, separators=(",", ":"))
-        return (
-            f'<figure class="plot" aria-label="{escape(description)}">'
-            f'<div class="static">{static}</div><div class="tools"></div><div class="chart"></div>'
-            # "<" would let a text of the data end the element.
-            f'<script type="application/json">{data.replace("<", chr(92) + "u003c")}</script>'
-            "</figure>"
-        )
+    def html(self, static: Markup, description: str) -> Markup:
+        """The figure; ``static`` is its picture."""
+        data = json_of(self.document())
+        return part("plot.html", static=static, description=description, data=data)
 
 
 def extremes(values: FloatArray, max_points: int) -> NDArray[np.intp]:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from app.analysis.breaches import find_breaches
 from app.files.atomic_io import write_files
 from app.report.analysis_files import analysis_document
@@ -93,10 +95,10 @@ def _contents(
     rows, margins = record.rows, record.margins
     summary = summarise(record)
     contents = {"summary.json": _json(summary), "margin.csv": margin_csv(rows).encode()}
-    sections: tuple[str, ...] = ()
+    sections = Markup()
     if analysed is not None:
         figures = analysed.figures()
-        sections = tuple(analysis_sections(analysed, figures))
+        sections = analysis_sections(analysed, figures)
         document = analysis_document(analysed.analysis, analysed.methods)
         contents["analysis.json"] = _json(document)
         contents |= {name: figure.encode() for name, figure in figures.items()}

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 from app.analysis.coverage import WITHIN_MM, Coverage, spread_faces
 from app.geometry import ANATOMICAL_AXES, SurfaceMesh
@@ -124,9 +125,11 @@ def test_tumour_that_the_tool_never_came_near_is_all_farther():
 
 def test_figure_has_the_views_and_names_all_classes():
     tumor = bumpy(3)
-    figure = coverage_figure(covered_surface(tumor, coverage_by_height(tumor)), "<b>views</b>")
+    figure = coverage_figure(
+        covered_surface(tumor, coverage_by_height(tumor)), Markup("<b>views</b>")
+    )
     assert re.search(r'<div class="static"[^>]*><b>views</b></div>', figure)
-    legend = re.search(r'<ul class="legend">(.*?)</ul>', figure).group(1)
+    legend = re.search(r'(?s)<ul class="legend">(.*?)</ul>', figure).group(1)
     assert re.findall(r'<rect [^>]*fill="(#\w+)"', legend) == list(COLORS)
     assert re.findall(r"</svg>([^<]+)</li>", legend) == [*CLASS_NAMES, "place of a breach"]
     (data,) = re.findall(r"<script type=.application/json.>(.*?)</script>", figure)
@@ -136,7 +139,7 @@ def test_figure_has_the_views_and_names_all_classes():
 def test_surface_with_too_many_vertices_is_shown_by_its_views_alone():
     vertices = np.zeros((MAX_VERTICES + 1, 3))
     surface = CoveredSurface(vertices, np.zeros((1, 3), int), np.zeros(1), np.zeros((0, 3)))
-    figure = coverage_figure(surface, "<b>x</b>")
+    figure = coverage_figure(surface, Markup("<b>x</b>"))
     assert figure.startswith('<div class="figure" ') and "><b>x</b></div>" in figure
     assert "canvas" not in figure
 

@@ -74,7 +74,9 @@ def test_data_of_a_page_are_the_distances_states_and_breaches(plot):
 
 
 def test_policy_allows_the_shipped_scripts_and_the_style_alone():
-    parts = Parts(document("a page", ["<p>x</p>"], figures=True))
+    parts = Parts(
+        document("analysis.html", "a page", figures=True, name="x", distance="", sections="")
+    )
     scripts = [text for kind, text in parts.contents if kind == "script"]
     assert tuple(scripts) == figure_scripts()
     (style,) = [text for kind, text in parts.contents if kind == "style"]
@@ -82,7 +84,7 @@ def test_policy_allows_the_shipped_scripts_and_the_style_alone():
     assert directives["script-src"] == " ".join(map(csp_source, scripts))
     assert directives["style-src"] == csp_source(style)
     assert directives["default-src"] == "'none'" and directives["img-src"] == "data:"
-    plain = Parts(document("a page", ["<p>x</p>"]))
+    plain = Parts(document("analysis.html", "a page", name="x", distance="", sections=""))
     assert "script-src 'none'" in plain.policy
     assert [kind for kind, _ in plain.contents] == ["style"]
 
