@@ -8,14 +8,14 @@ import numpy as np
 from app.analysis.breaches import Breach
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
+from app.report.colors import INK, LOWER_BOUND, STOP, WARN
 from app.report.rows import ReportRow, played_seconds, state_bands
 from app.report.time_plot import Band, Line, Mark, Series, TimePlot
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
 
-_INK, _STOP, _WARN, _LOWER = "#1c2733", "#a32a14", "#8a6100", "#8b97a3"
-_SHOWN_TIMES_WARN = 5.0
+_SHOWN_TIMESWARN = 5.0
 _DISTANCE = "signed distance, tool to tumour [mm]"
 
 
@@ -33,13 +33,13 @@ def distance_plot(
     return TimePlot(
         seconds,
         (
-            Series("lower bound", _LOWER, _column([row.lower_bound_mm for row in rows]), 0.7),
-            Series("applied stop", _STOP, stop, 0.9, (2, 3)),
-            Series("applied warn", _WARN, warn, 0.9, (2, 3)),
-            Series("signed distance", _INK, _column([row.signed_distance_mm for row in rows])),
+            Series("lower bound", LOWER_BOUND, _column([row.lower_bound_mm for row in rows]), 0.7),
+            Series("applied stop", STOP, stop, 0.9, (2, 3)),
+            Series("applied warn", WARN, warn, 0.9, (2, 3)),
+            Series("signed distance", INK, _column([row.signed_distance_mm for row in rows])),
         ),
         _DISTANCE,
-        top=_SHOWN_TIMES_WARN * margins.warn_mm,
+        top=_SHOWN_TIMESWARN * margins.warn_mm,
         bands=tuple(
             Band(
                 start_s,
@@ -62,9 +62,9 @@ def analysed_distance_plot(found: "CaseAnalysis", margins: MarginParameters) -> 
     """The signed distance of an analysis, with its breaches."""
     return TimePlot(
         _rising(found),
-        (Series("signed distance", _INK, found.distances_mm),),
+        (Series("signed distance", INK, found.distances_mm),),
         _DISTANCE,
-        top=_SHOWN_TIMES_WARN * margins.warn_mm,
+        top=_SHOWN_TIMESWARN * margins.warn_mm,
         lines=_lines(margins),
         marks=tuple(
             Mark(breach.start_s, breach.end_s, f"breach {number}")
@@ -77,7 +77,7 @@ def probability_plot(found: "CaseAnalysis") -> TimePlot | None:
     """The probability of a breach at each frame; None where no errors were given."""
     if found.probability is None:
         return None
-    moments = Series("P(breach)", _STOP, found.probability.moments)
+    moments = Series("P(breach)", STOP, found.probability.moments)
     return TimePlot(
         _rising(found), (moments,), "P(breach)", unit="", digits=4, limits=(0.0, 1.02), top=1.02
     )
@@ -91,9 +91,9 @@ def _rising(found: "CaseAnalysis") -> FloatArray:
 
 def _lines(margins: MarginParameters) -> tuple[Line, ...]:
     return (
-        Line(0.0, "surface", _INK),
-        Line(margins.stop_mm, f"stop {margins.stop_mm:g}", _STOP),
-        Line(margins.warn_mm, f"warn {margins.warn_mm:g}", _WARN),
+        Line(0.0, "surface", INK),
+        Line(margins.stop_mm, f"stop {margins.stop_mm:g}", STOP),
+        Line(margins.warn_mm, f"warn {margins.warn_mm:g}", WARN),
     )
 
 

@@ -5,7 +5,7 @@ from html import escape
 import numpy as np
 
 from app.geometry import ANATOMICAL_AXES, ANATOMICAL_WORDS, FloatArray
-from app.report.coverage_colors import (
+from app.report.colors import (
     AMBIENT,
     CLASS_NAMES,
     COLORS,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.analysis.coverage import WITHIN_MM
 from app.geometry import ANATOMICAL_AXES, ANATOMICAL_WORDS, FloatArray
-from app.report.coverage_colors import AMBIENT, CLASS_NAMES, COLORS, DIRECT, INK, PAPER
+from app.report.colors import AMBIENT, CLASS_NAMES, COLORS, DIRECT, INK, PAPER
 from app.report.covered_surface import CoveredSurface
 from app.report.page import json_of, part
 

@@ -6,12 +6,12 @@ from html import escape
 import numpy as np
 
 from app.geometry import FloatArray
+from app.report.colors import CLEAR_BAR, INK, INSIDE_BAR, LINE, STOP_BAR, WARN_BAR
 
 MAX_MM = 30.0
 """Larger distances are left out; the caption says how long they lasted."""
 _WIDTH, _HEIGHT = 640.0, 260.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 54.0, 12.0, 14.0, 46.0
-_INSIDE, _STOP, _WARN, _CLEAR = "#a32a14", "#d98a00", "#e9c46a", "#3d8fb5"
 
 
 def distance_svg(
@@ -37,7 +37,7 @@ def distance_svg(
     parts = [_head(f"{farther_s:.1f} s farther than {MAX_MM:g} mm are not shown")]
     for tick in np.linspace(0.0, top, 5).tolist():
         y = base - tick * scale
-        parts.append(_line(_LEFT, y, _WIDTH - _RIGHT, y, "#d5dce3"))
+        parts.append(_line(_LEFT, y, _WIDTH - _RIGHT, y, LINE))
         parts.append(_text(_LEFT - 6.0, y + 4.0, f"{tick:g} s", "end"))
     for start, value in zip(edges[:-1].tolist(), seconds.tolist(), strict=True):
         if value > 0.0:
@@ -52,8 +52,8 @@ def distance_svg(
     parts.extend(_text(x(tick), base + 18.0, f"{tick}", "middle") for tick in ticks)
     for value, name in ((0.0, "surface"), (stop_mm, "stop"), (warn_mm, "warning")):
         if low <= value <= MAX_MM:
-            parts.append(_line(x(value), _TOP, x(value), base, "#1c2733", dash="4 3", title=name))
-    parts.append(_line(_LEFT, base, _WIDTH - _RIGHT, base, "#1c2733"))
+            parts.append(_line(x(value), _TOP, x(value), base, INK, dash="4 3", title=name))
+    parts.append(_line(_LEFT, base, _WIDTH - _RIGHT, base, INK))
     parts.append(_text((_LEFT + _WIDTH - _RIGHT) / 2.0, _HEIGHT - 8.0, "distance, mm", "middle"))
     return "\n".join([*parts, "</svg>"]) + "\n"
 
@@ -61,10 +61,10 @@ def distance_svg(
 def _color(start: float, stop_mm: float, warn_mm: float) -> str:
     middle = start + 0.5
     if middle < 0.0:
-        return _INSIDE
+        return INSIDE_BAR
     if middle < stop_mm:
-        return _STOP
-    return _WARN if middle < warn_mm else _CLEAR
+        return STOP_BAR
+    return WARN_BAR if middle < warn_mm else CLEAR_BAR
 
 
 def _nice(value: float) -> float:
@@ -78,7 +78,7 @@ def _nice(value: float) -> float:
 def _head(description: str) -> str:
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" '
-        'font-family="system-ui, sans-serif" font-size="13" fill="#1c2733">\n'
+        f'font-family="system-ui, sans-serif" font-size="13" fill="{INK}">\n'
         f"<title>Time at each distance from the tumour</title><desc>{escape(description)}</desc>"
     )
 

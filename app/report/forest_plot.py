@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
 from app.cohort import METRICS, Comparison
+from app.report.colors import EFFECT, INK
 
-_INK, _MARK = "#1c2733", "#0b5ea8"
 _DPI = 120
 
 
@@ -23,23 +23,23 @@ def forest_png(comparisons: Sequence[Comparison]) -> bytes | None:
     canvas: Any = FigureCanvasAgg(figure)
     plot = figure.subplots()
     for place, (comparison, (centre, low, high)) in enumerate(shown):
-        plot.plot([low, high], [place, place], color=_MARK, linewidth=2.0)
-        plot.plot([centre], [place], marker="s", markersize=7, color=_MARK)
+        plot.plot([low, high], [place, place], color=EFFECT, linewidth=2.0)
+        plot.plot([centre], [place], marker="s", markersize=7, color=EFFECT)
         plot.annotate(
             f"{comparison.difference:+.3g} [{comparison.low:.3g}, {comparison.high:.3g}]",
             (1.01, place),
             xycoords=("axes fraction", "data"),
             va="center",
-            color=_INK,
+            color=INK,
         )
-    plot.axvline(0.0, color=_INK, linewidth=0.8)
-    plot.set_yticks(range(len(shown)), [METRICS[c.metric] for c, _ in shown], color=_INK)
+    plot.axvline(0.0, color=INK, linewidth=0.8)
+    plot.set_yticks(range(len(shown)), [METRICS[c.metric] for c, _ in shown], color=INK)
     plot.set_ylim(len(shown) - 0.5, -0.5)
     first, second = shown[0][0].groups
     plot.set_xlabel(
         f"{second} minus {first}, in pooled standard deviations (Hedges' g), 95 % interval; "
         "right: in the metric's unit",
-        color=_INK,
+        color=INK,
         parse_math=False,
     )
     for side in ("top", "right", "left"):

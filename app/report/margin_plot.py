@@ -17,11 +17,9 @@ from matplotlib.patches import Patch
 from app.analysis.breaches import Breach
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
+from app.report.colors import BREACH, HATCH, INK, STOP, WARN
 from app.report.label_layout import spread
 from app.report.rows import ReportRow, played_seconds, state_bands
-
-_INK = "#1c2733"
-
 
 _SIZE_INCHES = (13.0, 6.0)
 _DPI = 120
@@ -30,7 +28,6 @@ _NAME_FRACTION = 0.07
 _SHOWN_TIMES_WARN = 5.0
 """The plot reaches up to this many warning distances."""
 _BAND_ALPHA = 0.16
-_HATCH_COLOR = "#5a5a5a"
 _LABEL_POINTS = 14.0
 """Height of the name of a line."""
 _PLOT_POINTS = 0.75 * 72.0 * _SIZE_INCHES[1]
@@ -60,7 +57,7 @@ def margin_figure(
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
     strip, plot = figure.subplots(2, 1, sharex=True, height_ratios=(1, 16))
     figure.suptitle(
-        title, x=0.012, ha="left", color=_INK, fontsize=14, fontweight="bold", parse_math=False
+        title, x=0.012, ha="left", color=INK, fontsize=14, fontweight="bold", parse_math=False
     )
     # A clock that jumps back would fold the plot over itself.
     seconds = played_seconds(rows)
@@ -94,12 +91,12 @@ def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: Fl
         )
         plot.broken_barh(
             bands, (0.0, 1.0), transform=plot.get_xaxis_transform(), facecolor=color,
-            alpha=_BAND_ALPHA, lw=0, hatch=state.display.hatch, edgecolor=_HATCH_COLOR, zorder=0,
+            alpha=_BAND_ALPHA, lw=0, hatch=state.display.hatch, edgecolor=HATCH, zorder=0,
         )  # fmt: skip
     strip.set_ylim(0.0, 1.0)
     strip.set_yticks([])
     strip.tick_params(bottom=False, labelbottom=False)
-    strip.set_ylabel("state", rotation=0, ha="right", va="center", color=_INK)
+    strip.set_ylabel("state", rotation=0, ha="right", va="center", color=INK)
     for side in strip.spines.values():
         side.set_visible(False)
 
@@ -108,11 +105,11 @@ def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -
     # NaN interrupts the line where no distance was measured.
     lower = _column([row.lower_bound_mm for row in rows])
     distance = _column([row.signed_distance_mm for row in rows])
-    plot.plot(seconds, lower, color=_INK, lw=0.7, alpha=0.35, label="lower bound")
-    plot.plot(seconds, distance, color=_INK, lw=1.5, label="signed distance", zorder=4)
-    plot.set_ylabel("signed distance, tool to tumour [mm]", color=_INK)
-    plot.set_xlabel("time from the first frame [s]", color=_INK)
-    plot.grid(axis="y", color=_INK, alpha=0.10, lw=0.6)
+    plot.plot(seconds, lower, color=INK, lw=0.7, alpha=0.35, label="lower bound")
+    plot.plot(seconds, distance, color=INK, lw=1.5, label="signed distance", zorder=4)
+    plot.set_ylabel("signed distance, tool to tumour [mm]", color=INK)
+    plot.set_xlabel("time from the first frame [s]", color=INK)
+    plot.grid(axis="y", color=INK, alpha=0.10, lw=0.6)
     for side in ("top", "right"):
         plot.spines[side].set_visible(False)
 
@@ -127,12 +124,12 @@ def _draw_margins(
         for totals in ([row.warn_total_mm for row in rows], [row.stop_total_mm for row in rows])
     )
     for name, nominal_mm, applied, color in (
-        ("warn", margins.warn_mm, warn_total, "#8a6100"),
-        ("stop", margins.stop_mm, stop_total, "#a32a14"),
+        ("warn", margins.warn_mm, warn_total, WARN),
+        ("stop", margins.stop_mm, stop_total, STOP),
     ):
         plot.axhline(nominal_mm, color=color, lw=1.2, ls=(0, (6, 4)), zorder=3)
         plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {name}")
-    plot.axhline(0.0, color=_INK, lw=1.0, zorder=3)
+    plot.axhline(0.0, color=INK, lw=1.0, zorder=3)
 
 
 def _label_margins(plot: Axes, margins: MarginParameters) -> None:
@@ -140,9 +137,9 @@ def _label_margins(plot: Axes, margins: MarginParameters) -> None:
     low, high = plot.get_ylim()
     points_per_mm = _PLOT_POINTS / (high - low)
     lines = (
-        (margins.warn_mm, f"warn {margins.warn_mm:g}", "#8a6100"),
-        (margins.stop_mm, f"stop {margins.stop_mm:g}", "#a32a14"),
-        (0.0, "surface", _INK),
+        (margins.warn_mm, f"warn {margins.warn_mm:g}", WARN),
+        (margins.stop_mm, f"stop {margins.stop_mm:g}", STOP),
+        (0.0, "surface", INK),
     )
     wished = [-height * points_per_mm for height, _, _ in lines]
     # The name of the surface is below its line.
@@ -171,7 +168,7 @@ def _draw_limits(
         plot.annotate(
             f"distances above {top:g} mm are not drawn", (1.0, 1.0), (-4, -4),
             xycoords="axes fraction", textcoords="offset points", ha="right", va="top",
-            fontsize=9, color=_INK, zorder=8,
+            fontsize=9, color=INK, zorder=8,
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
         )  # fmt: skip
 
@@ -197,14 +194,14 @@ def _draw_breaches(
         plot.annotate(
             f"breach {number}\n\N{MINUS SIGN}{-depth:.2f} mm", (middle_s, depth), (0, -9),
             textcoords="offset points", ha="right" if is_close else "center", va="top",
-            fontsize=10, fontweight="bold", color="#7d1d0d", zorder=7, linespacing=1.15,
+            fontsize=10, fontweight="bold", color=BREACH, zorder=7, linespacing=1.15,
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
         )  # fmt: skip
 
 
 def _draw_legend(figure: Figure, strip: Axes, plot: Axes) -> None:
     states = [
-        Patch(facecolor=state.color, hatch=state.display.hatch, edgecolor=_HATCH_COLOR, lw=0)
+        Patch(facecolor=state.color, hatch=state.display.hatch, edgecolor=HATCH, lw=0)
         for state in MarginState
     ]
     names = [
@@ -218,7 +215,7 @@ def _draw_legend(figure: Figure, strip: Axes, plot: Axes) -> None:
         ncols=len(states) + len(lines),
         frameon=False,
         fontsize=8.5,
-        labelcolor=_INK,
+        labelcolor=INK,
         handlelength=1.4,
         columnspacing=1.0,
     )

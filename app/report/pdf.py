@@ -5,10 +5,11 @@ from typing import Any
 
 from app.analysis import Insertion
 from app.analysis.breaches import find_breaches
+from app.report.colors import SOFT
 from app.report.insertion_table import insertion_rows
 from app.report.margin_plot import margin_figure
 from app.report.page import NOT_A_DEVICE
-from app.report.pdf_layout import SOFT, PdfLayout
+from app.report.pdf_layout import PdfLayout
 from app.report.reasons import count_reasons
 from app.report.record import ReplayRecord
 from app.report.summary import CAUTERY_AT_ENTRY

@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.lines import Line2D
 
+from app.report.colors import INK, LINE, SOFT
+
 WIDTH_PT, HEIGHT_PT = 595.0, 842.0
 """A4, upright."""
 MARGIN_PT = 46.0
-INK, SOFT, LINE = "#1c2733", "#51606e", "#d5dce3"
 
 _EM_PER_CHAR = 0.53
 """Width of a character of DejaVu Sans, slightly more than its mean."""

@@ -5,6 +5,7 @@ from html import escape
 
 import numpy as np
 
+from app.report.colors import INK, LINE
 from app.report.label_layout import spread
 from app.report.time_plot import TimePlot, extremes
 
@@ -12,7 +13,6 @@ MAX_POINTS = 2000
 _WIDTH, _HEIGHT = 900.0, 300.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 12.0, 20.0, 46.0
 _LABEL_STEP = 15.0
-_INK = "#1c2733"
 
 
 def time_svg(plot: TimePlot, title: str) -> str:
@@ -30,11 +30,11 @@ def time_svg(plot: TimePlot, title: str) -> str:
 
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" '
-        f'font-family="system-ui, sans-serif" font-size="13" fill="{_INK}">\n'
+        f'font-family="system-ui, sans-serif" font-size="13" fill="{INK}">\n'
         f"<title>{escape(title)}</title>"
     ]
     for value in _ticks(low, high):
-        parts.append(_line(y(value), "#d5dce3"))
+        parts.append(_line(y(value), LINE))
         parts.append(_text(_LEFT - 6.0, y(value) + 4.0, f"{value:g}", "end"))
     parts.extend(
         _text(x(time_s), _HEIGHT - _BOTTOM + 18.0, f"{time_s:g}", "middle")
@@ -87,7 +87,7 @@ def _line(y: float, color: str, *, dash: str = "") -> str:
     )
 
 
-def _text(x: float, y: float, text: str, anchor: str, color: str = _INK) -> str:
+def _text(x: float, y: float, text: str, anchor: str, color: str = INK) -> str:
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}">{escape(text)}</text>'
     )

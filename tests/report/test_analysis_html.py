@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.report import analysis_page
-from app.report.coverage_colors import shaded
+from app.report.colors import shaded
 from app.report.distance_svg import distance_svg
 from app.report.frames_table import COLUMNS, FramesTable
 from app.report.methods import methods_text, recorded_on

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from app.analysis.coverage import WITHIN_MM, Coverage, spread_faces
 from app.geometry import ANATOMICAL_AXES, SurfaceMesh
-from app.report.coverage_colors import AMBIENT, CLASS_NAMES, COLORS
+from app.report.colors import AMBIENT, CLASS_NAMES, COLORS
 from app.report.coverage_view import FARTHER, MAX_VERTICES, coverage_document, coverage_figure
 from app.report.covered_surface import MAX_FACES, CoveredSurface, covered_surface
 from app.synthetic.tumour import icosphere
