@@ -4,6 +4,7 @@ import gc
 import os
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -22,6 +23,9 @@ settings.register_profile("random", deadline=None)
 settings.load_profile("suite")
 
 unfreeze = gc.unfreeze
+
+TOGETHER = ("tests/slicer_module/", "tests/viewer/")
+"""Folders whose fixtures of a session take seconds: a recording, a server with its browser."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -66,6 +70,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the most expensive files first, so that the workers end together."""
     seconds = seconds_by_file()
     items.sort(key=lambda item: -seconds.get(_path(item.nodeid), 0.0))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """One worker runs all files of a folder in `TOGETHER`; ``--dist loadfile`` spreads the others.
+
+    None for another ``--dist``: then pytest-xdist makes its own scheduler.
+    """
+    if config.option.dist != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):  # type: ignore[misc]
+        def _split_scope(self, nodeid: str) -> str:
+            path = _path(nodeid)
+            return next((folder for folder in TOGETHER if path.startswith(folder)), path)
+
+    return Scheduling(config, log)
 
 
 @pytest.fixture(autouse=True, scope="session")

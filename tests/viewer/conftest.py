@@ -200,11 +200,17 @@ def serve_live(can_draw: None, request: pytest.FixtureRequest, tmp_path: Path) -
 
 
 @contextmanager
-def watching(browser: Browser, server: Server, url: str = "") -> Iterator[Watched]:
-    """Open the operator's page, or that at ``url``, in a new browser context of `SIZE`."""
+def watching(
+    browser: Browser, server: Server, url: str = "", script: str = ""
+) -> Iterator[Watched]:
+    """Open the operator's page, or that at ``url``, in a new browser context of `SIZE`.
+
+    ``script`` runs before those of the page.
+    """
     context = browser.new_context(viewport=SIZE, accept_downloads=True)
     context.set_default_timeout(1000.0 * DEADLINE_S)
     watched = Watched(context.new_page(), server.host)
+    watched.page.add_init_script(script)
     try:
         watched.open(url or server.url)
     except Error as error:

@@ -10,11 +10,12 @@ from playwright.sync_api import expect
 
 from app.fixture import MarginState
 from app.report import ReportRow, margin_csv
-from tests.viewer.conftest import Watched
+from tests.viewer.conftest import watching
 from tests.viewer.page_actions import (
     click_at,
     download,
     drag,
+    press,
     read,
     resize,
     screenshot,
@@ -28,6 +29,30 @@ pytestmark = pytest.mark.slow
 MINUS = "\N{MINUS SIGN}"
 LABELS = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}
 STATES = {0: "NEGATIVE", BREACH_FRAME: "POSITIVE", LOST[0]: "UNKNOWN"}
+
+
+# A test double of a browser that blocks sound until the page is clicked. Chromium itself counts the
+# evaluations of a test as clicks.
+BLOCKED_SOUND = """
+    const context = AudioContext;
+    let clicked = false;
+    window.addEventListener("click", () => { clicked = true; }, true);
+    window.AudioContext = class extends context {
+        get state() { return clicked ? super.state : "suspended"; }
+    };
+"""
+
+
+@pytest.fixture(scope="module")
+def watched(browser, server):
+    """A page whose sound was blocked until its button was clicked."""
+    with watching(browser, server, script=BLOCKED_SOUND) as watched:
+        page = watched.page
+        expect(page.locator("body")).to_have_attribute("data-sound", "blocked")
+        expect(page.locator("#sound")).to_contain_text("blocked")
+        page.locator("#sound").click()
+        expect(page.locator("body")).to_have_attribute("data-sound", "on")
+        yield watched
 
 
 @pytest.fixture
@@ -72,7 +97,7 @@ def wait_for_two_more(page, name, before):
 
 def test_page_opens_without_errors_and_without_external_requests(watched):
     expect(watched.page.locator("#state-label")).to_be_visible()
-    watched.page.keyboard.press(" ")
+    press(watched.page, " ")
     wait_for(watched.page, "trame.state.get('now').frame > 3")
     assert watched.requests
     assert watched.external_requests() == []
@@ -191,31 +216,6 @@ def test_low_tone_rings_when_a_known_state_becomes_unknown(page):
     show_frame(page, 0)
     expect(page.locator("#state-label")).to_have_text("CLEAR")
     assert page.locator("body").get_attribute("data-sound") == "on"
-
-
-# A test double of a browser that blocks sound until the page is clicked. Chromium itself counts the
-# evaluations of a test as clicks.
-BLOCKED_SOUND = """
-    const context = AudioContext;
-    let clicked = false;
-    window.addEventListener("click", () => { clicked = true; }, true);
-    window.AudioContext = class extends context {
-        get state() { return clicked ? super.state : "suspended"; }
-    };
-"""
-
-
-def test_blocked_sound_is_shown_until_the_page_is_clicked(browser, server):
-    context = browser.new_context()
-    watched = Watched(context.new_page(), server.host)
-    watched.page.add_init_script(BLOCKED_SOUND)
-    page = watched.open(server.url)
-    body = page.locator("body")
-    expect(body).to_have_attribute("data-sound", "blocked")
-    expect(page.locator("#sound")).to_contain_text("blocked")
-    page.locator("#sound").click()
-    expect(body).to_have_attribute("data-sound", "on")
-    context.close()
 
 
 def test_tumor_can_be_hidden(close_up):
