@@ -24,8 +24,8 @@ settings.load_profile("suite")
 
 unfreeze = gc.unfreeze
 
-TOGETHER = ("tests/slicer_module/", "tests/viewer/")
-"""Folders whose fixtures of a session take seconds: a recording, a server with its browser."""
+TOGETHER = ("tests/bridge/", "tests/cli/", "tests/slicer_module/", "tests/viewer/")
+"""Folders whose files share what takes seconds to start: warm processes, a server, a browser."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
