@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
 
 from app.analysis import PHASES, Jitter, estimate_jitter, motion_of, phases_of
 from app.analysis.motion import raw_path_mm
@@ -125,6 +124,8 @@ def test_a_jitter_out_of_range_is_refused(sigma):
 @pytest.mark.parametrize("derivative", [0, 1, 2, 3])
 @pytest.mark.parametrize(("count", "length"), [(40, 11), (11, 11), (8, 5)])
 def test_equals_scipy_at_the_ends_too(count, length, derivative):
+    from scipy.signal import savgol_filter  # half a second, for this test alone
+
     values = np.random.default_rng(count).normal(size=(count, 3)).cumsum(axis=0)
     found = savitzky_golay(values, length, 3, derivative=derivative, step=0.02)
     expected = savgol_filter(values, length, 3, deriv=derivative, delta=0.02, axis=0)

@@ -43,7 +43,7 @@ assert [n for name, n in before.items() if "_fill_between" in name] == [1]
 
 @pytest.fixture(autouse=True)
 def no_shared_field(monkeypatch):
-    """Each engine builds its own field: tests compare them."""
+    """Each preparation builds its own field: tests compare them."""
     monkeypatch.setenv("MARGINGUARD_FIELD_CACHE", "off")
 
 
@@ -125,7 +125,8 @@ def test_tumours_in_different_frames_are_refused():
         tumor_change(ball(1.0), ball(1.0, frame="reference"))
 
 
-def test_engines_for_one_tool_are_as_new_ones_and_prepare_it_once():
+def test_engines_for_one_tool_are_as_new_ones_and_prepare_it_once(monkeypatch):
+    monkeypatch.delenv("MARGINGUARD_FIELD_CACHE")
     shapes = trimesh.creation.box([4, 4, 30]), trimesh.creation.cylinder(2.0, 30.0)
     box, rod = (SurfaceMesh("tool", each.vertices, each.faces) for each in shapes)
     balls = [ball(radius, frame="tumor", subdivisions=2) for radius in (9.0, 12.0)]
