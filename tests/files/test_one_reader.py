@@ -115,8 +115,11 @@ OPENS_FILES = {
 
 @cache
 def tree(path: Path) -> tuple[ast.AST, ...]:
-    """All nodes of the syntax tree of ``path``."""
-    return tuple(ast.walk(ast.parse(path.read_text(), str(path))))
+    """Attributes, calls and imports of names in ``path``."""
+    kinds = ast.Attribute | ast.Call | ast.ImportFrom
+    return tuple(
+        n for n in ast.walk(ast.parse(path.read_text(), str(path))) if isinstance(n, kinds)
+    )
 
 
 @cache
