@@ -24,8 +24,8 @@ settings.load_profile("suite")
 
 unfreeze = gc.unfreeze
 
-TOGETHER = ("tests/bridge/", "tests/cli/", "tests/slicer_module/", "tests/viewer/")
-"""Folders whose files share what takes seconds to start: warm processes, a server, a browser."""
+TOGETHER = ("tests/bridge/", "tests/cli/", "tests/slicer_module/", "tests/test_", "tests/viewer/")
+"""Starts of paths of files that share what takes seconds: processes, a browser, syntax trees."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
