@@ -119,6 +119,17 @@ def own_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 
 
 @pytest.fixture(scope="session")
+def can_draw() -> None:
+    """Skips, with what is missing, on a machine that cannot draw without a screen."""
+    from app.scene import OffscreenError, use_offscreen_rendering  # loads VTK
+
+    try:
+        use_offscreen_rendering()
+    except OffscreenError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
 def project_root() -> Path:
     return PROJECT_ROOT
 

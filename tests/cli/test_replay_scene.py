@@ -14,7 +14,6 @@ from app.case import open_case, read_mrml
 from app.files import extras
 from app.fixture import MarginState
 from app.geometry import InputError
-from app.scene import OffscreenError, use_offscreen_rendering
 from app.session import Session, setup_from_case
 from tests.cli import command
 from tests.cli.small_case import edit_manifest, write_small_case
@@ -70,14 +69,6 @@ def deepest(case):
     """The step of the frame with the smallest distance of the whole replay."""
     steps = [step for step in steps_of(case) if step.decision.proximity]
     return min(steps, key=lambda step: step.decision.proximity.signed_distance_mm)
-
-
-@pytest.fixture
-def can_draw():
-    try:
-        use_offscreen_rendering()
-    except OffscreenError as error:
-        pytest.skip(str(error))
 
 
 def steps_of(case):

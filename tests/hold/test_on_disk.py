@@ -136,9 +136,10 @@ def test_clock_that_was_set_back_changes_nothing(folder):
     assert run(folder) == ()
 
 
-def test_folder_in_place_of_a_file_refuses_the_start(folder):
-    record_path(folder, KEY.slots[0]).mkdir(parents=True)
-    with pytest.raises(StateFileError, match="cannot be written: Is a directory"):
+@pytest.mark.parametrize(("path", "done"), [(record_path, "written"), (lock_path, "locked")])
+def test_folder_in_place_of_a_file_refuses_the_start(folder, path, done):
+    path(folder, KEY.slots[0]).mkdir(parents=True)
+    with pytest.raises(StateFileError, match=f"cannot be {done}: Is a directory"):
         run(folder)
 
 
@@ -146,12 +147,6 @@ def test_file_in_place_of_the_folder_refuses_the_start(folder):
     folder.parent.mkdir()
     folder.write_text("")
     with pytest.raises(StateFileError, match="expected a writable folder"):
-        run(folder)
-
-
-def test_folder_in_place_of_a_lock_refuses_the_start(folder):
-    lock_path(folder, KEY.slots[0]).mkdir(parents=True)
-    with pytest.raises(StateFileError, match="cannot be locked: Is a directory"):
         run(folder)
 
 

@@ -14,7 +14,7 @@ from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, T
 from app.registration import DriftBound, given_registration
 from app.robot import Joint, JointType, Link, Robot, Shape
 from app.runtime import SessionContent
-from app.scene import OffscreenError, SceneApplication, load_scene, use_offscreen_rendering
+from app.scene import SceneApplication, load_scene
 from app.session import RobotSetup, StepResult
 from tests.doubles import PARAMETERS
 
@@ -200,15 +200,6 @@ def loaded(path):
     application = SceneApplication(vtkMRMLScene())
     load_scene(application.scene, path)
     return application
-
-
-@pytest.fixture(scope="session")
-def can_draw():
-    """Skips, with what is missing, on a machine that cannot draw without a screen."""
-    try:
-        use_offscreen_rendering()
-    except OffscreenError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

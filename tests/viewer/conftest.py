@@ -19,7 +19,6 @@ from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, V
 
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.cli.signals import SignalState
-from app.scene import OffscreenError, use_offscreen_rendering
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.page_actions import press, show_frame, wait_until_uncovered
 from tests.viewer.viewed_case import write_viewed_case
@@ -108,14 +107,6 @@ class Watched:
     def _on_console(self, message: ConsoleMessage) -> None:
         if message.type in ("error", "warning"):
             self.errors.append(message.text)
-
-
-@pytest.fixture(scope="session")
-def can_draw() -> None:
-    try:
-        use_offscreen_rendering()
-    except OffscreenError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")
