@@ -79,33 +79,30 @@ def test_hand_of_the_world_pushes_and_is_measured(simulated):
     assert seen["measured_cf"]["header"]["frame_id"] == "cautery"
 
 
-@pytest.mark.parametrize(
-    ("command", "problem"),
-    [
-        (
-            {"velocity": [math.nan] + [0.0] * 5},
-            "velocity of joint 'waist' is nan; expected a finite",
-        ),
-        ({"velocity": [0.1] * 5}, "5 velocities; expected 6"),
-        ({"names": ["elbow"], "velocity": [0.1]}, "joints are elbow; expected waist, shoulder"),
-        ({"velocity": [0.1] * 6, "ahead_s": 2}, "ns in the future; expected the past"),
-    ],
-)
-def test_invalid_command_is_a_fault_until_the_arm_is_enabled(simulated, command, problem):
-    command = {"names": simulated.joints, **command}
-    simulated.round_until(lambda _: bool(simulated.arm.fault), command)
-    assert problem in simulated.arm.fault
-    simulated.round_until(lambda seen: problem in fault_of(seen))
-    for _ in range(20):  # valid commands change nothing
-        simulated.round(simulated.velocity(0.3))
-    assert problem in simulated.arm.fault
-    simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
-    assert problem in simulated.arm.fault
+INVALID = {
+    "velocity of joint 'waist' is nan; expected a finite": {"velocity": [math.nan] + [0.0] * 5},
+    "5 velocities; expected 6": {"velocity": [0.1] * 5},
+    "joints are elbow; expected waist, shoulder": {"names": ["elbow"], "velocity": [0.1]},
+    "ns in the future; expected the past": {"velocity": [0.1] * 6, "ahead_s": 2},
+}
+
+
+def test_invalid_command_is_a_fault_until_the_arm_is_enabled(simulated):
     client = simulated.ros.node.create_client(Trigger, "/arm/enable")
-    reply = client.call_async(Trigger.Request())
-    simulated.round_until(lambda _: reply.done())
-    assert reply.result().success
-    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.25, simulated.velocity(0.3))
+    for problem, command in INVALID.items():
+        command = {"names": simulated.joints, **command}
+        simulated.round_until(lambda _: bool(simulated.arm.fault), command)
+        assert problem in simulated.arm.fault
+        simulated.round_until(lambda seen, problem=problem: problem in fault_of(seen))
+        for _ in range(20):  # valid commands change nothing
+            simulated.round(simulated.velocity(0.3))
+        assert problem in simulated.arm.fault
+        simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
+        assert problem in simulated.arm.fault
+        reply = client.call_async(Trigger.Request())
+        simulated.round_until(lambda _, reply=reply: reply.done())
+        assert reply.result().success
+        simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.25, simulated.velocity(0.3))
 
 
 def test_second_controller_stops_the_arm(simulated):
