@@ -1,6 +1,7 @@
 """The gate of one sensor: real hands pass, jumps do not, against an oracle in NumPy and SciPy."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -48,6 +49,7 @@ def at_rest(rate_hz: float, seconds: float, *, sigma_mm: float = 0.15, seed: int
     return sensor, count / rate_hz
 
 
+@cache
 def tracks(recording):
     """Times and poses of every edge of a recording."""
     found = {}
