@@ -24,7 +24,13 @@ settings.load_profile("suite")
 
 unfreeze = gc.unfreeze
 
-TOGETHER = ("tests/bridge/", "tests/cli/", "tests/slicer_module/", "tests/test_", "tests/viewer/")
+TOGETHER = (
+    "tests/bridge/live/",
+    "tests/cli/",
+    "tests/slicer_module/",
+    "tests/test_",
+    "tests/viewer/",
+)
 """Starts of paths of files that share what takes seconds: processes, a browser, syntax trees."""
 
 
