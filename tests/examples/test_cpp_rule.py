@@ -23,7 +23,7 @@ def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(
 
 
 def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver: Path) -> None:
-    check_random_lives(cpp_driver, controllers=100)
+    check_random_lives(cpp_driver, controllers=60)
 
 
 def test_cpp_rule_has_no_undefined_behaviour(cpp_sources: Path, tmp_path: Path) -> None:
