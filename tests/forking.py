@@ -199,9 +199,9 @@ def parent_of(arguments: Sequence[str]) -> WarmParent:
     return warm_parent({"cyclone": CYCLONE, "other": OTHER}.get(kind, PLAIN))
 
 
-def forked(*arguments: object, **options: Any) -> ForkedProcess:
-    """Start ``-m app.cli ...`` or ``-c program ...``, forked from a parent with `LIGHT`."""
-    return warm_parent(LIGHT).start(arguments, **options)
+def forked(*arguments: object, modules: Sequence[str] = LIGHT, **options: Any) -> ForkedProcess:
+    """Start ``-m app.cli ...`` or ``-c program ...``, forked from a parent with ``modules``."""
+    return warm_parent(modules).start(arguments, **options)
 
 
 def run_forked(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":

@@ -9,10 +9,8 @@ import threading
 import pytest
 
 from app.cli.signals import SIGNALS, note_signals, raise_signals
-from app.files.atomic_io import write_files
-from tests.cli.command import run
 from tests.cli.small_case import write_small_case
-from tests.forking import forked, run_forked
+from tests.forking import COMMAND, forked, run_forked
 
 pytestmark = pytest.mark.slow
 
@@ -135,29 +133,22 @@ def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, c
 
 
 @both_signals
-def test_recorded_signal_leaves_complete_recording(domain_id, project_root, tmp_path, number):
+@pytest.mark.parametrize(
+    ("place", "command", "whole"),
+    [
+        ("app.report.write.write_files", "replay {case} --no-ros --report new", "report.html"),
+        ("app.case.live_recording._write", "record -o new --config {live}", "case.yaml"),
+    ],
+)
+def test_recorded_signal_leaves_complete_file(
+    domain_id, project_root, tmp_path, number, place, command, whole, without_scene
+):
     live = project_root / "data/live_example/live.yaml"
-    place, words = "app.case.live_recording._write", ("record", "-o", "new", "--config", live)
-    done = run_forked("-c", WRITING, int(number), place, *words, folder=tmp_path)
+    words = command.format(case=write_small_case(tmp_path / "case"), live=live).split()
+    program = ("-c", WRITING, int(number), place, *words)
+    done = run_forked(*program, folder=tmp_path, modules=COMMAND)
     assert done.returncode == 128 + number, done.stderr
-    assert (tmp_path / "new" / "case.yaml").is_file()
-    assert [*tmp_path.rglob(".*")] == []
-
-
-def test_recorded_signal_leaves_complete_report(tmp_path, monkeypatch, without_scene):
-    """In this process, which has loaded what a report needs."""
-    case, written = write_small_case(tmp_path / "case"), []
-
-    def interrupted(folder, contents):
-        signal.raise_signal(signal.SIGTERM)
-        write_files(folder, contents)
-        written.extend(contents)
-
-    monkeypatch.setattr("app.report.write.write_files", interrupted)
-    words = ("replay", case, "--no-ros", "--report", tmp_path / "new")
-    run(*words, status=128 + signal.SIGTERM)
-    assert "report.html" in written
-    assert {path.name for path in (tmp_path / "new").iterdir()} >= set(written)
+    assert (tmp_path / "new" / whole).is_file()
     assert [*tmp_path.rglob(".*")] == []
 
 
