@@ -55,9 +55,9 @@ def refused(*words: object) -> str:
     return line
 
 
-def margin_table(case: Path) -> bytes:
+def margin_table(case: Path, rate: float | None = None) -> bytes:
     """The bytes of ``margin.csv``, without the other files of a report, which take seconds."""
-    log = ReplayLog()
-    for _ in ReplayRun(prepare_case(case), clock_ns=time.monotonic_ns, outputs=[log]).steps():
+    log, prepared = ReplayLog(), prepare_case(case)
+    for _ in ReplayRun(prepared, clock_ns=time.monotonic_ns, rate=rate, outputs=[log]).steps():
         pass
     return margin_csv(log.rows).encode()

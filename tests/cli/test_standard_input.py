@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from tests.forking import forked
+from tests.forking import COMMAND, forked
 
 pytestmark = pytest.mark.slow
 
@@ -39,7 +39,7 @@ def test_process_ends_while_a_thread_waits_for_standard_input():
 def test_signal_ends_a_command_whose_input_is_open(domain_id, tmp_path, command):
     new = str(tmp_path / "new")
     arguments = {"record": ["-o", new, "--until-eof", "--json"], "operation": [new]}[command]
-    with forked("-m", "app.cli", command, *arguments) as process:
+    with forked("-m", "app.cli", command, *arguments, modules=COMMAND) as process:
         while "status" not in (line := process.stdout.readline()) and new not in line:
             assert line
         process.send_signal(signal.SIGINT)
