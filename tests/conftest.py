@@ -27,6 +27,7 @@ unfreeze = gc.unfreeze
 TOGETHER = (
     "tests/bridge/live/",
     "tests/cli/",
+    "tests/report/",
     "tests/slicer_module/",
     "tests/test_",
     "tests/viewer/",
