@@ -110,8 +110,9 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     >>> from marginguard_msgs.msg import FixtureConstraint, HalfSpace
     >>> floor = HalfSpace(offset=0.005)  # 5 mm above the origin
     >>> floor.normal.z, floor.point_on_tool.z = 1.0, 0.008
-    >>> message = FixtureConstraint(instance_id="a", seq=1, half_spaces=[floor])
+    >>> message = FixtureConstraint(instance_id="a", setup_id="b", seq=1, half_spaces=[floor])
     >>> message.planes_current = True  # and not message.simulated
+    >>> message.max_tool_speed, message.max_tool_turn = 0.05, 0.5  # m/s, rad/s
     >>> message.header.frame_id, message.valid_until.nanosec = "tumor", 60_000_000
     >>> plain = mg.plain_constraint(message)
     >>> isinstance(plain, mg.PlainConstraint), plain.offsets_mm.tolist()

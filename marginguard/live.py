@@ -47,7 +47,26 @@ DEFAULT_NODE = "/marginguard"
 
 
 class LiveSession:
-    """A session in another process, as the page and the panel see it; made by `live_session`."""
+    """A session in another process, as the page and the panel see it; made by `live_session`.
+
+    `request` takes the commands of displays:
+
+    >>> import marginguard as mg
+    >>> tip = mg.Transform.identity("cautery", "cautery_tip")
+    >>> stylus = mg.Transform.identity("stylus", "stylus_tip")
+    >>> place = mg.Transform.identity("needle", "tumor")
+    >>> ball = mg.open_case(mg.example_case()).content.tumor
+    >>> corners = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 0.0, 50.0]]
+    >>> base = mg.register_points(corners, corners)
+    >>> for command in (
+    ...     mg.AddNote("first cut"), mg.ChooseDepth(40.0), mg.LengthenNeedle(5.0), mg.Record(True),
+    ...     mg.Rearm(seq=4711, nonce=9301742), mg.SetMargins(stop_mm=2.0, warn_mm=6.0),
+    ...     mg.SetTip(tip, 0.2), mg.SetStylusTip(stylus, 0.2), mg.SetTumor(place, ball, 0.3),
+    ...     mg.SetRegistration(base),
+    ... ):
+    ...     print(command.kind, end=" ")
+    note image_depth needle_length record rearm set_margins set_tip set_stylus_tip set_tumor register
+    """
 
     def __init__(self, steps: Iterator[StepResult], client: "SessionClient") -> None:
         self._steps = steps
@@ -121,5 +140,6 @@ def live_session(
 
     with RosNode(name) as ros:
         client = SessionClient(ros, node, waiting=waiting)
+        client.needs_every = lambda: True
         with closing(client), closing(client.steps()) as steps:
             yield LiveSession(steps, client)

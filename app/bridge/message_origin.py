@@ -99,8 +99,9 @@ class Rcl:
         self.take = rcl.rcl_take_serialized_message
         self.take.argtypes = (ctypes.c_void_p,) * 4
         self.reset_error = rcl.rcutils_reset_error
-        self.on_message = rcl.rcl_subscription_set_on_new_message_callback
-        self.on_message.argtypes = (ctypes.c_void_p,) * 3
+        self._on_message = rcl.rcl_subscription_set_on_new_message_callback
+        self._on_event = rcl.rcl_event_set_callback
+        self._on_message.argtypes = self._on_event.argtypes = (ctypes.c_void_p,) * 3
         self.init_bytes = rcl.rcutils_uint8_array_init
         self.init_bytes.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
         self.free_bytes = rcl.rcutils_uint8_array_fini
@@ -115,11 +116,21 @@ class Rcl:
         rcl.rmw_get_implementation_identifier.restype = ctypes.c_void_p
         self.implementation = rcl.rmw_get_implementation_identifier()
 
-    def call_on_message(self, subscription: int, function: int | None, data: int | None) -> None:
-        """Have the middleware call ``function(data, count)`` for new messages; None: no more."""
-        if self.on_message(subscription, function, data) != 0:
+    def call_on_message(self, address: int, function: int | None, data: int | None) -> None:
+        """Have the middleware call ``function(data, count)`` for new messages; None: no more.
+
+        ``address`` is that of the ``rcl_subscription_t``.
+        """
+        self._require_ok(self._on_message(address, function, data))
+
+    def call_on_event(self, address: int, function: int | None, data: int | None) -> None:
+        """As `call_on_message`, of the ``rcl_event_t`` at ``address``."""
+        self._require_ok(self._on_event(address, function, data))
+
+    def _require_ok(self, result: int) -> None:
+        if result != 0:
             self.reset_error()
-            raise BridgeError("subscription: rcl cannot tell when a message comes")
+            raise BridgeError(f"subscription: rcl cannot tell what comes (error {result})")
 
 
 @cache

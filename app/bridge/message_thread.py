@@ -1,8 +1,9 @@
-"""Delivers the messages of a node's subscriptions, each with its origin, in a thread of its own.
+"""Delivers the messages and events of a node's subscriptions in a thread of its own.
 
 rclpy builds a wait set of everything that a node has for each message, and so spends more on its
-wait than on the message. Here the middleware itself writes to an eventfd when a message has come,
-by ``eventfd_write`` of the C library as its callback: it waits for no interpreter.
+wait than on the message; with Fast DDS a wait for the events of a subscription ends at each of its
+messages, too. Here the middleware itself writes to an eventfd when something has come, by
+``eventfd_write`` of the C library as its callback: it waits for no interpreter.
 """
 
 import ctypes
@@ -15,6 +16,7 @@ from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
+from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import (
     ConditionReachedException,
@@ -25,20 +27,22 @@ from rclpy.executors import (
 from rclpy.subscription import Subscription
 
 from app.bridge import message_origin
-from app.bridge.message_origin import MessageTaker, Origin, Rcl, ReceiveFrom, Receiver
+from app.bridge.message_origin import MessageTaker, Origin, Receiver
 
 _MAX_TAKEN = 64
 """Messages of one subscription in a turn; the callbacks of others get theirs meanwhile."""
 
 
-class _Input(NamedTuple):
-    subscription: Subscription
-    receive: ReceiveFrom
-    taker: MessageTaker
+class _Source(NamedTuple):
+    """What wakes the thread: ``call_on_news(address, function, data)`` sets its callback in C."""
+
+    handle: Any
+    call_on_news: Callable[[int, int | None, int | None], None]
+    deliver: Callable[[], None]
 
 
 class MessageThread:
-    """One callback at a time holds ``turn``, of the messages and of the node's executor.
+    """One callback at a time holds ``turn``, of this thread and of the node's executor.
 
     ``failed()`` is called while an exception of a callback is handled. Without the functions of rcl
     it delivers nothing, and the executor does.
@@ -47,8 +51,9 @@ class MessageThread:
     def __init__(self, name: str, turn: threading.RLock, failed: Callable[[], None]) -> None:
         self._turn, self._failed = turn, failed
         self._rcl = message_origin.loaded_rcl()
-        self._inputs: dict[int, _Input] = {}
-        self._descriptors: dict[Subscription, int] = {}
+        self._sources: dict[int, _Source] = {}
+        self._descriptors: dict[Subscription, list[int]] = {}
+        self._handlers: set[EventHandler] = set()
         self._ready = select.epoll()
         self._end = self._descriptor()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -56,39 +61,48 @@ class MessageThread:
 
     @property
     def is_current(self) -> bool:
-        """True in a callback of a message."""
+        """True in a callback of this thread."""
         return threading.current_thread() is self._thread
 
     def delivers(self, entity: object) -> bool:
-        """True for a subscription that is `add`-ed here, also before it is."""
-        if self._rcl is None or not isinstance(entity, Subscription):
+        """True for a subscription that is `add`-ed here, also before it is, and for its events."""
+        if self._rcl is None:
             return False
-        return isinstance(entity.callback, Receiver)
+        if isinstance(entity, Subscription):
+            return isinstance(entity.callback, Receiver)
+        return entity in self._handlers
 
     def add(self, subscription: Subscription) -> None:
-        """Deliver the messages of ``subscription`` to its callback, which is a `Receiver`."""
-        receiver: Any = subscription.callback
-        if self._rcl is None:
+        """Deliver what comes for ``subscription``, whose callback is a `Receiver`."""
+        rcl = self._rcl
+        if rcl is None:
             return
         with self._turn:
-            descriptor = self._descriptor()
-            self._inputs[descriptor] = _Input(
-                subscription, receiver.receive, MessageTaker(self._rcl)
-            )
-            self._descriptors[subscription] = descriptor
-            self._wake_by(self._rcl, subscription, descriptor)
+            taker = MessageTaker(rcl)
+            deliver = partial(self._deliver, subscription, taker)
+            sources = [_Source(subscription.handle, rcl.call_on_message, deliver)]
+            handlers: Any = subscription.event_handlers  # rclpy annotates it as one
+            for handler in handlers:
+                event = handler._EventHandler__event
+                sources.append(_Source(event, rcl.call_on_event, partial(_tell, handler)))
+                self._handlers.add(handler)
+            self._descriptors[subscription] = [self._descriptor() for _ in sources]
+            for descriptor, source in zip(self._descriptors[subscription], sources, strict=True):
+                self._sources[descriptor] = source
+                with source.handle:  # also what waits already writes to the descriptor
+                    source.call_on_news(source.handle.pointer, _WRITE, descriptor)
 
     def remove(self, subscription: Subscription) -> None:
-        """Deliver no more messages of ``subscription``; nothing for one that was not added."""
+        """Deliver no more of ``subscription``; nothing for one that was not added."""
         with self._turn:
-            descriptor = self._descriptors.pop(subscription, None)
-            if descriptor is None or self._rcl is None:
-                return
-            del self._inputs[descriptor]
-            with suppress(InvalidHandle):
-                self._wake_by(self._rcl, subscription, None)
-            self._ready.unregister(descriptor)
-            os.close(descriptor)
+            for descriptor in self._descriptors.pop(subscription, ()):
+                source = self._sources.pop(descriptor)
+                with suppress(InvalidHandle), source.handle:
+                    source.call_on_news(source.handle.pointer, None, None)
+                self._ready.unregister(descriptor)
+                os.close(descriptor)
+            handlers: Any = subscription.event_handlers
+            self._handlers.difference_update(handlers)
 
     def close(self, timeout_s: float) -> None:
         """End the thread and deliver nothing more. A callback that does not return keeps both."""
@@ -106,43 +120,47 @@ class MessageThread:
         self._ready.register(descriptor, select.EPOLLIN)
         return descriptor
 
-    def _wake_by(self, rcl: Rcl, subscription: Subscription, descriptor: int | None) -> None:
-        """Write to ``descriptor`` at each message, also for those that wait already."""
-        with subscription.handle:
-            rcl.call_on_message(
-                subscription.handle.pointer, None if descriptor is None else _WRITE, descriptor
-            )
-
     def _run(self) -> None:
         while True:
             for descriptor, _ in self._ready.poll():
                 if descriptor == self._end:
                     return
                 with self._turn:
-                    self._deliver(descriptor)
+                    self._take_turn(descriptor)
 
-    def _deliver(self, descriptor: int) -> None:
-        found = self._inputs.get(descriptor)
-        if found is None:  # removed after the wait
+    def _take_turn(self, descriptor: int) -> None:
+        source = self._sources.get(descriptor)
+        if source is None:  # removed after the wait
             return
         with suppress(BlockingIOError):
             os.eventfd_read(descriptor)
-        taken: list[tuple[bytes, Origin]] = []
         try:
-            with found.subscription.handle:
-                take = partial(found.taker.take, found.subscription.handle.pointer)
-                taken += islice(iter(take, None), _MAX_TAKEN)
+            source.deliver()
         except Exception:
             self._failed()
+
+    def _deliver(self, subscription: Subscription, taker: MessageTaker) -> None:
+        receiver: Any = subscription.callback
+        with subscription.handle:
+            take = partial(taker.take, subscription.handle.pointer)
+            taken: list[tuple[bytes, Origin]] = list(islice(iter(take, None), _MAX_TAKEN))
         if len(taken) == _MAX_TAKEN:
-            os.eventfd_write(descriptor, 1)  # the rest in the next turn
+            os.eventfd_write(self._descriptors[subscription][0], 1)  # the rest in the next turn
         for data, origin in taken:
-            if self._inputs.get(descriptor) is not found:  # removed by its own callback
+            if subscription not in self._descriptors:  # removed by its own callback
                 return
             try:
-                found.receive(data, origin)
+                receiver.receive(data, origin)
             except Exception:  # the other messages are not lost
                 self._failed()
+
+
+def _tell(handler: Any) -> None:
+    """Call the callback of an event, as rclpy's executor does."""
+    handler._ready_to_take_data = True
+    status = handler.take_data()
+    if status is not None:
+        handler.callback(status)
 
 
 class TurnExecutor(SingleThreadedExecutor):

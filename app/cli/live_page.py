@@ -168,7 +168,9 @@ def _shown(
     )
     feed.call_on_change(viewer.wake)
     with prompt_process(), ThreadPoolExecutor(max_workers=1) as workers:
-        followed = LiveSteps(feed, content, surface, workers, viewer.workflow)
+        workflow = viewer.workflow
+        session.needs_every = lambda: workflow is not None and workflow.is_recording
+        followed = LiveSteps(feed, content, surface, workers, workflow)
         operator.connect(operator_of_session)
         thread = threading.Thread(
             target=_follow, args=(session, steps, followed, feed), name="session"

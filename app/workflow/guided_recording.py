@@ -79,6 +79,11 @@ class GuidedRecording(ABC, Generic[_Result]):
             self._follow_session()
 
     @property
+    def is_recording(self) -> bool:
+        """True while samples are recorded."""
+        return self._phase is Phase.RECORDING
+
+    @property
     def revision(self) -> object:
         """A value that changes when there is something to show without a new step."""
         return self._revision, self._fits.is_done

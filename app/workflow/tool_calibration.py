@@ -74,10 +74,10 @@ class ToolCalibration(GuidedRecording[TipChange]):
 
     def observe(self, step: StepResult) -> None:
         """Record the pose of ``step`` while a calibration is recording."""
-        if self._phase is not Phase.RECORDING:
+        if not self.is_recording:
             return
         with self._lock:
-            if self._phase is Phase.RECORDING:
+            if self.is_recording:
                 self._samples.observe(step)
 
     def status(self) -> CalibrationStatus:
@@ -126,7 +126,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
         with self._lock:
             known = 0 if self._fit is None else self._fit.samples
             new = len(self._samples) - known
-            if self._phase is Phase.IDLE or new < (_NEW_POSES if self._is_recording else 1):
+            if self._phase is Phase.IDLE or new < (_NEW_POSES if self.is_recording else 1):
                 return None
             rotations, translations_mm = self._samples.arrays()
             return CalibrationTask(
@@ -143,10 +143,6 @@ class ToolCalibration(GuidedRecording[TipChange]):
         with self._lock:
             if fit.run == self._run and self._phase is not Phase.IDLE:
                 self._fit = fit
-
-    @property
-    def _is_recording(self) -> bool:
-        return self._phase is Phase.RECORDING
 
     def _known(self, tool: TrackedTool) -> Transform:
         """The tip in use; at the sensor's origin for a stylus that is not calibrated."""

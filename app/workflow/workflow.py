@@ -28,9 +28,14 @@ class Workflow:
         self._guides = tuple(each for each in guides if each is not None)
 
     def observe(self, step: StepResult) -> None:
-        """Record the poses of ``step``; every step, in the session's thread."""
+        """Record the poses of ``step``, in the session's thread; every one while `is_recording`."""
         for each in self._guides:
             each.observe(step)
+
+    @property
+    def is_recording(self) -> bool:
+        """True while poses are recorded, which needs every step."""
+        return any(each.is_recording for each in self._guides)
 
     @property
     def revision(self) -> object:

@@ -10,8 +10,15 @@ import marginguard
 
 pytestmark = pytest.mark.long
 
-SHOWN_IN = dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint")
-"""Names of the rule of a controller -> function whose example shows them together."""
+COMMANDS = {
+    *("AddNote", "ChooseDepth", "LengthenNeedle", "Rearm", "Record", "SetMargins"),
+    *("SetRegistration", "SetStylusTip", "SetTip", "SetTumor"),
+}
+SHOWN_IN = {
+    **dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint"),
+    **dict.fromkeys(COMMANDS, "LiveSession"),
+}
+"""Names -> the name whose example shows them together."""
 
 EXAMPLES = {
     test.name: test

@@ -38,8 +38,9 @@ REPLY_S, LONG_REPLY_S = 10.0, 120.0
 _LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
 
 _MESH_S = 5.0
-_MAX_WAITING = 100
-"""Steps that wait for a display. Of more only the newest is left: it is slower than the guard."""
+_MAX_WAITING, _MAX_NEEDED = 3, 100
+"""Steps that wait for a display, and for one that needs every step. Of more only the newest is
+left: the display is slower than the guard."""
 _WAIT_S = 0.2
 _DRIFT = 5e-5
 """Largest drift of two machines' clocks."""
@@ -52,9 +53,9 @@ class SessionClient:
 
     ``node`` is a full name, or one in the namespace of ``ros``.
 
-    `steps` waits for a node that has not started yet, and follows one that is started again. It
-    gives every step, as guided recordings need them, to a display that takes them fast enough: see
-    `_MAX_WAITING`. What it cannot use ends it with a `BridgeError`: messages of another version,
+    `steps` waits for a node that has not started yet, and follows one that is started again. A
+    display that is slower than the node gets the newest step and not those in between, but while it
+    `needs_every` one. What it cannot use ends it with a `BridgeError`: messages of another version,
     and steps of two guards at once. ``images`` are those of the session, from the first step on;
     None without. ``waiting(s)`` is called while no step has come for so many seconds; its error
     ends `steps`. ``own``: the first step is that of a node which was started for this display,
@@ -85,6 +86,8 @@ class SessionClient:
         self._descriptions: dict[str, ContentMessage] = {}
         self._instance_id, self._ended_ids = "", set[str]()
         self._changed = threading.Condition()
+        self.needs_every: Callable[[], bool] = lambda: False
+        """Whether the steps are recorded, as by a guided calibration, and not only shown."""
         self._waiting: deque[bytes] = deque()
         self._cancel = threading.Event()
         self._problem = ""
@@ -158,14 +161,20 @@ class SessionClient:
     def _next(self) -> bytes | None:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
+            if len(self._waiting) > (_MAX_NEEDED if self.needs_every() else _MAX_WAITING):
+                self._keep_newest()
             return self._waiting.popleft() if self._waiting else None
 
     def _receive_step(self, data: bytes) -> None:
         with self._changed:
-            if len(self._waiting) >= _MAX_WAITING:
-                self._waiting.clear()
             self._waiting.append(data)
+            if len(self._waiting) > _MAX_NEEDED:
+                self._keep_newest()
             self._changed.notify()
+
+    def _keep_newest(self) -> None:
+        while len(self._waiting) > 1:
+            self._waiting.popleft()
 
     def _receive_description(self, message: ContentMessage) -> None:
         with self._changed:

@@ -15,7 +15,7 @@ class LiveSteps:
 
     The margin surface of another tumour or stop margin takes a second to compute in ``workers``;
     until then there is none, never that of the content before.
-    ``workflow`` records the poses of all steps, also of those that the page leaves out.
+    ``workflow`` records the poses.
     """
 
     def __init__(

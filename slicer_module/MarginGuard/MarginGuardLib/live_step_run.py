@@ -89,6 +89,9 @@ class LiveStepRun:
             content = client.operator.content
             if self.workflow is None:
                 self.workflow = self._workflow_of(content)
+                client.needs_every = lambda: (
+                    self.workflow is not None and self.workflow.guided.is_recording
+                )
             self.workflow.observe(step, content)
             yield step
 

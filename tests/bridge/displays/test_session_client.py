@@ -295,15 +295,19 @@ def test_request_that_is_not_a_displays_is_refused(guard, display):
     assert "expected a digest of the present ~/content" in mesh.message
 
 
-def test_display_that_stalls_gets_every_step_and_one_that_is_too_slow_the_newest(
+def test_display_that_stalls_gets_every_step_while_it_records_and_else_the_newest(
     guard, display, domain_id, monkeypatch
 ):
-    monkeypatch.setattr("app.bridge.displays.session_client._MAX_WAITING", 40)
+    monkeypatch.setattr("app.bridge.displays.session_client._MAX_NEEDED", 40)
     other = display()
     with RosNode(f"{PANEL_NODE}_1", domain_id=domain_id) as ros:
         client = SessionClient(ros, NODE)
         with closing(client), closing(client.steps()) as steps:
             last = next(steps).index
+            other.until(lambda step, _: step.index >= last + 30)
+            shown = next(steps).index
+            assert shown > last + 20
+            client.needs_every, last = lambda: True, shown
             other.until(lambda step, _: step.index >= last + 30)
             taken = [next(steps).index for _ in range(30)]
             assert taken == list(range(last + 1, last + 31))
