@@ -113,6 +113,7 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     >>> message = FixtureConstraint(instance_id="a", setup_id="b", seq=1, half_spaces=[floor])
     >>> message.planes_current = True  # and not message.simulated
     >>> message.max_tool_speed, message.max_tool_turn = 0.05, 0.5  # m/s, rad/s
+    >>> message.free_distance, message.free_turn = 0.02, 0.2  # m, rad
     >>> message.header.frame_id, message.valid_until.nanosec = "tumor", 60_000_000
     >>> plain = mg.plain_constraint(message)
     >>> isinstance(plain, mg.PlainConstraint), plain.offsets_mm.tolist()

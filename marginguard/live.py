@@ -57,7 +57,8 @@ class LiveSession:
     >>> place = mg.Transform.identity("needle", "tumor")
     >>> ball = mg.open_case(mg.example_case()).content.tumor
     >>> corners = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 0.0, 50.0]]
-    >>> base = mg.register_points(corners, corners)
+    >>> frames = {"fixed_frame": "reference", "moving_frame": "base"}
+    >>> base = mg.register_points(corners, corners, **frames)
     >>> for command in (
     ...     mg.AddNote("first cut"), mg.ChooseDepth(40.0), mg.LengthenNeedle(5.0), mg.Record(True),
     ...     mg.Rearm(seq=4711, nonce=9301742), mg.SetMargins(stop_mm=2.0, warn_mm=6.0),
