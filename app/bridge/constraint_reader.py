@@ -100,7 +100,7 @@ class ConstraintReader:
             )
 
     def _cause(self) -> str:
-        """Why no message may have arrived."""
+        """The probable cause for which no message has arrived, as the end of an error message."""
         policy = self._ros.incompatible.get(self._topic.name)
         if policy is not None:
             return f"; its publisher has an incompatible {policy}"

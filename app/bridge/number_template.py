@@ -57,7 +57,7 @@ class NumberTemplate:
 
 
 def _length(raw: bytes, message: Any) -> int:
-    """How many bytes of ``raw`` hold ``message``.
+    """Number of bytes of ``raw`` that hold ``message``.
 
     rclpy adds up to 8 bytes that are not initialised after an empty sequence of numbers of 64 bits.
     rosbags rejects such a message.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from app.runtime import ReplayRun  # slow to load: with the compiled kernels
 
 HEARTBEAT_HZ = 100.0
-"""How often the constraint is repeated while a replay follows real time."""
+"""Rate at which the constraint is repeated while a replay follows real time."""
 
 
 @contextmanager

@@ -86,7 +86,7 @@ class SessionBag:
 
 
 class _BagEndpoints:
-    """What `SessionPublisher` needs of a node: publishers, which write to a bag.
+    """The endpoints of a node that `SessionPublisher` uses, with publishers that write to a bag.
 
     Messages before the first step, such as static frames, have the time of that step.
     """

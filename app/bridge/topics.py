@@ -34,7 +34,7 @@ STEP = Topic("~/step", SessionStep, STREAM)
 """Every step of a live session with what displays show of it."""
 
 CONTENT = Topic("~/content", SessionContent, LATCHED)
-"""What the steps of a live session are about: names, frames, margins, surfaces by digest."""
+"""Description of a live session for its steps: names, frames, margins, surfaces by digest."""
 
 DESIRED_TWIST = Topic("~/desired_twist", TwistStamped, NEWEST)
 """Input: desired twist of the tool's tip in m/s and rad/s, along the axes of the header's frame."""

@@ -70,7 +70,7 @@ class BasePose:
             self._samples = {name: each for name, each in self._samples.items() if name in used}
 
     def problem(self) -> str:
-        """Why no pose may be used; empty if it may."""
+        """The problem that forbids the use of the poses; empty without one."""
         return self._sender.problem()
 
     def measurement(self) -> PoseMeasurement | None:

@@ -1,4 +1,4 @@
-"""What the controller of an arm measures: its joints and the hand's wrench.
+"""Measured inputs of the controller of an arm: its joints and the hand's wrench.
 
 Messages are deserialised when they are used, because only the newest one matters.
 """
@@ -30,7 +30,7 @@ class NewestMessage:
         self._sender = SingleSender(ros, Topic(name, kind, INCOMING), self._take)
 
     def problem(self) -> str:
-        """Why no message may be used; empty if it may."""
+        """The problem that forbids the use of the messages; empty without one."""
         return self._sender.problem()
 
     def message(self) -> Any:

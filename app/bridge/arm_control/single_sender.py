@@ -29,7 +29,7 @@ class SingleSender:
         ros.subscribe_with_origin(topic, self._take)
 
     def problem(self) -> str:
-        """Why the messages cannot be used; empty if they can."""
+        """The problem that forbids the use of the messages; empty without one."""
         now_ns = time.monotonic_ns()
         with self._lock:
             if not self._trail.conflict:

@@ -22,14 +22,14 @@ from app.bridge.qos import Topic
 from app.geometry import MarginGuardError
 
 _CLOSE_TIMEOUT_S = 10.0
-"""How long `ActionServer.close` waits until the cancelled goal has ended."""
+"""Longest time for which `ActionServer.close` waits until the cancelled goal has ended."""
 
 _RESULT_TIMEOUT_S = 60
-"""How long a result is kept; with rclpy's default of 900 s many goals would fill the memory."""
+"""Time that a result is kept; with rclpy's default of 900 s many goals would fill the memory."""
 
 _REQUEST_TIMEOUT_S = 2.0
-"""How long after the end of a goal `ActionServer.close` waits for the request of its result. A
-client sends it when it has received the acceptance of the goal; some clients never do."""
+"""Longest time after the end of a goal for which `ActionServer.close` waits for the request of its
+result. A client sends it when it has received the goal's acceptance; some clients never do."""
 
 
 class GoalOutcome(Enum):

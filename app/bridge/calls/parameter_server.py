@@ -47,7 +47,7 @@ class ParameterDeclaration:
             raise CallError(problem)
 
     def problem(self, value: object) -> str:
-        """Why ``value`` is invalid; empty if it is valid."""
+        """The reason why ``value`` is invalid; empty if it is valid."""
         if type(value) is not type(self.value):
             return f"{self.name} is {value!r:.80}; expected {type(self.value).__name__}"
         numbers = value if isinstance(value, tuple) else (value,)

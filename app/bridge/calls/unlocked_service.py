@@ -99,7 +99,7 @@ def create_unlocked_service(
     qos_profile: QoSProfile,
     callback_group: CallbackGroup | None,
 ) -> Service:
-    """As ``node.create_service``, for requests that are received as ``received_as``.
+    """Create a service like ``node.create_service``, for requests received as ``received_as``.
 
     That is a type with the type support of the request and another conversion to Python.
     """

@@ -27,7 +27,7 @@ from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
 _SHUTDOWN_TIMEOUT_S = 10.0
-"""How long `LifecycleRosNode.close` waits for the node's thread, which may be configuring."""
+"""Longest wait of `LifecycleRosNode.close` for the node's thread, which may be configuring."""
 
 
 class Managed(Protocol):

@@ -1,4 +1,4 @@
-"""What a live node offers to displays, and the client that they use."""
+"""Topics and services of a live node for displays, and the client that displays use."""
 
 from app.bridge.displays.live_child import LiveChild
 from app.bridge.displays.session_client import SessionClient

@@ -1,4 +1,4 @@
-"""What a live node offers to displays: its steps, its description, its surfaces, its commands."""
+"""Endpoints of a live node for displays: its steps, its description, its surfaces, its commands."""
 
 import threading
 import time

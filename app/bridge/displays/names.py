@@ -11,7 +11,7 @@ _DISPLAYS = {PAGE_NODE: "the page", PANEL_NODE: "the panel", API_NODE: "the Pyth
 
 
 def origin_text(node: str) -> str:
-    """How requests of the node with this full name are listed.
+    """The origin under which requests of the node with this full name are listed.
 
     >>> origin_text("/marginguard_page_7")
     'the page (/marginguard_page_7)'

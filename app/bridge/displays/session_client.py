@@ -76,7 +76,7 @@ class SessionClient:
         self.node = node
         self.images: LiveImages | None = None
         self.operator: RemoteOperator | None = None
-        """What may be requested; None before the first step."""
+        """Sends the operator's requests; None before the first step."""
         self._ros, self._clock_ns, self._while_waiting = ros, clock_ns, waiting
         self._own, self._host = own, host_id()
         self._delay = TransportDelay()
@@ -110,7 +110,7 @@ class SessionClient:
 
     @property
     def silence(self) -> str:
-        """Why no step comes or can be shown; empty where that is not known."""
+        """The known reason why no step arrives or can be shown; empty if none is known."""
         if self._problem:
             return self._problem
         if not self._ros.is_open or self._ros.node.count_publishers(self._topic):
@@ -321,7 +321,7 @@ class RemoteOperator:
 
     @property
     def recording(self) -> RecordingStatus | None:
-        """What the last recording of the session has written; None before the first."""
+        """State of the last recording of the session; None before the first."""
         return self._recording
 
     @property

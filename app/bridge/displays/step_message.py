@@ -40,14 +40,14 @@ from app.session import KnownEdges, PathDepth, PathPoint, StepResult
 from app.session.known_edges import known_edges
 
 _NUMBERS = 12
-"""Of a transform."""
+"""Numbers of a transform: the upper three rows of its matrix."""
 
 _NO_POSE = (0.0,) * _NUMBERS
 
 
 @dataclass(frozen=True, slots=True)
 class StepOrigin:
-    """What comes with a step: its guard's run, the content it was taken with, its hold, requests.
+    """Data sent with a step: its guard's run, the content it was taken with, its hold, requests.
 
     ``request`` and ``recording`` are texts of `app.runtime.SessionWire`.
     """

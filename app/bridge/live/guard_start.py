@@ -156,7 +156,7 @@ def find_silent_publishers(name: str, namespace: str, domain_id: int | None) -> 
 def _discovery_s(
     ros: RosNode, namespace: str, domain_id: int | None, received: threading.Event
 ) -> float:
-    """How long ``ros`` needs to find others: a busy machine takes longer to find a probe, too.
+    """Seconds that ``ros`` needs to find others: a busy machine takes longer to find a probe, too.
 
     Returns early when a constraint has been ``received``.
     """

@@ -57,11 +57,11 @@ class LiveInputs:
         self.cautery = cautery_input(self._ros, prepared.config)
 
     def source_problem(self) -> str:
-        """Why the source cannot send; empty if it can."""
+        """The reason why the source cannot send; empty if it can."""
         return self._source.problem if isinstance(self._source, IgtlSource) else ""
 
     def image_problem(self) -> str:
-        """Why the last image over OpenIGTLink was refused; empty if it was not."""
+        """The reason why the last image over OpenIGTLink was refused; empty if it was accepted."""
         return "" if self._images is None else self._images.problem
 
     def connect(self, run: LiveRun, outputs: LiveOutputs) -> list[Counts]:

@@ -10,7 +10,7 @@ from app.session import StepResult
 
 
 class LiveNodeLifecycle:
-    """What `app.bridge.control.LifecycleRosNode` manages: a `LiveNode`, made at each *configure*.
+    """A `LiveNode` for `app.bridge.control.LifecycleRosNode`; each *configure* makes a new one.
 
     ``opened(ros)`` makes it. ``follow(steps)`` iterates over its steps while it is active, in a
     thread of its own. ``failed(error)`` is called there with an error that ended the steps: an

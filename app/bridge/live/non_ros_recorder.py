@@ -114,7 +114,7 @@ class IgtlRecorder:
 
     @property
     def problem(self) -> str:
-        """Why the server sends nothing; empty while it is connected. Raises a failure of it."""
+        """The reason why the server sends nothing; empty if connected. Raises a failure of it."""
         self._source.counts()
         return self._source.problem
 

@@ -1,4 +1,4 @@
-"""What serves the operators of a live node: services and parameters."""
+"""Services and parameters for the operators of a live node."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What receives the steps of a live node, and in which order."""
+"""Outputs that receive the steps of a live node, and their order."""
 
 import os
 import re

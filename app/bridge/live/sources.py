@@ -1,4 +1,4 @@
-"""What a live session receives over ROS: tracked transforms, joints, and other small messages."""
+"""Sources of a live session over ROS: tracked transforms, joints, and other small messages."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence

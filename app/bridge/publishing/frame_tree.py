@@ -10,7 +10,7 @@ from app.session import StepResult
 
 @dataclass(frozen=True, slots=True)
 class PublishPolicy:
-    """Which topics that other nodes may publish too are published by this node.
+    """Selection of those topics of this node that other nodes may publish too.
 
     A replay is alone on the graph and publishes all of them. ``clock``: the session's time is the
     time of the graph; ``measured``: the tracker's edges; ``robot``: its description, joints and

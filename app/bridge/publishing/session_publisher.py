@@ -237,7 +237,7 @@ class SessionPublisher:
             self._endpoints.destroy_publisher(publisher)
 
     def _valid_ns(self, step: StepResult, spent_ns: int) -> int | None:
-        """How long the heartbeat may repeat the constraint of ``step`` before it is stale.
+        """Time for which the heartbeat may repeat the constraint of ``step`` until it is stale.
 
         None for one that allows no approach anyway, and in a replay, whose time can be paused.
         """

@@ -101,7 +101,7 @@ class JointFollower:
         )
 
     def _oldest(self, samples: dict[str, _Sample], stamp_ns: int | None) -> str:
-        """What the pose of ``stamp_ns`` is as old as, in parentheses; empty without samples."""
+        """The source of the oldest sample of a pose, in parentheses; empty without samples."""
         if not samples:
             return ""
         oldest = min(samples, key=lambda name: samples[name].stamp_ns)
@@ -168,7 +168,7 @@ class JointFollower:
 
 
 def _refusal_of(names: Sequence[str], positions: Sequence[float], stamp_ns: int) -> str:
-    """Why a joint state is invalid; empty if it is valid."""
+    """The reason why a joint state is invalid; empty if it is valid."""
     if len(names) != len(positions):
         return (
             f"a joint state has {len(names)} names and {len(positions)} positions; "

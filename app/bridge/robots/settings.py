@@ -11,7 +11,7 @@ DESCRIPTION = "robot_description"
 JOINT_STATES = "joint_states"
 STALE_AFTER_NS = 500 * NS_PER_MS
 FUTURE_TOLERANCE_NS = 50 * NS_PER_MS
-"""How far the stamp of a joint state or of tf may be ahead of this node's clock: the clocks of two
+"""Largest lead of the stamp of a joint state or of tf over this node's clock: the clocks of two
 hosts differ, and a simulated ``/clock`` comes 40 times a second from ``ros2 bag play``."""
 
 

@@ -24,7 +24,7 @@ class RobotState:
 
 
 def age_problem(stamp_ns: int | None, now_ns: int, limits: FreshnessLimits) -> str:
-    """Why a state with ``stamp_ns`` is not valid at ``now_ns``; empty if it is valid.
+    """The reason why a state with ``stamp_ns`` is not valid at ``now_ns``; empty if it is valid.
 
     A state without a stamp consists of static edges and is valid at any time.
     """

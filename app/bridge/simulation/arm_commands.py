@@ -104,7 +104,7 @@ class ArmCommands:
         return self._binding.is_due
 
     def other_controller(self) -> str:
-        """Why motion of this arm may have another source than its controller; empty if not."""
+        """Evidence that another source than its controller may move this arm; empty without any."""
         problem = self._binding.problem()
         self._problem = problem or self._problem
         return problem

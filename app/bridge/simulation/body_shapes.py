@@ -21,7 +21,7 @@ from app.runtime import BodyKind
 from app.simulation import BodyEntry, WorldDescription
 
 MAX_ALL_TRIANGLES = 400_000
-"""Of one message, which takes 72 bytes for each."""
+"""Largest number of triangles in one message, which takes 72 bytes for each."""
 
 _RGB = (0.72, 0.69, 0.62)
 

@@ -31,7 +31,7 @@ class ClockTopic:
         self._begins_s = time.monotonic() + DISCOVERY_S
         self._is_checked = False
         self.problem = ""
-        """Why ``/clock`` is not published; empty if it is, or will be."""
+        """The reason why ``/clock`` is not published; empty if it is, or will be."""
         ros.every(_CHECK_S, self._check)
 
     def publish(self, stamp_ns: int) -> None:

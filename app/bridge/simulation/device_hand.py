@@ -50,7 +50,7 @@ class DeviceHand:
 
     @property
     def problem(self) -> str:
-        """Why the handle does not hold the tool; empty if it does."""
+        """The reason why the handle does not hold the tool; empty if it does."""
         return self._reason
 
     def wrench(self, state: WorldState) -> Wrench:
@@ -82,7 +82,7 @@ class DeviceHand:
         self._send(np.zeros(3), time.monotonic_ns(), time.time_ns())
 
     def _handle(self, host_ns: int) -> tuple[str, FloatArray | None]:
-        """Why the handle's pose cannot be used, or its position in mm along its own axes."""
+        """The problem of the handle's pose, or its position in mm along its own axes."""
         topic = f"{self._entry.namespace}/measured_cp"
         message: Any = self._pose.message()
         if message is None:

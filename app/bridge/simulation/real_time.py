@@ -14,7 +14,7 @@ _REPORT_NS = NS_PER_S
 
 
 class Shell(Protocol):
-    """What connects the world to its users; called in the thread of `RealTime.run`."""
+    """Inputs and outputs of the world; called in the thread of `RealTime.run`."""
 
     def step(self, world: World, now_ns: int) -> WorldState:
         """Take one step with what has arrived until ``now_ns`` of the host's clock."""
@@ -53,7 +53,7 @@ class RealTime:
         self._single_steps = 0
         self._resets = 0
         self.lags = 0
-        """How often the physics fell behind."""
+        """Number of times that the physics fell behind."""
 
     def pause(self) -> None:
         """Stand still from the next step on."""

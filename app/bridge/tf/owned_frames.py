@@ -46,7 +46,7 @@ class OwnedFrames:
             self._publisher.publish(tf_message((each, stamp) for each in owned))
 
     def refused(self, frames: Iterable[str]) -> frozenset[str]:
-        """Which of ``frames`` another node publishes."""
+        """The subset of ``frames`` that another node publishes."""
         with self._lock:
             return frozenset(frames) & self._others
 
