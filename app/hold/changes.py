@@ -76,12 +76,12 @@ def _number(value: float) -> str:
 
 
 def tip_change_text(before: Transform, after: Transform) -> str:
-    """How far a tip is moved, and how far its frame is turned."""
+    """Text of the shift of a tip (mm) and the turn of its frame (degrees)."""
     shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
     return f"the tip is moved by {shift_mm:.2f} mm and its axis turned by {turn_deg:.2f} degrees"
 
 
 def moved_text(what: str, before: Transform, after: Transform) -> str:
-    """How far ``what`` is moved and turned between two poses of the same frames."""
+    """Text of the shift (mm) and turn (degrees) of ``what`` between two poses of its frames."""
     shift_mm, turn_deg = before.distance_mm_to(after), math.degrees(before.angle_to(after))
     return f"{what} is moved by {shift_mm:.2f} mm and turned by {turn_deg:.2f} degrees"

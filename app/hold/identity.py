@@ -1,4 +1,4 @@
-"""What identifies a hold, so that an operator ends the one that was displayed and no other."""
+"""Identity of a hold, by which an operator ends the one that was displayed and no other."""
 
 import secrets
 from collections.abc import Callable, Iterable
@@ -91,7 +91,7 @@ class HoldIdentity:
             self.renew()
 
     def next(self, delay_ns: int = 0) -> NextHold:
-        """Of a hold that a new fault begins after ``delay_ns``, if none has begun before."""
+        """Identity of the hold that a fault after ``delay_ns`` begins, if none has begun before."""
         return NextHold(self._next_nonce, self._since_ns(delay_ns))
 
     def continue_with(self, published: NextHold) -> None:

@@ -1,4 +1,4 @@
-"""Which live session a lock and a record belong to, and the errors of both."""
+"""Identity of the live session that a lock and a record belong to, and the errors of both."""
 
 import hashlib
 import platform

@@ -1,4 +1,4 @@
-"""What a live session keeps on disk while it runs: its locks, its hold and the values in use."""
+"""State of a live session on disk while it runs: its locks, its hold and the values in use."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""How the values on which the permissions of a run depend differ from those of the last run."""
+"""Differences between two runs in the values on which the permissions of a run depend."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -37,7 +37,7 @@ def causes_of_change(before: UsedValues, now: UsedValues) -> tuple[str, ...]:
 
 
 def _moved(what: str, old: list[Any], new: list[Any]) -> str:
-    """How far a pose is moved; empty if it is not."""
+    """A text with the shift and turn of a pose; empty if it has not changed."""
     if old == new:
         return ""
     if old[:2] != new[:2]:

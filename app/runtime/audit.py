@@ -25,7 +25,7 @@ MAX_WAITING = 10_000
 """Lines that wait for the disk. Further ones are counted and reported as lost."""
 
 _END_S = 5.0
-"""How long `close` waits for the disk."""
+"""Longest wait of `close` for the disk."""
 
 
 class AuditLog:

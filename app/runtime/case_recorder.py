@@ -29,7 +29,7 @@ _MAX_NAME = 40
 
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
-    """What a recording has written: its folder, its time, its messages.
+    """State of a recording: its folder, its time, its messages.
 
     ``lost``: by topic, messages that are missing between those received from the same publisher.
     ``waiting``: topics without a publisher. ``problem``: why it has ended or what is missing, empty
@@ -56,7 +56,7 @@ class RecordingStatus:
 
     @property
     def lost_text(self) -> str:
-        """How many messages were lost, and of which topics."""
+        """The number of lost messages, in total and by topic."""
         topics = ", ".join(f"{name} {count}" for name, count in self.lost.items())
         return f"{sum(self.lost.values())} lost{f' ({topics})' if topics else ''}"
 
@@ -94,7 +94,7 @@ class CaseRecorder:
 
     @property
     def status(self) -> RecordingStatus | None:
-        """That of the last recording; None before the first."""
+        """State of the last recording; None before the first."""
         running = self._running
         return None if running is None else running.status
 

@@ -89,7 +89,7 @@ class OperatorCommands:
 
     @property
     def requested(self) -> SessionSetup:
-        """As `setup`, with the margins that apply from the next re-arm on."""
+        """The setup in use, but with the margins that apply from the next re-arm on."""
         with self._between_steps() as session:
             return session.requested
 
@@ -227,7 +227,7 @@ class OperatorCommands:
 
     @property
     def recording(self) -> RecordingStatus | None:
-        """What the last recording of the session has written; None before the first."""
+        """State of the last recording of the session; None before the first."""
         return None if self._recorder is None else self._recorder.status
 
     def start_recording(self, name: str = "", *, origin: str) -> RecordingStatus:

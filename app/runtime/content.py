@@ -1,4 +1,4 @@
-"""What a session is about: structures, tool, robot, static transforms, registration, margins."""
+"""Content of a session: structures, tool, robot, static transforms, registration, margins."""
 
 import hashlib
 from collections.abc import Mapping
@@ -120,7 +120,7 @@ class SessionContent:
         raise FrameError(f"static transforms: none places {self.tumor.frame!r}; expected one")
 
     def replaced_since(self, before: "SessionContent") -> tuple[str, ...]:
-        """Which of tumour, registration, tips, margins and needle are not those of ``before``."""
+        """Names of the changed ones of tumour, registration, tip, margins, needle and stylus."""
         if self is before:
             return ()
         tumors = [(c.model_id, c.frame_from_tumor, c.tumor_sigma_mm) for c in (self, before)]
@@ -144,7 +144,7 @@ class SessionContent:
         return tuple(part for part in self.replaced_since(before) if not shown.get(part))
 
     def values(self, initial: "SessionContent") -> SessionValues:
-        """What a recording has to contain of a session that began with ``initial``."""
+        """Values that a recording must contain of a session that began with ``initial``."""
         registration = self.registration
         return SessionValues(
             tool_from_tip=self.tool_from_tip,

@@ -14,7 +14,7 @@ _WAIT_S = 0.2
 
 
 class ImageSink(Protocol):
-    """What takes decoded images, in the thread of an `ImageIntake`."""
+    """Receiver of decoded images, called in the thread of an `ImageIntake`."""
 
     def add(self, image: ImageSample) -> None:
         """Take the next image."""

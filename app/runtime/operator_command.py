@@ -1,4 +1,4 @@
-"""What an operator may request of a session: each command with its arguments, declared once.
+"""Commands of an operator to a session, each declared once with its arguments.
 
 The service of a live node, the page, the panel and the Python API send and carry out these
 commands and no others. To add one: declare it here, with its kind in `RequestKind`.
@@ -39,7 +39,7 @@ class OperatorCommand(Protocol):
 
 
 class Operator(Protocol):
-    """What a display may do with a session: look at it, and request a change of it.
+    """Access of a display to a session: it reads the session's state, and requests changes of it.
 
     One of a session in this process knows who asks; one of a live node is another process, of
     which the node knows. Thread-safe.
@@ -51,7 +51,7 @@ class Operator(Protocol):
 
     @property
     def recording(self) -> "RecordingStatus | None":
-        """What the last recording of the session has written; None before the first."""
+        """State of the last recording of the session; None before the first."""
 
     @property
     def last_request(self) -> OperatorRequest | None:
@@ -246,7 +246,7 @@ class LocalOperator:
 
     @property
     def recording(self) -> "RecordingStatus | None":
-        """What the last recording has written."""
+        """State of the last recording; None before the first."""
         return self._commands.recording
 
     @property

@@ -1,4 +1,4 @@
-"""What receives the steps of a run: ROS publishers, the scene, a report, a recorder."""
+"""Receivers of the steps of a run: ROS publishers, the scene, a report, a recorder."""
 
 import secrets
 import time

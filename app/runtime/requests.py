@@ -13,7 +13,7 @@ MAX_TEXT_CHARS = 1000
 
 
 class RequestKind(StrEnum):
-    """What an operator may request."""
+    """Kind of an operator's request."""
 
     REARM = "rearm"
     MARGINS = "set_margins"

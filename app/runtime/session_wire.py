@@ -27,7 +27,7 @@ from app.runtime.stylus import Stylus
 from app.session import RobotSetup
 
 VERSION = 1
-"""Of the texts; another one is refused."""
+"""Version of the texts; another one is refused."""
 
 _MAX_KNOWN = 256
 
@@ -36,7 +36,7 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DescribedSession:
-    """What a display has to know of a session before it can show a step of it.
+    """Description of a session, which a display needs before it can show a step of it.
 
     ``displays``: full names of the nodes of displays that the session was started for. ``host``:
     the machine that it runs on, by `app.runtime.host_id`.
@@ -59,7 +59,7 @@ class SessionWire:
         self.meshes: dict[str, SurfaceMesh] = {}
         self._robots: dict[object, Robot] = {}
         self._known: dict[object, Any] = {}
-        """What was read before, by its text: what has not changed stays the same object."""
+        """Values read before, by their text: an unchanged value stays the same object."""
         self._converter = _converter()
         self._converter.register_unstructure_hook(SurfaceMesh, self._put_mesh)
         self._converter.register_structure_hook(SurfaceMesh, self._mesh)

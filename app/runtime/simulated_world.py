@@ -22,18 +22,18 @@ from app.geometry import (
 ANSWER_NS = 2 * NS_PER_S
 """A request without an effect for this time has no answer."""
 MAX_BODY_TRIANGLES = 5000
-"""Of a body that a user adds."""
+"""Largest number of triangles of a body that a user adds."""
 
 _SAME_MM, _SAME = 0.01, 1e-4
 _NEAR_MM = 2.0
-"""Of a free body, which falls before its first pose at the place of a request is received."""
+"""Tolerance for a free body, which falls before its pose at the requested place is received."""
 
 Place = tuple[float, float, float, float, float, float, float]
 """x, y, z in mm and the quaternion x, y, z, w, as received."""
 
 
 class BodyKind(StrEnum):
-    """What a part of a world is; ``ADDED`` is a fixed body that its file does not have."""
+    """Kind of a part of a world; ``ADDED`` is a fixed body that its file does not have."""
 
     FIXED = "fixed body"
     FREE = "free body"
@@ -57,7 +57,7 @@ class WorldBody:
 
 
 class RequestOutcome(StrEnum):
-    """What has become of a request to the simulation."""
+    """Outcome of a request to the simulation."""
 
     WAITING = "requested"
     DONE = "done"
@@ -108,7 +108,7 @@ class WorldOwner(Protocol):
 
 
 class SimulatedWorld:
-    """What was received of a simulated world, and requests to it. Thread-safe.
+    """State of a simulated world as received, and requests to it. Thread-safe.
 
     ``frame`` is the name of the world's frame, ``tracker`` the tracked frame that coincides with
     it. The stamp of a request is the time of ``clock_ns``, the host's, at which it is made. One

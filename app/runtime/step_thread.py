@@ -20,11 +20,11 @@ class RunError(MarginGuardError):
 
 
 class StepRun(Protocol):
-    """What a `StepThread` runs: a replay or a live session."""
+    """Steps of a replay or a live session, which a `StepThread` takes."""
 
     @property
     def operator(self) -> Operator | None:
-        """What a display may do with the session; None until the session exists."""
+        """Access of a display to the session; None until the session exists."""
 
     def steps(self) -> Iterator[StepResult]:
         """Yield the steps; an operator's command waits while one is being taken."""

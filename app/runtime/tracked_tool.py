@@ -31,7 +31,7 @@ def tip_of(content: SessionContent, tool: TrackedTool) -> Transform:
 
 
 def stylus_text(content: SessionContent) -> str:
-    """How far the tip of the stylus is from its sensor, and how well it is known; empty without."""
+    """Distance of the stylus' tip from its sensor and its uncertainty; empty without a stylus."""
     stylus = content.stylus
     if stylus is None:
         return ""

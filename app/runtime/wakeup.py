@@ -14,7 +14,7 @@ class Wakeup:
 
     _changed: ClassVar = threading.Condition()
     _raised: ClassVar["set[Wakeup]"] = set()
-    """Of the whole process: the one thread that displays waits for each of its flags."""
+    """Raised flags of the whole process: the displaying thread waits for each of its flags."""
 
     def __init__(self) -> None:
         self._is_closed = False

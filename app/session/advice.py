@@ -1,4 +1,4 @@
-"""What to do about a state that is UNKNOWN, in words: one sentence for each reason.
+"""Advice on a state that is UNKNOWN: one sentence for each reason.
 
 The cause is `Reason.text`, with the details of `StepResult.frames_problem`.
 """
@@ -53,7 +53,7 @@ _MAX_SENTENCES = 2
 
 
 def advice_text(reasons: Iterable[Reason]) -> str:
-    """What to do about the worst faults among ``reasons``, worst first; empty without a fault."""
+    """Advice on the worst faults among ``reasons``, worst first; empty without a fault."""
     texts = dict.fromkeys(ADVICE[reason] for reason in reasons if reason.is_fault)
     return ". ".join(_sentence(text) for text in list(texts)[:_MAX_SENTENCES])
 

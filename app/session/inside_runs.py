@@ -6,7 +6,7 @@ from app.geometry import Freshness, FreshnessLimits, freshness_of
 
 
 class InsideRun(Enum):
-    """What a frame is to the breaches.
+    """Relation of a frame to the breaches.
 
     ``UNKNOWN``: no distance, neither begins nor ends a breach. ``OUTSIDE``: ends one. ``BEGINS``:
     the first frame of a breach. ``CONTINUES``: a further frame of the last breach.

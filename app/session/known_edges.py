@@ -74,7 +74,7 @@ class KnownEdges:
 
 
 NO_EDGES = KnownEdges()
-"""Of a step whose frames are not known."""
+"""Edges of a step whose frames are not known."""
 
 
 def known_edges(

@@ -1,4 +1,4 @@
-"""Which changes of a running session loosen what it permits, as texts for its operator.
+"""Changes of a running session that loosen its permissions, as texts for its operator.
 
 A loosening latches a hold (`app.session.Session.use`). A change that only tightens takes effect at
 once.

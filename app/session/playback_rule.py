@@ -46,7 +46,7 @@ class PlaybackRule:
         return replace(frame, poses=poses, joints=())
 
     def problem(self, playback: str) -> str:
-        """Why no sample is used; empty if they are."""
+        """The reason why no sample is used; empty if samples are used."""
         if self.accepted or not playback:
             return ""
         return f"PLAYBACK refused: {playback}; expected provenance.kind 'simulated' in live.yaml"

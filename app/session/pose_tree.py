@@ -120,7 +120,7 @@ class PoseTree:
     _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
     _now: Stamp | None = None
     _problems: dict[Edge, tuple[int, frozenset[Reason]]] = field(default_factory=dict)
-    """What `_verdict` has found at the present, with `_judged_by`."""
+    """Results of `_verdict` at the present, valid while `_judged_by` is unchanged."""
     _judged_by: tuple[object, object] = (None, None)
 
     def insert(self, frame: TrackingFrame) -> frozenset[Reason]:

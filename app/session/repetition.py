@@ -1,4 +1,4 @@
-"""How improbable it is that a sensor repeats its pose exactly, learned from its own history.
+"""Probability that a sensor repeats its pose exactly, learned from its own history.
 
 Real trackers quantise: a sensor at rest repeats all digits, and a sensor that moves cannot. One
 number for all of them would call a resting sensor frozen, or a stuck one current.

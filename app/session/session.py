@@ -172,7 +172,7 @@ class Session:
 
     @property
     def hold_causes(self) -> tuple[str, ...]:
-        """What began and prolonged the present hold, as in `StepResult.hold_causes`."""
+        """Causes that began or prolonged the present hold, as in `StepResult.hold_causes`."""
         return self._hold.causes
 
     def use(self, setup: SessionSetup, *, tumor_change: str = "") -> bool:
@@ -385,12 +385,12 @@ class Session:
 
 
 def _places(setup: SessionSetup) -> tuple[object, ...]:
-    """What decides where tool, tumour and robot are."""
+    """The values that determine the places of tool, tumour and robot."""
     return setup.proximity, setup.tool_from_tip, setup.frame_from_tumor, setup.robot
 
 
 def _incomplete(robot: RobotSetup, frame: TrackingFrame) -> str:
-    """What the newest joints of ``frame`` lack for the tool link; empty without joints."""
+    """The error of the newest joints of ``frame`` that do not place the tool link; or empty."""
     try:
         for sample in frame.joints[-1:]:
             robot.robot.measured_kinematics(robot.tool_link, sample.as_mapping())

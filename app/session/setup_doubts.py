@@ -41,7 +41,7 @@ _EVERY = 25
 
 @dataclass(slots=True)
 class _SensorTrail:
-    """What is remembered of one sensor: its periods, its first pose and the largest motion."""
+    """History of one sensor: its periods, its first pose, and whether it has stayed there."""
 
     first_mm: FloatArray
     first_rotation: FloatArray
@@ -65,7 +65,7 @@ class _SensorTrail:
 
 
 class DoubtedSetup(Protocol):
-    """What is known of a session: a `SessionSetup`, or the content of one."""
+    """Frames and margins of a session: a `SessionSetup`, or the content of one."""
 
     @property
     def margins(self) -> MarginParameters:

@@ -1,4 +1,4 @@
-"""How a decision is shown: the display of its state, and of a tool inside the stop margin.
+"""Display of a decision: that of its state, or that of a tool inside the stop margin.
 
 Inside the stop margin the state is WARNING, as at the warning distance, but the constraint forbids
 approach. It is shown by a symbol and a label of its own, and by inverted colours: its dark ground

@@ -1,4 +1,4 @@
-"""What the samples of a tracker do not show: their latency, and the errors of their poses."""
+"""Errors of a tracker that its samples do not show: their latency, and errors of their poses."""
 
 import math
 from dataclasses import dataclass, replace
@@ -84,7 +84,7 @@ class TrackingError:
 
 
 NO_ERROR = TrackingError()
-"""Of a tracker about which nothing is known: the margin has no term for it."""
+"""Errors of a tracker about which nothing is known: the margin has no term for them."""
 
 
 def _lever_mm(points: FloatArray, frame: Transform) -> float:

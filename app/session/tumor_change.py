@@ -1,4 +1,4 @@
-"""What an operator has to know about a replaced tumour: size, position and overlap."""
+"""Change from one tumour to its replacement, for the operator: size, position and overlap."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class TumorChange:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is unusual for a new segmentation of the same tumour."""
+        """Properties that are unusual for a new segmentation of the same tumour, in capitals."""
         found = []
         if self.volume_factor > MAX_VOLUME_FACTOR:
             found.append(f"THE VOLUME DIFFERS BY MORE THAN A FACTOR OF {MAX_VOLUME_FACTOR:g}")

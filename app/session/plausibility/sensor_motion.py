@@ -64,7 +64,7 @@ class Jump:
 
     @property
     def text(self) -> str:
-        """What was measured, and what is allowed."""
+        """Text of the measured motion and the allowed one, in mm or degrees."""
         scale, unit = (180.0 / math.pi, " degrees") if self.turned else (1.0, " mm")
         return (
             f"{'turns' if self.turned else 'jumps'} by {self.off * scale:.3g}{unit} within "
