@@ -254,7 +254,7 @@ class Case:
                 images.close()
 
     def expected(self) -> Expected | None:
-        """What a correct replay must show; None where the case does not state it."""
+        """The expected results of a correct replay; None where the case does not state them."""
         if self.manifest.expected is None:
             return None
         robot = self.manifest.robot

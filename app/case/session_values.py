@@ -1,4 +1,4 @@
-"""What a live session uses at present in the place of its ``live.yaml``, for a recording of it.
+"""Values that a live session uses at present in the place of its ``live.yaml``, for a recording.
 
 The session and its recorder are two processes: the values are a line of JSON and the bytes of the
 tumour's surface, so that its coordinates stay exact and nothing is encoded in the session's thread.

@@ -40,14 +40,14 @@ def install_command(extra: str = "") -> str:
 
 
 def install_interfaces() -> str:
-    """How to install the compiled messages."""
+    """Instructions to install the compiled messages."""
     if checkout() is None:
         return f"install the wheel of marginguard-interfaces ({GUIDE})"
     return "install g++ and run `pip install -c constraints.txt ./interfaces`"
 
 
 def install_hint(error: ImportError) -> str:
-    """How to install what ``error`` misses; otherwise the command that checks everything."""
+    """Instructions to install what ``error`` misses, or the command that checks everything."""
     name = error.name or ""
     if isinstance(error, ModuleNotFoundError) and name.partition(".")[0] in OWN_MESSAGES:
         return install_interfaces()

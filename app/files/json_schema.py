@@ -32,7 +32,7 @@ GENERAL_RULES = (
     "the file is UTF-8 YAML 1.1 of at most 1 MB without tags, duplicate keys, merge keys and "
     "ambiguous numbers (010, 1_000, 1:30); an exponent has a point and a sign: 1.0e+3",
 )
-"""What `load_yaml` and `Section` check in every document and a schema cannot state."""
+"""Rules of `load_yaml` and `Section` for every document that a schema cannot state."""
 
 Schema = dict[str, Any]
 

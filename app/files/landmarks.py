@@ -35,7 +35,7 @@ _LANDMARK = Block(
 _DOCUMENT = Block("named points", {"landmarks": ListOf("the points", _LANDMARK)})
 _FIDUCIAL_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label"
 _OLD_COLUMNS = "label,x,y,z,sel,vis"
-"""Of Slicer 3, whose points are in RAS."""
+"""Columns of Slicer 3, whose points are in RAS."""
 
 
 def read_landmarks(path: Path) -> dict[str, FloatArray]:

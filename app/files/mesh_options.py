@@ -1,4 +1,4 @@
-"""What a caller accepts of mesh files."""
+"""Options of a caller for reading mesh files."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from app.geometry import MarginGuardError, MeshError
 
 @dataclass(frozen=True, slots=True)
 class MeshOptions:
-    """What a caller accepts of mesh files, and how it reads them.
+    """Options of a caller for reading mesh files: accepted formats, limits, axes.
 
     ``formats``
         Accepted endings, in lower case, with the dot.

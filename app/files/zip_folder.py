@@ -19,7 +19,7 @@ _END, _END_BYTES, _LONGEST_COMMENT = b"PK\5\6", 22, (1 << 16) - 1
 _END_64, _END_64_BYTES = b"PK\6\7", 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
-"""What `zipfile` raises for damaged bytes, passwords and unknown compression methods."""
+"""Errors of `zipfile` for damaged bytes, passwords and unknown compression methods."""
 
 
 def unpack_folder(

@@ -11,7 +11,7 @@ from app.case.frames.samples import JointSample, TrackingFrame
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus
 
 REORDER_NS = 500 * NS_PER_MS
-"""How late a sample may arrive and still be sorted into the order of acquisition."""
+"""Largest delay of a sample that is still sorted into the order of acquisition."""
 
 _MAX_PENDING_JOINTS = 20_000
 _MAX_PENDING_FRAMES = 10_000

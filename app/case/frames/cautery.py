@@ -6,7 +6,7 @@ from app.geometry import Freshness, FreshnessLimits, freshness_of
 
 
 class CauteryState(StrEnum):
-    """What is known of the cautery; a higher rank prevails in a summary of several moments."""
+    """Known state of the cautery; a higher rank prevails in a summary of several moments."""
 
     OFF = "off"
     UNKNOWN = "unknown"
@@ -29,7 +29,7 @@ class CauteryState(StrEnum):
 
 
 class CauteryTrail:
-    """What was last said of the cautery, on any clock in ns. Not older than ``stale_after_ns``.
+    """Last report of the cautery, on any clock in ns. Not older than ``stale_after_ns``.
 
     A source that has said nothing, or too long ago, leaves the state unknown: never off.
     """

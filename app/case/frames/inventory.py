@@ -9,7 +9,7 @@ from app.geometry import NS_PER_S, TrackingStatus
 
 @dataclass(slots=True)
 class EdgeCount:
-    """How often ``source`` was reported in ``target``, by status."""
+    """Number of samples of ``source`` in ``target``, by status."""
 
     target: str
     source: str

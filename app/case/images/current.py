@@ -1,4 +1,4 @@
-"""What a page needs of images, recorded or live: the newest one at a time, and its pixels."""
+"""Current image of a page, recorded or live: the newest one at a time, and its pixels."""
 
 from dataclasses import dataclass
 from typing import Protocol

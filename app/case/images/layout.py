@@ -1,4 +1,4 @@
-"""How a sequence metafile stores its images: size, type, number, orientation, place of the data."""
+"""Layout of images in a sequence metafile: size, type, number, orientation, place of the data."""
 
 import math
 from collections.abc import Mapping

@@ -17,7 +17,7 @@ from app.geometry import (
 
 MAX_EDGES = 256
 _MIN_SAMPLES, _MAX_SAMPLES = 256, 8192
-"""Of an edge, with ``keep_ns``: the number that stays, and the memory that a sender can take."""
+"""Samples kept of an edge with ``keep_ns``: always so many, and at most so many, for any sender."""
 
 
 class PoseHistory:

@@ -37,7 +37,7 @@ _NO_TIME = Stamp(0)
 
 @dataclass(slots=True)
 class ImageEntry:
-    """What the header states of one image and of its frame."""
+    """Fields of the header about one image and its frame."""
 
     stamp: Stamp | None = None
     status: ImageStatus = ImageStatus.OK

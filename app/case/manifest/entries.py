@@ -169,7 +169,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegistrationEntry:
-    """How the robot's base is registered: by a given pose, point pairs or dwells.
+    """Registration of the robot's base: by a given pose, point pairs or dwells.
 
     After registration the tool's pose is measured twice, by tracker and robot. A difference of more
     than ``max_drift_mm`` or ``max_drift_rad`` means that the registration no longer holds.

@@ -63,7 +63,7 @@ class MessageColumns:
         return values.view(self._order + _TYPES[column.code])
 
     def known(self, columns: Sequence[Column], names: Mapping[bytes, Any]) -> list[Any]:
-        """What ``names`` has for the bytes of ``columns``, joined, of each message; else None."""
+        """The value in ``names`` of the joined bytes of ``columns``, or None, for each message."""
         found: list[Any] = [None] * len(self)
         left = np.ones(len(self), np.bool_)
         for _ in range(_MAX_STRETCHES):

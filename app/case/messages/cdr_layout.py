@@ -152,7 +152,7 @@ class LayoutReader(Generic[Values]):
         messages: Sequence[bytes],
         decode: Callable[[MessageColumns, str, Known], list[Any]],
     ) -> list[Any]:
-        """What ``decode`` returns for ``messages`` of one length, None for each that it cannot.
+        """Results of ``decode`` for ``messages`` of one length, None for each that it cannot read.
 
         ``decode`` takes their columns, the `struct` format of the layout that is known for this
         length, and the known stretches. Learns no layout: where none is known all are None.

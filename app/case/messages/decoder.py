@@ -42,7 +42,7 @@ MAX_DEFINITION_CHARS = 16 * 1024
 _MAX_VALUES = 256
 """Rosbags generates code for each; the types used here have 13 or fewer."""
 _MAX_DEPTH = 16
-"""Of types within types; more only occurs where a type contains itself."""
+"""Largest depth of nested types; more only occurs where a type contains itself."""
 
 _VALUES_OF: dict[str, Callable[[Any], Any]] = {
     TRACKED_TRANSFORM: tracked_values,

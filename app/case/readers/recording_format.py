@@ -1,4 +1,4 @@
-"""What the module of a recording format declares."""
+"""Declaration of a recording format, which its module makes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -39,7 +39,7 @@ _MAX_OUTLIER_RATIO = 10.0
 """Maximum distance of a point to the median point, as a multiple of the median distance."""
 
 _SUBDIVISIONS = 4
-"""Of an icosahedron: 2562 directions at 4.4 degrees, 5120 triangles."""
+"""Subdivisions of an icosahedron: 2562 directions at 4.4 degrees, 5120 triangles."""
 
 _EDGE_SAMPLES = 32
 _NEAREST_FACES = 8

@@ -32,7 +32,7 @@ from skimage.measure import marching_cubes
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 
 MAX_VOXELS = 14_000_000
-"""Of the box around the marked voxels; each takes about 60 bytes of memory and 0.6 us."""
+"""Limit on the box around the marked voxels; each takes about 60 bytes of memory and 0.6 us."""
 
 MAX_EDGE_VOXELS = 400_000
 """Marked voxels with an unmarked neighbour; a ball with a diameter of 20 cm has 104 thousand at

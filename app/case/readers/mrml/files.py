@@ -14,7 +14,7 @@ from app.files.paths import resolve_inside
 from app.geometry import InputError, MarginGuardError
 
 _MAX_SCENE_BYTES = 128_000_000
-"""Of all scenes of one recording together: the sequences of a scene are read side by side."""
+"""Limit on all scenes of one recording together: the sequences of a scene are read side by side."""
 _MAX_RATIO = 256
 _FREE_BYTES = 16_000_000
 """All files of sequences in one bundle unpack to `_MAX_RATIO` times its size, and this, at most."""
@@ -23,7 +23,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _MAX_MEMBERS = 20_000
 _CHUNK_BYTES = 1_000_000
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
-"""What `zipfile` raises for damaged bytes, passwords and unknown compression methods."""
+"""Errors of `zipfile` for damaged bytes, passwords and unknown compression methods."""
 
 
 class _Budget:

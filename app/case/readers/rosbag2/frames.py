@@ -33,10 +33,10 @@ from app.case.readers.rosbag2.messages import Connection, MessageRun, RunMessage
 from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
 
 _UNUSABLE = (MarginGuardError, AttributeError, TypeError, ValueError, OverflowError)
-"""What a message raises that cannot be used; its type may have fields of other types."""
+"""Errors raised by a message that cannot be used; its type may have fields of other types."""
 
 _MAX_DEFINITION_CHARS = 32 * 1024
-"""Of all definitions that are used in a recording; four real ones have 12 thousand."""
+"""Limit on all used definitions of a recording; four real ones have 12 thousand characters."""
 
 _MAX_UNREADABLE = 10_000
 """A topic with more unreadable messages, and more of them than readable ones, is not read on."""

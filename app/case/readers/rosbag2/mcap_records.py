@@ -47,7 +47,7 @@ _FREE_BYTES = 16 * 1024 * 1024
 """May be unpacked in addition to `_MAX_RATIO`, for short files with a compressible picture."""
 
 _DAMAGED = (McapError, struct.error, ValueError, OverflowError, RuntimeError, zstandard.ZstdError)
-"""What the decoders raise for damaged bytes."""
+"""Errors of the decoders for damaged bytes."""
 
 
 Record = Schema | Channel | list[RunMessage]
@@ -67,7 +67,7 @@ def read_records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Ite
 
 
 def read_records_from(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[Record]:
-    """As `read_records`, from the present place of ``file`` on, where a record begins.
+    """Yield like `read_records`, from the present place of ``file`` on, where a record begins.
 
     After each yielded record ``file`` is at its end, or at the end of the chunk that it is in.
     """

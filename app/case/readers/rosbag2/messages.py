@@ -1,4 +1,4 @@
-"""What the readers of bags yield: serialised messages, each with its topic and its times."""
+"""Serialised messages, which the readers of bags yield, each with its topic and its times."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
