@@ -1,4 +1,4 @@
-"""What the drives of an arm do for a command: joint velocities, or efforts for a wrench.
+"""Motion of an arm's drives for a command: joint velocities, or efforts for a wrench.
 
 Poses and twists of the tool become joint velocities by damped least squares (Nakamura and Hanafusa,
 Inverse Kinematic Solutions with Singularity Robustness, 1986). A position or pose is approached
@@ -28,7 +28,7 @@ APPROACH_S = 0.02
 """Time constant with which a position or a pose is approached."""
 
 DAMPING = 0.01
-"""Of the least squares: m of the tool, and rad, per joint's rad at which a direction fades out."""
+"""Damping of the least squares: m or rad of the tool per rad of a joint where a direction fades."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,7 @@ class ArmMotion:
         return np.concatenate([ahead, away])
 
     def _jacobian(self, model: Any, data: Any) -> FloatArray:
-        """Of the tool's origin for the driven joints (6, n), in m and rad, in the world."""
+        """Jacobian (6, n) of the tool's origin for the driven joints, m and rad, in the world."""
         linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_jacBody(model, data, linear, angular, self._tool)
         return self._servo.of_driven(np.concatenate([linear, angular]), data)

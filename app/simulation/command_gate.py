@@ -1,4 +1,4 @@
-"""Which command an arm follows at a time: none that is invalid, too old or not in its state."""
+"""Selection of an arm's command: none that is invalid, too old or not in the arm's state."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ class CommandGate:
         self._command: ArmCommand | None = None
         self.status = ArmStatus.ENABLED
         self.fault = ""
-        """Why the arm is in FAULT; empty if it is not."""
+        """The reason why the arm is in FAULT; empty if it is not."""
 
     def accept(self, command: ArmCommand, now_ns: int) -> None:
         """Follow ``command`` from now on; the latest by stamp remains.
@@ -135,7 +135,7 @@ class CommandGate:
 
 
 def _values(command: ArmCommand) -> Iterator[tuple[str, float]]:
-    """What has to be finite, with its name."""
+    """Yield each value of ``command`` that must be finite, with its name."""
     match command:
         case JointVelocityCommand():
             yield from _named("velocity of joint", command.joints, command.velocities)

@@ -41,7 +41,7 @@ class JointDrive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel:
-    """What `add_robot` has added: names of links with a body, joints and drives."""
+    """Names that `add_robot` has added: links with a body, joints and drives."""
 
     entry: RobotEntry
     links: tuple[str, ...]

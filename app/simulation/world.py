@@ -277,7 +277,7 @@ class World:
             )
 
     def _overlap(self, placed: set[str]) -> str:
-        """Why bodies cannot be where they were ``placed``; empty if they can."""
+        """A text about an overlap of bodies where they were ``placed``; empty without one."""
         for contact in self.contacts():
             if contact.depth_mm > MAX_OVERLAP_MM and placed & set(contact.bodies):
                 name = next(each for each in contact.bodies if each in placed)

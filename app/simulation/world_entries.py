@@ -95,7 +95,7 @@ class BreathingEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackerEntry:
-    """What the tracker measures, and with which errors.
+    """Frames that the tracker measures, and the errors of the measurement.
 
     ``metal``: an arm and two of its links, between which its metal distorts the field.
     """

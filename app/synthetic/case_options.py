@@ -24,7 +24,7 @@ MAX_TUMOR_MM = 40.0
 
 @dataclass(frozen=True, slots=True)
 class CaseOptions:
-    """What is simulated: tracker, errors, patient, surgeon, duration in s, diameter in mm.
+    """Options of a simulation: tracker, errors, patient, surgeon, duration in s, diameter in mm.
 
     Without a duration the case is the shortest that does everything at a calm pace, about 75 s;
     without a largest diameter the tumour has 25 to 35 mm.

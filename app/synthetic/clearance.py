@@ -27,7 +27,7 @@ SURFACE_SUBDIVISIONS = 6
 
 _SLOPE_SAFETY = 0.95
 _MAX_UNSAMPLED_MM = 0.05
-"""How far a lobe can rise between samples that are 0.3 mm apart."""
+"""Largest rise of a lobe between samples that are 0.3 mm apart."""
 _BLOCK = 64
 _BATCH_OUTSIDE, _BATCH_INSIDE = 16, 2
 """Points of the first search. Inside, each search is slow and leaves few points."""

@@ -1,4 +1,4 @@
-"""What the errors of a case do to its margin: how deep breaches must be, what a replay may differ.
+"""Effect of a case's errors on its margin: depths that breaches need, tolerances of a replay.
 
 Closed forms from the errors that are put in; nothing here runs the software under test.
 """
@@ -22,16 +22,16 @@ _NEEDLE_FROM_METAL_MM = 90.0
 _SHAFT_LEVER_MM = 15.0
 """From the tip to the part of the tool beside the tumour."""
 _MAX_DEPTH_SHARE = 0.8
-"""Of the tumour's smallest radius: deeper, the tool would leave it on the other side."""
+"""Limit as a share of the tumour's smallest radius: deeper, the tool leaves on the other side."""
 _CLEAR_MM = 0.3
-"""How much deeper a breach is than the bound of the error."""
+"""Depth of a breach beyond the bound of the error."""
 _WHITE_LEFT = 0.15
-"""Of white noise, after the mean of a dwell of 1.2 s at 40 Hz."""
+"""Share of white noise that is left after the mean of a dwell of 1.2 s at 40 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
 class Depths:
-    """How deep the three breaches are, and how near the tool comes otherwise, in mm.
+    """Depths of the three breaches, and the tool's least distance otherwise, in mm.
 
     ``deepest_mm`` bounds a breach; ``halt_mm`` is where an ideal fixture stops the tool.
     """
@@ -55,7 +55,7 @@ class Tolerances:
 
 
 def margin_bound_mm(options: CaseOptions, contour_mm: float, needle_lever_mm: float) -> float:
-    """How far the measured margin is from the true one: three sigma, and the largest of the rest.
+    """Bound of the measured margin's error: three sigma, and the largest of the rest.
 
     ``contour_mm`` is the largest error of the contour, ``needle_lever_mm`` the distance from the
     needle's sensor to the far side of the tumour. The terms are independent, so their squares are
@@ -104,7 +104,7 @@ def tolerances(
     reference_from_base: Transform,
     crossing_speed_mm_s: float,
 ) -> Tolerances:
-    """What a replay may differ from the truth, from the errors that were put in.
+    """Allowed differences of a replay from the truth, from the errors that were put in.
 
     Times: a crossing is found when the margin is off by ``bound_mm``, and up to a period late;
     ``crossing_speed_mm_s`` is the smallest speed along the surface's normal.

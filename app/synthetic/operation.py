@@ -42,7 +42,7 @@ _STYLUS = ((-0.98548, 0.01639, -0.16898), (-0.01906, 0.97837, 0.20601), (0.1687,
 
 
 class Phase(StrEnum):
-    """What the operator does."""
+    """Phase of the operator's work."""
 
     REST = "rest"
     PIVOT = "pivot"

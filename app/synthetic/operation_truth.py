@@ -1,4 +1,4 @@
-"""What is true in a simulated operation with ultrasound, and what its configuration supposes."""
+"""Truth of a simulated operation with ultrasound, and the supposed values of its configuration."""
 
 from dataclasses import dataclass
 

@@ -13,7 +13,7 @@ USUAL_BREATH_MM = 4.44
 
 @dataclass(frozen=True, slots=True)
 class PatientOptions:
-    """What differs from patient to patient; the defaults are those of the usual simulated case.
+    """Differences between patients; the defaults are those of the usual simulated case.
 
     ``breath_mm``: shift of the tumour at full inspiration; the chest reference moves in proportion.
     ``elongation``: longest semi-axis over the geometric mean of the other two, at the same volume;

@@ -1,4 +1,4 @@
-"""What is recorded of a simulation: frames with the tracker's errors, joints, and what was lost."""
+"""Recording of a simulation: frames with the tracker's errors, joints, and what was lost."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence

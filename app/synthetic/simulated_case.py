@@ -36,7 +36,7 @@ class SimulatedCase:
 
     @property
     def offset_ns(self) -> int:
-        """What the case adds to the robot's clock: with the tracker's latency and an error."""
+        """Offset that the case adds to the robot's clock, with the tracker's latency and error."""
         return offset_ns(ROBOT_TO_TRACKER_OFFSET_NS, self.options)
 
     def calibrations(self) -> tuple[Transform, Transform]:
@@ -139,7 +139,7 @@ deform. The tolerances in `expected.yaml` follow from these sizes."""
 
 
 def _patient(options: CaseOptions) -> dict[str, str]:
-    """What differs from the usual patient and surgeon (no errors)."""
+    """Values that differ from the usual patient and surgeon (no errors)."""
     patient, surgeon = options.patient, options.surgeon
     values = {}
     if patient != USUAL_PATIENT:

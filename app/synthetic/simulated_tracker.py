@@ -18,7 +18,7 @@ from app.synthetic.poses import Poses
 from app.synthetic.tracker_model import TrackerModel
 
 _MAX_TIME_ERROR = 0.3
-"""Of the period: errors of the interval and of both stamps together keep stamps rising."""
+"""Limit as a share of the period: errors of the interval and both stamps keep stamps rising."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ class SimulatedTracker:
         times_s: FloatArray,
         metal_mm: FloatArray | None = None,
     ) -> tuple[Poses, ...]:
-        """As `measure` of each of the ``frames`` in turn at each of the ``times_s`` (n,).
+        """Results of `measure` of each of the ``frames`` in turn at each of the ``times_s`` (n,).
 
         ``truths`` are the n poses of each frame, ``metal_mm`` (n, 2, 3) both ends of the metal.
         """
@@ -139,7 +139,7 @@ class SimulatedTracker:
         return self.model.lost > 0.0 and bool(self._losses.random() < self.model.lost)
 
     def lose_all(self, count: int, frames: int) -> NDArray[np.bool_]:
-        """As `loses` of each of so many frames in turn, at each of ``count`` times: (n, k)."""
+        """Results (n, k) of `loses` for each of ``frames`` in turn, at each of ``count`` times."""
         if self.model.lost <= 0.0:
             return np.zeros((count, frames), np.bool_)
         return np.asarray(self._losses.random((count, frames)) < self.model.lost)

@@ -18,8 +18,8 @@ _DEEPER = 0.6
 _SLOWER = 0.5
 _WANDER_DEG = 8.0
 _WANDER_MM = 3.0
-"""Of a novice: entries deeper by up to this share, strokes longer by this share, and poses of a
-stroke off by up to this angle around the tumour and this distance away from it."""
+"""Excess of a novice: entries deeper by up to this share, strokes longer by this share, and poses
+of a stroke off by up to this angle around the tumour and this distance away from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class SurgeonOptions:
         return 1.0 if self.skill is None else float(random.uniform(1.0, 1.0 + _DEEPER * self._lack))
 
     def wander(self, random: np.random.Generator) -> tuple[float, float]:
-        """How far a pose of a stroke is off: in degrees around the tumour, in mm away from it."""
+        """Error of a pose of a stroke: in degrees around the tumour, in mm away from it."""
         if self.skill is None:
             return 0.0, 0.0
         degrees = float(random.uniform(-1.0, 1.0)) * _WANDER_DEG * self._lack

@@ -1,4 +1,4 @@
-"""What a tracker does to a pose and to its time, as numbers: rate, noise, digits, distortion.
+"""Errors of a tracker in a pose and its time, as numbers: rate, noise, digits, distortion.
 
 The model is data only. `app.synthetic.simulated_tracker` applies it.
 """

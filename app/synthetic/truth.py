@@ -20,7 +20,7 @@ MIN_STEP_S = 0.0005
 DEPTH_STEP_S = 0.005
 
 _DISTANCE_ERROR_MM = 0.05
-"""Of two distances by `Clearance`, which samples both surfaces."""
+"""Error of two distances by `Clearance`, which samples both surfaces."""
 
 Motion = Callable[[float], Transform]
 """Maps a time in s from the first frame to ``tumor_from_tip``."""
