@@ -26,7 +26,7 @@ _MAX_WAITING = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BagRequest:
-    """What is written: the session's first ``content``, into the new folder ``folder``."""
+    """Request to write a bag: the session's first ``content``, into the new folder ``folder``."""
 
     content: "SessionContent"
     manifest: "CaseManifest"

@@ -33,7 +33,7 @@ class CacheFolder:
 
 @dataclass(frozen=True, slots=True)
 class CacheContent:
-    """What `inspect` or `remove` found in a folder; ``problem`` is empty if all went well."""
+    """Files that `inspect` or `remove` found in a folder; ``problem`` is empty if all went well."""
 
     folder: CacheFolder
     count: int

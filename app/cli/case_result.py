@@ -70,7 +70,7 @@ class CaseReplays:
 
 
 def case_values(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """What the library shows of a ``summary.json``."""
+    """The values of a ``summary.json`` that the library shows."""
     from app.report import all_passed
 
     depths = [

@@ -1,4 +1,4 @@
-"""What ``replay --report DIR --all`` writes beside the report: PDF, tables, DICOM, bag.
+"""Parts that ``replay --report DIR --all`` writes beside the report: PDF, tables, DICOM, bag.
 
 The parts come from one replay and one analysis. A part that fails is left out, with its reason on
 standard error; the others are written.
@@ -29,7 +29,7 @@ MODULES = (
     *("app.report.margin_plot", "app.report.pdf", "app.dicom.study"),
     *("app.dicom.segmentation", "app.dicom.structure_set"),
 )
-"""What the process of the parts loads while the case is replayed."""
+"""Modules that the process of the parts loads while the case is replayed."""
 
 _OWN_FILES = {
     DICOM: re.compile(r"image_\d{4,}\.dcm|segmentation\.dcm|structure_set\.dcm"),
@@ -134,7 +134,7 @@ class CompleteReport:
     def _made(
         self, name: str, make: Callable[[], _Value], part: "ReportPart[Any] | None" = None
     ) -> _Value | None:
-        """What ``make`` returns; None, with the reason on standard error, if it fails."""
+        """The result of ``make``; None, with the reason on standard error, if it fails."""
         from app.geometry import MarginGuardError
 
         try:

@@ -11,7 +11,7 @@ PICTURES_PER_S = 12.5
 """Pictures of a movie in a second of it."""
 
 _OVERSAMPLING = 8
-"""How many times more steps are kept than selected, so that the selection is even in the end."""
+"""Ratio of kept to selected steps, so that the selection is even in the end."""
 
 
 class KeyframeSelector:

@@ -138,7 +138,7 @@ def add_simulated_case(parser: argparse.ArgumentParser) -> None:
 
 
 def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
-    """What the command line asks for; raises `InputError` for a value that is out of range."""
+    """The options on the command line; raises `InputError` for a value that is out of range."""
     from app.geometry import InputError
     from app.synthetic import CaseOptions
 

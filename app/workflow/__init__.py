@@ -1,4 +1,4 @@
-"""What operators do with a session beside its commands, as displays show it."""
+"""Work of operators with a session beside its commands, as displays show it."""
 
 import lazy_loader
 

@@ -28,7 +28,7 @@ _NO_TIP_MM = 1e-3
 
 
 class CalibrationKind(StrEnum):
-    """What is calibrated."""
+    """Part of a tool that is calibrated."""
 
     PIVOT = "pivot"
     """The tip, of a tool that rotates about it."""

@@ -25,7 +25,7 @@ class ContourTumor:
         """The newest one; None while it is not known."""
         self._problem = ""
         self._contour: Contour | None = None
-        """That of the newest surface or problem."""
+        """Contour of the newest surface or problem."""
         self._compute = compute
         self._changed = changed
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="contour")

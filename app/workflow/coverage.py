@@ -1,4 +1,4 @@
-"""Which directions of a tool the poses of a calibration have covered, for a live display."""
+"""Directions of a tool that the poses of a calibration have covered, for a live display."""
 
 import math
 from dataclasses import dataclass

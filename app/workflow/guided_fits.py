@@ -26,7 +26,7 @@ _FitIn = TypeVar("_FitIn", contravariant=True)
 
 
 class Guide(Protocol[_TaskOut, _FitIn]):
-    """What is to be fitted, and where the result goes."""
+    """Source of the tasks to be fitted, and receiver of the results."""
 
     def task(self) -> _TaskOut | None:
         """The next task, None while there is none."""

@@ -1,4 +1,4 @@
-"""What operators record together: its phase, the revision that each has seen, accept and undo."""
+"""Recording that operators share: its phase, the revision that each has seen, accept and undo."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -18,7 +18,7 @@ _Value = TypeVar("_Value")
 
 
 class DisplayOperator(Protocol):
-    """What a display begins in its session, without waiting for the outcome."""
+    """Requests of a display to its session, made without waiting for the outcome."""
 
     def request(self, command: OperatorCommand, /) -> bool:
         """Begin to carry ``command`` out; False while that is not possible."""
@@ -60,12 +60,12 @@ class GuidedRecording(ABC, Generic[_Result]):
         self._revision = self._run = 0
         self._phase = Phase.IDLE
         self._requested: tuple[_Result | None, _Result] | None = None
-        """What the session used at the last request, and what was requested."""
+        """The result that the session used at the last request, and the requested one."""
         self._used: list[tuple[_Result | None, _Result]] = []
         """Those requests that the session has met."""
 
     def update(self, content: SessionContent) -> None:
-        """As `use_content`; take a fit that is done, and begin the next one."""
+        """Call `use_content`, take a fit that is done, and begin the next one."""
         self.use_content(content)
         self._fits.follow()
 
@@ -177,7 +177,7 @@ class GuidedRecording(ABC, Generic[_Result]):
 
     @abstractmethod
     def task(self) -> Any | None:
-        """What is to be fitted now; None while there is nothing."""
+        """The data to be fitted now; None while there are none."""
 
     @abstractmethod
     def use_fit(self, fit: Any) -> None:
@@ -189,11 +189,11 @@ class GuidedRecording(ABC, Generic[_Result]):
 
     @abstractmethod
     def _refusal(self) -> str:
-        """Why there is nothing to accept; empty if there is."""
+        """The reason why nothing can be accepted; empty if something can."""
 
     @abstractmethod
     def _replacement(self) -> tuple[_Result | None, _Result]:
-        """What the session uses now, and the result; called if nothing is refused."""
+        """The result that the session uses now, and the new one; called if nothing is refused."""
 
     @abstractmethod
     def _is_in_use(self, result: _Result) -> bool:

@@ -173,7 +173,7 @@ def _numbers(fit: CalibrationFit, kind: CalibrationKind) -> tuple[str, ...]:
 
 
 def _coverage(coverage: Coverage, kind: CalibrationKind) -> str:
-    """How many sectors are covered; for a pivot also the spread of the directions."""
+    """The number of covered sectors; for a pivot also the spread of the directions."""
     count, covered = len(coverage.sectors), sum(coverage.sectors)
     if kind is CalibrationKind.PIVOT:
         spread_deg = math.degrees(coverage.spread_rad)

@@ -71,7 +71,7 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
                 self._samples.observe(step, self._content, self._robot)
 
     def status(self) -> RegistrationStatus:
-        """What to show now."""
+        """The present status, to be shown."""
         with self._lock:
             is_recording = self._phase is Phase.RECORDING
             return RegistrationStatus(
@@ -149,7 +149,7 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         return used is not None and result.transform.is_same(used.transform)
 
     def _refusal(self) -> str:
-        """Why there is nothing to accept; empty if there is."""
+        """The reason why nothing can be accepted; empty if something can."""
         if self._phase is not Phase.STOPPED:
             return "registration: no recording has been stopped; expected one"
         if not len(self._samples):

@@ -81,7 +81,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 self._samples.observe(step)
 
     def status(self) -> CalibrationStatus:
-        """What to show now."""
+        """The present status, to be shown."""
         with self._lock:
             problem = self._samples.problem if self._phase is Phase.RECORDING else ""
             if self._samples.is_full and not problem:
@@ -177,7 +177,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
         return used is not None and result.tool_from_tip.is_same(used.tool_from_tip)
 
     def _refusal(self) -> str:
-        """Why there is nothing to accept; empty if there is."""
+        """The reason why nothing can be accepted; empty if something can."""
         if self._phase is not Phase.STOPPED:
             return "calibration: no recording has been stopped; expected one"
         if self._fit is None or self._fit.samples < len(self._samples):

@@ -77,7 +77,7 @@ class WorkflowOutput(PassiveOutput):
         return True
 
     def observe(self, step: StepResult, content: SessionContent) -> None:
-        """As `publish`, of a step that was taken with ``content``."""
+        """Record ``step`` like `publish`; it was taken with ``content``."""
         self._use(content)
         if self.begin_ns is None:
             self.begin_ns = step.frame.stamp.ns

@@ -1,4 +1,4 @@
-"""What a worker does: make or fetch one case, replay it, return its row."""
+"""Work of a worker: make or fetch one case, replay it, return its row."""
 
 import ctypes
 import gc

@@ -22,7 +22,7 @@ TIMES_FILE = "times.csv"
 LOCK_FILE = ".lock"
 
 _EDITABLE = ("source", "group", "surgeon", "pair")
-"""What a manifest may change of a finished case."""
+"""Keys that a manifest may change of a finished case."""
 
 RunJobs = Callable[[Iterable[Job]], Iterator[tuple[Job, Outcome]]]
 

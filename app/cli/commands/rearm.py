@@ -84,7 +84,7 @@ def _confirmed() -> bool:
 
 
 def changes_for_the_worse(seen: "FixtureConstraint", now: "FixtureConstraint") -> list[str]:
-    """Why an operator who saw the hold ``seen`` has not seen that of ``now``; empty if they have.
+    """Differences of the hold ``now`` that an operator who saw ``seen`` has not seen; or empty.
 
     Another nonce, a worse state or more reasons.
     """

@@ -142,7 +142,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _hand(options: argparse.Namespace) -> str:
-    """Which hand moves the tool. Raises `InputError` for that of a page without one."""
+    """The hand that moves the tool. Raises `InputError` for that of a page without one."""
     from app.geometry import InputError
 
     has_page = options.view and "control" in options.others

@@ -145,7 +145,7 @@ def _check_python(program: Path) -> None:
 def _printed(
     program: Path, option: str, expected: str, environment: Mapping[str, str] | None = None
 ) -> str:
-    """What ``program option`` prints, in one line; raises `InputError` without an answer."""
+    """The output of ``program option``, in one line; raises `InputError` without an answer."""
     from app.files.child_process import ChildError, run_to_end
     from app.geometry import InputError
 

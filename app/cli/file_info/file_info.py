@@ -1,4 +1,4 @@
-"""What is known about one file, as text and as JSON."""
+"""Facts about one file, as text and as JSON."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class FileInfo:
-    """What a file is (``kind``), ``facts`` by name, its ``uses``, and what is ``missing`` for them.
+    """The ``kind`` of a file, ``facts`` by name, its ``uses``, and what is ``missing`` for them.
 
     ``uses`` are commands or keys of a ``case.yaml``; ``missing`` says what else they need.
     """
