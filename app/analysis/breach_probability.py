@@ -29,7 +29,7 @@ SMOOTH_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the errors make of a case.
+    """Effect of the errors on a case.
 
     ``probability``: of a breach. ``inside_s``: expected time in the tumour. ``lowest_mm``: 5th,
     50th and 95th percentile of the lowest true distance, negative inside.
@@ -55,7 +55,7 @@ class SourceEffect:
 
 @dataclass(frozen=True, slots=True)
 class StopOutcome:
-    """What an ideal fixture with the stop margin ``stop_mm`` would have done.
+    """Outcome of a case with an ideal fixture that has the stop margin ``stop_mm``.
 
     It holds the measured distance at the margin or above. ``held_s``: time in which it had acted.
     ``outcome``: in spite of it.

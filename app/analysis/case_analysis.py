@@ -1,4 +1,4 @@
-"""What one case shows: breaches, distances, states, motion, phases, coverage, insertion."""
+"""Analysis of one case: breaches, distances, states, motion, phases, coverage, insertion."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass

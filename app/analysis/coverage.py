@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
 MAX_PLACES = 1500
-"""Of a surface with more, those that are spread over it stand for all of them."""
+"""Limit on places; of a surface with more, those that are spread over it stand for all of them."""
 _AT_ONCE = 50_000
 """Intervals of poses that are halved in one step: some 20 MB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """How near the tool came to the places (m,) on the tumour's surface.
+    """Least distances of the tool to the places (m,) on the tumour's surface.
 
     ``faces`` (m,): index of the face of each place; a large face has several. ``places_mm`` (m, 3).
     ``nearest_mm`` (m,): least distance of the tool to each of them, up to the largest of
@@ -117,7 +117,7 @@ def spread_faces(centres_mm: FloatArray, max_faces: int) -> NDArray[np.intp]:
 
 
 def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | None) -> Coverage:
-    """How near the tool came to places on ``tumor`` in the frames whose distance is known.
+    """Least distances of the tool to places on ``tumor`` in the frames whose distance is known.
 
     ``tool`` is in the tip's frame; None is a tool that is its tip alone.
     """
@@ -190,7 +190,7 @@ def _nearest(
 
 
 def _largest_motions(tips: FloatArray, rotations: FloatArray, points: FloatArray) -> FloatArray:
-    """How far any of ``points`` moves in the tip's frame between two poses, at most, (n - 1,)."""
+    """Largest motion of ``points`` in the tip's frame between two poses, as a bound, (n - 1,)."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = float(np.linalg.norm(points - middle, axis=1).max())
     in_tip = np.einsum("nji,nj->ni", rotations, middle - tips)

@@ -1,4 +1,4 @@
-"""What the case shows on each of the six sides of the tumour."""
+"""Results of the case on each of the six sides of the tumour."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -104,7 +104,7 @@ class CaseSamples:
 
 
 def sample_row(step: "StepResult") -> SampleRow:
-    """What `CaseSamples` keeps of one step: stamp, state, between, and 23 numbers."""
+    """The row of `CaseSamples` for one step: stamp, state, between, and 23 numbers."""
     decision, pose = step.decision, step.tumor_from_tip
     numbers = [math.nan] * 23
     if decision.margin is not None:

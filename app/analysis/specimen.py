@@ -60,7 +60,7 @@ class Specimen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resection:
-    """What the cutting part within ``cutting_mm`` of the tip has cut near the tumour.
+    """Tissue near the tumour that was cut by the cutting part within ``cutting_mm`` of the tip.
 
     ``swept`` is None where nothing was swept; ``why`` says why there is no ``specimen``, empty
     where there is one. ``tumor_cut_mm3``: volume of the tumour that was swept.

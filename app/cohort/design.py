@@ -1,4 +1,4 @@
-"""Which simulated cases a cohort has: ranges of options, from which every case draws its own.
+"""Simulated cases of a cohort: ranges of options, from which every case draws its own.
 
 Each value of each case is drawn from a random stream of its own: a case does not depend on how many
 others there are, and one range does not change the values of another.

@@ -8,7 +8,7 @@ from app.contour.uncertainty import ContourUncertainty
 
 
 def contour_count(contour: Contour) -> str:
-    """How many points there are, and where they were placed."""
+    """The number of points, and the places where they were set."""
     if not contour.points:
         return "no points"
     at_tip = sum(each.image is None for each in contour.points)

@@ -26,7 +26,7 @@ from app.geometry import (
 
 
 class ControlReason(StrEnum):
-    """Why the arm moves, or stands."""
+    """Reason why the arm moves, or stands."""
 
     FOLLOWS = "follows"
     """The hand moves the arm, within the planes."""

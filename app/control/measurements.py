@@ -1,4 +1,4 @@
-"""What a controller measures, each with its time in ns on one clock."""
+"""Measurements of a controller, each with its time in ns on one clock."""
 
 from dataclasses import dataclass
 

@@ -72,7 +72,7 @@ def with_keyholes(contours: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
 def pixels_inside(
     contours: tuple[FloatArray, ...], xs_mm: FloatArray, ys_mm: FloatArray
 ) -> NDArray[np.bool_]:
-    """Which pixels, (rows, columns), have their centre in an odd number of ``contours``.
+    """Mask of the pixels, (rows, columns), with their centre in an odd number of ``contours``.
 
     ``xs_mm`` (columns) and ``ys_mm`` (rows) are evenly spaced and rise.
     """

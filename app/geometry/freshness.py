@@ -69,7 +69,7 @@ def freshness_of(
 
 
 def freshness_of_stamp(stamp: Stamp | None, now: Stamp, limits: FreshnessLimits) -> Freshness:
-    """As `freshness_of`; raises `StampError` for stamps of different clocks."""
+    """Return `freshness_of` two stamps; raises `StampError` for stamps of different clocks."""
     return freshness_of(None if stamp is None else now.ns - stamp.age_ns(now), now.ns, limits)
 
 

@@ -83,7 +83,7 @@ class Transform:
     def of_read_only(
         cls, target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
     ) -> "Transform":
-        """As `unchecked`, from arrays that are read-only and names that are valid."""
+        """Construct like `unchecked`, from arrays that are read-only and names that are valid."""
         made = object.__new__(cls)
         _set_target(made, target)
         _set_source(made, source)
@@ -360,7 +360,7 @@ def _read_only(array: FloatArray) -> FloatArray:
 def _unchecked(
     target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
 ) -> Transform:
-    """As `Transform.unchecked`, for frame names that have been checked.
+    """Construct like `Transform.unchecked`, for frame names that have been checked.
 
     A session step calls this a dozen times: it sets slots directly and passes flags by position,
     which takes NumPy half the time (its stubs allow names only).

@@ -16,7 +16,7 @@ from app.igtl.wire import pack_message, pack_message_with_metadata
 HOST = "127.0.0.1"
 MAX_CLIENTS = 8
 MAX_NAME_BYTES = 20
-"""Of a device name in the protocol; PLUS truncates longer ones."""
+"""Maximum length of a device name in the protocol; PLUS truncates longer ones."""
 
 _MATRIX = struct.Struct(">12f")
 _RECEIVE_BYTES = 1 << 12

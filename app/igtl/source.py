@@ -96,7 +96,7 @@ class IgtlSource:
 
     @property
     def problem(self) -> str:
-        """Why the server sends nothing, with what to do; empty while it is connected."""
+        """The reason why the server sends nothing, with what to do; empty while it is connected."""
         if self._connected:
             return ""
         host, port = self._address
@@ -107,7 +107,7 @@ class IgtlSource:
 
     @property
     def last_refusal(self) -> str:
-        """Why the latest invalid message was refused."""
+        """The reason why the latest invalid message was refused."""
         return self._refusals.last
 
     def counts(self) -> Mapping[str, int]:

@@ -36,7 +36,7 @@ def register_points_robust(
     targets_mm: ArrayLike | None = None,
     limits: AcceptanceLimits | None = None,
 ) -> RegistrationResult:
-    """As `register_points`, but reject pairs with a residual above ``inlier_mm``.
+    """Register points like `register_points`, but reject pairs with residuals above ``inlier_mm``.
 
     ``inlier_mm`` is about three times the localisation error. Raises `NoConsensusError` unless more
     than half of the pairs, and at least three, agree on one motion, and no other group of that

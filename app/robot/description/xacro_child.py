@@ -106,7 +106,7 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
     def advice(self, problem: BaseException) -> str:
-        """What to do about a failed expansion: a missing argument, or one that may be misspelt."""
+        """Advice on a failed expansion: a missing argument, or one that may be misspelt."""
         missing = _UNDEFINED.search(str(problem))
         if missing is not None:
             return f"; expected it in xacro_args, as {missing.group(1)}: VALUE"

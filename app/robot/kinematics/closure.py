@@ -17,7 +17,7 @@ MM_PER_RAD = 100.0
 
 
 class ClosureType(StrEnum):
-    """What a closing joint holds together.
+    """Relation that a closing joint maintains.
 
     ``ball``: a point. ``revolute``: a point and an axis. ``prismatic``: an axis and the rotation
     about it. ``fixed``: the whole pose.

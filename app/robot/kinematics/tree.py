@@ -15,7 +15,7 @@ from app.robot.kinematics.joint import MM_PER_M, Joint
 _JacobianJoints = tuple[
     NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_], FloatArray, FloatArray, FloatArray
 ]
-"""Of m joints: row of the child, column, `slides`, gain (m,); axis and pivot in mm (m, 3)."""
+"""Values of m joints: row of the child, column, `slides`, gain (m,); axis, pivot in mm (m, 3)."""
 
 
 class KinematicTree:
@@ -187,7 +187,7 @@ class KinematicTree:
         return jacobian
 
     def compiled_arrays(self, link: str, drivers: tuple[str, ...]) -> tuple[Any, ...]:
-        """What `link_kernel` needs to compute poses, and then the Jacobian of ``link``."""
+        """Arguments of `link_kernel` for the poses, and then for the Jacobian of ``link``."""
         poses = (self._slides, self._origins, self._motions, self._parents)
         return (*poses, self.link_rows[link], *self._joints_in_jacobian(link, drivers))
 

@@ -1,4 +1,4 @@
-"""Which mesh files a robot may have: STL, OBJ, DAE, GLB, glTF and PLY."""
+"""Mesh files of robots: STL, OBJ, DAE, GLB, glTF and PLY."""
 
 from pathlib import Path
 

@@ -26,7 +26,7 @@ _NAME = "BreachMarkers"
 
 @dataclass(frozen=True, slots=True)
 class MarkerStyle:
-    """How breach markers are shown: their least distance and their diameter in mm.
+    """Style of breach markers: their least distance and their diameter in mm.
 
     Display only: breaches are counted without it. Raises `SceneError` outside of the limits.
     """
