@@ -119,7 +119,7 @@ class PanelContour:
         self._draw(self._tumor.surface)
 
     def shown(self) -> ContourShown:
-        """What the panel shows of it."""
+        """The state of the contour for the panel."""
         can_edit = self._session.is_running and self._session.display is not None
         if self._points is None:
             return ContourShown(can_edit=can_edit)

@@ -28,7 +28,7 @@ class GuidedSection:
         self._ui = ui
         self._coverage: Coverage | None = None
         self._calibration = self._touch = GuidedShown()
-        """As shown: a command names the revision that its operator has seen."""
+        """Contents as shown: a command names the revision that its operator has seen."""
         self._calibrated = ToolChoice(ui.calibratedToolComboBox)
         self._touching = ToolChoice(ui.touchToolComboBox)
         for button, command in (

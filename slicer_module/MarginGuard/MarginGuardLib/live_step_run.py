@@ -33,7 +33,7 @@ class LiveStepRun:
 
     @property
     def operator(self) -> Operator | None:
-        """What the panel may request; None before the first step."""
+        """Access of the panel to the session; None before the first step."""
         return None if self._client is None else self._client.operator
 
     @property
@@ -48,7 +48,7 @@ class LiveStepRun:
 
     @property
     def silence(self) -> str:
-        """Why no step comes; empty while that is not known."""
+        """The reason why no step comes; empty while that is not known."""
         if self._child is not None and self._child.ended:
             return self._child.ended
         return "" if self._client is None else self._client.silence

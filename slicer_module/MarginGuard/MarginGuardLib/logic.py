@@ -223,7 +223,7 @@ class PanelLogic:
         return self._status()
 
     def spin(self) -> PanelStatus | None:
-        """As `refresh`; None where the state is that of the status before, `STATUS_NS` ago at most.
+        """Update like `refresh`; None if a status of this state is less than `STATUS_NS` old.
 
         The scene follows every step. Nobody reads texts that change as fast, and writing them
         takes longer than moving the scene.

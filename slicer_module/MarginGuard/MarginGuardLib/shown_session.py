@@ -205,7 +205,7 @@ class ShownSession:
 
     @property
     def silent(self) -> str:
-        """Why the shown step is not the present, empty while it is."""
+        """The reason why the shown step is not the present, empty while it is."""
         if self._last is None or self.display is None:
             return NOT_TRACKED_YET
         if self.readout()[0] is self._last.step.decision.state:
@@ -303,7 +303,7 @@ class ShownSession:
 
     @property
     def operator(self) -> Operator | None:
-        """What may be requested of the session; None before it has started."""
+        """Access to the session; None before it has started."""
         return None if self.thread is None else self.thread.run.operator
 
     def request(self, command: OperatorCommand) -> None:

@@ -18,7 +18,7 @@ NO_IMAGES = "no images"
 
 @dataclass(frozen=True, slots=True)
 class UltrasoundShown:
-    """What the panel shows of the image. ``depths_mm``: empty without several.
+    """State of the image for the panel. ``depths_mm``: empty without several.
 
     ``depth_mm``: the one in use for new images. ``can_choose``: an operator may choose another.
     """
@@ -97,7 +97,7 @@ class PanelUltrasound:
         self._session.request(ChooseDepth(depth_mm))
 
     def shown(self) -> UltrasoundShown:
-        """What the panel shows of it."""
+        """The state of the image for the panel."""
         operator = self._session.operator
         depth = None if operator is None else operator.content.image_depth
         return UltrasoundShown(

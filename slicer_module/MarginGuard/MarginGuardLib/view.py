@@ -1,4 +1,4 @@
-"""How the panel shows a session: cameras, opacity, breach markers, the patient's pose."""
+"""View of a session in the panel: cameras, opacity, breach markers, the patient's pose."""
 
 from slicer import vtkMRMLCameraNode, vtkMRMLScene, vtkMRMLTransformNode
 

@@ -1,1 +1,1 @@
-"""What the module ROS2 is made of; the calls of scripts are in `node` and `logic`."""
+"""Parts of the module ROS2; the calls of scripts are in `node` and `logic`."""

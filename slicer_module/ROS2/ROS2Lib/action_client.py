@@ -112,7 +112,7 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         return self._error == ""
 
     def GetLastError(self) -> str:
-        """Why the last goal has not succeeded; empty if it has."""
+        """The reason why the last goal has not succeeded; empty if it has."""
         return self._error
 
     def SetTimeoutSeconds(self, seconds: float) -> None:

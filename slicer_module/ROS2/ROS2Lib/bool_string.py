@@ -32,7 +32,7 @@ class BoolStringResponse(message_class(SetBool.Response)):  # type: ignore[misc]
 
     @classmethod
     def GetClassName(cls) -> str:
-        """As of the request."""
+        """The class name of the request."""
         return "vtkBoolString"
 
     def IsA(self, name: str) -> bool:

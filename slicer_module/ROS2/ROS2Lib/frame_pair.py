@@ -40,7 +40,7 @@ class FramePair(Member):
         return bool(self._parent and self._child)
 
     def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
-        """As `Member.AddToROS2Node`; without names with the frames that were set before."""
+        """Call `Member.AddToROS2Node`; without names with the frames that were set before."""
         if not names and not self.IsParentAndChildSet():
             logging.error(f"{self.GetName()}: parent or child is not set; expected both frames")
             return False

@@ -54,7 +54,7 @@ class Ros2Api:
         return made
 
     def AddNewNodeByClass(self, className: str, name: str = "") -> Any:
-        """As the scene's own, for classes of this module, which the scene cannot make."""
+        """Add a new node like the scene, for classes of this module that the scene cannot make."""
         node = node_class(className)()
         if name:
             node.SetName(name)

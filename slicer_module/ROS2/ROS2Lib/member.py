@@ -86,7 +86,7 @@ class Member(MrmlClass, _Node):
         return self.add_to(nodeId, names)
 
     def add_to(self, node_id: str, names: tuple[str, ...]) -> bool:
-        """As `AddToROS2Node`, with the names in the order of `_start`."""
+        """Join the graph like `AddToROS2Node`, with the names in the order of `_start`."""
         scene = self.GetScene()
         owner = None if scene is None else scene.GetNodeByID(node_id)
         if owner is None or not hasattr(owner, "adopt"):

@@ -61,7 +61,7 @@ class vtkMRMLROS2NodeNode(RosHost):
         return self.find(vtkMRMLROS2ServiceClientNode, service)
 
     def GetServiceClientNodeByTopic(self, topic: str) -> vtkMRMLROS2ServiceClientNode | None:
-        """As `GetServiceClientNodeByService`."""
+        """Return `GetServiceClientNodeByService` of ``topic``."""
         return self.GetServiceClientNodeByService(topic)
 
     def RemoveAndDeletePublisherNode(self, topic: str) -> bool:

@@ -71,7 +71,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         return self._values.get(parameterName) is not None
 
     def ParameterSet(self, parameterName: str) -> bool:
-        """As `IsParameterSet` without a log line."""
+        """Return `IsParameterSet`, without a log line."""
         return self.IsParameterSet(parameterName, noWarning=True)
 
     def GetParameterType(self, parameterName: str, result: Any = None) -> Any:
@@ -129,7 +129,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         return self._get(parameterName, "string_array", tuple, result)
 
     def PrintParameterValue(self, parameterName: str, result: Any = None) -> str | bool:
-        """As `PrintParameter`; with ``result``, a `vtk.reference`, as `GetParameterAsBool`."""
+        """Return `PrintParameter`; ``result``, a `vtk.reference`, is as in `GetParameterAsBool`."""
         if result is None:
             return self.PrintParameter(parameterName)
         known = self._values.get(parameterName) is not None

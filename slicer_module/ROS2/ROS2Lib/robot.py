@@ -114,7 +114,7 @@ class vtkMRMLROS2RobotNode(RobotMoveIt, Member, vtkMRMLScriptedModuleNode):
         return True
 
     def ObserveParameterNode(self, node: vtkMRMLROS2ParameterNode) -> None:
-        """As `SetRobotDescriptionParameterNode`."""
+        """Call `SetRobotDescriptionParameterNode`."""
         self.SetRobotDescriptionParameterNode(node)
 
     def ParseRobotDescription(self) -> bool:

@@ -65,7 +65,7 @@ class JointLinks:
         return True
 
     def problem(self) -> str:
-        """Why the poses are not valid; empty if they are."""
+        """The reason why the poses are not valid; empty if they are."""
         return self._problem
 
     def spin(self) -> bool:

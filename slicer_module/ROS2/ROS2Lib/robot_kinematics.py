@@ -115,7 +115,7 @@ class RobotKinematics:
         return tuple(self._value(joint, found) for joint in self._moving())
 
     def FindKDLIK(self, targetPose: vtkMatrix4x4, seedJointValues: Sequence[float] = ()) -> str:
-        """As `ComputeKDLIK` in older versions: the values as text, separated by commas."""
+        """Return `ComputeKDLIK` like older versions: the values as text, separated by commas."""
         return joined(self.ComputeKDLIK(targetPose, seedJointValues))
 
     def _value(self, joint: Joint, found: dict[str, float]) -> float:

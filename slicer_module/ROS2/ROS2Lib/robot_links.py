@@ -48,7 +48,7 @@ class TfLinks:
         return True
 
     def problem(self) -> str:
-        """Why the poses are not valid; empty if they are."""
+        """The reason why the poses are not valid; empty if they are."""
         stale = (
             f"link {link!r} is {node.GetState()} {node.GetProblem()}".strip()
             for link, node in self.nodes.items()

@@ -18,7 +18,7 @@ SERVICE = "/compute_ik"
 _TYPE = "moveit_msgs/srv/GetPositionIK"
 _DISCOVERY_S = 2.0
 _TRANSPORT_S = 2.0
-"""How much longer than MoveIt's own timeout a reply may take."""
+"""Time in addition to MoveIt's own timeout that a reply may take."""
 _SUCCESS = 1
 
 
@@ -50,7 +50,7 @@ class RobotMoveIt(RobotKinematics):
         return True
 
     def setupIKmoveit(self, groupName: str) -> bool:
-        """As `SetupIKMoveIt`, in older versions."""
+        """Call `SetupIKMoveIt`, by its name in older versions."""
         return self.SetupIKMoveIt(groupName)
 
     def ComputeMoveItIK(
@@ -84,7 +84,7 @@ class RobotMoveIt(RobotKinematics):
         seedJointValues: Sequence[float] = (),
         timeout: float = 1.0,
     ) -> str:
-        """As `ComputeMoveItIK` in older versions: the values as text, separated by commas."""
+        """Return `ComputeMoveItIK` like older versions: the values as text, separated by commas."""
         return joined(self.ComputeMoveItIK(targetPose, tipLink, seedJointValues, timeout))
 
     def close_moveit(self) -> None:

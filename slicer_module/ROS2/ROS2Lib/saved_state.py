@@ -1,4 +1,4 @@
-"""What a saved scene keeps of a node of this module, in attributes of the MRML node."""
+"""State of a node of this module in a saved scene, in attributes of the MRML node."""
 
 import json
 from collections.abc import Iterator

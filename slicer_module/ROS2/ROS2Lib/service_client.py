@@ -119,7 +119,7 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         return self._response is not None
 
     def GetLastError(self) -> str:
-        """Why the last request has no response (no server, timeout); empty if it has one."""
+        """The reason why the last request has no response (no server, timeout), or empty."""
         return self._error
 
     def IsRequestInProgress(self) -> bool:

@@ -49,7 +49,7 @@ class vtkMRMLROS2SimulatedWorldNode(Member, vtkMRMLScriptedModuleNode):
         return self._requests
 
     def GetProblem(self) -> str:
-        """Why the last refused request was refused; empty before the first."""
+        """The reason why the last refused request was refused; empty before the first."""
         return self._problem
 
     def GetBodies(self) -> list[str]:

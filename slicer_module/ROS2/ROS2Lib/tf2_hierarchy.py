@@ -62,7 +62,7 @@ class vtkMRMLROS2Tf2HierarchyNode(Member, vtkMRMLScriptedModuleNode):
         return self._count
 
     def GetProblem(self) -> str:
-        """Why transforms of the hierarchy are not broadcast; empty if all are."""
+        """The reasons why transforms of the hierarchy are not broadcast; empty if all are."""
         return "; ".join(self._problems[name] for name in sorted(self._problems))
 
     def status(self) -> str:

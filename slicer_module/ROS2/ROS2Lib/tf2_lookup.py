@@ -68,7 +68,7 @@ class vtkMRMLROS2Tf2LookupNode(FramePair, vtkMRMLLinearTransformNode):
         return self.GetState() != VALID
 
     def GetProblem(self) -> str:
-        """Why tf has no answer; empty if it has one."""
+        """The reason why tf has no answer; empty if it has one."""
         return self._problem
 
     def GetStampNanoseconds(self) -> int | None:
