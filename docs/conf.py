@@ -81,7 +81,7 @@ _TYPES = {
     "ArrayLike": ArrayLike,
 }
 _WRITTEN = {stringify_annotation(type_, "smart"): name for name, type_ in _TYPES.items()}
-"""What a type of numpy stands for -> its name."""
+"""Names of numpy's types, by the text that each stands for."""
 
 
 def _export(name: str) -> None:

@@ -16,7 +16,7 @@ MAX_TILT = np.radians(55.0)  # largest angle from +z of the world: what the arm 
 
 
 class Phase(IntEnum):
-    """What the hand does."""
+    """Phase of the hand's motion."""
 
     REST = 0
     WAY = 1

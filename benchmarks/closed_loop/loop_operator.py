@@ -50,7 +50,7 @@ class Operator:
         return self._states.get(f"marginguard: {name}", "")
 
     def stops(self) -> Counter[str]:
-        """How often the controller has stopped an arm that followed the hand, by reason."""
+        """Number of times that the controller stopped an arm that followed the hand, by reason."""
         values = self._values.get("marginguard: control /arm", {})
         found = {key: int(count) for key, count in values.items() if key.startswith("stops: ")}
         return Counter({key.removeprefix("stops: "): count for key, count in found.items()})

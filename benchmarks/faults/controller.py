@@ -92,7 +92,7 @@ class Controller:
             return sorted(self._constraints, key=sent), sorted(self._twists, key=sent)
 
     def safe_twists(self) -> list[Twist]:
-        """What the example controller has sent since `forget`, in the order of sending."""
+        """Twists that the example controller has sent since `forget`, in the order of sending."""
         with self._changed:
             return sorted(self._safe, key=attrgetter("sent_ns"))
 

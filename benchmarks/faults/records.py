@@ -1,4 +1,4 @@
-"""What a controller receives, and whether it permits an approach to the tumour."""
+"""Messages that a controller receives, and their permission to approach the tumour."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ class Twist:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What followed a fault. Times in ms from the fault; None if the session never became safe.
+    """Effect of a fault. Times in ms from the fault; None if the session never became safe.
 
     ``error_mm``: error of the pose when the fault was detected.
     """

@@ -21,7 +21,7 @@ UNFLAGGED = "NOT FLAGGED"  # a single source that the constraint does not name a
 
 
 class Variant(StrEnum):
-    """Which sources the session has."""
+    """Sources of the session."""
 
     LIVE_JOINTS = "live joints"
     SILENT_JOINTS = "silent joints"

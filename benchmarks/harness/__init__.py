@@ -1,1 +1,1 @@
-"""What all benchmarks share: options, child processes, figures, goals, tables, files and plots."""
+"""Shared parts of benchmarks: options, child processes, figures, goals, tables, files and plots."""

@@ -145,7 +145,7 @@ def _measure_session(kind: Kind, seconds: float, bodies: int) -> Run:
 
 @dataclass(frozen=True, slots=True)
 class StopKind:
-    """How the module is woken, and what it shows."""
+    """Measured module: its waking, its robots, and whether it draws."""
 
     name: str
     waking: Waking

@@ -56,7 +56,7 @@ LOOPS: dict[str, tuple[Callable[..., None], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class Waking:
-    """How Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
+    """Way in which Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
 
     ``loop`` is one of `LOOPS`.
     """

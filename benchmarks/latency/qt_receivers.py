@@ -248,7 +248,7 @@ class PageReceiver(Receiver):
 
 
 class TimedSource:
-    """What the page draws, with the times at which it was in the scene and sent."""
+    """Source of the page's pictures, with the times at which each was in the scene and sent."""
 
     def __init__(self, source: Any, receiver: PageReceiver) -> None:
         self.loop: RenderLoop | None = None

@@ -26,7 +26,7 @@ STYLUS_TIP_TO_STYLUS = np.array(
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
-"""Of the configuration that belongs to the recording. Its +x points out of the tip."""
+"""Calibration in the configuration of the recording. Its +x points out of the tip."""
 
 PHANTOM_TO_REFERENCE = np.array(
     [

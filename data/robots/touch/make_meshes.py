@@ -94,12 +94,12 @@ def z_to_y(points: Array) -> Array:
 
 
 def x_to_down(points: Array) -> Array:
-    """What lies along x hangs down, thickness along y stays."""
+    """Turn x to down; thickness along y stays."""
     return points[..., [2, 1, 0]] * (1.0, 1.0, -1.0)
 
 
 def tipped_back(points: Array) -> Array:
-    """What stands on z points along -x."""
+    """Turn z to -x."""
     return points[..., [2, 1, 0]] * (-1.0, 1.0, 1.0)
 
 
