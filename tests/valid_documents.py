@@ -62,8 +62,8 @@ CONTROL = {
         "tau_ms": 80.0,
         "lever_mm": 40,
         "retreat_mm_s": 10,
-        "most_mm_s": 100,
-        "most_rad_s": 1,
+        "max_speed_mm_s": 100,
+        "max_turn_rad_s": 1,
         "accept_simulated": True,
     },
     "tumor_motion": {

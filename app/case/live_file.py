@@ -142,6 +142,8 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
         None,
         tuple(package_dirs),
     )
+    if "limiter" in document:
+        case.add_notes(document.section("limiter").notes)
     return LiveCase(
         case,
         source,

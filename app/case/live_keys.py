@@ -121,8 +121,8 @@ _LIMITER = Block(
             default=20.0,
             minimum=0.0,
         ),
-        "most_mm_s": Number("largest speed", default=250.0, minimum=0.0),
-        "most_rad_s": Number("largest angular speed", default=2.0, minimum=0.0),
+        "max_speed_mm_s": Number("largest speed", default=250.0, minimum=0.0),
+        "max_turn_rad_s": Number("largest angular speed", default=2.0, minimum=0.0),
         "accept_simulated": Boolean(
             "allow motion by recorded or simulated poses; only where no patient and no robot is",
             default=False,
@@ -130,6 +130,7 @@ _LIMITER = Block(
     },
     optional=True,
     rules=(ABOVE_0,),
+    old_names={"most_mm_s": "max_speed_mm_s", "most_rad_s": "max_turn_rad_s"},
 )
 
 _TUMOR_MOTION = Block(

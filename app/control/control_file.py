@@ -53,7 +53,7 @@ class ControlDescription:
         """A new controller. Raises `InputError` for a joint without speed limit."""
         rule = FixtureRule(
             frame=RULE_FRAME,
-            parameters=LimiterParameters(most_mm_s=self.max_speed_mm_s),
+            parameters=LimiterParameters(max_speed_mm_s=self.max_speed_mm_s),
             accept_simulated=self.accept_simulated,
             follows_setup=True,
         )

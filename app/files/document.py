@@ -45,6 +45,18 @@ class Section:
         self._block = block
         if not isinstance(values, dict):
             raise InputError(f"{where} is {_shown(values)}; expected a mapping")
+        notes = []
+        for old in [key for key in values if key in block.old_names]:
+            new = block.old_names[old]
+            if new in values:
+                raise InputError(
+                    f"{self.place(old)} is the old name of {new}, which is given, too; "
+                    f"expected {new} only"
+                )
+            values = {new if key == old else key: value for key, value in values.items()}
+            notes.append(f"{self.place(old)} is the old name of {new}: rename it")
+        self.notes = tuple(notes)
+        """A sentence about each key that is given by its old name."""
         for key in values:
             if key not in block.keys:
                 raise InputError(

@@ -110,16 +110,24 @@ def _bounds(key: Integer | Number) -> Schema:
 def _object(block: Block) -> Schema:
     schema: Schema = {
         "type": "object",
-        "properties": {name: _schema(key, unit_of(name)) for name, key in block.keys.items()},
+        "properties": {
+            **{name: _schema(key, unit_of(name)) for name, key in block.keys.items()},
+            **{
+                old: {"description": f"old name of {name}", **_type_of(block.keys[name])}
+                for old, name in block.old_names.items()
+            },
+        },
         "required": [name for name, key in block.keys.items() if key.required],
         "additionalProperties": False,
     }
     if block.variants:
         schema["oneOf"] = [_variant(block, variant) for variant in block.variants]
-    if block.needs:
-        schema["allOf"] = [
-            {"if": {"required": [key]}, "then": {"required": [other]}} for key, other in block.needs
-        ]
+    conditions: list[Schema] = [
+        {"if": {"required": [key]}, "then": {"required": [other]}} for key, other in block.needs
+    ]
+    conditions += [{"not": {"required": list(names)}} for names in block.old_names.items()]
+    if conditions:
+        schema["allOf"] = conditions
     if block.rules:
         schema["$comment"] = _comment(block.rules)
     return schema

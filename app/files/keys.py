@@ -146,12 +146,14 @@ class Block(Key):
     With ``variants`` an optional key without a default is allowed only in those that name it, and
     exactly one variant applies. ``needs``: a key, and the other one that must be given with it.
     ``rules`` are checked by the readers of the block and cannot be stated in JSON Schema.
+    ``old_names``: former name of an optional key -> key; it is still read, with a note.
     """
 
     keys: Mapping[str, Key]
     variants: tuple[Variant, ...] = ()
     needs: tuple[tuple[str, str], ...] = ()
     rules: tuple[str, ...] = ()
+    old_names: Mapping[str, str] = field(default_factory=dict)
 
     def others_than(self, variant: Variant) -> list[str]:
         """The keys that belong to other variants only."""

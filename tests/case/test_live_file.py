@@ -84,10 +84,33 @@ def test_guidance_and_limiter_are_read(tmp_path, values):
     live = opened(tmp_path, values)
     assert guidance_parameters(live) is None
     assert limiter_parameters(live) == LimiterParameters()
-    given = {"guidance": GUIDANCE, "limiter": {"tau_ms": 80.0, "most_mm_s": 100.0}}
+    given = {"guidance": GUIDANCE, "limiter": {"tau_ms": 80.0, "max_speed_mm_s": 100.0}}
     live = opened(tmp_path, values | given)
     assert guidance_parameters(live) == GuidanceParameters(2.0, 10.0, 20.0, 0.02, 0.005, 5.0)
-    assert limiter_parameters(live) == LimiterParameters(tau_s=0.08, most_mm_s=100.0)
+    assert limiter_parameters(live) == LimiterParameters(tau_s=0.08, max_speed_mm_s=100.0)
+    assert live.case.notes() == ()
+
+
+def test_old_names_of_limits_are_read_with_a_note_on_each(tmp_path, values):
+    old = {"tau_ms": 80.0, "most_mm_s": 100.0, "most_rad_s": 1.0}
+    live = opened(tmp_path, values | {"limiter": old})
+    assert limiter_parameters(live) == LimiterParameters(0.08, 50.0, 20.0, 100.0, 1.0)
+    assert live.case.notes() == (
+        "live.yaml: limiter.most_mm_s is the old name of max_speed_mm_s: rename it",
+        "live.yaml: limiter.most_rad_s is the old name of max_turn_rad_s: rename it",
+    )
+
+
+def test_limit_by_its_old_and_its_present_name_is_refused(tmp_path, values):
+    twice = {"limiter": {"most_mm_s": 100.0, "max_speed_mm_s": 200.0}}
+    expected = "limiter.most_mm_s is the old name of max_speed_mm_s, which is given, too; expected"
+    with pytest.raises(InputError, match=expected):
+        opened(tmp_path, values | twice)
+
+
+def test_value_by_an_old_name_is_checked(tmp_path, values):
+    with pytest.raises(InputError, match=r"limiter\.max_speed_mm_s is -1; expected at least 0"):
+        opened(tmp_path, values | {"limiter": {"most_mm_s": -1.0}})
 
 
 def test_tumor_motion_is_in_degrees_and_needs_all_keys(tmp_path, values):
@@ -118,8 +141,8 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     stiff = opened(tmp_path, values | {"guidance": GUIDANCE | {"delay_ms": 15.0}})
     with refused(r"live.yaml: guidance: stiffness of the guidance .* is 200 N/m; .* 200 N/m"):
         guidance_parameters(stiff)
-    still = opened(tmp_path, values | {"limiter": {"most_mm_s": 0.0}})
-    with pytest.raises(InputError, match=r"live.yaml: limiter: most_mm_s of the limiter is 0.0;"):
+    still = opened(tmp_path, values | {"limiter": {"max_speed_mm_s": 0.0}})
+    with pytest.raises(InputError, match=r"limiter: max_speed_mm_s of the limiter is 0.0;"):
         limiter_parameters(still)
 
 
@@ -138,7 +161,7 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
         ({"recording": {"path": "x.mcap"}}, "live.yaml: recording is unknown"),
         ({"guidance": {"force_n": 2.0}}, "live.yaml: guidance.range_mm is missing"),
         ({"guidance": GUIDANCE | {"gain": 1.0}}, "guidance.gain is unknown"),
-        ({"limiter": {"most_mm_s": -1.0}}, "limiter.most_mm_s is -1; expected at least 0"),
+        ({"limiter": {"max_speed_mm_s": -1.0}}, "max_speed_mm_s is -1; expected at least 0"),
         ({"clock": {"estimate": True}}, "live.yaml: clock.estimate needs a recording"),
         ({"registration": DWELLS}, "live.yaml: registration.dwells needs a recording"),
         ({"source": {"igtl": {"host": "plus"}, "clock": "host"}}, "source.igtl.port is missing"),

@@ -154,11 +154,11 @@ class Limits:
     approach: FloatArray
     tumor: FloatArray
     shares: FloatArray
-    most_rad_s: float
+    max_turn_rad_s: float
 
     def slowed(self, twist: FloatArray) -> FloatArray:
-        speeds = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
-        return twist / max(speeds[0] / PARAMETERS.most_mm_s, speeds[1] / self.most_rad_s, 1.0)
+        speed, turn = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
+        return twist / max(speed / PARAMETERS.max_speed_mm_s, turn / self.max_turn_rad_s, 1.0)
 
     def share(self, twist: FloatArray) -> float:
         return float(self.shares @ [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
@@ -194,8 +194,8 @@ def limits_of(message, step: Allow, history: History, *, latched: bool) -> Limit
     free = np.maximum(free, [0.1, 0.001])
     left = max(1.0 - float(([way_mm, turn_rad] / free).sum()), 1e-9)
     shares = PARAMETERS.tau_s / (left * free)
-    most_rad_s = min(PARAMETERS.most_rad_s, message.max_tool_turn_rad_s)
-    return Limits(rows, approach, tumor, shares, most_rad_s)
+    max_turn_rad_s = min(PARAMETERS.max_turn_rad_s, message.max_tool_turn_rad_s)
+    return Limits(rows, approach, tumor, shares, max_turn_rad_s)
 
 
 def oracle_twist(desired: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray]:
@@ -298,7 +298,7 @@ def check_random_lives(driver: Path, controllers: int) -> None:
         size = np.abs(lower) + np.linalg.norm(limits.rows, axis=1) * speed
         violation = max(violation, float(((lower - limits.rows @ twist) / (size + 1e-300)).max()))
         share = max(share, limits.share(twist))
-        assert np.linalg.norm(twist[3:]) <= limits.most_rad_s * (1.0 + 1e-12)
+        assert np.linalg.norm(twist[3:]) <= limits.max_turn_rad_s * (1.0 + 1e-12)
     print(f"{len(found)} decisions, {moves} with motion; deviation from Python {from_python:.2g}")
     print(f"from the oracle {from_oracle:.2g} mm/s or rad/s")
     print(f"not compared with it: {unsolved} unsolved")

@@ -427,10 +427,10 @@ def _allowance_of(
     limits, now = FreshnessLimits(margins.stale_after_ns), step.frame.stamp
     if freshness_of_stamp(stamp, now, limits) is not Freshness.VALID:
         return None
-    most_rad_s = min(parameters.most_rad_s, MAX_TURN_RAD_S)
+    max_turn_rad_s = min(parameters.max_turn_rad_s, MAX_TURN_RAD_S)
     return _Allowance(
         constraint=constraint,
-        parameters=replace(parameters, most_rad_s=most_rad_s),
+        parameters=replace(parameters, max_turn_rad_s=max_turn_rad_s),
         tip_mm=pose.translation_mm,
         edges=step.edges,
         stamp_ns=stamp.ns,

@@ -385,7 +385,7 @@ def test_long_frame_names_are_neither_stored_nor_logged(limiter, make_step, repl
 
 
 def test_reply_is_limited_to_the_maximum_speed(ros, buffer, make_step, replies):
-    limits = LimiterParameters(most_mm_s=100.0, most_rad_s=0.5)
+    limits = LimiterParameters(max_speed_mm_s=100.0, max_turn_rad_s=0.5)
     limiter = TwistLimiter(ros, buffer, parameters=limits, timeout_ns=TIMEOUT_NS)
     limiter.allow(make_step(0), LONG)
     found = replies(command(0.0, 0.0, 1e9), command(0.0, 0.0, 0.01, angular=(0.0, 0.0, 1.0)))
