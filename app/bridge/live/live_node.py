@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from app.bridge.live.guard_start import GuardStart, guard_start
 from app.bridge.live.inputs import Counts, LiveInputs, named_edges
 from app.bridge.live.operator_endpoints import served_operators
 from app.bridge.live.outputs import LiveOutputs, live_outputs
+from app.bridge.live.single_instance import SingleInstance, single_instance
 from app.bridge.node import RosNode
 from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
@@ -69,7 +69,7 @@ def live_node(
     process does not have.
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
-    orderly way. Raises the errors of `guard_start`.
+    orderly way. Raises the errors of `single_instance`.
     """
     config = prepared.config
     limiter, guidance = limiter_parameters(config), guidance_parameters(config)
@@ -79,7 +79,7 @@ def live_node(
     # The nodes of the tracker and of the robot publish their own data.
     measured = not isinstance(config.source, TfSourceEntry)
     with (
-        guard_start(prepared, NODE_NAME, namespace, ros) as start,
+        single_instance(prepared, NODE_NAME, namespace, ros) as instance,
         SessionPublisher(
             prepared.content,
             namespace=namespace,
@@ -107,7 +107,7 @@ def live_node(
             )
         )
         compute = opened(_compute_process(prepared.setup))
-        run = _live_run(prepared, start, publisher, inputs, node_outputs, compute)
+        run = _live_run(prepared, instance, publisher, inputs, node_outputs, compute)
         instance_id = publisher.constraints.instance_id
         opened(served_operators(node, run, config, displays, instance_id))
         try:
@@ -125,7 +125,7 @@ def live_node(
 
 def _live_run(
     prepared: PreparedLive,
-    start: GuardStart,
+    instance: SingleInstance,
     publisher: SessionPublisher,
     inputs: LiveInputs,
     outputs: LiveOutputs,
@@ -139,7 +139,7 @@ def _live_run(
         stamps_of_host=config.stamps_of_host,
         edges=named_edges(config.source),
         playback=inputs.playback,
-        outside=lambda: _joined(inputs.senders.outside(), start.faults(publisher.ros)),
+        outside=lambda: _joined(inputs.senders.outside(), instance.faults(publisher.ros)),
         source_problem=inputs.source_problem,
         cautery=None if inputs.cautery is None else inputs.cautery.state,
     )
@@ -147,7 +147,7 @@ def _live_run(
         live,
         prepared.content,
         outputs.in_order,
-        HoldKeeper(start.state, lambda: publisher.constraints.ended),
+        HoldKeeper(instance.state, lambda: publisher.constraints.ended),
         holds=publisher.constraints,
         requests=outputs.requests,
         compute=compute.call,

@@ -1,4 +1,4 @@
-"""Before the first constraint of a live session: no other guard, and the hold of the last run."""
+"""Start of a live session as the only guard: no other one runs, and the last hold is kept."""
 
 import os
 import threading
@@ -84,7 +84,7 @@ class SilentPublishers:
 
 
 @dataclass(frozen=True, slots=True)
-class GuardStart:
+class SingleInstance:
     """The kept ``state`` of a session, and the ``silent`` publishers that were there before it."""
 
     state: LiveState
@@ -101,9 +101,9 @@ class GuardStart:
 
 
 @contextmanager
-def guard_start(
+def single_instance(
     prepared: PreparedLive, name: str, namespace: str, ros: RosNode | None
-) -> Iterator[GuardStart]:
+) -> Iterator[SingleInstance]:
     """Make sure that this is the only guard; keep its hold and values on disk within the context.
 
     ``name`` is that of the node. Raises `SecondInstanceError` or `BridgeError` beside another
@@ -117,7 +117,7 @@ def guard_start(
         silent = find_silent_publishers(name, key.namespace, domain_id)
         for cause in state.start_causes:
             logger.warning(f"HOLD: {cause}")
-        yield GuardStart(state, silent)
+        yield SingleInstance(state, silent)
 
 
 def find_silent_publishers(name: str, namespace: str, domain_id: int | None) -> SilentPublishers:

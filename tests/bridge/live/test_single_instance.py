@@ -6,8 +6,8 @@ import pytest
 
 from app.bridge import RosNode, topics
 from app.bridge.errors import BridgeError
-from app.bridge.live import guard_start
-from app.bridge.live.guard_start import find_silent_publishers
+from app.bridge.live import single_instance
+from app.bridge.live.single_instance import find_silent_publishers
 from app.fixture import Reason
 from tests.waiting import wait_until
 
@@ -49,7 +49,7 @@ def test_publisher_that_stays_longer_than_the_lease_is_an_error(
     domain_id, ros, silent, monkeypatch
 ):
     found = find_silent_publishers("marginguard", "/", domain_id)
-    monkeypatch.setattr(guard_start, "LEASE_S", 0.0)
+    monkeypatch.setattr(single_instance, "LEASE_S", 0.0)
     with pytest.raises(BridgeError, match=f"{TOPIC}: node /marginguard still has a publisher"):
         found.faults(ros)
 
