@@ -35,7 +35,7 @@ class Holds(Protocol):
     def check(self, seen: SeenHold) -> None:
         """Raise `RearmRefusedError` unless ``seen`` is the present hold. Does not wait."""
 
-    def spend(self, seen: SeenHold) -> None:
+    def consume(self, seen: SeenHold) -> None:
         """End the validity of the nonce of ``seen``, which has ended its hold."""
 
 
@@ -50,7 +50,7 @@ class HoldIdentity:
     """The nonce of the present hold, and the time at which it began.
 
     The nonce is 0 unless the hold is latched, otherwise a random number that is replaced with each
-    fault and each further cause, and ends with `spend`. ``clock_ns`` is the system time, and
+    fault and each further cause, and ends with `consume`. ``clock_ns`` is the system time, and
     ``random_bits`` creates the nonces.
     """
 
@@ -115,7 +115,7 @@ class HoldIdentity:
                 "constraint"
             )
 
-    def spend(self, nonce: int) -> None:
+    def consume(self, nonce: int) -> None:
         """End the validity of ``nonce`` after it has re-armed its hold."""
         if self.nonce == nonce:
             self.nonce = 0

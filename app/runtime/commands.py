@@ -117,7 +117,7 @@ class OperatorCommands:
             content = replace(self._content, margins=session.requested.margins)
             switches = self._prepare(content)
             session.rearm()
-            self._holds.spend(seen)
+            self._holds.consume(seen)
             if content.margins != self._content.margins:
                 self._switch(content, switches)
             self._acknowledged = self._content

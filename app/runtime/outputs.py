@@ -120,9 +120,9 @@ class StepHolds(PassiveOutput):
         """Raise `RearmRefusedError` unless ``seen`` is the present hold."""
         self._identity.check(seen.nonce)
 
-    def spend(self, seen: SeenHold) -> None:
+    def consume(self, seen: SeenHold) -> None:
         """End the validity of the nonce."""
-        self._identity.spend(seen.nonce)
+        self._identity.consume(seen.nonce)
 
 
 def end_outputs(outputs: Sequence[Output]) -> None:

@@ -248,8 +248,8 @@ class HoldsDouble:
         if self.error is not None:
             raise self.error
 
-    def spend(self, seen):
-        self.events.append(f"spend {seen.nonce}")
+    def consume(self, seen):
+        self.events.append(f"consume {seen.nonce}")
 
 
 def test_rearm_is_checked_between_steps_and_ends_no_other_hold(world):
@@ -266,7 +266,7 @@ def test_rearm_is_refused_while_state_is_unknown_and_keeps_the_nonce(world):
     commands = world.use_commands(holds=HoldsDouble(world.events))
     with pytest.raises(NotRearmableError):
         commands.rearm(SeenHold(7, 9), origin="a test")
-    assert "spend 9" not in world.events
+    assert "consume 9" not in world.events
     world.assert_unchanged()
 
 

@@ -237,9 +237,9 @@ class ConstraintStream:
             raise RearmRefusedError("the constraint is stale: its cause must end before re-arming")
         self._identity.check(seen.nonce)
 
-    def spend(self, seen: SeenHold) -> None:
+    def consume(self, seen: SeenHold) -> None:
         """End the validity of the nonce of ``seen``."""
-        self._identity.spend(seen.nonce)
+        self._identity.consume(seen.nonce)
 
     @property
     def seq(self) -> int:

@@ -154,9 +154,9 @@ def test_spent_nonce_is_replaced_by_the_next_hold():
     sent, stream = streaming(random_bits=counted_bits())
     stream.publish(latched())
     nonce = stream.present().nonce
-    stream.spend(SeenHold(0, nonce + 1))
+    stream.consume(SeenHold(0, nonce + 1))
     assert stream.present().nonce == nonce
-    stream.spend(SeenHold(0, nonce))
+    stream.consume(SeenHold(0, nonce))
     assert stream.present().nonce == 0
     stream.publish(latched())
     assert sent.messages[-1].rearm_nonce not in (0, nonce)
@@ -198,7 +198,7 @@ def test_spent_nonce_of_a_stale_message_is_not_used_again():
         stream.publish(constraint(), valid_ns=0)
         stream.publish(faulty())
         stream.publish(latched())
-        stream.spend(stream.present())
+        stream.consume(stream.present())
         stream.publish(constraint())
     stream.publish(constraint())
     stream.hold("inactive")
