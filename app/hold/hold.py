@@ -30,8 +30,8 @@ class Hold:
     an approach. One of `POSE_DOUBTS`, `doubt` and `latch` with doubt begin that, and it lasts as
     long as the hold: the jump to a wrong place takes one sample, and what follows is plausible.
 
-    The causes are changes since the operator last agreed, then faults, each oldest first. Of the
-    faults the first ones and the newest are kept.
+    The causes are changes since the last re-arm, then faults, each oldest first. Of the faults the
+    first ones and the newest are kept.
     """
 
     def __init__(self) -> None:
@@ -98,9 +98,9 @@ class Hold:
         self._add_fault(cause)
 
     def change(self, changes: Sequence[str], *, latch: bool) -> None:
-        """Replace the changes that an operator has to agree to; ``latch`` if the last one loosens.
+        """Replace the changes to be acknowledged by an operator; ``latch`` if the last one loosens.
 
-        They are all changes since the last agreement, so that their number is bounded and no later
+        They are all changes since the last re-arm, so that their number is bounded and no later
         one hides an earlier one.
         """
         self._changes = tuple(changes)

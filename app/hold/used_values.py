@@ -21,8 +21,8 @@ _CHANGED = "not as in the last run"
 def causes_of_change(before: UsedValues, now: UsedValues) -> tuple[str, ...]:
     """One text for each of tumour, tip, registration, margins and depth that differs.
 
-    A run that begins with other values than those that an operator has last agreed to begins on
-    hold, and a re-arm is the agreement to the new ones.
+    A run that begins with other values than those that an operator has last acknowledged begins on
+    hold, and a re-arm acknowledges the new ones.
     """
     if before == now:
         return ()

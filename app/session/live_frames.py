@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from app.case import JointSample, TrackingFrame, agreed_sample
 from app.geometry import NS_PER_MS, NS_PER_S, Edge, Stamp, TrackedTransform, shortest_path
-from app.session.aside_samples import AsideSamples
+from app.session.auxiliary_samples import AuxiliarySamples
 from app.session.joint_queue import JointQueue
 from app.session.live_clock import SourceClock
 from app.session.named_frames import missing_frames_problem, nothing_received_problem, path_to_base
@@ -50,12 +50,12 @@ class LiveFrames:
     Without ``edges``, the edges on the shortest paths between the session's frames are used, and
     those that measure a robot's base, which is an error that the session reports. With ``edges``,
     only these are used. Without them, samples of ``setup.shown_frames`` come with the others
-    (`AsideSamples`). A frame is ready when it holds all edges that came with the previous stamp,
-    or when its first sample has waited for `COMPLETE_WITHIN_NS`. Frames that are ready together are
-    merged into one with the newest sample of each edge, so that a session that is slower than its
-    source stays in the present and no queue grows; a lost pose ends such a frame, so that none is
-    hidden by a newer one. The first sample of the next stamp does not
-    split a complete frame.
+    (`AuxiliarySamples`). A frame is ready when it holds all edges that came with the previous
+    stamp, or when its first sample has waited for `COMPLETE_WITHIN_NS`. Frames that are ready
+    together are merged into one with the newest sample of each edge, so that a session that is
+    slower than its source stays in the present and no queue grows; a lost pose ends such a frame,
+    so that none is hidden by a newer one. The first sample of the next stamp does not split a
+    complete frame.
 
     Duplicates are dropped; two samples with one stamp that differ become INVALID. `left_out` counts
     the samples that were not used, by reason. Host times are integer ns, passed in.
@@ -78,7 +78,7 @@ class LiveFrames:
         self._last_stamp_of: dict[Edge, int] = {}
         self._newest: dict[Edge, TrackedTransform] = {}
         self._groups: dict[int, _Group] = {}
-        self._aside = AsideSamples(() if self._named else setup.shown_frames)
+        self._auxiliary = AuxiliarySamples(() if self._named else setup.shown_frames)
         self._joints = JointQueue(setup.margins.stale_after_ns)
         self._restarted = False
         self._first_ns: int | None = None
@@ -160,14 +160,14 @@ class LiveFrames:
         return self._frame(now, ())
 
     def _frame(self, now: Stamp, poses: tuple[TrackedTransform, ...]) -> TrackingFrame:
-        frame = TrackingFrame(now, (*poses, *self._aside.take()), self._joints.take(now))
+        frame = TrackingFrame(now, (*poses, *self._auxiliary.take()), self._joints.take(now))
         # Only here: the clock is estimated, and duplicates are found, by the stamps as sent.
         return self._setup.tracking.acquired(frame)
 
     def _add(self, sample: TrackedTransform, host_ns: int, train: bool) -> None:
         edge = (sample.target, sample.source)
         if not self._is_used(edge, host_ns):
-            self._aside.add(sample, self._clock.now(host_ns))
+            self._auxiliary.add(sample, self._clock.now(host_ns))
             return
         known = self._newest.get(edge)
         if known is not None and sample.stamp < known.stamp and self._is_ahead(known, host_ns):
@@ -232,7 +232,7 @@ class LiveFrames:
                 return False
         self._edges[edge] = None
         self._used = self._named & self._edges.keys() if self._named else self._edges_in_use()
-        self._aside.find(self._edges, self._used, self._setup.frame_from_tumor.target)
+        self._auxiliary.find(self._edges, self._used, self._setup.frame_from_tumor.target)
         self._missing_frames = None
         if self._first_ns is None:
             self._first_ns = host_ns
@@ -257,4 +257,4 @@ class LiveFrames:
         self._groups.clear()
         self._last_stamp_of.clear()
         self._joints.clear()
-        self._aside.restart()
+        self._auxiliary.restart()

@@ -12,14 +12,14 @@ from app.session.setup import RobotSetup, SessionSetup
 _UNDONE = "a change that loosened the session was undone"
 
 
-class AgreedSetup:
+class AcknowledgedSetup:
     """The setup of the start or of the last re-arm, or a tighter one, and what differs from it."""
 
     def __init__(self, setup: SessionSetup) -> None:
         self._setup = setup
         self._tumor_change = ""
         self.changes: tuple[str, ...] = ()
-        """Texts of all that an operator has to agree to."""
+        """Texts of all that an operator has to acknowledge."""
 
     def change(self, before: SessionSetup, after: SessionSetup, tumor_change: str) -> bool:
         """Note the change from ``before`` to ``after``; True if it loosens and has to be latched.
@@ -34,7 +34,7 @@ class AgreedSetup:
         self.changes = tuple(loosenings(self._setup, after, self._tumor_change) or [_UNDONE])
         return loosens
 
-    def agree(self, setup: SessionSetup) -> None:
+    def acknowledge(self, setup: SessionSetup) -> None:
         """An operator has seen the changes, and has re-armed with ``setup``."""
         self._setup = setup
         self._tumor_change = ""

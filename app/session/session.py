@@ -30,7 +30,7 @@ from app.registration import predict_tre
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
 from app.session.known_edges import known_edges
-from app.session.loosening import AgreedSetup
+from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.plausibility.plausibility import Plausibility
@@ -72,7 +72,7 @@ class Session:
         self._last: PathPoint | None = None
         self._virtual_fixture: Transform | None = None
         self._hold = Hold()
-        self._agreed = AgreedSetup(setup)
+        self._acknowledged = AcknowledgedSetup(setup)
         self._index = -1
 
     def step(
@@ -88,7 +88,7 @@ class Session:
         than the frame's, a mistake of the caller.
         """
         self._index += 1
-        problems = self._poses.insert(self._plausibility.admitted(frame, self._poses))
+        problems = self._poses.insert(self._plausibility.remove_implausible(frame, self._poses))
         if problems:  # the clock went back: no sweep from the pose before the jump
             self._last = None
         tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
@@ -168,7 +168,7 @@ class Session:
         """Release the hold of an earlier fault; raises `NotRearmableError` while UNKNOWN."""
         self._hold.rearm()
         self._use(self.requested)
-        self._agreed.agree(self.setup)
+        self._acknowledged.acknowledge(self.setup)
 
     @property
     def hold_causes(self) -> tuple[str, ...]:
@@ -188,10 +188,10 @@ class Session:
         tumor, known = setup.frame_from_tumor.source, self.setup.frame_from_tumor.source
         if tumor != known:
             raise FrameError(f"the tumour's frame is {tumor!r}; expected {known!r}, as before")
-        loosened = self._agreed.change(self.setup, setup, tumor_change)
-        self._hold.change(self._agreed.changes, latch=loosened)
+        loosened = self._acknowledged.change(self.setup, setup, tumor_change)
+        self._hold.change(self._acknowledged.changes, latch=loosened)
         if _places(setup) != _places(self.setup):
-            # A retreat from a tumour that no operator has agreed to may approach the true one.
+            # A retreat from a tumour that no operator has acknowledged may approach the true one.
             self._hold.doubt()
         self.requested = setup
         margins = tightest_margins(

@@ -10,7 +10,7 @@ from app.fixture import MarginParameters
 from app.hold import loosened_margins, tightest_margins
 from app.hold.changes import LOOSER_ABOVE, LOOSER_BELOW
 from app.session import SessionSetup
-from app.session.loosening import AgreedSetup, loosenings
+from app.session.loosening import AcknowledgedSetup, loosenings
 from tests.doubles import PARAMETERS, AnalyticSphere
 from tests.session_content import one_link_content
 
@@ -98,20 +98,20 @@ def test_each_change_of_tumour_tool_and_robot_loosens():
 
 
 def test_changes_are_those_since_the_last_rearm_whatever_was_set_in_between():
-    agreed = AgreedSetup(SETUP)
-    assert agreed.change(SETUP, with_margins(stop_mm=0.5), "")
-    assert agreed.changes == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.5",)
-    assert agreed.change(SETUP, with_margins(stop_mm=0.25), "")
-    assert agreed.changes == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.25",)
-    assert not agreed.change(SETUP, SETUP, "")
-    assert agreed.changes == ("a change that loosened the session was undone",)
-    agreed.agree(SETUP)
-    assert agreed.changes == ()
+    acknowledged = AcknowledgedSetup(SETUP)
+    assert acknowledged.change(SETUP, with_margins(stop_mm=0.5), "")
+    assert acknowledged.changes == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.5",)
+    assert acknowledged.change(SETUP, with_margins(stop_mm=0.25), "")
+    assert acknowledged.changes == (f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.25",)
+    assert not acknowledged.change(SETUP, SETUP, "")
+    assert acknowledged.changes == ("a change that loosened the session was undone",)
+    acknowledged.acknowledge(SETUP)
+    assert acknowledged.changes == ()
 
 
 def test_tightening_is_the_base_of_the_next_loosening():
-    agreed, tight = AgreedSetup(SETUP), with_margins(stop_mm=4.0)
-    assert not agreed.change(SETUP, tight, "")
-    assert agreed.changes == ()
-    assert agreed.change(tight, SETUP, "")
-    assert agreed.changes == (f"stop_mm lowered from 4 to {PARAMETERS.stop_mm:g}",)
+    acknowledged, tight = AcknowledgedSetup(SETUP), with_margins(stop_mm=4.0)
+    assert not acknowledged.change(SETUP, tight, "")
+    assert acknowledged.changes == ()
+    assert acknowledged.change(tight, SETUP, "")
+    assert acknowledged.changes == (f"stop_mm lowered from 4 to {PARAMETERS.stop_mm:g}",)

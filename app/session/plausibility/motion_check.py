@@ -25,7 +25,7 @@ class MotionCheck:
         for sensor in self._sensors.values():
             sensor.limits = limits
 
-    def admitted(self, frame: TrackingFrame, edges: AbstractSet[Edge]) -> TrackingFrame:
+    def remove_implausible(self, frame: TrackingFrame, edges: AbstractSet[Edge]) -> TrackingFrame:
         """``frame`` without the samples of ``edges`` that must not be used."""
         if self._now is not None and frame.stamp < self._now:
             self._newest_ns.clear()

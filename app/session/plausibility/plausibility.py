@@ -30,7 +30,7 @@ _NO_FAULTS: Mapping[Reason, str] = MappingProxyType({})
 class Plausibility:
     """Motion of the sensors, joints against tracker, and the configured relations.
 
-    Once per step: `admitted` for the frame, then `drift` and `faults`.
+    Once per step: `remove_implausible` for the frame, then `drift` and `faults`.
     """
 
     def __init__(self, setup: SessionSetup) -> None:
@@ -61,14 +61,14 @@ class Plausibility:
             self._joints = _joints(setup)
         self._set_up(setup)
 
-    def admitted(self, frame: TrackingFrame, poses: PoseTree) -> TrackingFrame:
+    def remove_implausible(self, frame: TrackingFrame, poses: PoseTree) -> TrackingFrame:
         """``frame`` without samples that their sensors cannot have measured."""
         edges = poses.edges
         if edges != self._edges:
             self._edges = edges
             paths = [shortest_path(edges, *ends) or () for ends in self._ends]
             self._used = frozenset(edge for path in paths for edge in path)
-        return self._motion.admitted(frame, self._used)
+        return self._motion.remove_implausible(frame, self._used)
 
     def drift(
         self, links: Mapping[str, Transform], reference_from_tip: Transform | None, now: Stamp

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable
 from app.geometry import Edge, Stamp, TrackedTransform, shortest_path
 
 
-class AsideSamples:
+class AuxiliarySamples:
     """Newest sample of each edge that leads to one of ``frames``, and to no frame of a decision.
 
     They neither begin nor delay a frame of the session, and do not train its clock. A stamp that is
