@@ -10,7 +10,7 @@ from app.session import StepResult
 
 @dataclass(frozen=True, slots=True)
 class PublishPolicy:
-    """Selection of those topics of this node that other nodes may publish too.
+    """Shared topics that this node publishes: those that other nodes may publish, too.
 
     A replay is alone on the graph and publishes all of them. ``clock``: the session's time is the
     time of the graph; ``measured``: the tracker's edges; ``robot``: its description, joints and

@@ -101,7 +101,7 @@ class JointFollower:
         )
 
     def _oldest(self, samples: dict[str, _Sample], stamp_ns: int | None) -> str:
-        """The source of the oldest sample of a pose, in parentheses; empty without samples."""
+        """The joint or transform that the pose is as old as, in parentheses; else empty."""
         if not samples:
             return ""
         oldest = min(samples, key=lambda name: samples[name].stamp_ns)

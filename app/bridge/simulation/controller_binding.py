@@ -54,7 +54,7 @@ class ControllerBinding:
             return self._other is None
 
     def problem(self) -> str:
-        """Evidence that a controller other than the bound one may move the arm, or empty."""
+        """Evidence that a controller other than the bound one may move the arm; empty without."""
         counts = {name: self._node.count_publishers(name) for name in self._topics}
         for name, count in counts.items():
             if count > 1:

@@ -14,7 +14,7 @@ _REPORT_NS = NS_PER_S
 
 
 class Shell(Protocol):
-    """Inputs and outputs of the world; called in the thread of `RealTime.run`."""
+    """Connection of the world to its users; called in the thread of `RealTime.run`."""
 
     def step(self, world: World, now_ns: int) -> WorldState:
         """Take one step with what has arrived until ``now_ns`` of the host's clock."""

@@ -17,7 +17,7 @@ from app.geometry import (
 
 MAX_EDGES = 256
 _MIN_SAMPLES, _MAX_SAMPLES = 256, 8192
-"""Samples kept of an edge with ``keep_ns``: always so many, and at most so many, for any sender."""
+"""Minimum and maximum of samples kept of an edge with ``keep_ns``; the latter bounds the memory."""
 
 
 class PoseHistory:
