@@ -163,7 +163,7 @@ def joint_sample(positions: Mapping[str, float], at_ms: float) -> JointSample:
 def simulated_message(
     planes: Constraint, state: MarginState, seq: int, stamp_ns: int, valid_ns: int
 ) -> PlainConstraint:
-    """What a controller receives from a guard whose poses are simulated."""
+    """The message that a controller receives from a guard whose poses are simulated."""
     return PlainConstraint(
         instance_id="guard",
         seq=seq,

@@ -15,7 +15,7 @@ _EXPECTED: dict[str, Any] = yaml.safe_load((SHIPPED_CASE / "expected.yaml").read
 
 NAME: str = _MANIFEST["name"]
 FRAMES: int = _EXPECTED["frames"]
-"""Of a replay: those of the recording, and one for each silence."""
+"""Frames of a replay: those of the recording, and one for each silence."""
 CLOCK_OFFSET_MS: float = _MANIFEST["clock"]["offset_robot_to_tracker_ms"]
 BASE: list[float] = _EXPECTED["registration"]["reference_from_base"]
 """The robot's base, as the recording was made: ``reference_from_base``, row by row."""

@@ -29,7 +29,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "data" / "phantom_case"
 
 @pytest.fixture(scope="module")
 def insertion():
-    """What the analysis finds in the phantom case, whose tissue is a ball of 10 mm."""
+    """The analysed insertion of the phantom case, whose tissue is a ball of 10 mm."""
     case = mg.open_case(FOLDER, tip_only=True)
     content = case.content
     return analyse_case(

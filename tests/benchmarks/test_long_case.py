@@ -11,7 +11,7 @@ from tests.shipped_case import SHIPPED_CASE as RECORDED
 pytestmark = pytest.mark.long
 
 MORE_S = 2.7
-"""How much longer the repeated case is than one round."""
+"""Difference in length between the repeated case and one round."""
 
 
 def matrix(sample: TrackedTransform) -> FloatArray:

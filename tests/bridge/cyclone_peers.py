@@ -1,4 +1,4 @@
-"""What the peers with Eclipse Cyclone DDS share. They import neither the project nor ROS.
+"""Shared parts of the peers with Eclipse Cyclone DDS. They import neither the project nor ROS.
 
 Names follow ROS 2's mapping to DDS: the topic ``/tf`` is ``rt/tf``, a service is a pair of topics,
 ``rq/NAMERequest`` and ``rr/NAMEReply``. The metadata of a sample identifies the request of a reply.

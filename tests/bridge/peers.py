@@ -1,4 +1,4 @@
-"""What the independent ROS processes of the tests share; it uses plain rclpy, not the project."""
+"""Shared parts of the tests' independent ROS processes; plain rclpy, not the project."""
 
 import contextlib
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""How a case names its robot: packages, absolute paths, xacro arguments, optional meshes."""
+"""Robot of a case by its keys: packages, absolute paths, xacro arguments, optional meshes."""
 
 import pytest
 

@@ -16,7 +16,7 @@ from app.runtime import ReplayRun, prepare_case
 
 @dataclass(frozen=True, slots=True)
 class Printed:
-    """What a command wrote to its standard streams."""
+    """Text that a command wrote to its standard streams."""
 
     out: str
     err: str

@@ -38,7 +38,7 @@ def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
 
 @pytest.fixture
 def started(monkeypatch, capsys):
-    """What the process of ``marginguard bench`` runs: exit status, output and errors."""
+    """A function that runs the process of ``marginguard bench``: exit status, output and errors."""
 
     def run(name, *options):
         monkeypatch.setattr(sys, "argv", ["benchmark", f"benchmarks.{name}", *options])

@@ -65,11 +65,11 @@ class Guard:
         self.stream.publish(message)
 
     def check_rearm(self, seen):
-        """As `OperatorCommands.check_rearm`."""
+        """Check like `OperatorCommands.check_rearm`."""
         self.holds.check(seen)
 
     def rearm(self, seen, origin):
-        """As `OperatorCommands.rearm`, without a session."""
+        """Re-arm like `OperatorCommands.rearm`, without a session."""
         self.holds.check(seen)
         self.rearmed += 1
 

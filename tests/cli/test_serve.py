@@ -26,7 +26,7 @@ TOOL = BRIDGE / "calls" / "tool_sender.py"
 REPLAY = "marginguard_msgs/action/Replay"
 LOAD_CASE = "marginguard_msgs/srv/LoadCase"
 EXECUTING, SUCCEEDED, CANCELLED = 2, 4, 5
-"""Of action_msgs/GoalStatus."""
+"""Values of action_msgs/GoalStatus."""
 
 WHOLE = {"case_folder": "small", "rate": math.inf, "start": 0.0, "end": math.inf}
 

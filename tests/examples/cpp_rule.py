@@ -1,4 +1,4 @@
-"""What has to hold for the C++ rule of a controller, compared with Python and an oracle."""
+"""Checks of the C++ rule of a controller, against Python and an oracle."""
 
 import subprocess
 from dataclasses import dataclass, field
@@ -148,7 +148,7 @@ class History:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a twist has to keep: rows (k, 6), bounds of the approach, the tumour's term, speeds."""
+    """Limits of a twist: rows (k, 6), bounds of the approach, the tumour's term, speeds."""
 
     rows: FloatArray
     approach: FloatArray

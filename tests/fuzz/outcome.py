@@ -1,4 +1,4 @@
-"""What a parser did with one input: a value, a typed error, or a finding."""
+"""Outcome of a parser for one input: a value, a typed error, or a finding."""
 
 import traceback
 from dataclasses import dataclass

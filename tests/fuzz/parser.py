@@ -1,4 +1,4 @@
-"""What the fuzzer needs to know of a parser, and the inputs that it makes for it."""
+"""Description of a parser for the fuzzer, and the inputs that it makes for the parser."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

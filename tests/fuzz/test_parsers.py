@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 REGRESSIONS = Path(__file__).parent / "regressions"
 INPUTS = 30
 FEW_INPUTS = {"xacro": 8}
-"""Of parsers that take their time: many of these inputs compute until their limit."""
+"""Number of inputs of slow parsers: many of these inputs compute until their limit."""
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ LASTING = sorted({*FAULTS} - {Reason.STARTING, Reason.RECOVERING})
 
 
 def decision(*reasons: Reason) -> FixtureDecision:
-    """What a monitor decides for these reasons: its hold is that of UNKNOWN alone."""
+    """The decision of a monitor for these reasons: its hold is that of UNKNOWN alone."""
     unknown = any(reason.is_fault for reason in reasons)
     return FixtureDecision(
         state=MarginState.UNKNOWN if unknown else MarginState.NEGATIVE,

@@ -1,4 +1,4 @@
-"""What survives a live session: its hold, also when it is killed at any moment."""
+"""State that survives a live session: its hold, also when it is killed at any moment."""
 
 import os
 import resource

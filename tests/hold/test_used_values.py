@@ -1,4 +1,4 @@
-"""Which values of the last run differ from those of this one, as texts."""
+"""Differences between the values of the last run and those of this one, as texts."""
 
 import json
 from dataclasses import replace

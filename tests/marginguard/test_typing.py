@@ -46,7 +46,7 @@ WRONG = {
 
 @pytest.fixture(scope="module")
 def messages(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """What ``mypy --strict`` prints for `SCRIPT` with the lines of `WRONG` at its end."""
+    """Lines that ``mypy --strict`` prints for `SCRIPT` with the lines of `WRONG` at its end."""
     folder = tmp_path_factory.mktemp("user")
     (folder / "script.py").write_text(SCRIPT + "\n".join(WRONG) + "\n")
     # mypy reads packages of a path file only if they have a py.typed, as it does when installed.

@@ -20,7 +20,7 @@ _STAMP = struct.Struct("<iI")
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """What one killed recording lacks.
+    """Losses of one killed recording.
 
     ``recorded``: messages in the file. ``lost``: messages sent after the last recorded one of their
     topic and before the kill, by topic. ``lost_ms``: time from the oldest of these to the kill, 0

@@ -163,7 +163,7 @@ def test_covariance_is_that_of_the_errors(stream, trial):
 
 @pytest.mark.parametrize(("poses", "share"), [(100, 0.95), (400, 1.0)])
 def test_tip_of_a_wide_cone_with_wrong_poses_is_within_a_third_of_a_millimetre(poses, share):
-    """Of a recording of a few seconds in 95 % of the trials, of half a minute in all."""
+    """A few seconds of recording are enough in 95 % of the trials, half a minute in all."""
     rng = np.random.default_rng(5)
     ours, peers = [], []
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""What a view of the coverage shows, computed apart from `web/coverage.js`.
+"""View of the coverage as a page shows it, computed apart from `web/coverage.js`.
 
 The patient is turned by rotation matrices, and every face of the surface is tried at every point:
 no face is left out for its side, and none is drawn over another.
@@ -92,7 +92,7 @@ class Projection:
         return np.array([int(base[k : k + 2], 16) for k in (1, 3, 5)]) * light
 
     def texts(self, face):
-        """What the page may say of ``face``: a half is rounded to either side."""
+        """The possible texts of the page on ``face``: a half is rounded to either side."""
         if face < 0:
             return {"not on the tumour"}
         nearest = self.nearest[face]

@@ -119,7 +119,7 @@ MISSING = {
     "tool": (tumor(), "expected a session with a tool mesh", InputError, PREPARED),
     "robot": (use(REGISTRATION), "the session has no robot; expected one"),
 }
-"""What the session lacks -> the same."""
+"""Missing part of the session -> the same."""
 
 
 @pytest.mark.parametrize(

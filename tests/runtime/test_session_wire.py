@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def contents(project_root):
-    """Of a registered case, and of a live session with a needle, a stylus and a robot."""
+    """Contents of a registered case, and of a live session with a needle, a stylus and a robot."""
     case = prepare_case(project_root / "data" / "recorded_case").content
     live = prepare_live(project_root / "data" / "live_example" / "live.yaml").content
     known = STYLUS.with_tip(STYLUS_TIP, 0.3)

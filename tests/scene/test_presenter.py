@@ -1,4 +1,4 @@
-"""What is in the scene of a session, against the values of its content and of its steps."""
+"""Scene of a session, against the values of its content and of its steps."""
 
 from dataclasses import replace
 

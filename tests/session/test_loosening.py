@@ -1,4 +1,4 @@
-"""Which changes loosen a session, how they are described, and what applies before a re-arm."""
+"""Changes that loosen a session, their descriptions, and the setup before a re-arm."""
 
 from dataclasses import replace
 

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def steps():
-    """Of the recorded case: a breach, and a dropout of the tracker."""
+    """Steps of the recorded case: a breach, and a dropout of the tracker."""
     case = mg.open_case(mg.example_case())
     breach = mg.replay(case, start_s=95.5, end_s=96.3)
     return [*breach, *mg.replay(case, start_s=138.8, end_s=139.5)]

@@ -32,12 +32,12 @@ ROUNDING_J = 1e-12
 COUPLING = HapticParameters(
     stiffness_n_m=100.0, force_n=10.0, scale=0.5, period_s=0.002, delay_s=0.005, damping_n_s_m=0.2
 )
-"""That of the shipped world."""
+"""Coupling of the shipped world."""
 
 GUIDANCE = GuidanceParameters(
     force_n=2.0, range_mm=10.0, rate_n_s=20.0, period_s=0.02, delay_s=0.005, damping_n_s_m=5.0
 )
-"""That of the documentation."""
+"""Guidance of the documentation."""
 
 MASS_KG = 0.05
 

@@ -27,7 +27,7 @@ FORCE_N = 20.0
 PRESS_S = 5.0
 MAX_DEPTH_MM = 0.1
 MASSES_KG = (0.05, 1.0)
-"""Of the slide that presses: one arrives softly, the other with a blow."""
+"""Masses of the slide that presses: one arrives softly, the other with a blow."""
 
 _APPROACH_M_S = 0.02
 _FALL_STEPS = 500

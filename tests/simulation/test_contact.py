@@ -1,4 +1,4 @@
-"""How deep a pressed tool penetrates, measured by libigl on MuJoCo's own geometry."""
+"""Depth of a pressed tool, measured by libigl on MuJoCo's own geometry."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What the logic of the module imports, in a Python of its own."""
+"""Imports of the logic of the module, in a Python of its own."""
 
 import subprocess
 import sys

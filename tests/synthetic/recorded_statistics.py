@@ -28,7 +28,7 @@ REST_MM = 0.6
 
 @dataclass(frozen=True)
 class Statistics:
-    """What is compared; see `statistics`."""
+    """Compared statistics; see `statistics`."""
 
     samples: int
     interval_ms: float

@@ -58,7 +58,7 @@ class GuidedPage:
 
 
 def must_not_be_used(*_):
-    """What a part that is not ready would send to the session."""
+    """Fail the test: a part that is not ready has sent something to the session."""
     pytest.fail("must not be used")
 
 

@@ -107,5 +107,5 @@ def download(page: Page, button: str, name: str = "") -> Path:
 
 
 def accepted(kind, text=""):
-    """What the page lists of an accepted request of its own, whose node has a random name."""
+    """Pattern of the text on an accepted request of the page, whose node has a random name."""
     return re.compile(rf"{kind} from the page \(/marginguard_page_\w+\) accepted{text}")

@@ -77,7 +77,7 @@ def look(image):
 
 
 def differences(pages, max_color):
-    """What differs in the pictures of two pages, which draw soon, but not at once."""
+    """Names of the properties that differ in the pictures of two pages, drawn soon, not at once."""
     first, second = map(picture_of, pages)
     if first.shape != second.shape:
         return ["size"]

@@ -1,4 +1,4 @@
-"""What helps to navigate, in a browser: breaches, the timeline, notes, directions and help."""
+"""Navigation in a browser: breaches, the timeline, notes, directions and help."""
 
 import re
 

@@ -27,7 +27,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def steps(case):
-    """Of the recorded case: a breach, and a dropout of the tracker."""
+    """Steps of the recorded case: a breach, and a dropout of the tracker."""
     breach = mg.replay(case, start_s=95.5, end_s=96.3)
     return [*breach, *mg.replay(case, start_s=138.8, end_s=139.5)]
 

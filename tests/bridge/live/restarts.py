@@ -1,4 +1,4 @@
-"""What the tests of restarts and of second instances share."""
+"""Shared parts of the tests of restarts and of second instances."""
 
 from pathlib import Path
 

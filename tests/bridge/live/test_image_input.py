@@ -100,7 +100,7 @@ def packet(device: str, number: int, pixel_mm: float = 1.0) -> tuple[object, byt
 
 
 class Taken:
-    """What a display would receive: the stamps and the pixels of published images."""
+    """Double of a display: the stamps and the pixels of the published images that it receives."""
 
     def __init__(self, ros: RosNode) -> None:
         self.images: dict[int, np.ndarray] = {}

@@ -1,4 +1,4 @@
-"""What a start finds on the graph: no publisher, a silent one, a guard that sends."""
+"""Publishers on the graph at a start: none, a silent one, a guard that sends."""
 
 import threading
 

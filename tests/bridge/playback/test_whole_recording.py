@@ -174,7 +174,7 @@ def check_constraints(constraints, shift_ns, replayed):
 
 
 def breaches_of(constraints):
-    """How often the state becomes POSITIVE."""
+    """Number of times that the state becomes POSITIVE."""
     known = [message["state"] for message in constraints if message["state"] != UNKNOWN]
     return sum(now == POSITIVE != before for before, now in pairwise(known))
 

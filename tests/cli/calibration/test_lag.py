@@ -17,7 +17,7 @@ from tests.registration.time_signals import Motion, sample_times
 pytestmark = pytest.mark.slow
 
 LAG_S = -0.0648
-"""Of the video's clock, as on a recording of a water tank that PLUS publishes."""
+"""Lag of the video's clock, as on a recording of a water tank that PLUS publishes."""
 
 
 @pytest.fixture

@@ -148,7 +148,7 @@ def test_argument_that_no_file_declares_is_refused_by_name(write):
 
 
 def test_failed_expansion_names_the_argument_that_it_needs(write):
-    """As in Universal Robots' description: the name has no default, the default type no files."""
+    """Universal Robots' description is like this: no default name, a default type without files."""
     path = write(
         "arm.xacro",
         '<xacro:arg name="ur_type" default="none"/>'

@@ -1,4 +1,4 @@
-"""What is sent to one page, and what is held back."""
+"""Messages that are sent to one page, and those that are held back."""
 
 import msgpack
 import pytest
