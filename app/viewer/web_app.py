@@ -7,7 +7,7 @@ from pathlib import Path
 
 from aiohttp import web
 
-from app.viewer.access.auth import Gate
+from app.viewer.access.auth import RequestAuthenticator
 from app.viewer.access.connections import ConnectionLimits
 from app.viewer.access.hosts import AllowedHosts
 from app.viewer.address import Address
@@ -24,7 +24,7 @@ _BACKLOG = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Content:
-    """What is served: handlers of paths, and folders below paths."""
+    """Content of the server: handlers of paths, and folders below paths."""
 
     handlers: Mapping[str, Handle]
     folders: Mapping[str, Path]
@@ -38,8 +38,8 @@ class WebServer:
         self._address = address
         self._connections = ConnectionLimits()
         names = (address.host, *address.names)
-        gate = Gate(address.tokens, AllowedHosts(names), self._connections)
-        self._app = web.Application(middlewares=[gate.middleware()])
+        authenticator = RequestAuthenticator(address.tokens, AllowedHosts(names), self._connections)
+        self._app = web.Application(middlewares=[authenticator.middleware()])
         self._runner = web.AppRunner(
             self._app,
             handle_signals=False,

@@ -35,10 +35,10 @@ _HEADERS = {
 }
 
 
-class Gate:
+class RequestAuthenticator:
     """Admits requests that carry a token: once in the URL, then as a cookie.
 
-    ``tokens`` gives the token of each role. The gate applies to pages, static files and the
+    ``tokens`` gives the token of each role. It applies to pages, static files and the
     websocket. All other requests, and requests from pages of other origins or to names that are
     not allowed, are answered with status 403 and an empty body, and their connection is closed.
     """

@@ -8,7 +8,7 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from app.viewer import new_token
-from app.viewer.access.auth import ROLE, UNGUESSABLE_CHARS, Gate
+from app.viewer.access.auth import ROLE, UNGUESSABLE_CHARS, RequestAuthenticator
 from app.viewer.access.connections import ConnectionLimits
 from app.viewer.access.guesses import GUESSES, GuessLimit
 from app.viewer.access.hosts import AllowedHosts, is_same_origin
@@ -16,7 +16,7 @@ from app.viewer.access.role import Role
 
 
 def run(tokens, scenario):
-    """Run ``scenario`` with a function that sends requests to a gate with ``tokens``."""
+    """Run ``scenario`` with a function that sends requests to an authenticator with ``tokens``."""
 
     async def answer(request):
         if request.path == "/fail":
@@ -24,8 +24,8 @@ def run(tokens, scenario):
         return web.Response(text=request[ROLE].value)
 
     async def served():
-        gate = Gate(tokens, AllowedHosts(), ConnectionLimits())
-        app = web.Application(middlewares=[gate.middleware()])
+        authenticator = RequestAuthenticator(tokens, AllowedHosts(), ConnectionLimits())
+        app = web.Application(middlewares=[authenticator.middleware()])
         app.router.add_get("/{path:.*}", answer)
         jar = aiohttp.CookieJar(unsafe=True)  # cookies of an address in digits
         async with TestServer(app) as server, aiohttp.ClientSession(cookie_jar=jar) as session:
