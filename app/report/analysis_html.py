@@ -138,7 +138,7 @@ def _breaches(found: "CaseAnalysis") -> Sequence[Sequence[str]]:
 
 
 def _in_the_interval(bias_sigma_mm: float) -> str:
-    """Which errors the intervals of the depths contain."""
+    """A sentence on the errors that the intervals of the depths contain."""
     if bias_sigma_mm:
         return (
             "The intervals contain the jitter of the tracker and an error with a standard "

@@ -28,7 +28,7 @@ def figure_scripts() -> tuple[str, ...]:
 
 
 def csp_source(text: str) -> str:
-    """What allows an element with the content ``text`` in a Content-Security-Policy."""
+    """Source of a Content-Security-Policy that allows an element with the content ``text``."""
     return f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
 
 

@@ -29,7 +29,7 @@ COLUMNS = (
 
 
 class _Row(NamedTuple):
-    """What a step has for the table; its values are taken apart at the end."""
+    """Values of a step for the table; they are taken apart at the end."""
 
     stamp_ns: int
     decision: "FixtureDecision"

@@ -1,4 +1,4 @@
-"""How a case was analysed: versions, hashes of the inputs, date of the recording, options."""
+"""Methods of an analysis: versions, hashes of the inputs, date of the recording, options."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime

@@ -103,7 +103,7 @@ def record_of(run: "ReplayRun", log: ReplayLog) -> ReplayRecord:
 
 
 def _notes_of(run: "ReplayRun", log: ReplayLog) -> Iterator[str]:
-    """What a reader of the report should know, though it is no error."""
+    """Yield notes for the reader of the report that are no errors."""
     session = run.session
     if all(row.state is MarginState.UNKNOWN for row in log.rows):
         frames = ", ".join(session.known_frames) or "none"

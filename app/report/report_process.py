@@ -33,7 +33,7 @@ class ReportPart(Generic[_Value]):
         return value
 
     def wait_or_make(self) -> _Value:
-        """As `wait`, but make the part here if the process was killed."""
+        """Wait like `wait`, but make the part here if the process was killed."""
         try:
             return self.wait()
         except InputError:

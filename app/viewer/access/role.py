@@ -4,7 +4,7 @@ from enum import Enum
 
 
 class Role(Enum):
-    """What a page may do. The token with which it was opened decides."""
+    """Permissions of a page. The token with which it was opened decides."""
 
     VIEW = "view"
     """See everything, change nothing: neither the replay nor the picture that all pages share."""

@@ -51,7 +51,7 @@ class ClientScene:
         return {"surfaces": {**surfaces, **{each.value: shape_surface(each) for each in Shape}}}
 
     def drawn(self) -> list[Values]:
-        """What is drawn now, each with the ``surface`` that it shows, in RAS mm."""
+        """The parts that are drawn now, each with the ``surface`` that it shows, in RAS mm."""
         scene = self._view.scene
         if scene is None:
             return []

@@ -1,4 +1,4 @@
-"""Which model nodes of a scene have closed surfaces: their inner sides are hidden when opaque."""
+"""Model nodes of a scene with closed surfaces: their inner sides are hidden when opaque."""
 
 from slicer import vtkMRMLModelNode
 

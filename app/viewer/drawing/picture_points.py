@@ -36,7 +36,7 @@ class PicturePoints:
         return None if placed[3] <= 0.0 else self._at_depth(at, placed[2] / placed[3])
 
     def ray(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the picture shows at ``at``: its near and its far end, (3,) each."""
+        """The line that the picture shows at ``at``: its near and its far end, (3,) each."""
         return self._at_depth(at, -1.0), self._at_depth(at, 1.0)
 
     def _at_depth(self, at: FloatArray, depth: float) -> FloatArray:

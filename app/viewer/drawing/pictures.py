@@ -22,7 +22,7 @@ Push = Callable[[bytes, dict[str, object]], None]
 
 
 class Source(Protocol):
-    """What is drawn."""
+    """Source of a picture."""
 
     def prepare(self) -> bool:
         """Update the scene to the present; return True if anything changed."""

@@ -22,7 +22,7 @@ _MAX_SUMMARY_BYTES, _MAX_PICTURE_BYTES = 1 << 20, 4 << 20
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """What the library shows of a case: ``values`` of JSON types, and a small PNG, None without."""
+    """Result of a case in the library: ``values`` of JSON types, and a small PNG, None without."""
 
     values: Mapping[str, Any]
     picture: bytes | None

@@ -1,1 +1,1 @@
-"""What an open page may send, and what it is sent."""
+"""Messages that an open page may send, and those that it is sent."""

@@ -1,4 +1,4 @@
-"""What is to be sent to one page."""
+"""Messages to be sent to one page."""
 
 from collections import deque
 from collections.abc import Mapping

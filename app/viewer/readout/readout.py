@@ -21,7 +21,7 @@ from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState
 
 _SILENT = "Look at the terminal in which this page was started, and start it again"
-"""What to do about a session that has ended or sends nothing."""
+"""Advice for a session that has ended or sends nothing."""
 
 
 def readout(shown: ViewState | None) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _reasons(step: StepResult) -> str:
 
 
 def _todo(decision: FixtureDecision) -> str:
-    """What to do about a state that is UNKNOWN; empty while it is known."""
+    """Advice for a state that is UNKNOWN; empty while it is known."""
     return advice_text(decision.reasons) if decision.state is MarginState.UNKNOWN else ""
 
 
@@ -161,7 +161,7 @@ def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, st
 
 
 def _tre(tre_mm: float, content: SessionContent) -> str:
-    """What registration, tumour and tip add to the margins; only known uncertainties."""
+    """The terms of the margins from registration, tumour and tip; only known uncertainties."""
     sigmas = {"tumour": content.tumor_sigma_mm, "calibration": content.tip_sigma_mm}
     stated = [
         f"{name} \N{GREEK SMALL LETTER SIGMA} {sigma:.2f} mm"

@@ -26,7 +26,7 @@ def state_css() -> str:
 
 
 def band_patterns() -> list[dict[str, str]]:
-    """Of each state with a hatch its name, and the SVG path of a tile 8 wide and 8 high."""
+    """The name of each state with a hatch, and the SVG path of a tile 8 wide and 8 high."""
     return [
         {"state": state.name, "path": _HATCH_PATHS[state.display.hatch[0]]}
         for state in MarginState

@@ -13,7 +13,7 @@ _MAX_POINTS = 4000
 
 
 def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
-    """What the page draws of ``view``; ``size``: columns and rows.
+    """The values that the page draws of ``view``; ``size``: columns and rows.
 
     Paths are those of SVG in pixels, from 0 at the outer edge of the first pixel.
     """

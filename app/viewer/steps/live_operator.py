@@ -54,7 +54,7 @@ class LiveOperator:
 
     @property
     def recording(self) -> RecordingStatus | None:
-        """What the last recording has written; None before the first."""
+        """State of the last recording; None before the first."""
         return None if self._operator is None else self._operator.recording
 
     def request(self, command: OperatorCommand) -> bool:
