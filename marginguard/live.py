@@ -59,14 +59,16 @@ class LiveSession:
     >>> corners = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 0.0, 50.0]]
     >>> frames = {"fixed_frame": "reference", "moving_frame": "base"}
     >>> base = mg.register_points(corners, corners, **frames)
-    >>> for command in (
+    >>> commands = [
     ...     mg.AddNote("first cut"), mg.ChooseDepth(40.0), mg.LengthenNeedle(5.0), mg.Record(True),
     ...     mg.Rearm(seq=4711, nonce=9301742), mg.SetMargins(stop_mm=2.0, warn_mm=6.0),
     ...     mg.SetTip(tip, 0.2), mg.SetStylusTip(stylus, 0.2), mg.SetTumor(place, ball, 0.3),
     ...     mg.SetRegistration(base),
-    ... ):
-    ...     print(command.kind, end=" ")
-    note image_depth needle_length record rearm set_margins set_tip set_stylus_tip set_tumor register
+    ... ]
+    >>> print(*[command.kind for command in commands[:5]])
+    note image_depth needle_length record rearm
+    >>> print(*[command.kind for command in commands[5:]])
+    set_margins set_tip set_stylus_tip set_tumor register
     """
 
     def __init__(self, steps: Iterator[StepResult], client: "SessionClient") -> None:

@@ -124,7 +124,7 @@ class Rcl:
         self._require_ok(self._on_message(address, function, data))
 
     def call_on_event(self, address: int, function: int | None, data: int | None) -> None:
-        """As `call_on_message`, of the ``rcl_event_t`` at ``address``."""
+        """The same as `call_on_message` for the ``rcl_event_t`` at ``address``."""
         self._require_ok(self._on_event(address, function, data))
 
     def _require_ok(self, result: int) -> None:

@@ -34,7 +34,7 @@ _MAX_TAKEN = 64
 
 
 class _Source(NamedTuple):
-    """What wakes the thread: ``call_on_news(address, function, data)`` sets its callback in C."""
+    """Source of news: ``call_on_news(address, function, data)`` sets its callback in C."""
 
     handle: Any
     call_on_news: Callable[[int, int | None, int | None], None]
@@ -175,7 +175,7 @@ class TurnExecutor(SingleThreadedExecutor):
         return not self._messages.delivers(entity) and super().can_execute(entity)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """As that of rclpy, with ``turn``."""
+        """Wait as rclpy does, and call with ``turn``."""
         try:
             handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, _never)
         except (ShutdownException, TimeoutException, ConditionReachedException):

@@ -175,7 +175,7 @@ class RosNode:
         )
 
     def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
-        """As `subscribe` with ``raw``; ``callback(data, origin)`` also receives the origin."""
+        """Subscribe with ``raw``; ``callback(data, origin)`` also receives the origin."""
         created: list[Subscription] = []  # empty while a callback may already be called
         watched: list[DefinitionWatch] = []
         if expected_digest(topic.type) is not None:

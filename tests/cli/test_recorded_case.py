@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def summary():
-    """What a replay of the whole case finds."""
+    """Summary of a replay of the whole case."""
     return run_json("replay", SHIPPED_CASE, "--no-ros")
 
 
