@@ -27,6 +27,7 @@ from rclpy.executors import (
 from rclpy.subscription import Subscription
 
 from app.bridge import message_origin
+from app.bridge.errors import BridgeError
 from app.bridge.message_origin import MessageTaker, Origin, Receiver
 
 _MAX_TAKEN = 64
@@ -80,17 +81,13 @@ class MessageThread:
         with self._turn:
             taker = MessageTaker(rcl)
             deliver = partial(self._deliver, subscription, taker)
-            sources = [_Source(subscription.handle, rcl.call_on_message, deliver)]
+            self._watch(subscription, _Source(subscription.handle, rcl.call_on_message, deliver))
             handlers: Any = subscription.event_handlers  # rclpy annotates it as one
             for handler in handlers:
-                event = handler._EventHandler__event
-                sources.append(_Source(event, rcl.call_on_event, partial(_tell, handler)))
-                self._handlers.add(handler)
-            self._descriptors[subscription] = [self._descriptor() for _ in sources]
-            for descriptor, source in zip(self._descriptors[subscription], sources, strict=True):
-                self._sources[descriptor] = source
-                with source.handle:  # also what waits already writes to the descriptor
-                    source.call_on_news(source.handle.pointer, _WRITE, descriptor)
+                event, tell = handler._EventHandler__event, partial(_tell, handler)
+                with suppress(BridgeError):  # a middleware that cannot: the executor waits for it
+                    self._watch(subscription, _Source(event, rcl.call_on_event, tell))
+                    self._handlers.add(handler)
 
     def remove(self, subscription: Subscription) -> None:
         """Deliver no more of ``subscription``; nothing for one that was not added."""
@@ -114,6 +111,13 @@ class MessageThread:
             self.remove(subscription)
         self._ready.close()
         os.close(self._end)
+
+    def _watch(self, subscription: Subscription, source: _Source) -> None:
+        descriptor = self._descriptor()
+        self._sources[descriptor] = source
+        self._descriptors.setdefault(subscription, []).append(descriptor)
+        with source.handle:  # also what waits already writes to the descriptor
+            source.call_on_news(source.handle.pointer, _WRITE, descriptor)
 
     def _descriptor(self) -> int:
         descriptor = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
