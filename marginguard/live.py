@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from secrets import token_hex
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.geometry import InputError
 from app.runtime import (
@@ -71,9 +71,9 @@ class LiveSession:
     set_margins set_tip set_stylus_tip set_tumor register
     """
 
-    def __init__(self, steps: Iterator[StepResult], client: "SessionClient") -> None:
+    def __init__(self, steps: Iterator[StepResult], client: Any) -> None:
         self._steps = steps
-        self._client = client
+        self._client: SessionClient = client
 
     def steps(self) -> Iterator[StepResult]:
         """Yield each new step. Raises `MarginGuardError` when none arrives in time."""
