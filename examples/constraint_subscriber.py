@@ -8,11 +8,8 @@ unless ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST is set.
     python examples/constraint_subscriber.py
 """
 
-from contextlib import suppress
-
 import rclpy
 from marginguard_msgs.msg import FixtureConstraint
-from rclpy.executors import ExternalShutdownException
 
 rclpy.init()
 node = rclpy.create_node("constraint_subscriber")
@@ -24,5 +21,8 @@ def show(c: FixtureConstraint) -> None:
 
 
 node.create_subscription(FixtureConstraint, "/marginguard/constraint", show, 1)
-with suppress(KeyboardInterrupt, ExternalShutdownException):
+try:
     rclpy.spin(node)
+except (KeyboardInterrupt, Exception):
+    if rclpy.ok():  # Ctrl-C ends the context, perhaps in the middle of a wait
+        raise
