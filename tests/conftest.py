@@ -83,9 +83,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """One worker runs all files of a folder in `TOGETHER`; ``--dist loadfile`` spreads the others.
 
-    None for another ``--dist``: then pytest-xdist makes its own scheduler.
+    None, so that pytest-xdist makes its own scheduler, for another ``--dist``, and for long tests:
+    they have few files, and those of one folder last longer than all others together.
     """
-    if config.option.dist != "loadfile":
+    if config.option.dist != "loadfile" or config.option.tier == "long":
         return None
     from xdist.scheduler import LoadFileScheduling
 
