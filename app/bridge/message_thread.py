@@ -168,7 +168,7 @@ def _tell(handler: Any) -> None:
 
 
 class TurnExecutor(SingleThreadedExecutor):
-    """Executor whose callbacks hold ``turn``, without the subscriptions of ``messages``."""
+    """Executor whose callbacks hold ``turn``, without what ``messages`` delivers."""
 
     def __init__(self, turn: threading.RLock, messages: MessageThread, **options: Any) -> None:
         super().__init__(**options)

@@ -10,7 +10,7 @@ from app.contour import Contour, ContourEditor, ContourSurface, contour_count
 from app.contour.uncertainty import pixel_sigma
 from app.files.meshes import write_mesh
 from app.geometry import FloatArray, InputError
-from app.runtime import SessionContent, SetTumor, compute_here
+from app.runtime import SessionContent, compute_here
 from app.scene import ContourModel, MarginGuardScene
 from app.viewer.downloads import Write, operators_file
 from app.viewer.drawing.scene_view import SceneView
@@ -110,7 +110,8 @@ class ContourPart:
         """Begin to use the contour as the tumour of the session. Raises `InputError`."""
         if self._operator is None:
             raise InputError("contour: this is a replay; expected a live session")
-        self._tumor.use(self._command(), self._operator)
+        edge = self._content.frame_from_tumor
+        self._tumor.use(self.editor.contour, edge, self._operator)
 
     async def file(self, request: web.Request) -> web.Response:
         """The surface of the revision that is asked for, as STL or PLY; 409 says why not."""
@@ -121,7 +122,8 @@ class ContourPart:
                     "contour: it has changed meanwhile, and nothing was saved; expected the same "
                     "request again"
                 )
-            mesh = self._command().tumor
+            edge = self._content.frame_from_tumor
+            mesh = self._tumor.command(self.editor.contour, edge).tumor
             return lambda path: write_mesh(path, mesh)
 
         return await operators_file(request, "application/octet-stream", surface)
@@ -129,9 +131,6 @@ class ContourPart:
     def close(self) -> None:
         """End the thread."""
         self._tumor.close()
-
-    def _command(self) -> SetTumor:
-        return self._tumor.command(self.editor.contour, self._content.frame_from_tumor)
 
     def _pixel_sigma(self, contour: Contour) -> float:
         """The largest standard deviation of a click in the images of ``contour``."""

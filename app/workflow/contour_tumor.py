@@ -95,9 +95,9 @@ class ContourTumor:
         mesh = self.surface.mesh.transformed(frame_from_tumor.inverse())
         return SetTumor(frame_from_tumor, mesh, self.surface.uncertainty.sigma_mm)
 
-    def use(self, command: SetTumor, operator: DisplayOperator) -> None:
-        """Request ``command``. Raises `InputError` where the session cannot take it now."""
-        if not operator.request(command):
+    def use(self, contour: Contour, frame_from_tumor: Transform, operator: DisplayOperator) -> None:
+        """Request `command`. Raises `InputError`, also where the session cannot take it now."""
+        if not operator.request(self.command(contour, frame_from_tumor)):
             raise InputError(
                 "contour: the session is not ready for another tumour; expected the same request "
                 "later"

@@ -88,7 +88,7 @@ class SessionClient:
         self._changed = threading.Condition()
         self.needs_every: Callable[[], bool] = lambda: False
         """Whether the steps are recorded, as by a guided calibration, and not only shown."""
-        self._waiting: deque[bytes] = deque()
+        self._waiting: deque[bytes] = deque(maxlen=_MAX_NEEDED + 1)
         self._cancel = threading.Event()
         self._problem = ""
         self._stopped = False
@@ -162,19 +162,14 @@ class SessionClient:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._stopped, _WAIT_S)
             if len(self._waiting) > (_MAX_NEEDED if self.needs_every() else _MAX_WAITING):
-                self._keep_newest()
+                while len(self._waiting) > 1:
+                    self._waiting.popleft()
             return self._waiting.popleft() if self._waiting else None
 
     def _receive_step(self, data: bytes) -> None:
         with self._changed:
             self._waiting.append(data)
-            if len(self._waiting) > _MAX_NEEDED:
-                self._keep_newest()
             self._changed.notify()
-
-    def _keep_newest(self) -> None:
-        while len(self._waiting) > 1:
-            self._waiting.popleft()
 
     def _receive_description(self, message: ContentMessage) -> None:
         with self._changed:

@@ -101,8 +101,7 @@ class PanelContour:
     def use(self) -> None:
         """Use the contour as the tumour of the session, which is then on hold."""
         edge = self._session.started().content.frame_from_tumor
-        command = self._tumor.command(self._contour(edge.target), edge)
-        self._tumor.use(command, self._session.display_operator)
+        self._tumor.use(self._contour(edge.target), edge, self._session.display_operator)
 
     def update(self, operator: Operator | None) -> None:
         """Keep points and surface in the frame that the tumour moves with; compute the surface."""

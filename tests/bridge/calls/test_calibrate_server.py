@@ -78,5 +78,5 @@ def test_landmark_goal_succeeds_and_invalid_goals_fail(calibrate):
     assert "calibration method is 9" in nonsense["result"]["message"]
     assert cancelled["status"] == "cancelled"
     count = cancelled["result"]["samples"]
-    assert count in (0, 1)  # 0: progress is told before the first pose; more differ in nothing
+    assert count in (0, 1)  # 0: feedback came before the first pose; the tool is at rest
     assert cancelled["result"]["message"] == f"cancelled after {count} poses"
