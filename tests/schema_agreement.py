@@ -16,11 +16,10 @@ import jsonschema
 from app.case import DOCUMENTS, schema_text
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
-from app.case.manifest.cautery import ONE_SOURCE
 from app.case.manifest.expected import read_expected
-from app.case.manifest.image_keys import FROM_IGTL, LISTED_DEPTH, NOT_BOTH
+from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
-from app.case.manifest.stylus_keys import OWN_STYLUS_FRAME, STYLUS_TIP
+from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.files.document import Section
 from app.files.json_schema import GENERAL_RULES
 from app.geometry import MarginGuardError

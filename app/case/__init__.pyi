@@ -25,26 +25,7 @@ from .live_file import (
     open_live,
 )
 from .live_recording import RECORDING_FOLDER, begin_case
-from .manifest.case_file import load_manifest
-from .manifest.entries import (
-    TUMOR_MESH_FRAME,
-    CaseManifest,
-    ClockEntry,
-    ContourEntry,
-    Dwell,
-    ImagesEntry,
-    MarginEntry,
-    MeshEntry,
-    NeedleEntry,
-    Provenance,
-    RecordingEntry,
-    RegistrationEntry,
-    RobotEntry,
-    SegmentationEntry,
-    StylusEntry,
-    ToolEntry,
-    TumorEntry,
-)
+from .manifest.case_file import CaseManifest, ClockEntry, Provenance, RecordingEntry, load_manifest
 from .manifest.expected import (
     Expected,
     ExpectedBreach,
@@ -54,8 +35,23 @@ from .manifest.expected import (
     load_expected,
     write_expected,
 )
-from .manifest.image_keys import MAX_DEPTH_MM
-from .manifest.needle_keys import MAX_NEEDLE_MM, MIN_NEEDLE_MM
+from .manifest.images import MAX_DEPTH_MM, ImagesEntry
+from .manifest.key_rules import check_topic
+from .manifest.margins import MarginEntry
+from .manifest.parts import (
+    MAX_NEEDLE_MM,
+    MAX_STYLUS_SIGMA_MM,
+    MIN_NEEDLE_MM,
+    MIN_STYLUS_MM,
+    TUMOR_MESH_FRAME,
+    ContourEntry,
+    MeshEntry,
+    NeedleEntry,
+    SegmentationEntry,
+    StylusEntry,
+    ToolEntry,
+    TumorEntry,
+)
 from .manifest.plausibility import (
     ApproachEntry,
     BoxEntry,
@@ -65,8 +61,7 @@ from .manifest.plausibility import (
     PlausibilityEntry,
     SphereEntry,
 )
-from .manifest.sections import check_topic
-from .manifest.stylus_keys import MAX_STYLUS_SIGMA_MM, MIN_STYLUS_MM
+from .manifest.robot import Dwell, RegistrationEntry, RobotEntry
 from .messages.decoder import values_reader
 from .messages.definition import message_definition
 from .messages.image_message import read_image_message

@@ -9,18 +9,11 @@ from typing import Literal
 from app.case.frames.read_ahead import read_ahead
 from app.case.frames.samples import TrackingFrame
 from app.case.frames.watchdog import with_watchdog
-from app.case.manifest.case_file import load_manifest
-from app.case.manifest.entries import (
-    DEFAULT_BASE_FRAME,
-    REFERENCE_FRAME,
-    TUMOR_MESH_FRAME,
-    CaseManifest,
-    ClockEntry,
-    ContourEntry,
-    MeshEntry,
-    SegmentationEntry,
-)
+from app.case.manifest.case_file import CaseManifest, ClockEntry, load_manifest
 from app.case.manifest.expected import Expected, load_expected
+from app.case.manifest.key_rules import REFERENCE_FRAME
+from app.case.manifest.parts import TUMOR_MESH_FRAME, ContourEntry, MeshEntry, SegmentationEntry
+from app.case.manifest.robot import DEFAULT_BASE_FRAME
 from app.case.readers.recording_format import RecordingFormat, SideTopics, note_to
 from app.case.readers.registry import format_of, read_recording, recording_kinds
 from app.case.readers.rosbag2.messages import RawMessage

@@ -11,7 +11,7 @@ from app.case.images.current import CurrentImage, ImagePose
 from app.case.images.depths import DepthCalibration, ImageDepths
 from app.case.images.recorded_depths import recorded_depths
 from app.case.images.sequence import ImageSequence
-from app.case.manifest.entries import ImageCalibrationEntry, ImagesEntry
+from app.case.manifest.images import ImageCalibrationEntry, ImagesEntry
 from app.case.readers.recording_format import SideTopics
 from app.case.readers.registry import read_recording
 from app.geometry import (

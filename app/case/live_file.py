@@ -1,64 +1,228 @@
-"""Reads ``live.yaml``: the keys of ``case.yaml`` with a live ``source`` instead of a recording."""
+"""``live.yaml``: the keys of ``case.yaml`` with a live ``source`` instead of a recording.
+
+The keys, their values and their reader.
+"""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated
 
 from app.case.case import Case
-from app.case.live_keys import LIVE, LIVE_BLOCKS, SOURCE
-from app.case.manifest.cautery import read_cautery
-from app.case.manifest.entries import (
-    CaseManifest,
-    CauteryEntry,
-    ClockEntry,
-    RegistrationEntry,
-    RobotEntry,
-)
-from app.case.manifest.images import read_images
-from app.case.manifest.needle import read_needle
-from app.case.manifest.plausibility import read_plausibility
-from app.case.manifest.sections import (
-    read_clock,
-    read_margins,
-    read_package_dirs,
-    read_provenance,
-    read_registration,
-    read_robot,
-    read_tool,
-    read_tumor,
-)
-from app.case.manifest.stylus import read_stylus
+from app.case.manifest.case_file import CASE, CLOCK, KNOWN_OFFSET, CaseManifest, read_manifest
+from app.case.manifest.images import LIVE_CAUTERY, LIVE_IMAGES
+from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
+from app.case.manifest.robot import BY_MATRIX, BY_POINTS, REGISTRATION
+from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.files.bounded_io import is_file, is_folder
+from app.files.declared import By, block_of
 from app.files.document import Section
-from app.files.keys import Number
+from app.files.keys import (
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Integer,
+    Key,
+    ListOf,
+    Number,
+    Text,
+    Variant,
+)
 from app.geometry import NS_PER_MS, InputError
+
+ABOVE_0 = "every value is more than 0"
+PASSIVE = "the force is passive with its period, delay and damping"
+NEEDS_ROBOT = "tumor_motion needs a robot or a frame"
+
+
+@dataclass(frozen=True, slots=True)
+class _Edge:
+    parent: Annotated[str, Frame("parent frame")]
+    child: Annotated[str, Frame("child frame")]
 
 
 @dataclass(frozen=True, slots=True)
 class TfSourceEntry:
     """The tracker's poses are on ``/tf``, as ``edges`` (parent, child); empty finds them there."""
 
-    edges: tuple[tuple[str, str], ...]
+    edges: Annotated[
+        tuple[tuple[str, str], ...],
+        ListOf(
+            "only these transforms; without it those between tool and tumour",
+            block_of(_Edge, "a transform"),
+            optional=True,
+            if_empty="leave it out to use all edges on the topic",
+        ),
+        By(lambda tf: tuple((each.parent, each.child) for each in tf.value("edges") or ())),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class TopicSourceEntry:
     """The tracker's poses are on ``topic``, as ``marginguard_msgs/TrackedTransform``."""
 
-    topic: str
+    topic: Annotated[
+        str,
+        Text(
+            "topic of the poses",
+            default=TRACKED_TRANSFORMS_TOPIC,
+            pattern=TOPIC,
+            expected=TOPIC_EXPECTED,
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class IgtlSourceEntry:
     """The tracker's poses come over OpenIGTLink from a server such as PLUS."""
 
-    host: str
-    port: int
+    host: Annotated[str, Text("name or address of the server")]
+    port: Annotated[int, Integer("TCP port", 1, 65_535)]
 
 
 LiveSourceEntry = TfSourceEntry | TopicSourceEntry | IgtlSourceEntry
+
+_SOURCES = {
+    "tf": block_of(TfSourceEntry, "poses on /tf, without the tracker's status", optional=True),
+    "tracked_transforms": block_of(
+        TopicSourceEntry,
+        "poses with their status, as marginguard_msgs/TrackedTransform",
+        optional=True,
+    ),
+    "igtl": block_of(IgtlSourceEntry, "poses of an OpenIGTLink server such as PLUS", optional=True),
+}
+
+SOURCE = Block(
+    "where the tracker's poses come from",
+    {
+        **_SOURCES,
+        "clock": Choice(
+            "host: stamps are of this machine's clock; estimate: of another one",
+            ("host", "estimate"),
+        ),
+        "latency_ms": Number(
+            "delay from the acquisition of a pose to its stamp, for stamps of arrival",
+            default=0.0,
+            minimum=0.0,
+            maximum=1000.0,
+        ),
+        "sigma_mm": Number(
+            "standard deviation of a pose along each axis, slow errors included",
+            default=0.0,
+            minimum=0.0,
+            maximum=100.0,
+        ),
+        "sigma_deg": Number(
+            "standard deviation of a pose about each axis, slow errors included",
+            default=0.0,
+            minimum=0.0,
+            maximum=45.0,
+        ),
+    },
+    variants=tuple(Variant(name, (name,)) for name in _SOURCES),
+)
+
+_GUIDANCE = Block(
+    "force that guides the hand; default: none",
+    {
+        "force_n": Number("largest force", minimum=0.0),
+        "range_mm": Number("distance over which the force rises", minimum=0.0),
+        "rate_n_s": Number("largest rate of change of the force", minimum=0.0),
+        "period_ms": Number("interval between forces at the device", minimum=0.0),
+        "delay_ms": Number("delay of the loop", minimum=0.0),
+        "damping_n_s_m": Number("physical damping of the device", minimum=0.0),
+    },
+    optional=True,
+    rules=(PASSIVE,),
+)
+
+_LIMITER = Block(
+    "limits of the replies on ~/allowed_twist",
+    {
+        "tau_ms": Number("time constant of the approach", default=50.0, minimum=0.0),
+        "lever_mm": Number("weight of rotation against translation", default=50.0, minimum=0.0),
+        "retreat_mm_s": Number(
+            "largest speed at which the tool is driven out of the margin",
+            default=20.0,
+            minimum=0.0,
+        ),
+        "max_speed_mm_s": Number("largest speed", default=250.0, minimum=0.0),
+        "max_turn_rad_s": Number("largest angular speed", default=2.0, minimum=0.0),
+        "accept_simulated": Boolean(
+            "allow motion by recorded or simulated poses; only where no patient and no robot is",
+            default=False,
+        ),
+    },
+    optional=True,
+    rules=(ABOVE_0,),
+    old_names={"most_mm_s": "max_speed_mm_s", "most_rad_s": "max_turn_rad_s"},
+)
+
+_TUMOR_MOTION = Block(
+    "expected motion of the tumour; default: it is still",
+    {
+        "swing_mm": Number("amplitude", minimum=0.0),
+        "swing_deg": Number("amplitude of the rotation", minimum=0.0),
+        "rate_hz": Number("frequency", minimum=0.0),
+        "jitter_mm": Number("standard deviation of the tracker along each axis", minimum=0.0),
+        "jitter_deg": Number("standard deviation of the tracker about each axis", minimum=0.0),
+        "frame": Frame(
+            "measured frame in which the velocity is estimated, at rest beside the robot's base; "
+            "default: the reference",
+            optional=True,
+        ),
+    },
+    optional=True,
+    rules=(ABOVE_0, NEEDS_ROBOT),
+)
+
+NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+NODE_NAME_EXPECTED = "a node's name with its namespace, such as /console or /room/console"
+
+_OPERATORS = ListOf(
+    "nodes that may call ~/rearm, ~/set_tumor, ~/register and set parameters; a guard against "
+    "mistakes, not against attackers; default: every node",
+    Text("name of a node", pattern=NODE_NAME, expected=NODE_NAME_EXPECTED),
+    optional=True,
+    if_empty="leave it out to accept every node",
+)
+
+_SECURITY = Choice(
+    "required: refuse to start without ROS security (SROS2); optional: as the environment says",
+    ("optional", "required"),
+    default="optional",
+)
+
+LIVE_BLOCKS = {
+    "guidance": _GUIDANCE,
+    "limiter": _LIMITER,
+    "tumor_motion": _TUMOR_MOTION,
+}
+"""Sections of numbers that ``case.yaml`` does not have."""
+
+ONLY_LIVE: dict[str, Key] = {
+    "source": SOURCE,
+    **LIVE_BLOCKS,
+    "operators": _OPERATORS,
+    "security": _SECURITY,
+}
+"""Keys that ``case.yaml`` does not have."""
+
+_ONLY_RECORDED = ("recording", "images", "cautery", "expected")
+
+_SHARED = {
+    **{name: key for name, key in CASE.keys.items() if name not in _ONLY_RECORDED},
+    "clock": replace(CLOCK, variants=(KNOWN_OFFSET,)),
+    "images": LIVE_IMAGES,
+    "cautery": LIVE_CAUTERY,
+    "registration": replace(REGISTRATION, variants=(BY_MATRIX, BY_POINTS)),
+}
+
+LIVE = replace(CASE, description="a live session", keys={**_SHARED, **ONLY_LIVE})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,51 +276,29 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
 
 def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) -> LiveCase:
     """Read a document with the keys of `LIVE`, of the file ``path``; check no other files."""
-    document.integer("schema")
-    robot, tool = read_robot(document), read_tool(document)
-    tumor, needle = read_tumor(document, tool), read_needle(document, tool)
     tracker = document.section("source")
-    source, stamps_of_host = _source(tracker)
+    source = _source(tracker)
+    manifest = read_manifest(document, path.name)
+    _check_recorded_only(document, manifest)
     image_device = _image_device(document, source)
-    case = Case(
-        path.parent,
-        CaseManifest(
-            file=path.name,
-            name=document.text("name"),
-            provenance=read_provenance(document),
-            recording=None,
-            clock=_clock(document),
-            tool=tool,
-            tumor=tumor,
-            robot=robot,
-            registration=_registration(document, robot),
-            margins=read_margins(document),
-            expected=None,
-            plausibility=read_plausibility(document),
-            images=read_images(document),
-            needle=needle,
-            stylus=read_stylus(document, tool, tumor, needle),
-            cautery=_cautery(document, source),
-            package_dirs=read_package_dirs(document),
-        ),
-        None,
-        tuple(package_dirs),
-    )
-    if "limiter" in document:
-        case.add_notes(document.section("limiter").notes)
+    _check_cautery(document, manifest, source)
+    case = Case(path.parent, manifest, None, tuple(package_dirs))
+    limiter: Section | None = document.value("limiter")
+    motion: Section | None = document.value("tumor_motion")
+    if limiter is not None:
+        case.add_notes(limiter.notes)
     return LiveCase(
         case,
         source,
-        stamps_of_host,
+        stamps_of_host=tracker.choice("clock") == "host",
         joints_of_host="clock" not in document,
         guidance=_numbers(document, "guidance"),
         limiter=_numbers(document, "limiter") or MappingProxyType({}),
-        moves_by_simulated="limiter" in document
-        and document.section("limiter").boolean("accept_simulated"),
+        moves_by_simulated=limiter is not None and limiter.boolean("accept_simulated"),
         tumor_motion=_numbers(document, "tumor_motion"),
-        operators=document.texts("operators") if "operators" in document else None,
+        operators=document.value("operators"),
         needs_security=document.choice("security") == "required",
-        motion_frame=_motion_frame(document),
+        motion_frame=None if motion is None else motion.value("frame"),
         latency_ns=round(tracker.number("latency_ms") * NS_PER_MS),
         sigma_mm=tracker.number("sigma_mm"),
         sigma_rad=math.radians(tracker.number("sigma_deg")),
@@ -182,28 +324,15 @@ def _numbers(document: Section, name: str) -> Mapping[str, float] | None:
     return MappingProxyType(found)
 
 
-def _motion_frame(document: Section) -> str | None:
-    """The frame of ``tumor_motion``; None if it is not given."""
-    if "tumor_motion" not in document or "frame" not in document.section("tumor_motion"):
-        return None
-    return document.section("tumor_motion").frame("frame")
-
-
-def _source(block: Section) -> tuple[LiveSourceEntry, bool]:
-    names = [variant.name for variant in SOURCE.variants]
-    given = [name for name in names if name in block]
+def _source(block: Section) -> LiveSourceEntry:
+    given = [name for name in _SOURCES if name in block]
     if len(given) != 1:
         raise InputError(
             f"{block.where} has {' and '.join(given) or 'none'} of "
-            f"{', '.join(names)}; expected one of them"
+            f"{', '.join(_SOURCES)}; expected one of them"
         )
-    of_host = block.choice("clock") == "host"
-    source = block.section(given[0])
-    if "tf" in block:
-        return TfSourceEntry(_edges(source)), of_host
-    if "igtl" in block:
-        return IgtlSourceEntry(source.text("host"), source.integer("port")), of_host
-    return TopicSourceEntry(source.text("topic")), of_host
+    source: LiveSourceEntry = block.value(given[0])
+    return source
 
 
 def _image_device(document: Section, source: LiveSourceEntry) -> str | None:
@@ -218,41 +347,28 @@ def _image_device(document: Section, source: LiveSourceEntry) -> str | None:
             f"{block.where} has no topic and the source is not igtl; expected a topic of "
             "sensor_msgs/Image, or source.igtl"
         )
-    return block.text("device") if "device" in block else None
+    device: str | None = block.value("device")
+    return device
 
 
-def _cautery(document: Section, source: LiveSourceEntry) -> CauteryEntry | None:
-    entry = read_cautery(document)
-    is_igtl = isinstance(source, IgtlSourceEntry)
-    if entry is not None and entry.device is not None and not is_igtl:
+def _check_cautery(document: Section, manifest: CaseManifest, source: LiveSourceEntry) -> None:
+    entry = manifest.cautery
+    if entry is not None and entry.device is not None and not isinstance(source, IgtlSourceEntry):
         raise InputError(
             f"{document.place('cautery')}.device is {entry.device!r} and the source is not igtl; "
             "expected a topic of std_msgs/Bool, or source.igtl"
         )
-    return entry
 
 
-def _edges(tf: Section) -> tuple[tuple[str, str], ...]:
-    if "edges" not in tf:
-        return ()
-    return tuple((edge.frame("parent"), edge.frame("child")) for edge in tf.sections("edges"))
-
-
-def _clock(document: Section) -> ClockEntry:
-    clock = read_clock(document)
-    if clock.estimate:
+def _check_recorded_only(document: Section, manifest: CaseManifest) -> None:
+    """Raise `InputError` for what is estimated from a recording."""
+    if manifest.clock.estimate:
         raise InputError(
             f"{document.place('clock')}.estimate needs a recording: estimate the offset with "
             "'marginguard calibrate time' and give it as offset_robot_to_tracker_ms"
         )
-    return clock
-
-
-def _registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:
-    entry = read_registration(document, robot)
-    if entry is not None and entry.dwells:
+    if manifest.registration is not None and manifest.registration.dwells:
         raise InputError(
             f"{document.place('registration')}.dwells needs a recording: register one with "
             "'marginguard register' and give the result as method: given"
         )
-    return entry

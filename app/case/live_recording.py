@@ -8,8 +8,7 @@ from typing import Any
 import yaml
 
 from app.case.convert import copy_named_files
-from app.case.live_file import IgtlSourceEntry, LiveCase, TopicSourceEntry
-from app.case.live_keys import ONLY_LIVE
+from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest.case_file import MANIFEST_NAME
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.new_case import margin_values

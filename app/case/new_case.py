@@ -9,8 +9,9 @@ import yaml
 
 from app.case.case import open_case
 from app.case.frames.samples import TrackingFrame
-from app.case.manifest.case_file import MANIFEST_NAME
-from app.case.manifest.entries import TUMOR_MESH_FRAME, MarginEntry, Provenance
+from app.case.manifest.case_file import MANIFEST_NAME, Provenance
+from app.case.manifest.margins import MarginEntry
+from app.case.manifest.parts import TUMOR_MESH_FRAME
 from app.case.recorder.recorder import write_recording
 from app.files.atomic_io import new_folder
 from app.files.meshes import write_mesh

@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from app.case.case import open_case
-from app.case.live_file import open_live
-from app.case.live_keys import LIVE
-from app.case.manifest.case_file import MANIFEST_NAME
-from app.case.manifest.keys import CASE
+from app.case.live_file import LIVE, open_live
+from app.case.manifest.case_file import CASE, MANIFEST_NAME
 from app.files.atomic_io import write_file
 from app.files.commented_yaml import commented_yaml
 from app.files.keys import Block

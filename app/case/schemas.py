@@ -2,9 +2,9 @@
 
 import json
 
-from app.case.live_keys import LIVE
+from app.case.live_file import LIVE
+from app.case.manifest.case_file import CASE
 from app.case.manifest.expected import EXPECTED
-from app.case.manifest.keys import CASE
 from app.files.json_schema import json_schema
 
 DOCUMENTS = {"case": CASE, "live": LIVE, "expected": EXPECTED}

@@ -6,8 +6,9 @@ A misspelt key of a safety setting must not fall back to a default. So every map
 
 import math
 import reprlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from app.files.keys import (
     Block,
@@ -80,6 +81,22 @@ class Section:
     def __contains__(self, key: str) -> bool:
         """True if ``key`` is given, with a value or with null."""
         return key in self._values
+
+    def value(self, key: str) -> Any:
+        """Return the value under ``key`` by its declaration; None for a missing optional key."""
+        declared = self._block.keys[key]
+        if declared.optional and declared.default is None and key not in self:
+            return None
+        match declared:
+            case Block(read=read):
+                section = self.section(key)
+                return section if read is None else read(section)
+            case ListOf(items=Block(read=read)):
+                sections = self.sections(key)
+                return sections if read is None else tuple(map(read, sections))
+            case ListOf(items=Text()):
+                return self.texts(key)
+        return _GETTERS[type(declared)](self, key)
 
     def section(self, key: str) -> "Section":
         """Return the mapping under ``key``."""
@@ -219,6 +236,19 @@ class Section:
 
     def _refused(self, key: str, value: object, expected: str) -> InputError:
         return InputError(f"{self.place(key)} is {_shown(value)}; expected {expected}")
+
+
+_GETTERS: dict[type[Key], Callable[[Section, str], Any]] = {
+    Text: Section.text,
+    Texts: Section.texts_by_name,
+    Frame: Section.frame,
+    Choice: Section.choice,
+    Boolean: Section.boolean,
+    Integer: Section.integer,
+    Number: Section.number,
+    Numbers: Section.numbers,
+    ListOf: Section.points,
+}
 
 
 def _of_kind(declared: Key, kind: type[_Declared], key: str) -> _Declared:

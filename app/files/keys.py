@@ -6,7 +6,7 @@ A `Block` declares a mapping. `app.files.document.Section` reads a mapping by it
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -147,6 +147,7 @@ class Block(Key):
     exactly one variant applies. ``needs``: a key, and the other one that must be given with it.
     ``rules`` are checked by the readers of the block and cannot be stated in JSON Schema.
     ``old_names``: former name of an optional key -> key; it is still read, with a note.
+    ``read`` makes the value of a mapping of this block from its `Section`.
     """
 
     keys: Mapping[str, Key]
@@ -154,6 +155,7 @@ class Block(Key):
     needs: tuple[tuple[str, str], ...] = ()
     rules: tuple[str, ...] = ()
     old_names: Mapping[str, str] = field(default_factory=dict)
+    read: Callable[[Any], Any] | None = None
 
     def others_than(self, variant: Variant) -> list[str]:
         """The keys that belong to other variants only."""

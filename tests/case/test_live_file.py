@@ -15,7 +15,7 @@ from app.case import (
     open_case,
     open_live,
 )
-from app.case.manifest.entries import CauteryEntry
+from app.case.manifest.images import CauteryEntry
 from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
 from app.geometry import InputError
 from app.session import guidance_parameters, limiter_parameters, tumor_motion_parameters

@@ -11,12 +11,12 @@ import pytest
 import yaml
 
 from app.case import DOCUMENTS, open_live, schema_text
-from app.case.live_keys import ABOVE_0, NEEDS_ROBOT, PASSIVE
-from app.case.manifest.cautery import ONE_SOURCE
-from app.case.manifest.image_keys import FROM_IGTL, LISTED_DEPTH, NOT_BOTH
+from app.case.live_file import ABOVE_0, NEEDS_ROBOT, PASSIVE
+from app.case.manifest.case_file import FILES, OWN_BASE_FRAME
+from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
-from app.case.manifest.keys import FILES, OWN_BASE_FRAME, SESSION_LIMITS
-from app.case.manifest.stylus_keys import OWN_STYLUS_FRAME, STYLUS_TIP
+from app.case.manifest.margins import SESSION_LIMITS
+from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.cli.commands.schema import NAMES
 from app.cli.main import main
 from app.files.json_schema import GENERAL_RULES

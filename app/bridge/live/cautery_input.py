@@ -11,7 +11,7 @@ from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import CauteryState, CauteryTrail, LiveCase
-from app.case.manifest.entries import CauteryEntry
+from app.case.manifest.images import CauteryEntry
 from app.case.messages.ros_messages import BOOL
 from app.geometry import MarginGuardError
 from app.igtl import Header, read_string

@@ -1,28 +1,188 @@
-"""Reads and checks ``case.yaml``."""
+"""``case.yaml``: its keys, its values and their reader.
 
+Every matrix is a `Transform` in mm, every duration an integer in ns.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from app.case.manifest.cautery import read_cautery
-from app.case.manifest.entries import CaseManifest, RecordingEntry
-from app.case.manifest.images import read_images
-from app.case.manifest.keys import CASE
-from app.case.manifest.needle import read_needle
-from app.case.manifest.plausibility import read_plausibility
-from app.case.manifest.sections import (
-    read_clock,
-    read_margins,
-    read_package_dirs,
-    read_provenance,
-    read_registration,
-    read_robot,
-    read_tool,
-    read_tumor,
+from app.case.manifest.images import (
+    CAUTERY,
+    IMAGES,
+    CauteryEntry,
+    ImagesEntry,
+    read_cautery,
+    read_images,
 )
-from app.case.manifest.stylus import read_stylus
+from app.case.manifest.key_rules import YEAR_MS
+from app.case.manifest.margins import MARGINS, MarginEntry
+from app.case.manifest.parts import (
+    PARTS,
+    NeedleEntry,
+    StylusEntry,
+    ToolEntry,
+    TumorEntry,
+    check_frames,
+)
+from app.case.manifest.plausibility import PLAUSIBILITY, PlausibilityEntry
+from app.case.manifest.robot import (
+    PACKAGE_DIRS,
+    REGISTRATION,
+    ROBOT,
+    RegistrationEntry,
+    RobotEntry,
+    read_registration,
+)
+from app.files.declared import By, block_of
 from app.files.document import Section
-from app.geometry import InputError
+from app.files.keys import Block, Boolean, Choice, Integer, Number, Text, Variant
+from app.geometry import NS_PER_MS, InputError
 
 MANIFEST_NAME = "case.yaml"
+MAX_RATE_HZ = 20_000.0
+
+FILES = (
+    "the named files exist, in the folder of this file or of a package or by an absolute path, "
+    "have a known format, and a sha256 is that of its file"
+)
+OWN_BASE_FRAME = "robot.base_frame is the name of no other frame"
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Origin of the data; ``kind`` is always stated, never inferred."""
+
+    kind: Annotated[
+        Literal["simulated", "recorded"],
+        Choice("simulated or recorded data", ("simulated", "recorded")),
+    ]
+    source: Annotated[str, Text("where the data come from")]
+    licence: Annotated[str, Text("licence of the data")]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingEntry:
+    """The recording: a path as written, relative to the case, and its SHA-256 where given.
+
+    ``rate_hz`` is that of a recording without times, None where it has them.
+    """
+
+    path: Annotated[str, Text("a file or folder in one of the formats of docs/formats.md")]
+    sha256: Annotated[
+        str | None,
+        Text(
+            "SHA-256 of the file, checked when given",
+            optional=True,
+            pattern=re.compile(r"[0-9A-Fa-f]{64}"),
+            expected="64 hexadecimal digits",
+        ),
+        By(lambda block: block.text("sha256").lower() if "sha256" in block else None),
+    ]
+    rate_hz: Annotated[
+        float | None,
+        Number(
+            "rate of a recording without times; expected only there",
+            optional=True,
+            above=0.0,
+            maximum=MAX_RATE_HZ,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEntry:
+    """Clock offset, tracker = robot + ``offset_robot_to_tracker_ns``, unless to be estimated."""
+
+    offset_robot_to_tracker_ns: Annotated[
+        int,
+        Number("tracker time minus robot time", optional=True, minimum=-YEAR_MS, maximum=YEAR_MS),
+        By(lambda block: 0 if block.boolean("estimate") else _offset_ns(block)),
+    ] = 0
+    estimate: Annotated[
+        bool, Boolean("estimate the offset from the recorded motion", default=False)
+    ] = False
+
+    def check(self, block: Section) -> None:
+        """Raise `InputError` for an offset beside an estimate."""
+        if self.estimate and "offset_robot_to_tracker_ms" in block:
+            raise InputError(
+                f"{block.place('estimate')} and an offset are given; expected one of them"
+            )
+
+
+def _offset_ns(block: Section) -> int:
+    return round(block.number("offset_robot_to_tracker_ms") * NS_PER_MS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseManifest:
+    """A ``case.yaml``, or the sections that a ``live.yaml`` shares with it.
+
+    ``file`` is the name of the file, for messages. A live case has no ``recording``.
+    """
+
+    file: str
+    name: str
+    provenance: Provenance
+    recording: RecordingEntry | None
+    clock: ClockEntry
+    tool: ToolEntry
+    tumor: TumorEntry
+    robot: RobotEntry | None
+    registration: RegistrationEntry | None
+    margins: MarginEntry
+    expected: str | None
+    plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
+    package_dirs: Mapping[str, str] = field(default_factory=dict)
+    images: ImagesEntry | None = None
+    needle: NeedleEntry | None = None
+    stylus: StylusEntry | None = None
+    cautery: CauteryEntry | None = None
+
+    def recorded(self) -> RecordingEntry:
+        """The recording; `InputError` for a live case."""
+        if self.recording is None:
+            raise InputError(f"{self.file}: a live case has no recording")
+        return self.recording
+
+
+KNOWN_OFFSET = Variant(
+    "known offset", ("offset_robot_to_tracker_ms",), where={"estimate": {"const": False}}
+)
+CLOCK = block_of(
+    ClockEntry,
+    "clock of the robot's joints; by default that of the tracker",
+    optional=True,
+    variants=(
+        KNOWN_OFFSET,
+        Variant("estimated offset", ("estimate",), where={"estimate": {"const": True}}),
+    ),
+)
+
+CASE = Block(
+    "a recorded case",
+    {
+        "schema": Integer("version of the format", 1, 1),
+        "name": Text("name of the case, shown in reports"),
+        "provenance": block_of(Provenance, "origin of the data"),
+        "recording": block_of(RecordingEntry, "the recorded tracking data"),
+        "images": IMAGES,
+        "cautery": CAUTERY,
+        "clock": CLOCK,
+        **PARTS,
+        "robot": ROBOT,
+        "package_dirs": PACKAGE_DIRS,
+        "registration": REGISTRATION,
+        "margins": MARGINS,
+        "plausibility": PLAUSIBILITY,
+        "expected": Text("file of the expected results: expected.yaml", optional=True),
+    },
+    needs=(("robot", "registration"),),
+    rules=(FILES, "tumor.frame is not the frame of the tool", OWN_BASE_FRAME),
+)
 
 
 def load_manifest(folder: Path) -> CaseManifest:
@@ -33,33 +193,27 @@ def load_manifest(folder: Path) -> CaseManifest:
     return read_manifest(Section.load(path, CASE))
 
 
-def read_manifest(document: Section) -> CaseManifest:
-    """Read a document with the keys of `CASE`; `InputError` for the first fault."""
+def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
+    """Read the keys that `CASE` and `LIVE` share; `InputError` for the first fault.
+
+    ``file`` is the name of the file, for messages. Without a clock the joints are on that of the
+    tracker.
+    """
     document.integer("schema")
-    robot, tool = read_robot(document), read_tool(document)
-    tumor, needle = read_tumor(document, tool), read_needle(document, tool)
+    values: dict[str, Any] = {
+        key: document.value(key)
+        for key in ("name", "provenance", "tool", "tumor", "robot", "margins", "needle", "stylus")
+    }
+    check_frames(document, *(values[key] for key in ("tool", "tumor", "needle", "stylus")))
     return CaseManifest(
-        file=MANIFEST_NAME,
-        name=document.text("name"),
-        provenance=read_provenance(document),
-        recording=_recording(document.section("recording")),
-        clock=read_clock(document),
-        tool=tool,
-        tumor=tumor,
-        robot=robot,
-        registration=read_registration(document, robot),
-        margins=read_margins(document),
-        plausibility=read_plausibility(document),
+        file=file,
+        **values,
+        recording=document.value("recording") if "recording" in document else None,
+        clock=document.value("clock") or ClockEntry(),
+        registration=read_registration(document, values["robot"]),
         expected=document.text("expected") if "expected" in document else None,
-        package_dirs=read_package_dirs(document),
+        plausibility=document.value("plausibility") or PlausibilityEntry(),
+        package_dirs=document.value("package_dirs") or {},
         images=read_images(document),
-        needle=needle,
-        stylus=read_stylus(document, tool, tumor, needle),
         cautery=read_cautery(document),
     )
-
-
-def _recording(block: Section) -> RecordingEntry:
-    sha256 = block.text("sha256").lower() if "sha256" in block else None
-    rate_hz = block.number("rate_hz") if "rate_hz" in block else None
-    return RecordingEntry(block.text("path"), sha256, rate_hz)

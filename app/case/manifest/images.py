@@ -1,8 +1,154 @@
-"""Reads ``images`` of a ``case.yaml`` and of a ``live.yaml``."""
+"""Tracked ultrasound images and the cautery's state, in ``case.yaml`` and in ``live.yaml``."""
 
-from app.case.manifest.entries import ImageCalibrationEntry, ImagesEntry
+from dataclasses import dataclass
+from typing import Annotated
+
+from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED, YEAR_MS
+from app.files.declared import block_of
 from app.files.document import Section
+from app.files.keys import Block, Choice, Frame, ListOf, Number, Numbers, Text, Variant
 from app.geometry import NS_PER_MS, InputError
+
+ORIENTATIONS = ("MF", "MN", "UF", "UN", "FM", "NM", "FU", "NU")
+"""Directions of columns and rows: M marked, U unmarked side of the probe, F far from it, N near."""
+
+NOT_BOTH = "images has path or topic, not both"
+FROM_IGTL = "images without a topic need source.igtl, and only they have a device"
+LISTED_DEPTH = "the depths of images.calibrations differ, and images.depth_mm is one of them"
+MAX_DEPTH_MM = 500.0
+
+
+@dataclass(frozen=True, slots=True)
+class ImageCalibrationEntry:
+    """``ImageToProbe`` by a file as written, or by 16 numbers. ``depth_mm`` None: any depth."""
+
+    depth_mm: Annotated[float | None, Number("imaging depth", above=0.0, maximum=MAX_DEPTH_MM)]
+    path: Annotated[
+        str | None,
+        Text("ImageToProbe: a PLUS configuration (.xml) or a transform file", optional=True),
+    ]
+    matrix: Annotated[
+        tuple[float, ...] | None,
+        Numbers("ImageToProbe, 4 x 4, row by row: pixels to mm", 16, optional=True),
+    ]
+
+    def check(self, block: Section) -> None:
+        """Raise `InputError` unless one of file and matrix is given."""
+        if (self.path is None) is (self.matrix is None):
+            given = "neither" if self.path is None else "both"
+            raise InputError(f"{block.where} has {given} of path and matrix; expected one of them")
+
+
+@dataclass(frozen=True, slots=True)
+class ImagesEntry:
+    """Tracked ultrasound: path as written of the sequence, and the calibrations of the probe.
+
+    ``calibrations``: one without a depth, or one for each depth; ``depth_mm`` is then the one at
+    the start. ``path`` None: the recording. ``topic``: that of the images in a bag or in a live
+    session, None for a sequence and for OpenIGTLink. ``orientation`` is that of images that do not
+    name it. ``stale_after_ns``: None for that of the margins.
+    """
+
+    path: str | None
+    probe: str
+    calibrations: tuple[ImageCalibrationEntry, ...]
+    orientation: str | None
+    stale_after_ns: int | None
+    topic: str | None = None
+    depth_mm: float | None = None
+
+
+_PLACE = {
+    "probe": Frame("the tracked frame of the probe"),
+    "calibration": Text(
+        "ImageToProbe: a PLUS configuration (.xml) or a transform file", optional=True
+    ),
+    "calibrations": ListOf(
+        "one calibration for each imaging depth that is used, instead of calibration",
+        block_of(
+            ImageCalibrationEntry,
+            "ImageToProbe at one depth",
+            variants=(Variant("file", ("path",)), Variant("matrix", ("matrix",))),
+        ),
+        optional=True,
+        if_empty="give calibration for a probe with one depth",
+    ),
+    "depth_mm": Number(
+        "the depth of calibrations that is used at the start",
+        optional=True,
+        above=0.0,
+        maximum=MAX_DEPTH_MM,
+    ),
+}
+ONE_DEPTH, SEVERAL_DEPTHS = ("calibration",), ("calibrations", "depth_mm")
+
+
+def _variants(*optional: str) -> tuple[Variant, ...]:
+    """By one calibration or by several; ``optional`` are keys of both."""
+    return (
+        Variant("one depth", ONE_DEPTH, optional=optional),
+        Variant("several depths", SEVERAL_DEPTHS, optional=optional),
+    )
+
+
+_AGE = {
+    "stale_after_ms": Number(
+        "maximum age of an image that is shown; by default that of margins",
+        optional=True,
+        above=0.0,
+        maximum=YEAR_MS,
+    ),
+}
+
+IMAGES = Block(
+    "tracked ultrasound images",
+    {
+        "path": Text(
+            "sequence with images (.igs.mha, .igs.mhd, .igs.nrrd, .igs.nhdr) and the poses of the "
+            "probe, on the clock of the tracker; by default the recording",
+            optional=True,
+        ),
+        "topic": Text(
+            "topic of sensor_msgs/Image in the recording, which is a bag in MCAP; instead of path",
+            optional=True,
+            pattern=TOPIC,
+            expected=TOPIC_EXPECTED,
+        ),
+        **_PLACE,
+        "orientation": Choice(
+            "orientation of images whose header names none; of a topic by default MF",
+            ORIENTATIONS,
+            optional=True,
+        ),
+        **_AGE,
+    },
+    optional=True,
+    variants=_variants("path", "topic", "orientation", "stale_after_ms"),
+    rules=(NOT_BOTH, LISTED_DEPTH),
+)
+
+LIVE_IMAGES = Block(
+    "tracked ultrasound images on the clock of the tracker, shown on the page",
+    {
+        "topic": Text(
+            "topic of sensor_msgs/Image (mono8, mono16, rgb8); without it the images come over the "
+            "OpenIGTLink connection of source.igtl",
+            optional=True,
+            pattern=TOPIC,
+            expected=TOPIC_EXPECTED,
+        ),
+        "device": Text(
+            "device name of the OpenIGTLink images; by default that of the first one",
+            optional=True,
+        ),
+        **_PLACE,
+        "orientation": Choice("orientation in which they are sent", ORIENTATIONS, default="MF"),
+        **_AGE,
+    },
+    optional=True,
+    variants=_variants("topic", "device", "stale_after_ms"),
+    rules=(FROM_IGTL, LISTED_DEPTH),
+)
 
 _SAME_MM = 0.01
 """Depths that differ by less are one."""
@@ -13,7 +159,7 @@ def read_images(document: Section) -> ImagesEntry | None:
     if "images" not in document:
         return None
     block = document.section("images")
-    stale_ms = block.number("stale_after_ms") if "stale_after_ms" in block else None
+    stale_ms = block.value("stale_after_ms")
     if "path" in block and "topic" in block:
         raise InputError(f"{block.where} has path and topic; expected one of them or none")
     calibrations, depth_mm = _calibrations(block)
@@ -21,9 +167,9 @@ def read_images(document: Section) -> ImagesEntry | None:
         block.text("path") if "path" in block else None,
         block.frame("probe"),
         calibrations,
-        block.choice("orientation") if "orientation" in block else None,
+        block.value("orientation"),
         None if stale_ms is None else round(stale_ms * NS_PER_MS),
-        block.text("topic") if "topic" in block else None,
+        block.value("topic"),
         depth_mm,
     )
 
@@ -36,7 +182,7 @@ def _calibrations(block: Section) -> tuple[tuple[ImageCalibrationEntry, ...], fl
         return (ImageCalibrationEntry(None, block.text("calibration"), None),), None
     if "calibration" in block:
         raise InputError(f"{block.where} has calibration and calibrations; expected one of them")
-    entries = tuple(_entry(each) for each in block.sections("calibrations"))
+    entries: tuple[ImageCalibrationEntry, ...] = block.value("calibrations")
     depths_mm = [each.depth_mm or 0.0 for each in entries]
     for index, depth_mm in enumerate(depths_mm):
         if any(abs(depth_mm - other) < _SAME_MM for other in depths_mm[:index]):
@@ -54,12 +200,70 @@ def _calibrations(block: Section) -> tuple[tuple[ImageCalibrationEntry, ...], fl
     return entries, found[0]
 
 
-def _entry(block: Section) -> ImageCalibrationEntry:
-    if ("path" in block) is ("matrix" in block):
-        given = "both" if "path" in block else "neither"
-        raise InputError(f"{block.where} has {given} of path and matrix; expected one of them")
-    return ImageCalibrationEntry(
-        block.number("depth_mm"),
-        block.text("path") if "path" in block else None,
-        block.numbers("matrix") if "matrix" in block else None,
-    )
+@dataclass(frozen=True, slots=True)
+class CauteryEntry:
+    """Source of the cautery's state: a ROS ``topic``, or an OpenIGTLink ``device``.
+
+    Older than ``stale_after_ns`` it is unknown.
+    """
+
+    topic: str | None
+    device: str | None
+    stale_after_ns: int
+
+
+ONE_SOURCE = "cautery has topic or device, and device needs source.igtl"
+
+_DAY_MS = 86_400_000
+_TOPIC = Text(
+    "topic of std_msgs/Bool: true while the cautery burns",
+    optional=True,
+    pattern=TOPIC,
+    expected=TOPIC_EXPECTED,
+)
+_CAUTERY_AGE = Number(
+    "age after which what was said is unknown; longer than the period of the messages",
+    default=1000.0,
+    above=0.0,
+    maximum=_DAY_MS,
+)
+
+CAUTERY = Block(
+    "whether the cautery burns, shown and recorded only",
+    {
+        "topic": Text(
+            "topic of std_msgs/Bool in the recording, a bag: true while the cautery burns",
+            pattern=TOPIC,
+            expected=TOPIC_EXPECTED,
+        ),
+        "stale_after_ms": _CAUTERY_AGE,
+    },
+    optional=True,
+)
+
+LIVE_CAUTERY = Block(
+    "whether the cautery burns, shown and recorded only; it changes no margin",
+    {
+        "topic": _TOPIC,
+        "device": Text(
+            "device name of OpenIGTLink STRING messages (on, off) of source.igtl, instead of topic",
+            optional=True,
+        ),
+        "stale_after_ms": _CAUTERY_AGE,
+    },
+    optional=True,
+    rules=(ONE_SOURCE,),
+)
+
+
+def read_cautery(document: Section) -> CauteryEntry | None:
+    """Read ``cautery``; None for a session without it."""
+    if "cautery" not in document:
+        return None
+    block = document.section("cautery")
+    topic = block.value("topic")
+    device = block.text("device") if "device" in block else None
+    if (topic is None) == (device is None):
+        found = "neither topic nor device" if topic is None else "topic and device"
+        raise InputError(f"{block.where} has {found}; expected one of them")
+    return CauteryEntry(topic, device, round(block.number("stale_after_ms") * NS_PER_MS))
