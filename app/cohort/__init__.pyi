@@ -4,8 +4,7 @@ from .comparison import METRICS, Comparison, compare, comparison_csv, groups_of
 from .dataset import Dataset
 from .design import OPTION_RANGES, Design
 from .inputs import fetch, input_hash, is_url, open_cohort
-from .manifest import MANIFEST_FILE, Cohort, open_manifest, write_manifest
-from .manifest_keys import COHORT, cohort_schema_text
+from .manifest import COHORT, cohort_schema_text, MANIFEST_FILE, Cohort, open_manifest, write_manifest
 from .outliers import Outlier, find_outliers
 
 __all__ = [

@@ -1,5 +1,6 @@
-"""Reads and writes ``cohort.yaml``."""
+"""``cohort.yaml``: the cases of a cohort. Its keys, values, reader and writer."""
 
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,14 +9,79 @@ from typing import Any, cast
 import yaml
 
 from app.cohort.cases import CohortCase
-from app.cohort.design import OPTION_RANGES, Design, Fixture
-from app.cohort.manifest_keys import COHORT
+from app.cohort.design import FIXTURES, OPTION_RANGES, Design, Fixture
 from app.files.atomic_io import new_folder
 from app.files.document import Section
+from app.files.json_schema import json_schema
+from app.files.keys import Block, Choice, Integer, ListOf, Numbers, Text, Variant
 from app.geometry import InputError
-from app.synthetic.presets import tracker_preset
+from app.synthetic.presets import PRESETS, tracker_preset
 
 MANIFEST_FILE = "cohort.yaml"
+
+
+MAX_COUNT = 10_000_000
+ORDERED = "low is not above high, and both are within the limits of the option"
+UNIQUE_NAMES = "names of cases differ from each other"
+KNOWN_TRACKERS = f"trackers are of {', '.join(PRESETS)}"
+
+_SIMULATED = Block(
+    "cases that workers make from a seed and ranges of options",
+    {
+        "count": Integer("number of cases", 1, MAX_COUNT),
+        "seed": Integer("of all random values", 0, 2**63 - 1),
+        "trackers": ListOf(
+            "presets of trackers, of which each case has one",
+            Text("preset"),
+            if_empty="expected presets",
+        ),
+        "surgeons": Integer("number of surgeons", 1, 100_000),
+        "fixture": Choice(
+            "virtual fixture: off, on, paired (two cases of every draw, without and with it) or "
+            "alternate (every second case)",
+            FIXTURES,
+        ),
+        **{
+            key: Numbers(
+                f"{option.description}: low and high, {option.low:g} to {option.high:g}",
+                2,
+                optional=True,
+            )
+            for key, option in OPTION_RANGES.items()
+        },
+    },
+    optional=True,
+    rules=(ORDERED, KNOWN_TRACKERS),
+)
+
+_CASE = Block(
+    "a recorded case",
+    {
+        "name": Text("name, unique in the cohort"),
+        "source": Text("case folder: a path, relative to this file, or a URL"),
+        "group": Text("group in a comparison; default: none", optional=True),
+        "surgeon": Text("who operated; default: unknown", optional=True),
+        "pair": Text("name that joins a case of each group; default: none", optional=True),
+    },
+)
+
+COHORT = Block(
+    "a cohort",
+    {
+        "schema": Integer("version of the format", 1, 1),
+        "name": Text("name of the cohort, shown in the report"),
+        "simulated": _SIMULATED,
+        "cases": ListOf("recorded cases", _CASE, optional=True, if_empty="expected cases"),
+    },
+    variants=(Variant("simulated", ("simulated",)), Variant("recorded", ("cases",))),
+    rules=(UNIQUE_NAMES,),
+)
+
+
+def cohort_schema_text() -> str:
+    """Return the JSON Schema of ``cohort.yaml``, as indented JSON."""
+    schema = json_schema(COHORT, "cohort.yaml of MarginGuard, schema 1")
+    return json.dumps(schema, indent=2) + "\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +133,18 @@ def check_names(cases: Iterable[CohortCase]) -> None:
 def open_manifest(path: Path) -> Cohort:
     """Read the manifest at ``path``, or ``cohort.yaml`` in that folder."""
     file = path / MANIFEST_FILE if path.is_dir() else path
-    return read_manifest(Section.load(file, COHORT), file.parent)
+    return read_manifest(Section.load(file, COHORT))
 
 
-def read_manifest(document: Section, folder: Path) -> Cohort:
-    """Read a document with the keys of `COHORT`; relative paths of cases are in ``folder``."""
+def read_manifest(document: Section) -> Cohort:
+    """Read a document with the keys of `COHORT`."""
     document.integer("schema")
     name = document.text("name")
     if ("simulated" in document) == ("cases" in document):
         raise InputError(f"{document.where} has both or none of simulated, cases; expected one")
     if "simulated" in document:
         return Cohort(name, _design(document.section("simulated")))
-    recorded = tuple(_recorded(each, folder) for each in document.sections("cases"))
+    recorded = tuple(_recorded(each) for each in document.sections("cases"))
     try:
         return Cohort(name, recorded=recorded)
     except InputError as error:
@@ -107,13 +173,11 @@ def _design(block: Section) -> Design:
         raise InputError(f"{block.where}: {error}") from error
 
 
-def _recorded(block: Section, folder: Path) -> CohortCase:
+def _recorded(block: Section) -> CohortCase:
     source = block.text("source")
     if "://" not in source:
-        source = str(folder.absolute() / source)
-    group, surgeon, pair = (
-        block.text(key) if key in block else "" for key in ("group", "surgeon", "pair")
-    )
+        source = str(block.folder.absolute() / source)
+    group, surgeon, pair = (block.value(key) or "" for key in ("group", "surgeon", "pair"))
     return CohortCase(block.text("name"), source, group=group, surgeon=surgeon, pair=pair)
 
 

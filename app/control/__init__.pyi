@@ -1,6 +1,5 @@
 from .admittance import AdmittanceGains, HandAdmittance
-from .control_file import BASE, RULE_FRAME, ControlDescription, open_control
-from .control_keys import CONTROL, control_schema_text
+from .control_file import CONTROL, control_schema_text, BASE, RULE_FRAME, ControlDescription, open_control
 from .controller import (
     ControlDecision,
     ControllerParameters,

@@ -1,18 +1,21 @@
-"""Reads ``control.yaml`` and loads the robot that it names."""
+"""``control.yaml``: the arm, its tool, and where its base is. Its keys, values and reader."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from app.control.admittance import AdmittanceGains
-from app.control.control_keys import CONTROL
 from app.control.controller import ControllerParameters, CooperativeController
 from app.control.impedance import ImpedanceParameters
 from app.control.tool_kinematics import ToolKinematics
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
+from app.files.json_schema import json_schema
+from app.files.keys import Block, Boolean, Choice, Frame, Integer, Key, Number, Numbers, Text
 from app.files.paths import resolve_file
+from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 from app.fixture import FixtureRule, LimiterParameters, PassivityError
 from app.geometry import InputError, MarginGuardError, Transform
 from app.robot import load_robot
@@ -23,6 +26,105 @@ RULE_FRAME = "tumor"
 
 BASE = "base"
 """The arm's root link, in the transforms of a `ControlDescription`."""
+
+
+FILES = "the robot's file exists and has a known format"
+PASSIVE = "stiffness_n_m times half the period plus damping_n_s_m is below arm_damping_n_s_m"
+
+_MATRIX = Numbers("4 x 4 matrix, row by row, translation in mm", 16)
+
+_ROBOT = Block(
+    "the arm",
+    {
+        "file": ROBOT_FILE,
+        "xacro_args": XACRO_ARGS,
+        "max_joint_speed": Number(
+            "limit of the joints that the file gives none, rad/s or m/s; needed if there are any",
+            optional=True,
+            above=0.0,
+        ),
+    },
+)
+
+_TOOL: dict[str, Key] = {
+    "link": Frame("link that holds it"),
+    "position_mm": Numbers("the tool's tip in the link", 3),
+    "rotation_deg": Numbers("axis times angle; default: none", 3, optional=True),
+}
+
+_BASE = Block(
+    "the registration of the arm's base, used where the guard publishes none",
+    {
+        "frame": Frame("the tracker's frame, or a frame that it measures: the reference"),
+        "pose": Block("the arm's root link in that frame", {"matrix": _MATRIX}),
+    },
+    optional=True,
+)
+
+_HAND = Block(
+    "the hand's wrench, and the response to it",
+    {
+        "topic": Text("WrenchStamped; default: body/measured_cf of the arm", optional=True),
+        "axes": Choice("axes of the wrench", ("tool", "base"), default="tool"),
+        "linear_mm_s_n": Number("speed per force", default=10.0, minimum=0.0),
+        "angular_rad_s_nm": Number("angular speed per torque", default=1.0, minimum=0.0),
+        "dead_n": Number("smaller forces count as 0", default=0.1, minimum=0.0),
+        "dead_n_m": Number("smaller torques count as 0", default=0.005, minimum=0.0),
+        "response_ms": Number("time constant of the response", default=30.0, minimum=0.0),
+    },
+    optional=True,
+)
+
+_IMPEDANCE = Block(
+    "for an arm that closes the loop itself (dVRK): the constraint as servo_ci instead of joint "
+    "velocities; default: off",
+    {
+        "stiffness_n_m": Number("beyond the plane, along its normal", above=0.0),
+        "damping_n_s_m": Number("the same per speed", minimum=0.0),
+        "period_ms": Number("period of the arm's own loop", above=0.0, maximum=20.0),
+        "arm_damping_n_s_m": Number("physical damping of the arm at its tip", above=0.0),
+    },
+    rules=(PASSIVE,),
+    optional=True,
+)
+
+CONTROL = Block(
+    "a cooperative controller between a hand and an arm",
+    {
+        "schema": Integer("version of the format", 1, 1),
+        "name": Text("name of the arm, shown in reports"),
+        "arm": Text("namespace of the arm's CRTK topics, such as /arm"),
+        "robot": _ROBOT,
+        "tool": Block("the tool that the arm holds", _TOOL),
+        "tracked_transforms": Text(
+            "topic of the tracker (marginguard_msgs/TrackedTransform)",
+            optional=True,
+        ),
+        "base": _BASE,
+        "constraint": Text(
+            "topic of the guard's constraint; default: /marginguard/constraint", optional=True
+        ),
+        "hand": _HAND,
+        "impedance": _IMPEDANCE,
+        "max_speed_mm_s": Number(
+            "largest speed of the tip; planes are approached at most at v_max_mm_s of the guard",
+            default=100.0,
+            above=0.0,
+            maximum=250.0,
+        ),
+        "accept_simulated": Boolean(
+            "move by constraints of simulated poses; only where no patient and no robot is",
+            default=False,
+        ),
+    },
+    rules=(FILES,),
+)
+
+
+def control_schema_text() -> str:
+    """Return the JSON Schema of ``control.yaml``, as indented JSON."""
+    schema = json_schema(CONTROL, "control.yaml of MarginGuard, schema 1")
+    return json.dumps(schema, indent=2) + "\n"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,20 +170,20 @@ def open_control(path: Path) -> ControlDescription:
     file = path / CONTROL_FILE if is_folder(path) else path
     if not is_file(file):
         raise InputError(f"{path} is not a control file; expected a {CONTROL_FILE} or its folder")
-    return read_control(Section.load(file, CONTROL), file.parent)
+    return read_control(Section.load(file, CONTROL))
 
 
-def read_control(document: Section, folder: Path) -> ControlDescription:
-    """Read a document with the keys of `CONTROL`; relative names of files are in ``folder``."""
+def read_control(document: Section) -> ControlDescription:
+    """Read a document with the keys of `CONTROL`."""
     document.integer("schema")
     arm = _arm(document)
     block = document.section("robot")
     robot = load_robot(
-        resolve_file(folder, block.text("file"), block.place("file")),
-        xacro_args=block.texts_by_name("xacro_args") if "xacro_args" in block else None,
+        resolve_file(block.folder, block.text("file"), block.place("file")),
+        xacro_args=block.value("xacro_args"),
         require_meshes=False,
     )
-    hand = document.section("hand") if "hand" in document else None
+    hand: Section | None = document.value("hand")
     tool = ToolKinematics(robot, _link_from_tip(document.section("tool")))
     found = ControlDescription(
         document.text("name"),
@@ -96,7 +198,7 @@ def read_control(document: Section, folder: Path) -> ControlDescription:
         hand is None or hand.choice("axes") == "tool",
         ControllerParameters(
             gains=AdmittanceGains() if hand is None else _gains(hand),
-            max_joint_speed=block.number("max_joint_speed") if "max_joint_speed" in block else None,
+            max_joint_speed=block.value("max_joint_speed"),
         ),
         document.number("max_speed_mm_s"),
         document.boolean("accept_simulated"),
@@ -114,7 +216,7 @@ def _arm(document: Section) -> str:
 
 
 def _topic(block: Section, key: str, default: str) -> str:
-    topic = block.text(key) if key in block else default
+    topic: str = block.value(key) or default
     if not topic.startswith("/"):
         raise InputError(f"{block.place(key)} is {topic!r}; expected a topic that begins with '/'")
     return topic
@@ -143,7 +245,7 @@ def _impedance(block: Section) -> ImpedanceParameters:
 
 
 def _link_from_tip(block: Section) -> Transform:
-    turn = block.numbers("rotation_deg") if "rotation_deg" in block else (0.0, 0.0, 0.0)
+    turn = block.value("rotation_deg") or (0.0, 0.0, 0.0)
     return Transform.from_rotation_vector(
         np.radians(turn),
         np.array(block.numbers("position_mm")),

@@ -8,7 +8,7 @@
 `block_of` makes the `Block` from which the JSON Schema and the commented YAML come, and `read_as`
 reads a value of the class. A field in ns is read from a key in ms, one in rad from a key in
 degrees: ``max_rad`` from ``max_deg``. A text in the annotation is the name of another key, a `By`
-the function that makes the value, a mapping the keys that it needs for it.
+the function that makes the value, a mapping the keys that belong to the field.
 """
 
 import math
@@ -95,7 +95,7 @@ def _declared(field: "Field[Any]", metadata: tuple[Any, ...]) -> _DeclaredField 
     key = next((each for each in metadata if isinstance(each, Key)), None)
     several = next((each for each in metadata if isinstance(each, Mapping)), None)
     by = next((each for each in metadata if isinstance(each, By)), None)
-    if key is None and several is None:
+    if key is None and several is None and by is None:
         return None
     convert = _conversion(field.name, name)
 

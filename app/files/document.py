@@ -41,8 +41,10 @@ class Section:
     `InputError` for a missing or invalid value, and `TypeError` for a key of another declared type.
     """
 
-    def __init__(self, values: object, where: str, block: Block) -> None:
+    def __init__(self, values: object, where: str, block: Block, folder: Path = Path()) -> None:
         self.where = where
+        self.folder = folder
+        """Folder in which relative names of files are."""
         self._block = block
         if not isinstance(values, dict):
             raise InputError(f"{where} is {_shown(values)}; expected a mapping")
@@ -72,7 +74,7 @@ class Section:
         values = load_yaml(path)
         if values is None:
             raise InputError(f"{path} is empty; expected a mapping")
-        return cls(values, f"{path.name}:", block)
+        return cls(values, f"{path.name}:", block, path.parent)
 
     def place(self, key: object) -> str:
         """Return the place of ``key`` for messages: ``case.yaml: tool.mesh.unit``."""
@@ -101,12 +103,15 @@ class Section:
     def section(self, key: str) -> "Section":
         """Return the mapping under ``key``."""
         block = self._declared(key, Block)
-        return Section(self._get(key), self.place(key), block)
+        return Section(self._get(key), self.place(key), block, self.folder)
 
     def sections(self, key: str) -> tuple["Section", ...]:
         """Return the list of mappings under ``key``."""
         values, items = self._list(key, Block)
-        return tuple(Section(v, f"{self.place(key)}[{i}]", items) for i, v in enumerate(values))
+        return tuple(
+            Section(each, f"{self.place(key)}[{index}]", items, self.folder)
+            for index, each in enumerate(values)
+        )
 
     def text(self, key: str) -> str:
         """Return the text under ``key``, which is not empty."""

@@ -19,10 +19,6 @@ from .world import World
 from .world_entries import (
     BodyEntry,
     BreathingEntry,
-    DeviceEntry,
-    HandEntry,
-    JoyEntry,
-    Push,
     RobotEntry,
     TissueEntry,
     TissueShift,
@@ -30,8 +26,8 @@ from .world_entries import (
     TrackerEntry,
     WorldDescription,
 )
-from .world_file import open_world
-from .world_keys import WORLD, world_schema_text
+from .world_file import WORLD, open_world, world_schema_text
+from .world_hand import DeviceEntry, HandEntry, JoyEntry, Push
 
 __all__ = [
     "COMMAND_LIFETIME_NS",

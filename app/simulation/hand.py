@@ -4,7 +4,7 @@ import numpy as np
 
 from app.geometry import NS_PER_S, FloatArray
 from app.simulation.state import WorldState, Wrench
-from app.simulation.world_entries import HandEntry, Push
+from app.simulation.world_hand import HandEntry, Push
 
 FULL_FORCE_MM = 5.0
 """Within this distance of the point that it pushes at, the force falls to 0."""

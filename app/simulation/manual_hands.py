@@ -12,7 +12,7 @@ import numpy as np
 
 from app.geometry import NS_PER_MS, FloatArray
 from app.simulation.state import WorldState, Wrench
-from app.simulation.world_entries import JoyEntry
+from app.simulation.world_hand import JoyEntry
 
 JOY_LIFETIME_NS = 200 * NS_PER_MS
 """Without a message for as long the force is 0: joy_node repeats the axes every 50 ms."""

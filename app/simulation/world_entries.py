@@ -1,30 +1,97 @@
-"""The values of ``world.yaml``, in mm, rad, kg, N and integer ns."""
+"""What is in a world: the keys of ``world.yaml``, and their values in mm, rad, kg, N and ns."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+import numpy as np
+
+from app.files.declared import By, block_of
+from app.files.document import Section
+from app.files.keys import (
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Key,
+    ListOf,
+    Number,
+    Numbers,
+    Text,
+)
+from app.files.meshes import UNITS_MM, load_mesh
+from app.files.paths import resolve_file
+from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 from app.geometry import FloatArray, SurfaceMesh, Transform
-from app.robot import Robot
-from app.simulation.haptic_coupling import HapticParameters
+from app.robot import Robot, load_robot
+from app.simulation.errors import WorldError
+from app.simulation.world_hand import ORDERED_TIMES, HandEntry, check_interval
+from app.synthetic.presets import PRESETS, tracker_preset
+from app.synthetic.tracker import Jitter
 from app.synthetic.tracker_model import TrackerModel
 
 Collision = Literal["hull", "parts", "none"]
 WORLD_FRAME = "world"
+
+_MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
+
+
+def _mesh(entry: Section) -> SurfaceMesh:
+    mesh = entry.section("mesh")
+    path = resolve_file(mesh.folder, mesh.text("path"), mesh.place("path"))
+    return load_mesh(path, units=mesh.choice("units"), frame=entry.frame("name"))
+
+
+def _pose(entry: Section, target: str, source: str) -> Transform:
+    position: FloatArray = np.array(entry.value("position_mm") or (0.0, 0.0, 0.0))
+    turn = entry.value("rotation_deg") or (0.0, 0.0, 0.0)
+    return Transform.from_rotation_vector(np.radians(turn), position, target=target, source=source)
+
+
+def _in_world(entry: Section) -> Transform:
+    return _pose(entry, WORLD_FRAME, entry.frame("name"))
+
+
+_POSE: dict[str, Key] = {
+    "position_mm": Numbers("position; default: the origin", 3, optional=True),
+    "rotation_deg": Numbers("axis times angle; default: none", 3, optional=True),
+}
+_MESH = Block(
+    "closed surface in the body's own frame",
+    {
+        "path": Text(_MESH_PATH),
+        "units": Choice("unit of the file's coordinates", tuple(UNITS_MM)),
+    },
+)
+
+_FRICTION = Number("coefficient of sliding friction", default=0.3, minimum=0.0, maximum=10.0)
+_COLLISION = Choice(
+    "hull: the convex hull of each surface; parts: an approximate convex decomposition, computed "
+    "once and cached; none: touches nothing",
+    ("hull", "parts", "none"),
+    default="hull",
+)
+
+_Mesh = Annotated[SurfaceMesh, "mesh", _MESH, By(_mesh)]
+_Friction = Annotated[float, _FRICTION]
+_Collision = Annotated[Collision, _COLLISION]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolEntry:
     """A tool held by ``link``; ``link_from_tool`` is rigid, ``mesh`` in the tool's frame."""
 
-    name: str
-    link: str
-    mesh: SurfaceMesh
-    link_from_tool: Transform
-    mass_kg: float
-    friction: float
-    collision: Collision
+    name: Annotated[str, Frame("name of the tool")]
+    link: Annotated[str, Frame("link that holds it")]
+    mesh: _Mesh
+    link_from_tool: Annotated[
+        Transform, By(lambda tool: _pose(tool, tool.frame("link"), tool.frame("name")))
+    ]
+    mass_kg: Annotated[float, Number("mass", above=0.0)]
+    friction: _Friction
+    collision: _Collision
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,25 +116,140 @@ class RobotEntry:
     file: Path | None = None
 
 
+def _robot(entry: Section) -> RobotEntry:
+    name = entry.frame("name")
+    file = resolve_file(entry.folder, entry.text("file"), entry.place("file"))
+    robot = load_robot(file, xacro_args=entry.value("xacro_args"))
+    tool: ToolEntry | None = entry.value("tool")
+    links = [link.name for link in robot.links]
+    if tool is not None and tool.link not in links:
+        raise WorldError(
+            f"{entry.place('tool')}.link is {tool.link!r}; expected one of {', '.join(links)}"
+        )
+    same = ("density_kg_m3", "max_effort", "armature_kg_m2", "friction")
+    return RobotEntry(
+        name,
+        robot,
+        _pose(entry, WORLD_FRAME, robot.root_link),
+        _positions(entry, robot),
+        **{key: entry.value(key) for key in (*same, "collision", "self_collision")},
+        tool=tool,
+        file=file,
+    )
+
+
+def _positions(entry: Section, robot: Robot) -> dict[str, float]:
+    positions: dict[str, float] = {}
+    for each in entry.value("positions") or ():
+        joint = each.text("joint")
+        if joint in positions or joint not in robot.actuated_joint_names:
+            problem = "given twice" if joint in positions else "no actuated joint"
+            raise WorldError(
+                f"{each.place('joint')} is {joint!r}: {problem}; expected one of "
+                f"{', '.join(robot.actuated_joint_names)}"
+            )
+        positions[joint] = each.number("position")
+    return positions
+
+
+_ROBOT = Block(
+    "a robot; its base link is fixed in the world",
+    {
+        "name": Frame("name of the robot"),
+        "file": ROBOT_FILE,
+        "xacro_args": XACRO_ARGS,
+        "density_kg_m3": Number(
+            "density of the links that the file gives no mass; needed if there are any",
+            optional=True,
+            above=0.0,
+        ),
+        "max_effort": Number(
+            "limit of the drives that the file gives none, N m or N; needed if there are any",
+            optional=True,
+            above=0.0,
+        ),
+        "armature_kg_m2": Number(
+            "inertia of each drive's rotor, seen at its joint", default=0.0, minimum=0.0
+        ),
+        "collision": _COLLISION,
+        "self_collision": Boolean(
+            "links touch each other, except those that a joint connects", default=False
+        ),
+        "friction": _FRICTION,
+        "positions": ListOf(
+            "positions of joints at the start; default 0",
+            Block(
+                "a joint",
+                {
+                    "joint": Text("name of an actuated joint"),
+                    "position": Number("rad, or m for a sliding joint"),
+                },
+            ),
+            optional=True,
+            if_empty="leave it out to start at 0",
+        ),
+        "tool": block_of(ToolEntry, "tool that a link holds", _POSE, optional=True),
+        **_POSE,
+    },
+    read=_robot,
+)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyEntry:
     """A rigid body at ``world_from_body``; free with ``mass_kg``, fixed where that is None."""
 
-    name: str
-    mesh: SurfaceMesh
-    world_from_body: Transform
-    mass_kg: float | None
-    friction: float = 0.3
-    collision: Collision = "hull"
+    name: Annotated[str, Frame("name of the body")]
+    mesh: _Mesh
+    world_from_body: Annotated[
+        Transform,
+        {"motion": Choice("fixed in the world, or free to move", ("fixed", "free"))},
+        By(_in_world),
+    ]
+    mass_kg: Annotated[
+        float | None, Number("mass of a free body; needed for one", optional=True, above=0.0)
+    ]
+    friction: _Friction = 0.3
+    collision: _Collision = "hull"
+
+    def check(self, block: Section) -> None:
+        """Raise `WorldError` unless a free body has a mass, and only a free one."""
+        is_free = block.choice("motion") == "free"
+        if is_free is (self.mass_kg is None):
+            problem = "missing for a free body" if is_free else "given for a fixed body"
+            raise WorldError(
+                f"{block.place('mass_kg')} is {problem}; expected it for free bodies only"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TissueShift:
     """A displacement (3,) in mm, in the axes of the world, that begins and ends smoothly."""
 
-    start_s: float
-    end_s: float
-    shift_mm: FloatArray
+    start_s: Annotated[float, Number("start", minimum=0.0)]
+    end_s: Annotated[float, Number("end, after the start")]
+    shift_mm: Annotated[
+        FloatArray, Numbers("translation", 3), By(lambda it: np.array(it.numbers("shift_mm")))
+    ]
+
+    def check(self, block: Section) -> None:
+        """Raise `WorldError` for a displacement without duration."""
+        check_interval(block, self.start_s, self.end_s)
+
+
+_BREATH = Block(
+    "displacement at full inspiration, in the axes of the world",
+    {
+        "shift_mm": Numbers("translation", 3),
+        "turn_deg": Numbers("rotation vector about the structure's own origin", 3),
+    },
+    optional=True,
+)
+
+
+def _breath(tissue: Section, key: str) -> FloatArray:
+    breath: Section | None = tissue.value("breathing")
+    return np.zeros(3) if breath is None else np.array(breath.numbers(key))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,20 +259,79 @@ class TissueEntry:
     ``breath_shift_mm`` (3,) and ``breath_turn_rad`` (3,): displacement at full inspiration.
     """
 
-    name: str
-    mesh: SurfaceMesh
-    rest: Transform
-    breath_shift_mm: FloatArray
-    breath_turn_rad: FloatArray
-    shifts: tuple[TissueShift, ...] = ()
+    name: Annotated[str, Frame("name of the structure")]
+    mesh: _Mesh
+    rest: Annotated[Transform, By(_in_world)]
+    breath_shift_mm: Annotated[
+        FloatArray, {"breathing": _BREATH}, By(lambda tissue: _breath(tissue, "shift_mm"))
+    ]
+    breath_turn_rad: Annotated[
+        FloatArray, By(lambda tissue: np.radians(_breath(tissue, "turn_deg")))
+    ]
+    shifts: Annotated[
+        tuple[TissueShift, ...],
+        ListOf(
+            "smooth displacements that stay, in the axes of the world",
+            block_of(TissueShift, "a displacement", rules=(ORDERED_TIMES,)),
+            optional=True,
+            if_empty="leave it out for none",
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class BreathingEntry:
     """Frequency of the breaths, and until when the breath is held at end expiration."""
 
-    frequency_hz: float = 0.25
-    held_until_s: float = 0.0
+    frequency_hz: Annotated[
+        float, Number("breaths per second", default=0.25, above=0.0, maximum=5.0)
+    ] = 0.25
+    held_until_s: Annotated[
+        float, Number("the breath is held until then", default=0.0, minimum=0.0)
+    ] = 0.0
+
+
+def _of_model(description: str, minimum: float, maximum: float) -> Number:
+    text = f"{description}; default: that of the model"
+    return Number(text, optional=True, minimum=minimum, maximum=maximum)
+
+
+_MODEL = {
+    "model": Choice(
+        "a real tracker, or white: regular times and 0.3 mm and 0.3 degrees of white noise",
+        tuple(PRESETS),
+        default="white",
+    ),
+    "rate_hz": _of_model("samples per second", 1.0, 250.0),
+    "latency_ms": _of_model("from acquisition to stamp and arrival", 0.0, 200.0),
+    "white_rms_mm": _of_model("RMS length of the white error of positions", 0.0, 5.0),
+    "white_rms_deg": _of_model("RMS angle of the white error of rotations", 0.0, 5.0),
+    "slow_rms_mm": _of_model("the same of the correlated error", 0.0, 5.0),
+    "slow_rms_deg": _of_model("the same of the correlated error", 0.0, 5.0),
+    "correlation_ms": _of_model("correlation time of that error", 1.0, 60_000.0),
+}
+
+
+def _model(tracker: Section) -> TrackerModel:
+    model = tracker_preset(tracker.choice("model"))
+
+    def given(key: str, default: float, factor: float = 1.0) -> float:
+        return factor * tracker.number(key) if key in tracker else default
+
+    def jitter(kind: str, default: Jitter) -> Jitter:
+        return Jitter(
+            given(f"{kind}_rms_mm", default.position_rms_mm),
+            given(f"{kind}_rms_deg", default.angle_rms_rad, math.radians(1.0)),
+        )
+
+    return replace(
+        model,
+        rate_hz=given("rate_hz", model.rate_hz),
+        latency_s=given("latency_ms", model.latency_s, 1e-3),
+        white=jitter("white", model.white),
+        slow=jitter("slow", model.slow),
+        correlation_s=given("correlation_ms", model.correlation_s, 1e-3),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,61 +341,16 @@ class TrackerEntry:
     ``metal``: an arm and two of its links, between which its metal distorts the field.
     """
 
-    tracked: tuple[str, ...]
-    model: TrackerModel
+    tracked: Annotated[
+        tuple[str, ...],
+        ListOf(
+            "tools, bodies and tissues that carry a sensor",
+            Text("name"),
+            if_empty="expected names",
+        ),
+    ]
+    model: Annotated[TrackerModel, _MODEL, By(_model)]
     metal: tuple[str, str, str] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Push:
-    """The hand pushes towards the origin of a named body, or away from it."""
-
-    start_s: float
-    end_s: float
-    towards: str
-    retreat: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class JoyEntry:
-    """A joystick or 3D mouse: which axes of ``topic`` push along x, y and z, and with which signs.
-
-    Axes whose length is below ``dead`` count as 0.
-    """
-
-    topic: str
-    axes: tuple[int, int, int]
-    signs: tuple[float, float, float]
-    dead: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DeviceEntry:
-    """A haptic device with the topics of CRTK in ``namespace``.
-
-    ``world_from_device`` (3, 3) turns its axes into those of the world.
-    """
-
-    namespace: str
-    haptic: HapticParameters
-    world_from_device: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class HandEntry:
-    """A hand on the tool of ``robot``; ``free_speed_mm_s`` is for its controller.
-
-    Script: the pushes repeat every ``period_s``, None for pushes that are done once. ``joy`` and
-    ``device`` are what a person can move it by, None without.
-    """
-
-    robot: str
-    force_n: float
-    free_speed_mm_s: float
-    pushes: tuple[Push, ...]
-    period_s: float | None = None
-    joy: JoyEntry | None = None
-    device: DeviceEntry | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,3 +367,28 @@ class WorldDescription:
     breathing: BreathingEntry = BreathingEntry()
     tracker: TrackerEntry | None = None
     hand: HandEntry | None = None
+
+
+PARTS: dict[str, Key] = {
+    "robots": ListOf("robots", _ROBOT, optional=True, if_empty="leave it out for none"),
+    "bodies": ListOf(
+        "bodies",
+        block_of(BodyEntry, "a rigid body", _POSE),
+        optional=True,
+        if_empty="leave it out for none",
+    ),
+    "tissues": ListOf(
+        "soft tissue",
+        block_of(
+            TissueEntry,
+            "a structure that breathing and shifts of the tissue move; nothing resists it",
+            _POSE,
+        ),
+        optional=True,
+        if_empty="leave it out for none",
+    ),
+    "breathing": block_of(BreathingEntry, "breathing of the patient", optional=True),
+    "tracker": block_of(
+        TrackerEntry, "the tracker that measures poses; default: none", optional=True
+    ),
+}

@@ -87,7 +87,9 @@ def test_same_seed_gives_the_same_samples():
 
 
 def test_hand_pushes_at_its_target_and_away_from_it():
-    entry = HandEntry("arm", 10.0, 100.0, (Push(1, 2, "tumor"), Push(3, 4, "tumor", retreat=True)))
+    entry = HandEntry(
+        "arm", 10.0, 100.0, pushes=(Push(1, 2, "tumor"), Push(3, 4, "tumor", retreat=True))
+    )
     hand = ScriptedHand(entry, "cautery")
     assert hand.admittance_mm_s_n == 10.0
     bodies = {"tumor": placed("tumor", 0, 0, 0), "cautery": placed("cautery", 0, 0, 50)}
