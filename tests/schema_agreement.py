@@ -21,7 +21,7 @@ from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOUR
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.files.document import Section
-from app.files.json_schema import GENERAL_RULES
+from app.files.document_text import GENERAL_RULES
 from app.geometry import MarginGuardError
 
 UNSTATED = {

@@ -1,6 +1,6 @@
 """Build step of the wheel: copies the folders that MarginGuard ships into ``app/share``.
 
-`app.files.shipped` finds them there. They are no packages of ``pyproject.toml``, because that would
+`app.files.paths` finds them there. They are no packages of ``pyproject.toml``, because that would
 install ``benchmarks`` and ``examples`` as top-level packages. This is a build step of setuptools
 and not a ``setup.py``, which colcon would take for a Python package and not search the folders
 below it for message packages.

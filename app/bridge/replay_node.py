@@ -9,7 +9,7 @@ from app.bridge.messages import playback_text
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.session_publisher import SessionPublisher
-from app.files.state_folder import state_folder
+from app.files.paths import state_folder
 from app.hold import InstanceKey, host_id, refuse_beside_guard
 
 if TYPE_CHECKING:

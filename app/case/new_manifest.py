@@ -9,7 +9,7 @@ from app.case.case import open_case
 from app.case.live_file import LIVE, open_live
 from app.case.manifest.case_file import CASE, MANIFEST_NAME
 from app.files.atomic_io import write_file
-from app.files.commented_yaml import commented_yaml
+from app.files.document_text import commented_yaml
 from app.files.keys import Block
 from app.geometry import InputError, MarginGuardError
 

@@ -5,7 +5,7 @@ import json
 from app.case.live_file import LIVE
 from app.case.manifest.case_file import CASE
 from app.case.manifest.expected import EXPECTED
-from app.files.json_schema import json_schema
+from app.files.document_text import json_schema
 
 DOCUMENTS = {"case": CASE, "live": LIVE, "expected": EXPECTED}
 """Name of a document -> the declaration of its keys."""

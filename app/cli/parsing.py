@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
 from app.cli.errors import BAD_INPUT
-from app.files.suggestions import did_you_mean
+from app.files.keys import did_you_mean
 
 
 class UsageError(SystemExit):

@@ -4,7 +4,14 @@ from .comparison import METRICS, Comparison, compare, comparison_csv, groups_of
 from .dataset import Dataset
 from .design import OPTION_RANGES, Design
 from .inputs import fetch, input_hash, is_url, open_cohort
-from .manifest import COHORT, cohort_schema_text, MANIFEST_FILE, Cohort, open_manifest, write_manifest
+from .manifest import (
+    COHORT,
+    MANIFEST_FILE,
+    Cohort,
+    cohort_schema_text,
+    open_manifest,
+    write_manifest,
+)
 from .outliers import Outlier, find_outliers
 
 __all__ = [

@@ -12,7 +12,7 @@ from app.cohort.cases import CohortCase
 from app.cohort.design import FIXTURES, OPTION_RANGES, Design, Fixture
 from app.files.atomic_io import new_folder
 from app.files.document import Section
-from app.files.json_schema import json_schema
+from app.files.document_text import json_schema
 from app.files.keys import Block, Choice, Integer, ListOf, Numbers, Text, Variant
 from app.geometry import InputError
 from app.synthetic.presets import PRESETS, tracker_preset

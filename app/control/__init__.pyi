@@ -1,5 +1,12 @@
 from .admittance import AdmittanceGains, HandAdmittance
-from .control_file import CONTROL, control_schema_text, BASE, RULE_FRAME, ControlDescription, open_control
+from .control_file import (
+    BASE,
+    CONTROL,
+    RULE_FRAME,
+    ControlDescription,
+    control_schema_text,
+    open_control,
+)
 from .controller import (
     ControlDecision,
     ControllerParameters,

@@ -12,10 +12,21 @@ from app.control.impedance import ImpedanceParameters
 from app.control.tool_kinematics import ToolKinematics
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
-from app.files.json_schema import json_schema
-from app.files.keys import Block, Boolean, Choice, Frame, Integer, Key, Number, Numbers, Text
+from app.files.document_text import json_schema
+from app.files.keys import (
+    ROBOT_FILE,
+    XACRO_ARGS,
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Integer,
+    Key,
+    Number,
+    Numbers,
+    Text,
+)
 from app.files.paths import resolve_file
-from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 from app.fixture import FixtureRule, LimiterParameters, PassivityError
 from app.geometry import InputError, MarginGuardError, Transform
 from app.robot import load_robot

@@ -1,12 +1,13 @@
 """Declarations of the keys of a YAML document: type, bounds, choices, default, description.
 
 A `Block` declares a mapping. `app.files.document.Section` reads a mapping by its block, and
-`app.files.json_schema` describes the block as JSON Schema. The end of a key is its unit: ``_mm``.
+`app.files.document_text` describes the block as JSON Schema. The end of a key is its unit: ``_mm``.
 """
 
+import difflib
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -165,3 +166,20 @@ class Block(Key):
             for name, key in self.keys.items()
             if not (key.required or key.default is not None or name in named)
         ]
+
+
+ROBOT_FILE = Text(".urdf, .xacro or AMBF .yaml, relative, absolute or package://NAME/...")
+
+XACRO_ARGS = Texts(
+    "values of the arguments of a .xacro, by name",
+    re.compile(r"[^\W\d]\w*"),
+    "the name of a xacro argument",
+    plain_values=True,
+    optional=True,
+)
+
+
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """Text ``; did you mean 'stop_mm'?`` for the most similar known word; empty without one."""
+    similar = difflib.get_close_matches(str(word), list(known), n=1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""

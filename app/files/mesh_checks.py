@@ -1,13 +1,42 @@
-"""Bounds of STL, PLY and OBJ files, checked before trimesh reads them.
-
-trimesh allocates what a PLY header declares, compares every name of an ASCII STL's solids with all
-others, and visits all vertices of an OBJ for each of its materials.
-"""
+"""Parts, options and linked files of a mesh file, and the checks of its values."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from app.files.mesh_options import MeshOptions
+import numpy as np
+from numpy.typing import NDArray
+from trimesh.resolvers import Resolver
+
+from app.files.bounded_io import read_bounded
+from app.files.paths import resolve_inside
+from app.geometry import FloatArray, InputError, MarginGuardError, MeshError
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOptions:
+    """Options of a caller for reading mesh files: accepted formats, limits, axes.
+
+    ``formats``
+        Accepted endings, in lower case, with the dot.
+    ``max_triangles``
+        Limit over all parts at all places: a file may place one part many times.
+    ``linked_files``
+        Whether materials and buffers in files beside the mesh are read.
+    ``slicer_axes``
+        Whether a comment ``SPACE=LPS``, which 3D Slicer writes, turns x and y around.
+    ``error``
+        Type of the error that is raised.
+    """
+
+    formats: tuple[str, ...]
+    max_bytes: int
+    max_triangles: int
+    linked_files: bool = False
+    slicer_axes: bool = False
+    error: type[MarginGuardError] = MeshError
+
 
 MAX_TEXT_BYTES = 64 * 1024 * 1024
 """Limit for a mesh given as text, which takes up to twelve times its size in memory."""
@@ -83,3 +112,63 @@ def _check_text(content: bytes, path: Path, options: MeshOptions) -> None:
 def _check_parts(count: int, what: str, path: Path, options: MeshOptions) -> None:
     if count > MAX_PARTS:
         raise options.error(f"mesh {path} has {count} {what}; expected at most {MAX_PARTS}")
+
+
+MeshPart = tuple[FloatArray, NDArray[np.int64], FloatArray | None]
+"""Vertices (n, 3), faces (m, 3), and colours of the faces (m, 4) from 0 to 1 or None."""
+
+
+def placed(
+    vertices: FloatArray, faces: NDArray[np.int64], colors: FloatArray | None, matrix: FloatArray
+) -> MeshPart:
+    """Return the part at ``matrix`` (4, 4). Mirroring keeps the normals outward."""
+    if not np.array_equal(matrix, np.eye(4)):
+        vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        if np.linalg.det(matrix[:3, :3]) < 0.0:
+            faces = faces[:, ::-1]
+    return vertices, faces, colors
+
+
+_MAX_MATERIAL_BYTES = 4_000_000
+
+
+def read_linked(mesh: Path, name: str, max_bytes: int) -> bytes:
+    """Read the file ``name`` beside ``mesh``.
+
+    Raises `InputError` for one that is missing, outside the folder or larger than ``max_bytes``.
+    """
+    path = resolve_inside(mesh.parent, name, f"{mesh}: a linked file")
+    return read_bounded(path, max_bytes)
+
+
+class MaterialFiles(Resolver):
+    """Gives trimesh the material files of an OBJ and nothing else.
+
+    A picture would be opened for its size only. A file that is missing or cannot be read is an
+    `OSError`, and the mesh is read without colours.
+    """
+
+    def __init__(self, mesh: Path) -> None:
+        self.file_name = mesh.name
+        self._mesh = mesh
+
+    def get(self, key: str) -> bytes:
+        """Return the content of a file that ends with ``.mtl``."""
+        if not key.lower().endswith(".mtl"):
+            raise OSError(f"{key[:60]!r} is not a material file")
+        try:
+            return read_linked(self._mesh, key, _MAX_MATERIAL_BYTES)
+        except InputError as error:
+            raise OSError(str(error)) from error
+
+    def keys(self) -> tuple[str, ...]:
+        """Return no names: the folder is not searched."""
+        return ()
+
+    def namespaced(self, namespace: str) -> "MaterialFiles":
+        """Return a resolver for the same folder."""
+        return self
+
+    def write(self, name: str, data: Any) -> None:
+        """Refuse to write."""
+        raise OSError(f"{name[:60]!r} is not written")

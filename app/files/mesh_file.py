@@ -8,6 +8,7 @@ are not read: a textured part has its material's plain colour.
 `app.files.meshes` reads the meshes of a case with it, `app.robot.meshes` those of a robot.
 """
 
+import logging
 import re
 from dataclasses import dataclass
 from io import BytesIO
@@ -18,11 +19,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.files.bounded_io import read_bounded
-from app.files.library_logs import silence
-from app.files.mesh_checks import check_obj, check_ply, check_stl, is_binary_stl
-from app.files.mesh_options import MeshOptions as MeshOptions
-from app.files.mesh_part import MeshPart, placed
+from app.files.mesh_checks import MeshOptions as MeshOptions
+from app.files.mesh_checks import MeshPart, check_obj, check_ply, check_stl, is_binary_stl, placed
 from app.geometry import FloatArray, MarginGuardError, weld_vertices
+
+
+def silence(*libraries: str) -> None:
+    """Print nothing that ``libraries`` log, unless the program has configured logging.
+
+    A library that logs a warning prints it otherwise; the error, in one line, is what is printed.
+    """
+    for name in libraries:
+        logger = logging.getLogger(name)
+        if not logger.handlers:
+            logger.addHandler(logging.NullHandler())
+
 
 silence("trimesh")
 
@@ -120,7 +131,7 @@ def _trimesh_keywords(content: bytes, path: Path, options: MeshOptions) -> dict[
     """Keywords of `trimesh.load_scene` for the file."""
     from trimesh.exchange.load import mesh_loaders
 
-    from app.files.linked_files import MaterialFiles
+    from app.files.mesh_checks import MaterialFiles
 
     kind = path.suffix.lower().removeprefix(".")
     load: Any = mesh_loaders[kind]

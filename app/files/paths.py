@@ -1,9 +1,9 @@
-"""Names of files in a manifest: inside the folder of the case, or inside that of a package."""
+"""Places of files: those that a document names, and the folder of the user's state."""
 
 import hashlib
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from app.files.bounded_io import is_file, is_folder, open_for_reading
@@ -116,3 +116,21 @@ def _check_length(name: str, where: str) -> None:
     """Refuse a name that no system opens: resolving its parts would take seconds."""
     if len(name) > MAX_PATH_CHARS:
         raise InputError(f"{where} has {len(name)} characters; expected {MAX_PATH_CHARS} at most")
+
+
+STATE_HOME = "XDG_STATE_HOME"
+
+
+def state_folder(environment: Mapping[str, str] = os.environ) -> Path:
+    """``$XDG_STATE_HOME/marginguard``, by default ``~/.local/state/marginguard``; may not exist.
+
+    As the XDG Base Directory Specification demands, a relative XDG_STATE_HOME is ignored. Raises
+    `InputError` for a user without a home folder.
+    """
+    given = environment.get(STATE_HOME, "")
+    if Path(given).is_absolute():
+        return Path(given) / "marginguard"
+    try:
+        return Path.home() / ".local" / "state" / "marginguard"
+    except RuntimeError as error:
+        raise InputError(f"{STATE_HOME}: {error}; expected the path of a folder") from error

@@ -1,20 +1,32 @@
-"""A calibrated transform as a file: YAML for cases, ITK's text or HDF5 of 3D Slicer.
+"""A calibrated transform as a file: YAML for cases, ITK's text (``.tfm``) or HDF5 (``.h5``).
 
-`app.files.itk_parameters` describes how ITK stores the matrix that Slicer displays. ITK's text is
-not read by SimpleITK, which is an optional dependency.
+ITK does not store the matrix that Slicer displays. It uses LPS axes where Slicer uses RAS (x and y
+negated), and stores the transform from the parent, which resamples an image. With
+``F = diag(-1, -1, 1, 1)`` the file's matrix is ``F inverse(M) F`` for the ``M`` (to parent, RAS) of
+Slicer's transforms module. The file rotates about a centre ``c``: ``y = A (x - c) + c + t`` (ITK,
+`MatrixOffsetTransformBase`). Slicer writes a centre; here it is 0.
+
+libhdf5 allocates what a file declares and has had faults on damaged files, so h5py reads in a
+process of its own with limits (`app.files.hdf5_child`), one for all files of a sequence. ITK's text
+is not read by SimpleITK, which is an optional dependency.
 """
 
-from collections.abc import Callable
+import json
+import signal
+import struct
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from app.files.atomic_io import check_output_path, write_file
 from app.files.bounded_io import read_bounded
+from app.files.child_process import Ask, ChildError, ask
 from app.files.document import Section
-from app.files.hdf5_transforms import HDF5_SIGNATURE, read_hdf5_matrices
-from app.files.itk_parameters import ITK_LINEAR, RAS_LPS, matrix_from_parameters
+from app.files.extras import check_installed
 from app.files.keys import Block, Numbers, Text
 from app.files.numbers import parse_numbers
 from app.geometry import (
@@ -25,6 +37,111 @@ from app.geometry import (
     Transform,
     join_transform_name,
 )
+
+RAS_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""RAS coordinates to LPS, and LPS to RAS."""
+
+ITK_LINEAR = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
+"""Types of transforms with the 12 parameters of a matrix; the first is the one written."""
+
+_MAX_CENTRE_MM = 1e6
+"""Largest coordinate of a centre of rotation; a larger one cancels digits of the translation."""
+
+
+def matrix_from_parameters(
+    parameters: Sequence[float], centre_mm: Sequence[float], place: str
+) -> FloatArray:
+    """The matrix (4, 4), to parent and in RAS, of a linear transform of ITK.
+
+    ``parameters`` are 12 numbers, ``centre_mm`` 3, the fixed parameters. Raises `InputError`, with
+    ``place``, for a centre that is too far away, and a `MarginGuardError` for a matrix that is not
+    rigid.
+    """
+    values, centre = np.array(parameters), np.array(centre_mm)
+    if not np.abs(centre).max() <= _MAX_CENTRE_MM:
+        raise InputError(
+            f"{place}: the centre, FixedParameters, is {centre.tolist()}; expected coordinates "
+            f"of at most {_MAX_CENTRE_MM:g} mm"
+        )
+    stored = Transform("lps", "lps", values[:9].reshape(3, 3), values[9:])
+    turned = stored.rotation @ centre
+    about_origin = Transform("lps", "lps", stored.rotation, values[9:] + centre - turned)
+    return np.asarray(RAS_LPS @ about_origin.inverse().matrix @ RAS_LPS)
+
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""The first bytes of an HDF5 file of ITK."""
+
+MAX_FILES = 100_000
+MAX_CPU_S = 1.5
+CPU_S_PER_FILE = 0.002
+"""Limits of the processor time; a file takes about 0.3 ms."""
+MAX_WALL_S = 60.0
+
+_ASK = partial(
+    ask,
+    "app.files.hdf5_child",
+    max_s=MAX_WALL_S,
+    HDF5_PLUGIN_PRELOAD="::",  # loads no filter from a folder of the system
+)
+
+
+def read_hdf5_matrices(
+    contents: Sequence[bytes], places: Sequence[str], *, ask: Ask = _ASK
+) -> list[FloatArray]:
+    """The matrices (4, 4), to parent and in RAS, of files of which each has one linear transform.
+
+    ``places`` name the files in messages. Raises `InputError` for a file that cannot be read or
+    holds anything else, and without h5py.
+    """
+    check_installed("h5py")
+    if len(contents) > MAX_FILES:
+        raise InputError(
+            f"{places[0]}: there are {len(contents)} HDF5 files; expected {MAX_FILES} or fewer"
+        )
+    limit = struct.pack(">d", MAX_CPU_S + CPU_S_PER_FILE * len(contents))
+    request = b"".join(
+        [limit, *(struct.pack(">Q", len(content)) + content for content in contents)]
+    )
+    try:
+        status, reply = ask(request)
+    except ChildError as problem:
+        raise InputError(f"{places[0]} cannot be read: the HDF5 library {problem}") from problem
+    # The reply has one line per file; where the process has ended, that file is the cause.
+    lines = reply.splitlines()
+    matrices = [_matrix(line, place) for line, place in zip(lines, places, strict=False)]
+    if len(lines) < len(places):
+        cause = (
+            "it takes too long"
+            if status == -signal.SIGPROF
+            else f"the HDF5 library ended with status {status}"
+        )
+        raise InputError(f"{places[len(lines)]} cannot be read: {cause}")
+    return matrices
+
+
+def _matrix(line: bytes, place: str) -> FloatArray:
+    found: dict[str, Any] = json.loads(line)
+    if "error" in found:
+        raise InputError(f"{place} is not a transform of ITK: {found['error']}")
+    kinds: list[str] = found["kinds"]
+    if len(kinds) != 1 or kinds[0] not in ITK_LINEAR:
+        raise InputError(
+            f"{place} holds {', '.join(kinds) or 'nothing'}; expected one {ITK_LINEAR[0]}"
+        )
+    parameters, centre = found["parameters"], found["fixed"]
+    if len(parameters) != 12 or len(centre) != 3:
+        raise InputError(
+            f"{place} has {len(parameters)} parameters and {len(centre)} fixed ones; "
+            "expected 12 and 3"
+        )
+    try:
+        return matrix_from_parameters(parameters, centre, place)
+    except InputError:
+        raise
+    except MarginGuardError as error:
+        raise InputError(f"{place}: {error}") from error
+
 
 _DOCUMENT = Block(
     "a transform",

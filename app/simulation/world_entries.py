@@ -11,6 +11,8 @@ import numpy as np
 from app.files.declared import By, block_of
 from app.files.document import Section
 from app.files.keys import (
+    ROBOT_FILE,
+    XACRO_ARGS,
     Block,
     Boolean,
     Choice,
@@ -23,7 +25,6 @@ from app.files.keys import (
 )
 from app.files.meshes import UNITS_MM, load_mesh
 from app.files.paths import resolve_file
-from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.robot import Robot, load_robot
 from app.simulation.errors import WorldError

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
-from app.files.json_schema import json_schema
+from app.files.document_text import json_schema
 from app.files.keys import Block, Integer, Number, Text
 from app.geometry import NS_PER_MS, MarginGuardError
 from app.simulation.errors import WorldError

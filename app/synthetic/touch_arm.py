@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from app.files.shipped import shipped
+from app.files.packages import shipped
 from app.geometry import Transform
 from app.robot import load_robot
 

@@ -19,7 +19,7 @@ from app.case.manifest.margins import SESSION_LIMITS
 from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.cli.commands.schema import NAMES
 from app.cli.main import main
-from app.files.json_schema import GENERAL_RULES
+from app.files.document_text import GENERAL_RULES
 from app.files.keys import Block, Key, ListOf
 from app.fixture import LimiterParameters
 from app.geometry import MarginGuardError

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from app.case import DOCUMENTS, IgtlSourceEntry, TfSourceEntry, open_case, open_live
-from app.files.commented_yaml import commented_yaml
+from app.files.document_text import commented_yaml
 from app.files.keys import Block
 from tests.case.images.ultrasound_case import write_ultrasound_case
 from tests.cli.command import TerminalDouble, refused, run

@@ -7,7 +7,7 @@ import pytest
 
 from app.cli.main import main
 from app.cli.state_checks import check_state
-from app.files.state_folder import state_folder
+from app.files.paths import state_folder
 from app.hold import InstanceKey, live_state
 
 KEY = InstanceKey("host", 7, "/watch", "")

@@ -8,7 +8,7 @@ import pytest
 
 from app.files.declared import By, block_of, read_as
 from app.files.document import Section
-from app.files.json_schema import json_schema
+from app.files.document_text import json_schema
 from app.files.keys import Choice, Integer, ListOf, Number, Numbers, Text
 from app.geometry import InputError
 from tests.refusals import refused

@@ -9,7 +9,7 @@ import SimpleITK
 from scipy.spatial.transform import Rotation
 
 from app.files import read_transform
-from app.files.hdf5_transforms import read_hdf5_matrices
+from app.files.transforms import read_hdf5_matrices
 from app.geometry import InputError
 
 pytestmark = pytest.mark.slow

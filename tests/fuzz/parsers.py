@@ -32,9 +32,9 @@ from app.case.readers.recording_format import SideTopics
 from app.case.readers.registry import read_recording
 from app.files import load_mesh, read_landmarks, read_plus_config, read_transform
 from app.files.bounded_io import read_bounded
-from app.files.hdf5_transforms import read_hdf5_matrices
-from app.files.shipped import shipped
+from app.files.packages import shipped
 from app.files.signal_file import read_signal
+from app.files.transforms import read_hdf5_matrices
 from app.files.yaml_file import load_yaml
 from app.geometry import ImageCalibration, InputError, MarginGuardError, image_corners
 from app.igtl.images import MAX_IMAGE_BODY_BYTES, ImageReader

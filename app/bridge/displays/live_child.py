@@ -10,7 +10,7 @@ from pathlib import Path
 from signal import SIGINT
 
 from app.bridge.errors import BridgeError
-from app.files.state_folder import state_folder
+from app.files.paths import state_folder
 
 _ERROR = "marginguard: error: "
 _STOP_S = 30.0

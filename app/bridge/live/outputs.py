@@ -21,7 +21,7 @@ from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveCase
-from app.files.state_folder import state_folder
+from app.files.paths import state_folder
 from app.fixture import GuidanceParameters, LimiterParameters, MarginParameters
 from app.geometry import ImageSample, InputError
 from app.runtime import (

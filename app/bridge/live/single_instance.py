@@ -17,7 +17,7 @@ from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
 from app.bridge.sender_names import node_name
-from app.files.state_folder import state_folder
+from app.files.paths import state_folder
 from app.fixture import Reason
 from app.hold import InstanceKey, LiveState, arm_name, host_id, live_state
 from app.runtime import PreparedLive, used_values

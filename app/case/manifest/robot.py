@@ -17,6 +17,8 @@ from app.case.manifest.key_rules import (
 from app.files.declared import By, block_of, read_as
 from app.files.document import Section
 from app.files.keys import (
+    ROBOT_FILE,
+    XACRO_ARGS,
     Block,
     Choice,
     Frame,
@@ -28,7 +30,6 @@ from app.files.keys import (
     Texts,
     Variant,
 )
-from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 from app.geometry import InputError, Transform
 
 DEFAULT_BASE_FRAME = "robot_base"

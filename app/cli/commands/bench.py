@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.files.shipped import shipped
+from app.files.packages import shipped
 
 SUMMARY = "run a benchmark and compare its figures with those of peers"
 BENCHMARKS = {

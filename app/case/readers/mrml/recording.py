@@ -23,8 +23,8 @@ from app.case.readers.mrml.document import (
 )
 from app.case.readers.mrml.files import MrmlFiles, open_inner, open_mrml
 from app.case.readers.recording_format import Note
-from app.files.hdf5_transforms import read_hdf5_matrices
 from app.files.numbers import parse_numbers
+from app.files.transforms import read_hdf5_matrices
 from app.geometry import (
     InputError,
     MarginGuardError,
