@@ -1,4 +1,4 @@
-"""Colours of reports, but those of the margin's states: `app.fixture.control.state_display`."""
+"""Colours of reports, but those of the margin's states: `app.fixture.control.states`."""
 
 from app.analysis.coverage import WITHIN_MM
 
