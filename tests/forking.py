@@ -48,7 +48,7 @@ PLAIN = (
 COMMAND = (
     *("app.cli.main", "app.cli.replay_report", "app.analysis", "app.report", "app.runtime"),
     *("app.bridge.calls", "app.bridge.control", "app.bridge.live", "app.case.readers.mrml"),
-    *("app.robot.kinematics.link_kernel", "yaml", "tests.loaded_kernels"),
+    *("app.robot.link_kernel", "yaml", "tests.loaded_kernels"),
 )
 """Modules of the commands of this project."""
 

@@ -98,12 +98,10 @@ SUB_PACKAGES_MAY_IMPORT = {
         "playback": {"live"},
     },
     "case": {
-        "frames": set(),
         "tumor": set(),
-        "messages": {"frames"},
-        "recorder": {"frames", "messages"},
-        "readers": {"frames", "messages"},
-        "images": {"frames", "messages", "readers"},
+        "messages": set(),
+        "readers": {"messages"},
+        "images": {"messages", "readers"},
         "manifest": {"tumor"},
     },
     "fixture": {
@@ -111,17 +109,6 @@ SUB_PACKAGES_MAY_IMPORT = {
         "meshes": {"surfaces"},
         "proximity": {"surfaces", "meshes"},
         "control": {"proximity"},
-    },
-    "registration": {
-        "uncertainty": set(),
-        "points": {"uncertainty"},
-        "robot_base": {"uncertainty"},
-        "tool": {"uncertainty"},
-    },
-    "robot": {
-        "kinematics": set(),
-        "meshes": set(),
-        "description": {"kinematics", "meshes"},
     },
     "scene": {
         "nodes": set(),
@@ -323,7 +310,7 @@ def test_session_loads_neither_ros_nor_vtk():
 def test_slow_modules_are_loaded_only_when_used():
     code = f"import app.cli.main\n{import_all('session', 'report')}"
     slow = {"matplotlib", "scipy.stats", "rich", "slicer"}
-    assert loaded(code, slow | {"app.session.live"}) == {"app.session.live"}
+    assert loaded(code, slow | {"app.session.live_session"}) == {"app.session.live_session"}
 
 
 def test_package_loads_only_the_modules_of_the_imported_names():
@@ -333,6 +320,6 @@ def test_package_loads_only_the_modules_of_the_imported_names():
 
 
 def test_yourdfpy_is_loaded_only_with_a_urdf():
-    assert loaded("from app.robot.description.urdf import parse_urdf", {"yourdfpy"}) == set()
+    assert loaded("from app.robot.urdf import parse_urdf", {"yourdfpy"}) == set()
     code = "from app.robot import load_robot; load_robot('data/robots/touch/touch.urdf')"
     assert loaded(code, {"yourdfpy", "jsonschema"}) == {"yourdfpy"}

@@ -11,7 +11,7 @@ from app.bridge.node import RosNode
 from app.bridge.qos import LATCHED, Topic
 from app.bridge.world_editor import BODIES
 from app.geometry import MarginGuardError, SurfaceMesh, check_frame
-from app.geometry.welding import weld_vertices
+from app.geometry.mesh import weld_vertices
 from app.runtime import BodyKind, WorldBody
 
 _MAX_BYTES = 40 << 20

@@ -1,21 +1,14 @@
+from .bag_writer import BagTopic, BagWriter
 from .case import Case, MeshOwner, open_case
 from .case_images import CaseImages, image_depths, open_case_images, stale_after_ns
-from .convert import convert_case
-from .copying import recover_recording
-from .frames.assembly import agreed_sample
-from .frames.cautery import CauteryState, CauteryTrail
-from .frames.inventory import EdgeCount, RecordingInventory
-from .frames.playback import Playback, PlayedSamples
-from .frames.player import Player
-from .frames.samples import JointSample, TrackingFrame
-from .frames.watchdog import with_watchdog
-from .images.calibration import read_image_calibration
-from .images.current import CurrentImage, ImagePose, ImageSource
-from .images.depths import DepthCalibration, ImageDepths
-from .images.orientation import standard_image
-from .images.pose_history import PoseHistory
-from .images.recorded_depths import IMAGE_DEPTH_TOPIC
-from .images.sequence import ImageHeader, ImageSequence, read_image_header
+from .conversion import convert_case, recover_recording
+from .frame_streams import EdgeCount, RecordingInventory, agreed_sample, with_watchdog
+from .frames_recorder import Recorder, write_recording
+from .images.bag_images import IMAGE_DEPTH_TOPIC
+from .images.current_image import CurrentImage, ImagePose, ImageSource, PoseHistory
+from .images.image_layout import standard_image
+from .images.image_sequence import ImageHeader, ImageSequence, read_image_header
+from .images.probe_calibration import DepthCalibration, ImageDepths, read_image_calibration
 from .live_file import (
     IgtlSourceEntry,
     LiveCase,
@@ -24,7 +17,6 @@ from .live_file import (
     TopicSourceEntry,
     open_live,
 )
-from .live_recording import RECORDING_FOLDER, begin_case
 from .manifest.case_file import CaseManifest, ClockEntry, Provenance, RecordingEntry, load_manifest
 from .manifest.expected import (
     Expected,
@@ -63,19 +55,24 @@ from .manifest.plausibility import (
 )
 from .manifest.robot import Dwell, RegistrationEntry, RobotEntry
 from .messages.decoder import values_reader
-from .messages.definition import message_definition
-from .messages.image_message import read_image_message
-from .new_case import TrackedBody, write_case
+from .messages.message_values import message_definition, read_image_message
+from .new_case import RECORDING_FOLDER, TrackedBody, begin_case, write_case
 from .new_manifest import write_case_manifest, write_live_manifest
-from .readers.igsio.header import read_igsio
-from .readers.mrml.recording import read_mrml
-from .readers.recording_format import RecordingFormat, SideTopics, has_ending
-from .readers.registry import read_recording, recording_formats, recording_kinds
-from .readers.rosbag2.frames import read_mcap
-from .recorder.bag_writer import BagTopic, BagWriter
-from .recorder.recorder import Recorder, write_recording
+from .player import Playback, PlayedSamples, Player
+from .readers.igsio.igsio_header import read_igsio
+from .readers.mrml.mrml_recording import read_mrml
+from .readers.recording_format import (
+    RecordingFormat,
+    SideTopics,
+    has_ending,
+    read_recording,
+    recording_formats,
+    recording_kinds,
+)
+from .readers.rosbag2.bag_frames import read_mcap
 from .schemas import DOCUMENTS, schema_text
 from .session_values import RegistrationValues, SessionValues, received_values, sent_values
+from .tracking_frames import CauteryState, CauteryTrail, JointSample, TrackingFrame
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,

@@ -6,17 +6,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from app.case.frames.read_ahead import read_ahead
-from app.case.frames.samples import TrackingFrame
-from app.case.frames.watchdog import with_watchdog
+from app.case.frame_streams import read_ahead, with_watchdog
 from app.case.manifest.case_file import CaseManifest, ClockEntry, load_manifest
 from app.case.manifest.expected import Expected, load_expected
 from app.case.manifest.key_rules import REFERENCE_FRAME
 from app.case.manifest.parts import TUMOR_MESH_FRAME, ContourEntry, MeshEntry, SegmentationEntry
 from app.case.manifest.robot import DEFAULT_BASE_FRAME
-from app.case.readers.recording_format import RecordingFormat, SideTopics, note_to
-from app.case.readers.registry import format_of, read_recording, recording_kinds
-from app.case.readers.rosbag2.messages import RawMessage
+from app.case.readers.recording_format import (
+    RecordingFormat,
+    SideTopics,
+    format_of,
+    note_to,
+    read_recording,
+    recording_kinds,
+)
+from app.case.readers.rosbag2.bag_messages import RawMessage
+from app.case.tracking_frames import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh

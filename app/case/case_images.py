@@ -5,15 +5,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.case.images.bag_images import BagImages
-from app.case.images.calibration import IMAGE_FRAME, read_image_calibration
-from app.case.images.current import CurrentImage, ImagePose
-from app.case.images.depths import DepthCalibration, ImageDepths
-from app.case.images.recorded_depths import recorded_depths
-from app.case.images.sequence import ImageSequence
+from app.case.images.bag_images import BagImages, recorded_depths
+from app.case.images.current_image import CurrentImage, ImagePose
+from app.case.images.image_sequence import ImageSequence
+from app.case.images.probe_calibration import (
+    IMAGE_FRAME,
+    DepthCalibration,
+    ImageDepths,
+    read_image_calibration,
+)
 from app.case.manifest.images import ImageCalibrationEntry, ImagesEntry
-from app.case.readers.recording_format import SideTopics
-from app.case.readers.registry import read_recording
+from app.case.readers.recording_format import SideTopics, read_recording
 from app.geometry import (
     NS_PER_MS,
     Freshness,

@@ -139,7 +139,7 @@ class BagProcess:
 
     def _flush(self) -> None:
         if self._steps:
-            from app.session.step_pickle import pickled_steps
+            from app.session.step_result import pickled_steps
 
             self._put(("steps", pickled_steps(self._steps)))
             self._steps = []

@@ -6,7 +6,7 @@ from typing import Self
 
 _THRESHOLD = 50_000
 """New objects between two collections. Each block of frames that is read ahead
-(`app.case.frames.read_ahead`) allocates a thousand and soon frees them."""
+(`app.case.frame_streams.read_ahead`) allocates a thousand and soon frees them."""
 
 
 class GcPause:

@@ -5,7 +5,7 @@ are taken as they are written, as RViz and MoveIt do: no up-axis is applied (nei
 ``up_axis`` nor glTF's y). Node transforms and COLLADA's ``<unit meter=...>`` are applied. Textures
 are not read: a textured part has its material's plain colour.
 
-`app.files.meshes` reads the meshes of a case with it, `app.robot.meshes` those of a robot.
+`app.files.meshes` reads the meshes of a case with it, `app.robot.mesh_locator` those of a robot.
 """
 
 import logging

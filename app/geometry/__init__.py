@@ -25,22 +25,32 @@ from app.geometry.frames import (
     snake_case,
     split_transform_name,
 )
-from app.geometry.freshness import (
+from app.geometry.measurements import (
+    MAX_IMAGE_SIDE,
+    PIXEL_TYPES,
+    ImageCalibration,
+    ImageSample,
+    ImageStatus,
+    Pixels,
+    TrackedTransform,
+    TrackingStatus,
+    image_corners,
+)
+from app.geometry.mesh import SurfaceMesh, weld_vertices
+from app.geometry.rotations import quaternions_of_rotations, rotations_of_quaternions
+from app.geometry.stamp import (
+    NS_PER_MS,
+    NS_PER_S,
     Freshness,
     FreshnessLimits,
+    Stamp,
+    StampHistory,
     freshness_of,
     freshness_of_stamp,
+    is_plain_number,
+    slot_setters,
     stale_in_ns,
 )
-from app.geometry.image import MAX_IMAGE_SIDE, PIXEL_TYPES, ImageSample, ImageStatus, Pixels
-from app.geometry.image_calibration import ImageCalibration, image_corners
-from app.geometry.mesh import SurfaceMesh
-from app.geometry.plain_number import is_plain_number
-from app.geometry.quaternion_arrays import quaternions_of_rotations, rotations_of_quaternions
-from app.geometry.slots import slot_setters
-from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
-from app.geometry.stamp_history import StampHistory
-from app.geometry.tracked import TrackedTransform, TrackingStatus
 from app.geometry.transform import (
     ROTATION_TOLERANCE,
     FloatArray,
@@ -52,7 +62,6 @@ from app.geometry.transform import (
     rotation_angle,
     rotation_of_quaternion,
 )
-from app.geometry.welding import weld_vertices
 
 __all__ = [
     "ANATOMICAL_AXES",

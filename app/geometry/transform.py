@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.errors import FrameError, TransformError
 from app.geometry.frames import check_frame
-from app.geometry.slots import slot_setters
+from app.geometry.stamp import slot_setters
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-from .errors import (
+from .input_checks import (
     CoincidentPointsError,
     CollinearPointsError,
     ConvergenceError,
@@ -16,32 +16,35 @@ from .errors import (
     TooFewError,
     UnequalCountsError,
 )
-from .points.dwells import Dwell, DwellSettings, detect_dwells
-from .points.landmarks import (
-    LandmarkDetection,
-    LandmarkMatch,
-    detect_landmarks,
-    match_landmarks,
-)
-from .points.paired import register_points
-from .points.robust import register_points_robust
-from .points.surface import register_surface
-from .poses import PoseNoise, select_poses, usable_poses
-from .robot_base.robot_world import RobotWorldResult, solve_robot_world
-from .robot_base.time_offset import TimeOffset, estimate_time_offset
-from .robot_base.timed_signal import TimedSignal
-from .tool.pivot import PivotResult, calibrate_pivot
-from .tool.pivot_selection import expected_tip_sigma_mm, select_pivot_poses
-from .tool.spin import SpinResult, calibrate_spin
-from .tool.tip_frame import tip_transform
-from .uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
-from .uncertainty.drift import DriftBound, RegistrationDrift, check_drift
-from .uncertainty.result import RegistrationResult, given_registration
-from .uncertainty.tre import (
+from .paired_points import register_points
+from .pivot import PivotResult, calibrate_pivot
+from .pivot_fit import expected_tip_sigma_mm, select_pivot_poses
+from .pose_stack import PoseNoise, TimedSignal, select_poses, usable_poses
+from .registration_checks import (
+    AcceptanceLimits,
+    DriftBound,
+    RegistrationDrift,
+    check_drift,
+    evaluate_acceptance,
     predict_layout_tre,
     predict_tre,
     tre_covariances,
     tre_upper_bound,
+)
+from .registration_result import RegistrationResult, given_registration
+from .robot_world import RobotWorldResult, solve_robot_world
+from .robust_pairs import register_points_robust
+from .spin import SpinResult, calibrate_spin, tip_transform
+from .surface_fit import register_surface
+from .time_offset import TimeOffset, estimate_time_offset
+from .touched_landmarks import (
+    Dwell,
+    DwellSettings,
+    LandmarkDetection,
+    LandmarkMatch,
+    detect_dwells,
+    detect_landmarks,
+    match_landmarks,
 )
 
 __all__ = [

@@ -3,7 +3,7 @@
 The initial fit is that of a small random subset with the smallest median of squared residuals over
 all observations (Rousseeuw 1984). Subsets are drawn with a fixed seed, so results are reproducible.
 The fit is then repeated with the observations that are consistent with it until they stay the
-same.
+same. Quantiles are computed without `scipy.stats`, which would double the start-up time.
 """
 
 import math
@@ -14,8 +14,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray
-from app.registration.errors import NoConsensusError
-from app.registration.quantiles import chi_square_quantile, f_quantile
+from app.registration.input_checks import NoConsensusError
+
+
+def chi_square_quantile(probability: float, freedom: int) -> float:
+    """Quantile of the chi-square distribution with ``freedom`` degrees of freedom.
+
+    The probability to exceed ``2 h`` is the sum of ``exp(-h) h^i / Gamma(i + 1)`` over i = 0, 1,
+    ... below half the freedom, or over 1/2, 3/2, ... with ``erfc(sqrt(h))`` if the freedom is odd
+    (Abramowitz and Stegun, 26.4.4 and 26.4.5). It is solved for ``h`` by bisection.
+    """
+    powers = np.arange(0.5 * (freedom % 2), 0.5 * freedom)
+    log_gammas = np.array([math.lgamma(power + 1.0) for power in powers.tolist()])
+
+    def exceeds(half: float) -> bool:
+        above = float(np.exp(powers * math.log(half) - half - log_gammas).sum())
+        above += math.erfc(math.sqrt(half)) if freedom % 2 else 0.0
+        return 1.0 - above > probability
+
+    low, high = 0.0, float(freedom)
+    while not exceeds(high):
+        low, high = high, 2.0 * high
+    while low < (middle := 0.5 * (low + high)) < high:
+        low, high = (low, middle) if exceeds(middle) else (middle, high)
+    return low + high
+
+
+def f_quantile(probability: float, numerator: int, denominator: int) -> float:
+    """Quantile of the F distribution with these degrees of freedom."""
+    from scipy.special import fdtri
+
+    return float(fdtri(numerator, denominator, probability))
+
+
+def student_quantile(probability: float, freedom: int) -> float:
+    """Quantile of Student's t distribution with ``freedom`` degrees of freedom."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, probability))
+
 
 State = TypeVar("State")
 

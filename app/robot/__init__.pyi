@@ -1,20 +1,26 @@
-from .description.ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
-from .description.loading import load_robot, robot_from_text, urdf_text
-from .description.xacro_file import parse_xacro_args
-from .dynamics import JointDynamics, LinkInertia
-from .errors import (
+from .ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
+from .elements import (
     AdfError,
+    ClosureType,
+    Joint,
+    JointDynamics,
     JointError,
+    JointType,
+    Link,
+    LinkInertia,
+    LoopClosure,
+    Mimic,
+    Rgba,
     RobotError,
     RobotMeshError,
+    Shape,
     UnreachableError,
     UrdfError,
 )
-from .kinematics.closure import ClosureType, LoopClosure
-from .kinematics.inverse import IkOptions
-from .kinematics.joint import Joint, JointType, Mimic
+from .inverse_kinematics import IkOptions
+from .loading import load_robot, robot_from_text, urdf_text
 from .robot import Robot
-from .shapes import Link, Rgba, Shape
+from .urdf import parse_xacro_args
 
 __all__ = [
     "AdfError",

@@ -4,13 +4,10 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from app.geometry import FloatArray, FrameError, Transform
-from app.robot.kinematics.closed_tree import ClosedTree
-from app.robot.kinematics.closure import LoopClosure
-from app.robot.kinematics.inverse import IkOptions, inverse_kinematics
-from app.robot.kinematics.joint import Joint
-from app.robot.kinematics.link_poses import LinkPoses
-from app.robot.kinematics.tree import KinematicTree
-from app.robot.shapes import Link
+from app.robot.closed_tree import ClosedTree
+from app.robot.elements import Joint, Link, LoopClosure
+from app.robot.inverse_kinematics import IkOptions, inverse_kinematics
+from app.robot.kinematic_tree import KinematicTree, LinkPoses
 
 
 @dataclass(frozen=True, slots=True, eq=False)

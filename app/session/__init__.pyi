@@ -1,38 +1,59 @@
-from .advice import ADVICE, advice_text
 from .axis_distances import AxisDistances
-from .breach_log import BreachEntry, BreachList, BreachLog
-from .breach_place import checked_axes, is_tip, place_letters
-from .case_robot import load_case_robot
-from .dwelling import mean_dwell_pose
-from .frame_senders import FrameSenders, SenderConflict
-from .from_case import MakeEngine, margin_parameters, robot_from_case, setup_from_case
-from .inside_runs import InsideRun, InsideRuns
-from .joint_clock import tip_signals, with_estimated_clock
-from .known_edges import NO_EDGES, KnownEdges
-from .live import LiveSession
-from .live_control import (
+from .breach_log import (
+    BreachEntry,
+    BreachList,
+    BreachLog,
+    InsideRun,
+    InsideRuns,
+    checked_axes,
+    is_tip,
+    place_letters,
+)
+from .case_preparation import (
+    box_corners,
+    load_case_robot,
+    mean_dwell_pose,
+    tip_signals,
+    with_estimated_clock,
+    with_repaired_meshes,
+)
+from .case_setup import MakeEngine, ToolEngines, margin_parameters, robot_from_case, setup_from_case
+from .frame_senders import (
+    LEASE_NS,
+    SILENT_NS,
+    FrameSenders,
+    Sample,
+    SenderConflict,
+    SenderTrail,
+    SequenceTrail,
+    has_ended,
+)
+from .live_images import LiveImages
+from .live_session import LiveSession, PlaybackRule
+from .path_depth import PathDepth, PathPoint, deepest_on_path
+from .pose_plausibility import SINGLE_SOURCE
+from .pose_tree import MeasuredPose, PoseTree
+from .session import Session
+from .setup import (
+    REFERENCE,
+    ProximityModel,
+    RobotSetup,
+    SessionSetup,
+    TrackingError,
     guidance_parameters,
     limiter_parameters,
     tumor_motion_parameters,
 )
-from .live_images import LiveImages
-from .mesh_repair import with_repaired_meshes
-from .path_depth import PathDepth, PathPoint, deepest_on_path
-from .plausibility.plausibility import SINGLE_SOURCE
-from .playback_rule import PlaybackRule
-from .pose_tree import MeasuredPose, PoseTree
-from .registering import box_corners
-from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
-from .sequence_trail import SequenceTrail
-from .session import Session
-from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
 from .setup_doubts import SetupDoubts
-from .shown_state import SHOWN_STATES, STOP, ShownState, shown_state
-from .step_result import StepResult
-from .tool_engines import ToolEngines
-from .tracking_error import TrackingError
-from .tumor_change import TumorChange, tumor_change
-from .tumor_replacement import TumorReplacement, load_replacement, prepare_replacement
+from .shown_state import ADVICE, SHOWN_STATES, STOP, ShownState, advice_text, shown_state
+from .step_result import NO_EDGES, KnownEdges, StepResult
+from .tumor_replacement import (
+    TumorChange,
+    TumorReplacement,
+    load_replacement,
+    prepare_replacement,
+    tumor_change,
+)
 
 __all__ = [
     "ADVICE",

@@ -1,18 +1,106 @@
 """The breaches of a session so far, with the time, the place and the part of the tool of each.
 
-Breaches are counted by `InsideRuns`, and places named by `breach_place`, as in the report.
+Page, report and analysis share the rules for beginning and end of a breach and for its place.
 """
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from app.case import CauteryState
 from app.fixture import Proximity
-from app.geometry import NS_PER_S, FloatArray, SurfaceMesh, Transform, anatomical_words
-from app.session.breach_place import is_tip, place_letters
-from app.session.inside_runs import InsideRun, InsideRuns
+from app.geometry import (
+    NS_PER_S,
+    FloatArray,
+    Freshness,
+    FreshnessLimits,
+    InputError,
+    SurfaceMesh,
+    Transform,
+    anatomical_direction,
+    anatomical_words,
+    closest_rotation,
+    freshness_of,
+)
 from app.session.step_result import StepResult
+
+TIP_MM = 2.0
+"""A point of the tool this near to its tip is part of the tip."""
+
+
+def place_letters(outward_mm: FloatArray, ras_from_tumor: FloatArray | None = None) -> str:
+    """Letters of the direction ``outward_mm`` (3,), from the tumour's centre to a place on it.
+
+    The letters are those of `anatomical_direction`; empty for length 0 and for unknown numbers.
+    ``outward_mm`` is in the tumour's frame, whose axes are taken as right, anterior and superior
+    (`docs/case_format.md`, axes) unless ``ras_from_tumor`` (3, 3) turns them.
+    """
+    if not np.isfinite(outward_mm).all():
+        return ""
+    turned = outward_mm if ras_from_tumor is None else ras_from_tumor @ outward_mm
+    return anatomical_direction(turned)
+
+
+def is_tip(from_tip_mm: float) -> bool:
+    """Whether a point of the tool at this distance from its tip is part of the tip."""
+    return from_tip_mm <= TIP_MM
+
+
+def checked_axes(ras_from_tumor: ArrayLike | None) -> FloatArray | None:
+    """The rotation (3, 3); raises `InputError` for a matrix that is no rotation."""
+    if ras_from_tumor is None:
+        return None
+    matrix = np.asarray(ras_from_tumor, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise InputError(f"ras_from_tumor has shape {matrix.shape}; expected a rotation (3, 3)")
+    if np.abs(matrix.T @ matrix - np.eye(3)).max() > 1e-3 or np.linalg.det(matrix) < 0.0:
+        raise InputError("ras_from_tumor is no rotation; expected orthonormal rows, no reflection")
+    return closest_rotation(matrix)
+
+
+class InsideRun(Enum):
+    """Relation of a frame to the breaches.
+
+    ``UNKNOWN``: no distance, neither begins nor ends a breach. ``OUTSIDE``: ends one. ``BEGINS``:
+    the first frame of a breach. ``CONTINUES``: a further frame of the last breach.
+    """
+
+    UNKNOWN = "unknown"
+    OUTSIDE = "outside"
+    BEGINS = "begins"
+    CONTINUES = "continues"
+
+
+class InsideRuns:
+    """Divides the frames of a session into breaches, one frame after the other.
+
+    A breach is a run of frames with a negative signed distance, whatever the state is, so that
+    hysteresis neither lengthens nor joins breaches. Two inside frames that are more than
+    ``stale_after_ns`` apart, or whose stamps run backwards, belong to two breaches.
+    """
+
+    def __init__(self, stale_after_ns: int) -> None:
+        self._limits = FreshnessLimits(stale_after_ns)
+        self._last_inside_ns: int | None = None
+
+    def use(self, stale_after_ns: int) -> None:
+        """Use another limit from the next frame on."""
+        self._limits = FreshnessLimits(stale_after_ns)
+
+    def observe(self, stamp_ns: int, signed_distance_mm: float | None) -> InsideRun:
+        """The next frame; ``signed_distance_mm`` is None where it is not known."""
+        if signed_distance_mm is None:
+            return InsideRun.UNKNOWN
+        if not signed_distance_mm < 0.0:
+            self._last_inside_ns = None
+            return InsideRun.OUTSIDE
+        last_ns, self._last_inside_ns = self._last_inside_ns, stamp_ns
+        if last_ns is None or freshness_of(last_ns, stamp_ns, self._limits) is not Freshness.VALID:
+            return InsideRun.BEGINS
+        return InsideRun.CONTINUES
+
 
 MAX_LISTED = 200
 """Breaches that are kept in the list: the first one, the deepest one and the last ones."""

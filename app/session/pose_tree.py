@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field
 
 from app.case import TrackingFrame
-from app.fixture import REASON_OF_FRESHNESS, Reason
+from app.fixture import REASON_OF_FRESHNESS, Reason, TumorMotionFilter, TumorMotionParameters
 from app.geometry import (
     Edge,
+    FloatArray,
     Freshness,
     FreshnessLimits,
     Stamp,
@@ -13,6 +14,7 @@ from app.geometry import (
     TrackingStatus,
     Transform,
     freshness_of,
+    freshness_of_stamp,
     product_along,
     shortest_path,
 )
@@ -282,3 +284,42 @@ def _same_numbers(first: Transform, second: Transform) -> bool:
         first.translation_mm.tolist() == second.translation_mm.tolist()
         and first.rotation.tolist() == second.rotation.tolist()
     )
+
+
+class TumorVelocity:
+    """Feeds the tumour's poses to a `TumorMotionFilter`, step by step.
+
+    ``frame_from_tumor`` is the tumour in the tracked frame that it moves with.
+    """
+
+    def __init__(self, parameters: TumorMotionParameters, frame_from_tumor: Transform) -> None:
+        self._parameters = parameters
+        self._frame_from_tumor = frame_from_tumor
+        self._filter = TumorMotionFilter(parameters)
+        self._now: Stamp | None = None
+        self._newest: Stamp | None = None
+
+    def twist(
+        self, reference_from_frame: MeasuredPose, now: Stamp, limits: FreshnessLimits
+    ) -> FloatArray | None:
+        """Twist (6,) of the tumour at ``now`` in mm/s and rad/s, along its own axes.
+
+        None if no sample that the filter accepted is fresh; the tumour then counts as still. The
+        filter is reset when ``now`` goes back.
+        """
+        if self._now is not None and now < self._now:
+            self._filter, self._newest = TumorMotionFilter(self._parameters), None
+        self._now = now
+        pose, stamp = reference_from_frame.transform, reference_from_frame.oldest
+        # `MeasuredPose.transform` is None for a stale, lost or future pose.
+        if (
+            pose is not None
+            and stamp is not None
+            and (self._newest is None or self._newest < stamp)
+        ):
+            self._newest = stamp
+            self._filter.update(pose @ self._frame_from_tumor, stamp)
+        motion = self._filter.at(now)
+        if motion is None or freshness_of_stamp(motion.stamp, now, limits) is not Freshness.VALID:
+            return None
+        return motion.twist

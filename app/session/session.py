@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from app.case import JointSample, TrackingFrame
+from app.case import TrackingFrame
 from app.fixture import (
     MarginMonitor,
     MarginObservation,
@@ -27,17 +27,14 @@ from app.geometry import (
 )
 from app.hold import Hold, tightest_margins
 from app.registration import predict_tre
-from app.robot import JointError, UnreachableError
-from app.session.following import OUT_OF_REACH, IkFollower
-from app.session.known_edges import known_edges
+from app.session.link_poses import RobotLinks
 from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
-from app.session.plausibility.plausibility import Plausibility
-from app.session.pose_tree import PoseTree
-from app.session.setup import REFERENCE, RobotSetup, SessionSetup
-from app.session.step_result import StepResult
-from app.session.tumor_velocity import TumorVelocity
+from app.session.pose_plausibility import Plausibility
+from app.session.pose_tree import PoseTree, TumorVelocity
+from app.session.setup import REFERENCE, SessionSetup
+from app.session.step_result import StepResult, known_edges
 
 NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
@@ -63,9 +60,8 @@ class Session:
         )
         self._recent = RecentWitnesses()
         self._monitor = MarginMonitor(setup.margins, frame=setup.frame_from_tumor.source)
-        self._follower = _follower(setup.robot)
+        self._links = RobotLinks(setup.robot)
         self._velocity = _velocity(setup)
-        self._joints: JointSample | None = None
         self._plausibility = Plausibility(setup)
         self._checked_edges: tuple[Edge, ...] = ()
         self._frames_problem = ""
@@ -100,7 +96,7 @@ class Session:
         reference_from_tip = None
         if in_reference.transform is not None:
             reference_from_tip = in_reference.transform @ self.setup.tool_from_tip
-        links, robot_problem = self._links(frame, reference_from_tip)
+        links, robot_problem = self._links.at(frame, reference_from_tip, self._poses.limits)
         drift = self._plausibility.drift(links, reference_from_tip, frame.stamp)
         found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
@@ -135,7 +131,7 @@ class Session:
             tumor_from_tip=tumor_from_tip,
             virtual_fixture=self._virtual_fixture if decision.constraint is not None else None,
             links=links,
-            joints=self._joints,
+            joints=self._links.joints,
             robot_problem=robot_problem,
             drift=drift,
             frames_problems=tuple(filter(None, [self._frames_problem, *found.values()])),
@@ -145,7 +141,7 @@ class Session:
                 self.setup.robot,
                 self._poses.usable(),
                 links,
-                self._joints,
+                self._links.joints,
             ),
             single_source=self.single_source,
             between_frames=between,
@@ -209,7 +205,7 @@ class Session:
         if (setup.tumor_motion, setup.motion_frame) != (before.tumor_motion, before.motion_frame):
             self._velocity = _velocity(setup)
         if setup.robot is not before.robot:
-            self._follower = _follower(setup.robot)
+            self._links.use(setup.robot)
             self._checked_edges, self._frames_problem = (), ""
             self._restart()
         if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
@@ -346,66 +342,15 @@ class Session:
             points_mm = np.concatenate([points_mm, touched_mm])
         return float(predict_tre(registration, points_mm).max()), problems
 
-    def _links(
-        self, frame: TrackingFrame, reference_from_tip: Transform | None
-    ) -> tuple[Mapping[str, Transform], str]:
-        """``root_from_link`` of all links from the latest joints, or none and the problem.
-
-        Joints that do not determine the tool link, such as those of a gripper, are not used.
-        Without recorded joints: by inverse kinematics of the tracked ``reference_from_tip``.
-        """
-        robot = self.setup.robot
-        for sample in reversed(frame.joints):
-            if robot is None or robot.is_posed_by(sample.names):
-                self._joints = sample
-                break
-        if robot is None:
-            return {}, ""
-        if robot.follows_tool:
-            return self._followed(reference_from_tip)
-        if self._joints is None:
-            return {}, _incomplete(robot, frame) or "no joint positions yet"
-        if not self._is_fresh(self._joints.stamp, frame.stamp):
-            return {}, "joint positions are stale or from the future"
-        try:
-            positions = self._joints.as_mapping()
-            return robot.robot.measured_kinematics(robot.tool_link, positions), ""
-        except JointError as error:
-            return {}, str(error)
-
-    def _followed(
-        self, reference_from_tip: Transform | None
-    ) -> tuple[Mapping[str, Transform], str]:
-        if self._follower is None or reference_from_tip is None:
-            return {}, "the tool is not seen in the reference frame: the robot cannot follow it"
-        try:
-            return self._follower.links(reference_from_tip), ""
-        except UnreachableError as error:
-            return {}, f"{OUT_OF_REACH}: {error}"
-
 
 def _places(setup: SessionSetup) -> tuple[object, ...]:
     """The values that determine the places of tool, tumour and robot."""
     return setup.proximity, setup.tool_from_tip, setup.frame_from_tumor, setup.robot
 
 
-def _incomplete(robot: RobotSetup, frame: TrackingFrame) -> str:
-    """The error of the newest joints of ``frame`` that do not place the tool link; or empty."""
-    try:
-        for sample in frame.joints[-1:]:
-            robot.robot.measured_kinematics(robot.tool_link, sample.as_mapping())
-    except JointError as error:
-        return str(error)
-    return ""
-
-
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
     moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
     return moving if setup.robot is None else (*moving, REFERENCE)
-
-
-def _follower(robot: RobotSetup | None) -> IkFollower | None:
-    return IkFollower(robot) if robot is not None and robot.follows_tool else None
 
 
 def _velocity(setup: SessionSetup) -> TumorVelocity | None:

@@ -1,14 +1,125 @@
-"""Result of one step of a session."""
+"""Result of one step of a session, the edges that it used, and its form for other processes."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import io
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import FixtureDecision
-from app.geometry import Transform
+from app.fixture import AppliedMargin, FixtureDecision, Proximity
+from app.geometry import (
+    Edge,
+    FloatArray,
+    FrameError,
+    Stamp,
+    TrackedTransform,
+    Transform,
+    product_along,
+    shortest_path,
+    slot_setters,
+)
 from app.registration import RegistrationDrift
-from app.session.known_edges import NO_EDGES, KnownEdges
+from app.robot import Robot
+from app.robot.kinematic_tree import LinkPoses
 from app.session.path_depth import PathDepth
+from app.session.setup import RobotSetup
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownEdges:
+    """Static edges, measured edges and links of the robot, as the step used them.
+
+    ``measured`` holds the latest sample of each edge, None if it may not be used at this step
+    (lost, stale, frozen, from the future). ``links`` holds ``root_from_link`` from joints of
+    ``links_stamp``, empty if they are not known; ``link_names`` names them in any case. The frame
+    ``base`` is the root link ``root``.
+    """
+
+    static: tuple[Transform, ...] = ()
+    measured: Mapping[Edge, TrackedTransform | None] = field(default_factory=dict)
+    links: Mapping[str, Transform] = field(default_factory=dict)
+    links_stamp: Stamp | None = None
+    link_names: frozenset[str] = frozenset()
+    base: str = ""
+    root: str = ""
+
+    def frames(self) -> frozenset[str]:
+        """Names of all frames of these edges, also of those that may not be used now."""
+        static = {name for edge in self.static for name in (edge.target, edge.source)}
+        measured = {name for edge in self.measured for name in edge}
+        robot = {self.base, self.root, *self.link_names} - {""}
+        return frozenset(static | measured | robot)
+
+    def between(self, target: str, source: str) -> tuple[Transform, Stamp | None]:
+        """``target_from_source`` and the stamp of its oldest sample, None for static edges alone.
+
+        Raises `FrameError` if they are not connected, or by an edge that may not be used.
+        """
+        edges: dict[Edge, tuple[Transform, Stamp | None] | None] = {}
+        for edge, sample in self.measured.items():
+            pose = None if sample is None else sample.transform
+            edges[edge] = None if sample is None or pose is None else (pose, sample.stamp)
+        edges |= {(edge.target, edge.source): (edge, None) for edge in self.static}
+        for name in self.link_names - {self.root}:
+            link = self.links.get(name)
+            edges[self.root, name] = None if link is None else (link, self.links_stamp)
+        if self.base != self.root:
+            identity = Transform.identity(self.base, self.root)
+            edges[self.base, self.root] = (identity, None)
+        path = shortest_path(edges, target, source)
+        if path is None:
+            raise FrameError(f"{source!r} is not connected with {target!r} in the session")
+        transforms, stamps = [], []
+        for edge in path:
+            known = edges[edge]
+            if known is None:
+                raise FrameError(f"{edge[1]!r} in {edge[0]!r} is not known now")
+            transforms.append(known[0])
+            stamps.append(known[1])
+        oldest = min((stamp for stamp in stamps if stamp is not None), default=None)
+        return product_along(target, transforms), oldest
+
+
+NO_EDGES = KnownEdges()
+"""Edges of a step whose frames are not known."""
+
+
+def known_edges(
+    static: tuple[Transform, ...],
+    robot: RobotSetup | None,
+    measured: Mapping[Edge, TrackedTransform | None],
+    links: Mapping[str, Transform],
+    joints: JointSample | None,
+) -> KnownEdges:
+    """The edges of a step with ``links`` of ``robot`` from the latest ``joints``.
+
+    Links that follow the tool by inverse kinematics are a picture and not a measurement: they are
+    not known.
+    """
+    if robot is None:
+        return KnownEdges(static, measured)
+    if robot.follows_tool:
+        base = robot.base_frame
+        return KnownEdges(static, measured, base=base, root=base)
+    return KnownEdges(
+        static,
+        measured,
+        links,
+        None if joints is None else joints.stamp,
+        _link_names(robot.robot),
+        robot.base_frame,
+        robot.robot.root_link,
+    )
+
+
+@lru_cache(maxsize=4)  # called in every step of a session, which has one robot
+def _link_names(robot: Robot) -> frozenset[str]:
+    return frozenset(link.name for link in robot.links)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,3 +167,74 @@ class StepResult:
     def frames_problem(self) -> str:
         """All of ``frames_problems``, joined by semicolons."""
         return "; ".join(self.frames_problems)
+
+
+_Reduced = tuple[Callable[..., Any], tuple[Any, ...]]
+
+_VALUES: tuple[type, ...] = (
+    *(StepResult, TrackingFrame, TrackedTransform, JointSample, Stamp, FixtureDecision),
+    *(AppliedMargin, Proximity, RegistrationDrift, LinkPoses),
+)
+"""Classes with slots for all of their values."""
+
+
+def pickled_steps(steps: Sequence[StepResult]) -> bytes:
+    """A list of ``steps`` for `pickle.loads`, without the ``edges`` of each, which are `NO_EDGES`.
+
+    Arrays are read-only afterwards.
+    """
+    stream = io.BytesIO()
+    _Pickler(stream).dump(list(steps))
+    return stream.getvalue()
+
+
+def _restored(setters_of: type, *values: Any) -> Any:
+    made: Any = object.__new__(setters_of)
+    for assign, value in zip(_SETTERS[setters_of], values, strict=True):
+        assign(made, value)
+    return made
+
+
+def _reducer(value_type: type) -> Callable[[Any], _Reduced]:
+    values_of = attrgetter(*vars(value_type)["__slots__"])
+    return lambda value: (_restored, (value_type, *values_of(value)))
+
+
+def _transform(target: str, source: str, data: bytes) -> Transform:
+    numbers = np.frombuffer(data)
+    return Transform.of_read_only(target, source, numbers[:9].reshape(3, 3), numbers[9:])
+
+
+def _reduced_transform(value: Transform) -> _Reduced:
+    data = value.rotation.tobytes() + value.translation_mm.tobytes()
+    return _transform, (value.target, value.source, data)
+
+
+def _array(data: bytes, kind: str, shape: tuple[int, ...]) -> FloatArray:
+    return np.frombuffer(data, kind).reshape(shape)
+
+
+def _reduced_array(value: FloatArray) -> _Reduced:
+    return _array, (value.tobytes(), value.dtype.str, value.shape)
+
+
+def _no_edges() -> KnownEdges:
+    return NO_EDGES
+
+
+_SETTERS = {value_type: slot_setters(value_type) for value_type in _VALUES}
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, stream: io.BytesIO) -> None:
+        super().__init__(stream, pickle.HIGHEST_PROTOCOL)
+        self.dispatch_table = _REDUCERS
+
+
+_REDUCERS: dict[type, Callable[[Any], _Reduced]] = {
+    **{value_type: _reducer(value_type) for value_type in _VALUES},
+    Transform: _reduced_transform,
+    KnownEdges: lambda _: (_no_edges, ()),
+    np.ndarray: _reduced_array,
+    np.bool_: lambda value: (bool, (int(value),)),
+}

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from app.geometry import FloatArray, Transform
-from app.robot.kinematics.link_poses import LinkPoses
+from app.robot.kinematic_tree import LinkPoses
 from app.simulation.commands import ArmCommand, ArmStatus
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from app.geometry import FloatArray, Transform
-from app.robot.kinematics.link_poses import LinkPoses
+from app.robot.kinematic_tree import LinkPoses
 from app.simulation.arm_motion import ArmMotion
 from app.simulation.build import NS_TO_S, build_world
 from app.simulation.command_gate import CommandGate

@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
-from app.geometry.rotation_vectors import rotation_of_vector
+from app.geometry.rotations import rotation_of_vector
 from app.synthetic.poses import Poses
 
 MAX_TURN_RAD = 2.5

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.geometry import FloatArray, Transform
-from app.geometry.rotation_vectors import rotation_of_vector
+from app.geometry.rotations import rotation_of_vector
 from app.synthetic.cautery import CAUTERY_TIP_FRAME
 from app.synthetic.simulation import BASE_FRAME
 from app.synthetic.tumour import TUMOR_FRAME, Tumour

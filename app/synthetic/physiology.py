@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.geometry import FloatArray, Transform
-from app.geometry.rotation_vectors import rotation_of_vector
+from app.geometry.rotations import rotation_of_vector
 from app.synthetic.poses import Poses
 
 

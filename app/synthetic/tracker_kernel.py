@@ -1,7 +1,7 @@
 """Compiled errors of a simulated tracker, because a simulation measures thousands of poses.
 
 A module of its own, so that the compiler is loaded only when a pose is measured. The rotations are
-those of `app.geometry.rotation_vectors`.
+those of `app.geometry.rotations`.
 """
 
 import math

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from app.geometry import InputError, SurfaceMesh, Transform
-from app.robot.meshes.primitives import box, sphere
+from app.robot.primitives import box, sphere
 from app.runtime import SimulatedWorld
 from app.viewer.body_upload import MAX_PLACE_MM, checked_name, placed
 from app.viewer.messages.checks import number, numbers, one_of, text

@@ -16,7 +16,7 @@ import numpy as np
 from app.analysis.breach_probability import breach_probability, smoothed_distances
 from app.fixture.proximity.engine import ProximityEngine
 from app.geometry import FloatArray, Transform
-from app.geometry.rotation_vectors import rotation_of_vector
+from app.geometry.rotations import rotation_of_vector
 from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.synthetic.clearance import Clearance
 from app.synthetic.tumour import TUMOR_FRAME, Tumour

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from app.case import open_case
-from app.case.frames.samples import JointSample, TrackingFrame
+from app.case.tracking_frames import JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
     Constraint,

@@ -7,7 +7,7 @@ import pytest
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.case import Player
-from app.case.frames.samples import TrackingFrame
+from app.case.tracking_frames import TrackingFrame
 from app.geometry import Stamp
 from tests.bridge.service_calls import CALLER
 

@@ -24,7 +24,7 @@ from app.files.keys import Block, Key, ListOf
 from app.fixture import LimiterParameters
 from app.geometry import MarginGuardError
 from app.session import limiter_parameters
-from app.session.from_case import margin_parameters
+from app.session.case_setup import margin_parameters
 from tests.schema_agreement import UNSTATED, refusal, validator
 from tests.valid_documents import (
     BOX,

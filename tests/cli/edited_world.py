@@ -7,7 +7,7 @@ import numpy as np
 
 from app.files.meshes import write_mesh
 from app.geometry import SurfaceMesh
-from app.robot.meshes.primitives import box
+from app.robot.primitives import box
 
 TABLE_TOP_MM, STONE_MM = 5.0, 20.0
 

@@ -79,7 +79,7 @@ def test_yes_and_dry_run_contradict_each_other():
 PROGRAM = """
 import sys
 from app.cli.caches import cache_folders, remove
-from app.robot.kinematics.link_kernel import compute_link_poses
+from app.robot.link_kernel import compute_link_poses
 
 compute_link_poses.compile(
     "b1(f8[::1], b1[::1], f8[:, :, ::1], f8[:, :, :, ::1], i8[::1], f8[:, :, ::1])"

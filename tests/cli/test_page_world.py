@@ -16,7 +16,7 @@ from app.bridge.qos import STREAM, Topic
 from app.bridge.tf.wire import TfMessageReader
 from app.files.meshes import write_mesh
 from app.geometry import SurfaceMesh, Transform
-from app.robot.meshes.primitives import cone
+from app.robot.primitives import cone
 from app.runtime import place_text
 from tests.cli.edited_world import STONE_MM, TABLE_TOP_MM, write_edited_world
 from tests.page_rules import violations

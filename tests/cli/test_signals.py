@@ -117,7 +117,7 @@ sys.exit(main(arguments))
 @pytest.mark.parametrize(
     ("place", "command"),
     [
-        ("app.case.convert.write_recording", "convert {case} new"),
+        ("app.case.conversion.write_recording", "convert {case} new"),
         ("app.synthetic.writing.simulate", "make-case new"),
         ("pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
     ],
@@ -137,7 +137,7 @@ def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, c
     ("place", "command", "whole"),
     [
         ("app.report.write.write_files", "replay {case} --no-ros --report new", "report.html"),
-        ("app.case.live_recording._write", "record -o new --config {live}", "case.yaml"),
+        ("app.case.new_case._write", "record -o new --config {live}", "case.yaml"),
     ],
 )
 def test_recorded_signal_leaves_complete_file(

@@ -12,7 +12,7 @@ from app.files import load_mesh
 from app.files.mesh_file import read_mesh_file
 from app.geometry import MeshError
 from app.robot import RobotMeshError
-from app.robot.meshes.mesh_file import OPTIONS, read_robot_mesh
+from app.robot.mesh_locator import OPTIONS, read_robot_mesh
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4")
 

@@ -45,7 +45,7 @@ READS_OWN_FILES = {
     "bridge/message_definitions.py": "definitions of this project's messages, as installed",
     "bridge/open_ports.py": "a table of the kernel",
     "bridge/security.py": "a loaded library, and a table of the kernel",
-    "case/messages/definition.py": "message definitions of this project",
+    "case/messages/message_values.py": "message definitions of this project",
     "cli/cohort/case_run.py": "a table of the kernel",
     "cli/replay_page.py": "the report that this process wrote",
     "cli/scene_process.py": "a picture that a child process wrote",
@@ -78,18 +78,18 @@ OPENS_FILES = {
     "bridge/displays/live_child.py": {"self.log.open", "os.fdopen"},  # the log of its process
     "files/bounded_io.py": {"os.open", "os.fdopen"},
     # Members of an open file, and an open file's header.
-    "case/readers/mrml/files.py": {"zipfile.ZipFile", "self._files.open"},
+    "case/readers/mrml/mrml_scene.py": {"zipfile.ZipFile", "self._files.open"},
     "case/tumor/nrrd_file.py": {"nrrd.read_header"},
     # An archive that a page has received under a limit, and its members under another.
     "files/zip_folder.py": {"archive.open", "zipfile.ZipFile", "opened.open", "target.open"},
     # Writers.
     "viewer/library/library_server.py": {"archive.open"},
-    "case/copying.py": {"path.open"},
-    "case/recorder/complete_file.py": {"os.open"},
+    "case/conversion.py": {"path.open"},
+    "case/bag_writer.py": {"os.open"},
     "cohort/dataset.py": {"self._journal.open"},
     "files/atomic_io.py": {"os.open", "os.fdopen"},
     "files/json_lines.py": {"os.open", "self.path.open"},
-    "case/recorder/recorder.py": {"self._partial.open"},
+    "case/frames_recorder.py": {"self._partial.open"},
     "fixture/proximity/field_cache.py": {"os.fdopen"},
     "scene/scene_file.py": {"zipfile.ZipFile"},
     # Bytes of a picture, from the bounded read.
@@ -97,7 +97,7 @@ OPENS_FILES = {
     # Bytes that were read from the cache and whose hash was checked.
     "simulation/convex_parts.py": {"np.load"},
     # A database, which SQLite opens by name after it was found to be a regular file.
-    "case/readers/rosbag2/database_file.py": {"sqlite3.connect"},
+    "case/readers/rosbag2/bag.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.
     "hold/lock.py": {"os.open"},
     # A source file, locked while its functions are compiled.

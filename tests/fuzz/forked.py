@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 def start_forked(request: bytes) -> tuple[int, bytes]:
     """Answer ``request`` in a forked child; see `app.files.child_process.Ask`."""
-    from app.robot.description.xacro_child import answer  # slow to load
+    from app.robot.xacro_child import answer  # slow to load
 
     return _forked(answer, request)
 

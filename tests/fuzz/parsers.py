@@ -20,16 +20,15 @@ from app.case import (
 )
 from app.case.manifest.case_file import load_manifest
 from app.case.manifest.expected import load_expected
-from app.case.messages.cdr_reader import tf_reader
+from app.case.messages.decoder import tf_reader
+from app.case.messages.message_values import JointValues, PoseValues
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
     TIME_REFERENCE,
     TRACKED_TRANSFORM,
 )
-from app.case.messages.values import JointValues, PoseValues
-from app.case.readers.recording_format import SideTopics
-from app.case.readers.registry import read_recording
+from app.case.readers.recording_format import SideTopics, read_recording
 from app.files import load_mesh, read_landmarks, read_plus_config, read_transform
 from app.files.bounded_io import read_bounded
 from app.files.packages import shipped
@@ -41,9 +40,9 @@ from app.igtl.images import MAX_IMAGE_BODY_BYTES, ImageReader
 from app.igtl.poses import TYPES, PoseReader
 from app.igtl.stream import MessageStream, Refusals
 from app.robot import load_robot, robot_from_text
-from app.robot.description.ambf import bodies_from_mesh_map
-from app.robot.description.xacro_file import expand_xacro
-from app.robot.meshes.mesh_file import read_robot_mesh
+from app.robot.ambf import bodies_from_mesh_map
+from app.robot.mesh_locator import read_robot_mesh
+from app.robot.urdf import expand_xacro
 from app.simulation import open_world
 from tests.fuzz.forked import start_forked, start_forked_hdf5
 from tests.fuzz.mutators.containers import DATABASE, MCAP, NRRD, ZIP

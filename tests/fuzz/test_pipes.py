@@ -7,7 +7,7 @@ import pytest
 
 from app.geometry import MarginGuardError
 from app.robot import RobotMeshError, UrdfError, load_robot
-from app.robot.meshes.mesh_file import read_robot_mesh
+from app.robot.mesh_locator import read_robot_mesh
 from tests.fuzz.parsers import PARSERS
 
 pytestmark = pytest.mark.slow

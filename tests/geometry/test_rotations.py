@@ -11,7 +11,7 @@ from app.geometry import (
     rotation_of_quaternion,
     rotations_of_quaternions,
 )
-from app.geometry.rotation_vectors import (
+from app.geometry.rotations import (
     canonical_quaternion,
     rotation_of_vector,
     vector_of_rotation,

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, field
 
 from app.case import JointSample
-from app.case.messages.values import PoseValues
+from app.case.messages.message_values import PoseValues
 from app.geometry import TrackingStatus
 from tests.doubles import PARAMETERS
 

@@ -1,6 +1,6 @@
 """Target registration error by the published formula for isotropic noise.
 
-Independent of `app.registration.uncertainty.tre`, which propagates a covariance: evaluates the
+Independent of `app.registration.registration_checks`, which propagates a covariance: evaluates the
 formula of Fitzpatrick, West and Maurer (1998) on the principal axes of the landmarks.
 """
 

@@ -6,9 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from app.case.frames.samples import JointSample
-from app.case.messages.cdr_template import stamp_parts
-from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM, ros_types
+from app.case.messages.ros_messages import (
+    JOINT_STATE,
+    TF_MESSAGE,
+    TRACKED_TRANSFORM,
+    ros_types,
+    stamp_parts,
+)
+from app.case.tracking_frames import JointSample
 from app.geometry import TrackedTransform, Transform
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from app.session.live_clock import CONFIRMED_BY, CONFIRMED_WITHIN_NS, REMEMBERED_NS
+from app.session.live_frames import CONFIRMED_BY, CONFIRMED_WITHIN_NS, REMEMBERED_NS
 
 DRIFT_PER = 5_000
 """1 ns of drift is allowed per so many ns of host time (200 ppm)."""

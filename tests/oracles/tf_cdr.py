@@ -1,6 +1,6 @@
 """A second parser of ``tf2_msgs/TFMessage`` in CDR, field by field.
 
-Independent of `app.case.messages.cdr_reader`, which reuses the layout of earlier messages, and of
+Independent of `app.case.messages.decoder`, which reuses the layout of earlier messages, and of
 rosbags. Layout by OMG DDS-XTypes 1.3, section 7.4.1: after four bytes that give the byte order,
 numbers are aligned to their size and strings carry their length with a terminating zero.
 """

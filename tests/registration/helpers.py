@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, Transform
-from app.registration.poses import PoseNoise
+from app.registration.pose_stack import PoseNoise
 
 
 def random_transform(

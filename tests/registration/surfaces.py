@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
-from app.registration.motion import apply_motion
+from app.registration.small_motion import apply_motion
 from tests.registration.helpers import random_transform
 
 

@@ -14,8 +14,8 @@ from app.registration import (
     register_points,
     solve_robot_world,
 )
-from app.registration.motion import motion_between
-from app.registration.points.rigid_fit import PairNoise, fit_rigid
+from app.registration.paired_points import PairNoise, fit_rigid
+from app.registration.small_motion import motion_between
 from tests.oracles.registration_robot_world import opencv_base
 from tests.oracles.registration_tool import least_squares_pivot
 from tests.registration.helpers import (

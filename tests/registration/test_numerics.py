@@ -18,9 +18,15 @@ from app.registration import (
     select_poses,
     usable_poses,
 )
-from app.registration.least_squares import least_squares
-from app.registration.motion import apply_motion, motion_between, move_origin, point_jacobian, skew
-from app.registration.quantiles import chi_square_quantile, f_quantile, student_quantile
+from app.registration.consensus import chi_square_quantile, f_quantile, student_quantile
+from app.registration.small_motion import (
+    apply_motion,
+    least_squares,
+    motion_between,
+    move_origin,
+    point_jacobian,
+    skew,
+)
 from tests.registration.helpers import random_transform
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -15,7 +15,7 @@ from app.scene import ScenePresenter
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.scene.scene import NEEDLE_COLOR
-from app.session.known_edges import KnownEdges
+from app.session.step_result import KnownEdges
 from tests.scene.conftest import posed
 
 pytestmark = pytest.mark.slow

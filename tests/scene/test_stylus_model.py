@@ -10,7 +10,7 @@ from app.geometry import TrackedTransform, Transform
 from app.runtime import Stylus
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.stylus_model import COLOR
-from app.session.known_edges import KnownEdges
+from app.session.step_result import KnownEdges
 from tests.scene.test_presenter import names
 from tests.scene.test_presenter import present as present
 

@@ -12,7 +12,7 @@ from app.geometry import Transform
 from app.registration import DriftBound, given_registration
 from app.robot import UnreachableError
 from app.session import RobotSetup, Session, setup_from_case
-from app.session.following import OUT_OF_REACH, IkFollower
+from app.session.link_poses import OUT_OF_REACH, IkFollower
 
 pytestmark = pytest.mark.slow
 

@@ -1,8 +1,7 @@
 """Senders of the frames of a topic: parents, loops, restarts."""
 
 from app.geometry import NS_PER_MS, NS_PER_S
-from app.session.frame_senders import MAX_FRAMES, FrameSenders, SenderConflict
-from app.session.sender_trail import LEASE_NS, Sample
+from app.session.frame_senders import LEASE_NS, MAX_FRAMES, FrameSenders, Sample, SenderConflict
 
 USED = (("tracker", "cautery"), ("tracker", "reference"), ("reference", "needle"))
 MS = NS_PER_MS

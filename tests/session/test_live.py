@@ -13,7 +13,7 @@ from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Tra
 from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
-from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
+from app.session.live_session import NO_PLAYBACK, PlaybackRule
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
-from app.session.joint_queue import MAX_JOINTS, JointQueue
-from app.session.live_clock import (
+from app.session.live_frames import (
     CONFIRMED_BY,
     CONFIRMED_WITHIN_NS,
     DRIFT,
     MAX_UNCONFIRMED,
     SourceClock,
 )
+from app.session.live_queues import MAX_JOINTS, JointQueue
 from tests.doubles import joint_sample
 from tests.oracles.source_clock import exhaustive_offsets
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from app.fixture import MarginState, Reason
 from app.session.live_frames import SET_BACK
-from app.session.recent_samples import MAX_REMEMBERED, REMEMBERED_NS, RecentSamples
+from app.session.live_queues import MAX_REMEMBERED, REMEMBERED_NS, RecentSamples
 from tests.doubles import sample
 from tests.session.test_live import HOST_MS, STALE_MS, SimulatedHost
 

@@ -7,8 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry import NS_PER_MS, NS_PER_S
-from app.session.sender_trail import HANDOVER_NS, LEASE_NS, SILENT_NS, Sample, SenderTrail
-from app.session.sequence_trail import DROPS_WITHIN_NS, ENDED_NS, SequenceTrail
+from app.session.frame_senders import (
+    DROPS_WITHIN_NS,
+    ENDED_NS,
+    HANDOVER_NS,
+    LEASE_NS,
+    SILENT_NS,
+    Sample,
+    SenderTrail,
+    SequenceTrail,
+)
 
 PERIOD_NS = 16 * NS_PER_MS
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import marginguard as mg
-from app.robot.kinematics.link_poses import LinkPoses
-from app.session.known_edges import NO_EDGES
-from app.session.step_pickle import pickled_steps
+from app.robot.kinematic_tree import LinkPoses
+from app.session.step_result import NO_EDGES, pickled_steps
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import MotionEntry, PlausibilityEntry, TrackingFrame
-from app.case.messages.values import PoseValues
+from app.case.messages.message_values import PoseValues
 from app.fixture import (
     FixtureDecision,
     LimiterParameters,

@@ -34,10 +34,10 @@ from app.geometry import (
 )
 from app.hold import SeenHold
 from app.registration import DriftBound, RegistrationDrift
-from app.robot.kinematics.link_poses import LinkPoses
+from app.robot.kinematic_tree import LinkPoses
 from app.runtime import SessionContent
 from app.session import KnownEdges, PathDepth, PathPoint, StepResult
-from app.session.known_edges import known_edges
+from app.session.step_result import known_edges
 
 _NUMBERS = 12
 """Numbers of a transform: the upper three rows of its matrix."""

@@ -16,7 +16,7 @@ from app.bridge.qos import NEWEST, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, tracked_message
 from app.case import IMAGE_DEPTH_TOPIC, ImageDepths, LiveCase, SessionValues, image_depths
 from app.case.live_file import IgtlSourceEntry
-from app.case.live_recording import IGTL_CAUTERY_TOPIC, IGTL_IMAGES_TOPIC
+from app.case.new_case import IGTL_CAUTERY_TOPIC, IGTL_IMAGES_TOPIC
 from app.geometry import ImageSample, InputError, MarginGuardError, Stamp, TrackedTransform
 from app.igtl import DeviceImages, Header, IgtlSource
 

@@ -18,7 +18,7 @@ from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
 from app.case import BagTopic, BagWriter, message_definition
-from app.case.live_recording import SessionChange
+from app.case.new_case import SessionChange
 from app.geometry import InputError, MarginGuardError
 
 _DEPTH = 1000

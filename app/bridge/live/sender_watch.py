@@ -18,8 +18,8 @@ from app.bridge.message_origin import Origin, sender_of
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, STATIC_TF
 from app.bridge.sender_names import SenderNames, node_name, nodes_text
+from app.case.messages.message_values import JointValues, PoseValues
 from app.case.messages.ros_messages import TF_MESSAGE
-from app.case.messages.values import JointValues, PoseValues
 from app.fixture import FIXTURE_FRAME, Reason
 from app.geometry import Transform
 from app.session import FrameSenders, Sample, SenderConflict, SenderTrail, SequenceTrail

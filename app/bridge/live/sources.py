@@ -13,8 +13,8 @@ from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import IgtlSourceEntry, JointSample, LiveSourceEntry, TfSourceEntry, values_reader
+from app.case.messages.message_values import JointValues, PoseValues
 from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
-from app.case.messages.values import JointValues, PoseValues
 from app.geometry import MarginGuardError, TrackedTransform
 from app.igtl import IgtlSource, Unread
 from app.robot import JointError
@@ -35,7 +35,7 @@ class SampleFilter(Protocol):
 
 
 class CountedSubscription:
-    """Calls ``receive(values, origin)`` with each message, read by `app.case.messages.values`.
+    """Calls ``receive(values, origin)`` with each message, read as values of `app.case.messages`.
 
     What it returns, unless that is None, is passed to ``deliver``. Both are called in the node's
     thread. Messages that are oversized or unreadable are counted, and so are those for which one of

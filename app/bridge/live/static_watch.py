@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from app.bridge.message_origin import Origin
 from app.bridge.sender_names import SenderNames
-from app.case.messages.values import PoseValues
+from app.case.messages.message_values import PoseValues
 from app.geometry import MarginGuardError, Transform
 from app.session import SILENT_NS, has_ended
 

@@ -16,8 +16,8 @@ from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING
+from app.case.messages.message_values import PoseValues
 from app.case.messages.ros_messages import TF_MESSAGE
-from app.case.messages.values import PoseValues
 
 DISCOVERY_S = 4.0
 """Time after which all nodes are known: Fast DDS announces each of them every 3 s at least."""

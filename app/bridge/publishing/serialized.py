@@ -11,7 +11,7 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages
 from app.bridge.number_template import Block, NumberTemplate
-from app.case.frames.samples import JointSample
+from app.case.tracking_frames import JointSample
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 

@@ -36,7 +36,7 @@ from app.geometry import (
     Transform,
     check_frame,
 )
-from app.geometry.welding import weld_vertices
+from app.geometry.mesh import weld_vertices
 from app.runtime import MAX_BODY_TRIANGLES
 from app.runtime.rate_limit import RateLimit
 from app.simulation import BodyEntry, EditError, World

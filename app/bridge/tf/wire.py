@@ -10,7 +10,7 @@ from typing import NamedTuple
 from app.bridge.messages import MM_PER_M
 from app.bridge.tf.errors import TfInvalidError
 from app.bridge.tf.pose import Pose
-from app.case.messages.cdr_reader import tf_reader
+from app.case.messages.decoder import tf_reader
 from app.geometry import NS_PER_S
 
 _COUNT = struct.Struct("<I")

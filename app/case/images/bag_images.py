@@ -1,18 +1,19 @@
-"""The images of a topic of a bag: an index of where they are, and one image at a time."""
+"""The images of a topic of a bag, one at a time, and the imaging depths recorded beside them."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.images.current import CurrentImage, ImagePose
-from app.case.images.depths import ImageDepths
-from app.case.images.orientation import standard_image
-from app.case.images.pose_history import PoseHistory
-from app.case.messages.image_message import read_image_message
+from app.case.images.current_image import CurrentImage, ImagePose, PoseHistory
+from app.case.images.image_layout import standard_image
+from app.case.images.probe_calibration import ImageDepths
+from app.case.messages.decoder import values_reader
+from app.case.messages.message_values import read_image_message
+from app.case.messages.ros_messages import RANGE
 from app.case.readers.rosbag2.bag import mcap_parts
+from app.case.readers.rosbag2.bag_messages import MessagePlace
 from app.case.readers.rosbag2.mcap_file import read_placed_message, read_placed_messages
-from app.case.readers.rosbag2.messages import MessagePlace
 from app.files.bounded_io import is_folder
 from app.geometry import (
     NS_PER_MS,
@@ -140,3 +141,26 @@ def _parts(path: Path) -> list[Path]:
     if not parts:
         raise InputError(f"{path} has no .mcap file; expected images in a bag in MCAP")
     return parts
+
+
+IMAGE_DEPTH_TOPIC = "/marginguard/image_depth"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedDepth:
+    """``depth_mm`` holds for images that are stamped after ``from_ns``."""
+
+    depth_mm: float
+    from_ns: int
+
+
+def recorded_depths(path: Path) -> Iterator[RecordedDepth]:
+    """Yield the depths in the MCAP file or the folder ``path``, in the order of their recording.
+
+    Raises `InputError` for a message that is no depth.
+    """
+    read = values_reader(RANGE)
+    for part in mcap_parts(path) if is_folder(path) else [path]:
+        for _, data in read_placed_messages(part, IMAGE_DEPTH_TOPIC):
+            values = read(data)
+            yield RecordedDepth(1000.0 * values.range_m, values.stamp_ns)

@@ -1,13 +1,14 @@
-from .contour_surface import surface_around
-from .label_surface import surface_of_labels
-from .nrrd_file import NrrdVolume, read_nrrd
-from .segmentation import LabelMap, read_segment
-from .sources import (
+from .built_tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,
+    LabelMap,
+    read_segment,
     tumor_from_contour,
     tumor_from_segmentation,
 )
+from .contour_surface import surface_around
+from .label_surface import surface_of_labels
+from .nrrd_file import NrrdVolume, read_nrrd
 
 __all__ = [
     "SEGMENTATION_ENDING",

@@ -235,8 +235,8 @@ def _record(
     from app.bridge.live import RosRecorder, SessionWatch
     from app.bridge.live.non_ros_recorder import DepthRecorder
     from app.case import RECORDING_FOLDER
-    from app.case.live_recording import write_changes
-    from app.case.recorder.periodic_flush import PeriodicFlush
+    from app.case.bag_writer import PeriodicFlush
+    from app.case.new_case import write_changes
 
     constraint = _session_topic(CONSTRAINT, options)
     of_patient = live is not None and live.case.manifest.provenance.kind == "recorded"

@@ -204,7 +204,7 @@ def _frames(replay: "ReplayRun", options: argparse.Namespace) -> int | None:
 
 def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
     """Reject, before anything is read, options that contradict each other or cannot be written."""
-    from app.case.frames.player import checked_rate
+    from app.case.player import checked_rate
     from app.cli.complete_report import check_parts
     from app.files import check_output_path
     from app.files.extras import check_installed

@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     """Play until the recording ends, a signal arrives or another publisher appears."""
     with note_signals() as received:
         from app.case import check_topic
-        from app.case.frames.player import checked_rate
+        from app.case.player import checked_rate
 
         topic = check_topic(options.topic, "--topic")
         checked_rate(options.rate)

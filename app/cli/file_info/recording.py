@@ -19,8 +19,7 @@ def describe(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
 def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
     """Describe a recording; ``rate_hz`` is that of frames without times."""
     from app.case import RecordingInventory, read_recording
-    from app.case.readers.recording_format import note_to
-    from app.case.readers.registry import format_of
+    from app.case.readers.recording_format import format_of, note_to
     from app.cli.progress import with_progress
     from app.session import REFERENCE
 

@@ -17,7 +17,7 @@ from app.bridge.live.sender_watch import SenderWatch, WatchedInputs, WatchedSess
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.tf.broadcaster import tf_message
-from app.case.messages.values import JointValues, PoseValues
+from app.case.messages.message_values import JointValues, PoseValues
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, Stamp, Transform
 from tests.waiting import DEADLINE_S, wait_until

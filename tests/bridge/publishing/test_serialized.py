@@ -20,7 +20,7 @@ from app.bridge.publishing.serialized import (
     SerializedTransforms,
 )
 from app.bridge.tf.broadcaster import tf_message
-from app.case.frames.samples import JointSample
+from app.case.tracking_frames import JointSample
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 

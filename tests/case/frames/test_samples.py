@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.case import CauteryState, CauteryTrail, JointSample
-from app.case.messages.values import JointValues
+from app.case.messages.message_values import JointValues
 from app.geometry import InputError, Stamp
 
 LIMIT_NS = 1000

@@ -7,9 +7,8 @@ import pytest
 import yaml
 
 from app.case import BagTopic, BagWriter, Case, open_case, open_case_images
-from app.case.images.bag_images import BagImages
-from app.case.images.recorded_depths import IMAGE_DEPTH_TOPIC
-from app.case.messages.image_message import IMAGE
+from app.case.images.bag_images import IMAGE_DEPTH_TOPIC, BagImages
+from app.case.messages.message_values import IMAGE
 from app.case.messages.ros_messages import (
     RANGE,
     TRACKED_TRANSFORM,

@@ -9,7 +9,7 @@ import SimpleITK
 from numpy.typing import NDArray
 
 from app.case import ImageSequence, read_image_calibration
-from app.case.images.orientation import ORIENTATIONS
+from app.case.images.image_layout import ORIENTATIONS
 from app.geometry import ImageCalibration, ImageStatus, image_corners
 from tests.case.images.sequences import (
     PROBE_FROM_IMAGE,

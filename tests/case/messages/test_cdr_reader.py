@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import get_types_from_msg
 
-from app.case.messages.cdr_reader import bytes_reader
+from app.case.messages.decoder import bytes_reader
+from app.case.messages.message_values import joint_values, tf_values, tracked_values
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -20,7 +21,6 @@ from app.case.messages.ros_messages import (
     TRACKED_TRANSFORM_DEFINITION,
     ros_types,
 )
-from app.case.messages.values import joint_values, tf_values, tracked_values
 
 VALUES_OF = {TRACKED_TRANSFORM: tracked_values, TF_MESSAGE: tf_values, JOINT_STATE: joint_values}
 TYPES = ros_types().types

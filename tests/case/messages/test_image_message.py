@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.case import read_image_message
-from app.case.messages.image_message import IMAGE
+from app.case.messages.message_values import IMAGE
 from app.case.messages.ros_messages import ros_types
 from app.geometry import InputError, Stamp
 from tests.case.images.sequences import some_pixels

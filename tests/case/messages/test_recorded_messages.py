@@ -10,9 +10,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from app.case import message_definition
-from app.case.frames.samples import JointSample
-from app.case.messages.recorded_messages import joint_state_bytes, tf_bytes, tracked_transform_bytes
-from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM, ros_types
+from app.case.messages.ros_messages import (
+    JOINT_STATE,
+    TF_MESSAGE,
+    TRACKED_TRANSFORM,
+    joint_state_bytes,
+    ros_types,
+    tf_bytes,
+    tracked_transform_bytes,
+)
+from app.case.tracking_frames import JointSample
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case.messages.cdr_layout import Known, LayoutReader, Walk
-from app.case.messages.cdr_reader import tf_reader
+from app.case.messages.decoder import tf_reader
 from app.case.messages.ros_messages import TF_MESSAGE, ros_types
 from tests.oracles.tf_cdr import TfFields, tf_fields
 

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from app.case import read_mcap
 from app.case.messages.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
-from app.case.readers.rosbag2 import frames
+from app.case.readers.rosbag2 import bag_frames
 from app.case.readers.rosbag2.bag import read_bag
 from app.geometry import InputError
 from tests.case.readers.test_mcap import pose, tf, tracked, write_bag, write_messages
@@ -121,13 +121,13 @@ def test_definition_that_costs_memory_is_unusable(path, definition):
 
 def test_unusable_definition_is_parsed_once(path, monkeypatch):
     made, notes = [], []
-    real = frames.message_decoder
+    real = bag_frames.message_decoder
 
     def counted(kind: str, definition: str, *, idl: bool) -> object:
         made.append(kind)
         return real(kind, definition, idl=idl)
 
-    monkeypatch.setattr(frames, "message_decoder", counted)
+    monkeypatch.setattr(bag_frames, "message_decoder", counted)
     messages = [tracked(pose(10**9)), *[tf(pose(10**9 + i, "p")) for i in range(100)]]
     write_messages(path, messages, {"/tf": "no definition"})
     assert len(list(read_mcap(path, notes.append, joint_states_topic=None))) == 1
@@ -136,8 +136,8 @@ def test_unusable_definition_is_parsed_once(path, monkeypatch):
 
 
 def test_topic_of_unreadable_messages_is_not_read_on(path, monkeypatch):
-    assert frames._MAX_UNREADABLE == 10_000
-    monkeypatch.setattr(frames, "_MAX_UNREADABLE", 100)
+    assert bag_frames._MAX_UNREADABLE == 10_000
+    monkeypatch.setattr(bag_frames, "_MAX_UNREADABLE", 100)
     bad, notes = ("/tf", TF_MESSAGE, b"\0\1\0\0\xff"), []
     write_messages(path, [tracked(pose(10**9)), *[bad] * 120, tf(pose(10**9, "p"))])
     (frame,) = read_mcap(path, notes.append, joint_states_topic=None)

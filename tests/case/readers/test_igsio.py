@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import read_igsio, read_recording
-from app.case.readers.igsio.header import check_igsio_header
+from app.case.readers.igsio.igsio_header import check_igsio_header
 from app.geometry import InputError, Stamp, TrackingStatus
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
 from tests.refusals import refused

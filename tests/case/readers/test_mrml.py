@@ -222,10 +222,10 @@ def test_scene_cannot_name_a_file_outside_its_folder(tmp_path):
 
 
 def test_oversized_content_is_not_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 10_000)
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_RATIO", 0)
-    monkeypatch.setattr("app.case.readers.mrml.files._FREE_BYTES", 10_000)
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_MEMBERS", 5)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._MAX_SCENE_BYTES", 10_000)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._MAX_RATIO", 0)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._FREE_BYTES", 10_000)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._MAX_MEMBERS", 5)
     much = b" " * 20_000
     for files, message in (
         ({"a/a.mrml": much}, "too large; expected 10000 bytes or less"),
@@ -254,7 +254,7 @@ def test_size_limit_covers_sequences_that_share_a_file(tmp_path, monkeypatch, wr
     files = {"a/a.mrml": scenes, "a/Data/N.seq.mrml": scene(item, " " * 10_000)}
     (frame,) = read(write(tmp_path / "x.mrb", files))[0]
     assert len(frame.poses) == len(names)
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 40_000)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._MAX_SCENE_BYTES", 40_000)
     with pytest.raises(InputError, match=r"N.seq.mrml: .* too large; expected 40000 bytes or less"):
         read(write(tmp_path / "y.mrb", files))
 
@@ -263,8 +263,8 @@ def test_size_limit_covers_sequences_that_share_a_header(tmp_path, monkeypatch):
     nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(3)]
     held = header("NeedleToTracker", ("0.5", NEEDLE))
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": held}
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_RATIO", 0)
-    monkeypatch.setattr("app.case.readers.mrml.files._FREE_BYTES", 2 * len(held) + 7)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._MAX_RATIO", 0)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._FREE_BYTES", 2 * len(held) + 7)
     with pytest.raises(InputError, match=rf"unpacks to {len(held)} bytes; expected 7 or less"):
         list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
 
@@ -309,7 +309,7 @@ def test_bundle_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path):
     ids=["elements", "index", "attributes"],
 )
 def test_number_of_items_is_limited(tmp_path, monkeypatch, nodes, problem):
-    monkeypatch.setattr("app.case.readers.mrml.document._MAX_ITEMS", 10)
+    monkeypatch.setattr("app.case.readers.mrml.mrml_scene._MAX_ITEMS", 10)
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": header("NeedleToTracker", ("1", NEEDLE))}
     with pytest.raises(InputError, match=problem):
         read(bundle(tmp_path / "x.mrb", files))

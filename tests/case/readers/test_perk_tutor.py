@@ -7,7 +7,7 @@ import pytest
 from lxml import etree
 
 from app.case import read_recording
-from app.case.readers.registry import format_of
+from app.case.readers.recording_format import format_of
 from app.geometry import InputError, Transform
 
 

@@ -73,7 +73,7 @@ def test_formats_are_found_with_fallbacks_last():
 
 def test_each_module_among_the_readers_is_a_format():
     modules = {path.stem for path in Path(readers.__path__[0]).iterdir() if path.stem[0] != "_"}
-    assert len(recording_formats()) == len(modules - {"registry", "recording_format"})
+    assert len(recording_formats()) == len(modules - {"recording_format"})
 
 
 @pytest.mark.usefixtures("csv_format")

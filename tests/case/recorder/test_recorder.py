@@ -21,10 +21,10 @@ from rosbags.typesys import get_types_from_msg
 from scipy.spatial.transform import Rotation
 
 from app.case import BagTopic, BagWriter, TrackingFrame, write_recording
+from app.case.bag_writer import CompleteFile
+from app.case.frames_recorder import frames_as_read
 from app.case.messages.ros_messages import TRACKED_TRANSFORM, TRACKED_TRANSFORM_DEFINITION
 from app.case.readers.rosbag2.mcap_file import read_mcap_messages
-from app.case.recorder.complete_file import CompleteFile
-from app.case.recorder.frames_as_read import frames_as_read
 from app.geometry import InputError, Stamp, TrackingStatus
 
 OFFSET_NS = 37_000_000

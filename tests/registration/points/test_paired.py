@@ -22,7 +22,7 @@ from app.registration import (
     UnequalCountsError,
     register_points,
 )
-from app.registration.motion import motion_between
+from app.registration.small_motion import motion_between
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}

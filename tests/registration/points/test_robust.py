@@ -8,9 +8,9 @@ from app.registration import (
     ShapeError,
     register_points,
     register_points_robust,
+    robust_pairs,
 )
-from app.registration.errors import CollinearPointsError
-from app.registration.points import robust
+from app.registration.input_checks import CollinearPointsError
 from tests.registration.helpers import random_layout, random_transform
 
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
@@ -89,7 +89,7 @@ def test_majority_that_is_lost_by_the_refit_is_an_error():
     moving = random_layout(rng, 7)
     fixed = random_transform(rng).apply(moving) + rng.normal(scale=1.0, size=(7, 3))
     noise = np.eye(3) * (10.0 ** rng.uniform(-2.0, 1.0, 7) ** 2)[:, None, None]
-    assert robust.largest_consistent_group(fixed, moving, 1.5).sum() >= 4
+    assert robust_pairs.largest_consistent_group(fixed, moving, 1.5).sum() >= 4
     with pytest.raises(NoConsensusError, match=r"only 3 of 7 points agree within 1\.5 mm"):
         register_points_robust(fixed, moving, inlier_mm=1.5, covariances_mm2=noise, **FRAMES)
 
@@ -114,6 +114,6 @@ def test_refits_without_convergence_are_an_error(monkeypatch):
     weights = np.eye(3) * (10.0 ** rng.uniform(-2.0, 1.0, 8) ** 2)[:, None, None]
     options = {"inlier_mm": 1.5, "covariances_mm2": weights, **FRAMES}
     assert register_points_robust(fixed, moving, **options).outliers
-    monkeypatch.setattr(robust, "MAX_REFITS", 1)
+    monkeypatch.setattr(robust_pairs, "MAX_REFITS", 1)
     with pytest.raises(NoConsensusError, match="did not converge in 1 refits"):
         register_points_robust(fixed, moving, **options)

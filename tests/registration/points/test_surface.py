@@ -17,7 +17,7 @@ from app.registration import (
     predict_tre,
     register_surface,
 )
-from app.registration.motion import motion_between
+from app.registration.small_motion import motion_between
 from tests.registration.surfaces import ASYMMETRIC_SURFACE as SHAPE
 from tests.registration.surfaces import mesh_of, touch_surface
 

@@ -18,14 +18,14 @@ from app.registration import (
     predict_tre,
     solve_robot_world,
 )
-from app.registration.motion import apply_motion, motion_between
-from app.registration.poses import PoseStack
-from app.registration.robot_base.robot_world_fit import (
+from app.registration.pose_stack import PoseStack
+from app.registration.robot_world import (
     RobotWorld,
     closed_form,
     jacobian_of,
     residuals_of,
 )
+from app.registration.small_motion import apply_motion, motion_between
 from tests.oracles.registration_robot_world import opencv_base, scipy_robot_world
 from tests.registration.helpers import disturbed, random_transform, robot_world_scene
 

@@ -15,8 +15,8 @@ from app.registration import (
     TooFewError,
     calibrate_pivot,
 )
-from app.registration.poses import PoseStack
-from app.registration.tool.pivot_fit import NOMINAL_NOISE, fit_linear, fit_with_noise_estimate
+from app.registration.pivot_fit import NOMINAL_NOISE, fit_linear, fit_with_noise_estimate
+from app.registration.pose_stack import PoseStack
 from tests.oracles.registration_tool import least_squares_pivot
 from tests.registration.helpers import pivot_scene, random_transform
 

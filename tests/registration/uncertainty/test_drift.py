@@ -15,7 +15,7 @@ from app.registration import (
     given_registration,
     solve_robot_world,
 )
-from app.registration.motion import apply_motion
+from app.registration.small_motion import apply_motion
 from tests.registration.helpers import disturbed, random_transform, robot_world_scene
 
 BOUND = DriftBound(translation_mm=2.0, rotation_rad=np.radians(1.5))

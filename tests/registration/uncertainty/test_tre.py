@@ -17,7 +17,7 @@ from app.registration import (
     tre_covariances,
     tre_upper_bound,
 )
-from app.registration.points.rigid_fit import PairNoise, fit_rigid
+from app.registration.paired_points import PairNoise, fit_rigid
 from tests.oracles.registration_tre import fitzpatrick_tre
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 

@@ -3,7 +3,7 @@
 import pytest
 
 from app.robot import RobotMeshError, UrdfError
-from app.robot.description.mesh_locator import MeshLocator
+from app.robot.mesh_locator import MeshLocator
 
 NAME = "package://arm/meshes/a.stl"
 

@@ -4,9 +4,15 @@ import os
 
 import pytest
 
-from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text, urdf_text
-from app.robot.description import xacro_child
-from app.robot.description.xacro_file import expand_xacro
+from app.robot import (
+    UrdfError,
+    load_robot,
+    parse_xacro_args,
+    robot_from_text,
+    urdf_text,
+    xacro_child,
+)
+from app.robot.urdf import expand_xacro
 
 pytestmark = pytest.mark.slow
 

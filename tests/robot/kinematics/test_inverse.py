@@ -18,7 +18,7 @@ from app.robot import (
     Robot,
     UnreachableError,
 )
-from app.robot.kinematics import inverse
+from app.robot.inverse_kinematics import _Problem
 
 fractions = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)
 
@@ -181,7 +181,7 @@ def test_compiled_descent_agrees_with_the_uncompiled_one(request, monkeypatch, r
         return list(found.values())
 
     compiled = [solution(*each) for each in compared]
-    monkeypatch.setattr(inverse._Problem, "minimise", inverse._Problem.minimise_uncompiled)
+    monkeypatch.setattr(_Problem, "minimise", _Problem.minimise_uncompiled)
     uncompiled = [solution(*each) for each in compared]
     assert sum(not isinstance(each, str) for each in compiled) >= 4
     for one, other in zip(compiled, uncompiled, strict=True):

@@ -5,7 +5,7 @@ import pytest
 
 from app.geometry import Transform
 from app.robot import Joint, JointError, JointType, Link, Mimic, Robot, UrdfError
-from app.robot.kinematics.link_poses import LinkPoses
+from app.robot.kinematic_tree import LinkPoses
 
 
 def joint(name, parent, child, kind="revolute", *, axis=(0, 0, 1), at=(0, 0, 0), mimic=None):

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from trimesh.transformations import translation_matrix
 
 from app.geometry import SurfaceMesh
-from app.robot import RobotMeshError
-from app.robot.meshes import primitives
-from app.robot.meshes.mesh_file import OPTIONS, read_robot_mesh
+from app.robot import RobotMeshError, primitives
+from app.robot.mesh_locator import OPTIONS, read_robot_mesh
 
 
 def box(size=(1.0, 1.0, 1.0), color=None):
@@ -174,7 +173,7 @@ def test_triangles_are_counted_at_all_places(tmp_path, monkeypatch):
     for place in range(5):
         scene.add_geometry(box(), transform=translation_matrix((place, 0, 0)), geom_name="one")
     scene.export(tmp_path / "five.glb")
-    options = "app.robot.meshes.mesh_file.OPTIONS"
+    options = "app.robot.mesh_locator.OPTIONS"
     monkeypatch.setattr(options, replace(OPTIONS, max_triangles=60))
     assert len(read_robot_mesh(tmp_path / "five.glb").faces) == 60
     monkeypatch.setattr(options, replace(OPTIONS, max_triangles=59))

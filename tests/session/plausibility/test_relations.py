@@ -14,7 +14,7 @@ from app.case import (
     SphereEntry,
 )
 from app.geometry import NS_PER_MS, Stamp, Transform
-from app.session.plausibility.relations import Relations
+from app.session.relations import Relations
 
 TOOL_FROM_TIP = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 70.0])
 

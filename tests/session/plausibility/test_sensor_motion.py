@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from app.case import read_recording
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Transform
-from app.session.plausibility.limits import MotionLimits
-from app.session.plausibility.sensor_motion import (
+from app.session.sensor_motion import (
     CONSISTENT_NS,
     CONSISTENT_SAMPLES,
     MAX_SIGMA_MM,
     MIN_SIGMA_MM,
     SIGMAS,
+    MotionLimits,
     SensorMotion,
 )
 

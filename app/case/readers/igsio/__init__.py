@@ -7,25 +7,25 @@ from typing import TYPE_CHECKING
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics, has_ending
 
 if TYPE_CHECKING:
-    from app.case.frames.samples import TrackingFrame
+    from app.case.tracking_frames import TrackingFrame
 
 _ENDINGS = (".igs.mha", ".igs.mhd", ".igs.nrrd", ".igs.nhdr", ".seq.mha", ".seq.mhd", ".seq.nrrd")
 
 
 def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
-    from app.case.readers.igsio.header import read_igsio
+    from app.case.readers.igsio.igsio_header import read_igsio
 
     return read_igsio(path, note)
 
 
 def _read_at_rate(path: Path, note: Note, rate_hz: float) -> "Iterator[TrackingFrame]":
-    from app.case.readers.igsio.header import read_igsio
+    from app.case.readers.igsio.igsio_header import read_igsio
 
     return read_igsio(path, note, rate_hz)
 
 
 def _check(path: Path) -> None:
-    from app.case.readers.igsio.header import check_igsio_header
+    from app.case.readers.igsio.igsio_header import check_igsio_header
 
     check_igsio_header(path)
 

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics, has_ending
 
 if TYPE_CHECKING:
-    from app.case.frames.samples import TrackingFrame
+    from app.case.tracking_frames import TrackingFrame
 
 MRML_ENDINGS = (".mrb", ".mrml")
 
 
 def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
-    from app.case.readers.mrml.recording import read_mrml
+    from app.case.readers.mrml.mrml_recording import read_mrml
 
     return read_mrml(path, note)
 
 
 def _check(path: Path) -> None:
-    from app.case.readers.mrml.recording import check_mrml
+    from app.case.readers.mrml.mrml_recording import check_mrml
 
     check_mrml(path)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
 
 if TYPE_CHECKING:
-    from app.case.frames.samples import TrackingFrame
+    from app.case.tracking_frames import TrackingFrame
 
 ROOT = "TransformRecorderLog"
 _HEAD_BYTES = 4096
@@ -28,13 +28,13 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
-    from app.case.readers.perk_tutor.log import read_log
+    from app.case.readers.perk_tutor.perk_tutor_log import read_log
 
     return read_log(path, note)
 
 
 def _check(path: Path) -> None:
-    from app.case.readers.perk_tutor.log import check_log
+    from app.case.readers.perk_tutor.perk_tutor_log import check_log
 
     check_log(path)
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
 
 if TYPE_CHECKING:
-    from app.case.frames.samples import TrackingFrame
-    from app.case.readers.rosbag2.messages import RawMessage
+    from app.case.readers.rosbag2.bag_messages import RawMessage
+    from app.case.tracking_frames import TrackingFrame
 
 CHANGES_NAME = "changes.yaml"
 """File in the folder of a live recording: what was replaced in the session, and when."""
@@ -21,7 +21,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame]":
-    from app.case.readers.rosbag2.frames import read_mcap  # loads rosbags
+    from app.case.readers.rosbag2.bag_frames import read_mcap  # loads rosbags
 
     _note_changes(path, note)
     return read_mcap(

@@ -1,1 +1,0 @@
-"""Registration by points: paired points, landmarks touched in any order, and surfaces."""

@@ -1,1 +1,0 @@
-"""Calibration of a tracked tool: its tip and its shaft."""

@@ -1,1 +1,0 @@
-"""Uncertainty of a registration: its result, predicted errors, acceptance and drift."""

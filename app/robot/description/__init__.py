@@ -1,1 +1,0 @@
-"""Loaders of robot descriptions: URDF, xacro and AMBF."""

@@ -1,1 +1,0 @@
-"""Forward and inverse kinematics of a tree of joints."""

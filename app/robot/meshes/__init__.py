@@ -1,1 +1,0 @@
-"""Surfaces of links: mesh files and primitive shapes."""

@@ -1,0 +1,354 @@
+"""All checks of a session that find a wrong pose by its motion or by another measurement.
+
+Pure: reads no clock. A pose that moves as its sensor cannot is not used, and measurements that
+contradict each other are a fault of the margin.
+"""
+
+import math
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from dataclasses import replace
+from types import MappingProxyType
+
+from app.case import PlausibilityEntry, TrackingFrame
+from app.fixture import Reason
+from app.geometry import NS_PER_S, Edge, Stamp, TrackedTransform, Transform, shortest_path
+from app.registration import RegistrationDrift, check_drift
+from app.session.pose_tree import PoseTree, is_too_far
+from app.session.relations import Problems, Relations
+from app.session.sensor_motion import ZERO, MotionLimits, SensorMotion, Vector
+from app.session.setup import REFERENCE, RobotSetup, SessionSetup
+
+
+class MotionCheck:
+    """One `SensorMotion` per measured edge. Samples of other edges pass unchecked."""
+
+    def __init__(self, limits: MotionLimits) -> None:
+        self._limits = limits
+        self._sensors: dict[Edge, SensorMotion] = {}
+        self._newest_ns: dict[Edge, int] = {}
+        self._now: Stamp | None = None
+
+    def use(self, limits: MotionLimits) -> None:
+        """Replace the limits; what is known of the sensors is kept."""
+        self._limits = limits
+        for sensor in self._sensors.values():
+            sensor.limits = limits
+
+    def remove_implausible(self, frame: TrackingFrame, edges: AbstractSet[Edge]) -> TrackingFrame:
+        """``frame`` without the samples of ``edges`` that must not be used."""
+        if self._now is not None and frame.stamp < self._now:
+            self._newest_ns.clear()
+            for sensor in self._sensors.values():
+                sensor.restart()
+        self._now = frame.stamp
+        refused = [
+            sample
+            for sample in frame.poses
+            if (sample.target, sample.source) in edges and not self._is_usable(sample, frame.stamp)
+        ]
+        if not refused:
+            return frame
+        return replace(
+            frame, poses=tuple(sample for sample in frame.poses if sample not in refused)
+        )
+
+    def refused(self, edges: AbstractSet[Edge]) -> dict[str, str]:
+        """The sensors of ``edges`` that are not believed now: one line each, by name."""
+        found = {}
+        for edge, sensor in self._sensors.items():
+            if sensor.jump is not None and edge in edges:
+                name = f"{edge[0]} -> {edge[1]}"
+                found[name] = f"{name} {sensor.jump.text}"
+        return found
+
+    def _is_usable(self, sample: TrackedTransform, now: Stamp) -> bool:
+        edge = (sample.target, sample.source)
+        ns, newest_ns = sample.stamp.ns, self._newest_ns.get(edge)
+        # As in `PoseTree`: a sample that comes late is not used, and one from the future is now.
+        if newest_ns is not None and ns < newest_ns <= now.ns:
+            return True
+        self._newest_ns[edge] = ns
+        pose = sample.transform
+        # Drivers send large numbers for a missing pose.
+        if pose is None or is_too_far(pose):
+            return True
+        sensor = self._sensors.get(edge)
+        if sensor is None:
+            sensor = self._sensors[edge] = SensorMotion(self._limits)
+        return sensor.update(pose, min(ns, now.ns))
+
+
+MEAN_S = 0.25
+"""Time constant of the mean. It removes the jitter of the tracker, so that a difference that stays
+is found below the bound of a single one; a constant error of velocity v appears as v times this."""
+
+SHARE_OF_BOUND = 0.5
+"""Default limit, as a share of the bound of a single difference. In the simulated case, with a
+registration error, breath and jitter, the mean reaches a quarter of the bound of 5 mm."""
+
+START_NS = NS_PER_S
+"""Time after the first difference from which the mean's start is fixed: four time constants."""
+
+
+class MeanDrift:
+    """Mean of differences (3,) in mm, tracked minus predicted, with exponential weights.
+
+    It is exceeded if both the mean and its change since the start are longer than ``limit_mm``: the
+    error of an accepted registration, which is there from the start, is no drift. An error that
+    grows at ``r`` mm/s from 0 is found before it is ``limit_mm + r * MEAN_S``, and from a constant
+    error of ``e`` mm before ``limit_mm + e + r * MEAN_S``.
+    """
+
+    def __init__(self, limit_mm: float) -> None:
+        self.limit_mm = limit_mm
+        self._mean: Vector = ZERO
+        self._start: Vector = ZERO
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._elapsed_ns = 0
+        """Time measured before the clock was set back."""
+
+    @property
+    def length_mm(self) -> float:
+        """Length of the mean."""
+        return math.hypot(*self._mean)
+
+    def update(self, difference: Vector, now: Stamp) -> None:
+        """Add a difference measured at ``now``."""
+        since_ns = now.ns - self._last_ns
+        if self._first_ns is None:
+            self._first_ns, since_ns = now.ns, 0
+            self._mean = self._start = difference
+        elif since_ns < 0:  # the source's clock was set back: what has drifted stays drifted
+            self._elapsed_ns += self._last_ns - self._first_ns
+            self._first_ns, since_ns = now.ns, 0
+            self._mean = difference
+        self._last_ns = now.ns
+        share = 1.0 - math.exp(-since_ns / (MEAN_S * NS_PER_S))
+        a, b, c = self._mean
+        x, y, z = difference
+        self._mean = (a + share * (x - a), b + share * (y - b), c + share * (z - c))
+        if self._elapsed_ns + now.ns - self._first_ns <= START_NS:
+            self._start = self._mean
+
+    @property
+    def exceeded(self) -> bool:
+        """True if the mean has left its limit."""
+        return self.length_mm > self.limit_mm and math.dist(self._mean, self._start) > self.limit_mm
+
+    @property
+    def text(self) -> str:
+        """The mean and its limit."""
+        return (
+            f"the tool is {self.length_mm:.3g} mm from its position by the joints in the mean; "
+            f"expected at most {self.limit_mm:g} mm"
+        )
+
+
+class JointCheck:
+    """Compares the tracked tip with its prediction by joints and registration.
+
+    ``mean_mm`` is the limit of `MeanDrift`; None takes `SHARE_OF_BOUND` of the bound of a single
+    difference.
+    """
+
+    def __init__(self, robot: RobotSetup | None, mean_mm: float | None) -> None:
+        self._robot = robot
+        self._reference_from_root = _reference_from_root(robot)
+        bound_mm = 1.0 if robot is None else robot.max_drift.translation_mm
+        self._mean = MeanDrift(SHARE_OF_BOUND * bound_mm if mean_mm is None else mean_mm)
+        self._drift: RegistrationDrift | None = None
+        self._silent = False
+
+    @property
+    def is_configured(self) -> bool:
+        """True if the robot has joints and a registration: it can contradict the tracker."""
+        robot = self._robot
+        return robot is not None and not robot.follows_tool and robot.registration is not None
+
+    @property
+    def is_silent(self) -> bool:
+        """True if the configured joints are not known now: nothing checks the tracker."""
+        return self._silent
+
+    def drifts(self) -> dict[str, str]:
+        """The last difference and the mean that are beyond their limits, one line each, by name.
+
+        A drift does not end when the joint states stop.
+        """
+        drifts = {}
+        if self._drift is not None and not self._drift.accepted:
+            drifts["single"] = self._drift.reason
+        if self._mean.exceeded:
+            drifts["mean"] = self._mean.text
+        return drifts
+
+    def update(
+        self, links: Mapping[str, Transform], reference_from_tip: Transform | None, now: Stamp
+    ) -> RegistrationDrift | None:
+        """Difference at ``now`` between the tracked ``reference_from_tip`` and its prediction.
+
+        ``links`` are ``root_from_link``, empty while the joints are not known. None where one of
+        the two is not known.
+        """
+        self._silent = self.is_configured and not links
+        robot = self._robot
+        if (
+            robot is None
+            or robot.follows_tool
+            or self._reference_from_root is None
+            or not links
+            or reference_from_tip is None
+        ):
+            return None
+        link = self._reference_from_root @ links[robot.tool_link]
+        # Without a known mount the link gives the tip's position, not its orientation.
+        predicted = (
+            Transform.unchecked(
+                link.target,
+                reference_from_tip.source,
+                reference_from_tip.rotation,
+                link.translation_mm,
+            )
+            if robot.link_from_tip is None
+            else link @ robot.link_from_tip
+        )
+        x, y, z = (reference_from_tip.translation_mm - predicted.translation_mm).tolist()
+        self._mean.update((x, y, z), now)
+        self._drift = check_drift(predicted, reference_from_tip, robot.max_drift)
+        return self._drift
+
+
+def _reference_from_root(robot: RobotSetup | None) -> Transform | None:
+    """The registration with the base renamed to the robot's root link: they are one frame."""
+    if robot is None or robot.registration is None:
+        return None
+    return robot.registration.transform.renamed(source=robot.robot.root_link)
+
+
+SINGLE_SOURCE = "one source: nothing checks the tracker"
+"""Text of `StepResult.single_source` for people."""
+
+_BEGINNINGS = {
+    Reason.IMPLAUSIBLE: "implausible pose",
+    Reason.REGISTRATION_DRIFT: "drift",
+    Reason.CONTRADICTION: "contradiction",
+    Reason.REDUNDANCY_LOST: "nothing checks the tracker",
+}
+
+_NO_FAULTS: Mapping[Reason, str] = MappingProxyType({})
+
+
+class Plausibility:
+    """Motion of the sensors, joints against tracker, and the configured relations.
+
+    Once per step: `remove_implausible` for the frame, then `drift` and `faults`.
+    """
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self._motion = MotionCheck(_limits(setup.plausibility))
+        self._found: dict[Reason, Problems] = {reason: {} for reason in _BEGINNINGS}
+        self._has_found = False
+        """True if the last `faults` were any."""
+        self._edges: tuple[Edge, ...] = ()
+        self._used: frozenset[Edge] = frozenset()
+        self._relations = Relations(setup.plausibility, setup.tool_from_tip)
+        self._joints = _joints(setup)
+        self._set_up(setup)
+
+    @property
+    def single_source(self) -> bool:
+        """True if nothing independent can contradict the tracker."""
+        return not (self._relations or self._joints.is_configured)
+
+    def use(self, setup: SessionSetup, before: SessionSetup) -> None:
+        """Replace the setup ``before``; what is known of the sensors' motion is kept."""
+        changed = setup.plausibility is not before.plausibility
+        self._motion.use(_limits(setup.plausibility))
+        if changed:
+            self._relations = Relations(setup.plausibility, setup.tool_from_tip)
+        elif setup.tool_from_tip is not before.tool_from_tip:
+            self._relations.use_tip(setup.tool_from_tip)
+        if changed or setup.robot is not before.robot:
+            self._joints = _joints(setup)
+        self._set_up(setup)
+
+    def remove_implausible(self, frame: TrackingFrame, poses: PoseTree) -> TrackingFrame:
+        """``frame`` without samples that their sensors cannot have measured."""
+        edges = poses.edges
+        if edges != self._edges:
+            self._edges = edges
+            paths = [shortest_path(edges, *ends) or () for ends in self._ends]
+            self._used = frozenset(edge for path in paths for edge in path)
+        return self._motion.remove_implausible(frame, self._used)
+
+    def drift(
+        self, links: Mapping[str, Transform], reference_from_tip: Transform | None, now: Stamp
+    ) -> RegistrationDrift | None:
+        """Difference between the tracked tool and the tool by joints; None if one is not known."""
+        return self._joints.update(links, reference_from_tip, now)
+
+    def faults(self, poses: PoseTree, now: Stamp) -> Mapping[Reason, str]:
+        """The faults of this step, each with one line that names values and limits.
+
+        A text stays the same until another relation fails or one holds again.
+        """
+        failed: Problems = {}
+        silent: Problems = {"joints": "no joint positions"} if self._joints.is_silent else {}
+        if self._relations:
+            failed, unknown = self._relations.check(lambda *ends: self._pose(poses, *ends), now)
+            silent |= unknown
+        refused, drifts = self._motion.refused(self._used), self._joints.drifts()
+        if not (refused or drifts or failed or silent or self._has_found):
+            return _NO_FAULTS
+        found = {
+            Reason.IMPLAUSIBLE: refused,
+            Reason.REGISTRATION_DRIFT: drifts,
+            Reason.CONTRADICTION: failed,
+            Reason.REDUNDANCY_LOST: silent,
+        }
+        self._has_found = any(found.values())
+        for reason, problems in found.items():
+            if problems.keys() != self._found[reason].keys():
+                self._found[reason] = problems
+        return {
+            reason: f"{_BEGINNINGS[reason]}: {'; '.join(problems.values())}"
+            for reason, problems in self._found.items()
+            if problems
+        }
+
+    def _pose(self, poses: PoseTree, target: str, source: str) -> Transform | None:
+        if target != self._base:
+            return poses.pose(target, source).transform
+        pose = poses.pose(REFERENCE, source).transform
+        if pose is None or self._base_from_reference is None:
+            return None
+        return self._base_from_reference @ pose
+
+    def _set_up(self, setup: SessionSetup) -> None:
+        robot = setup.robot
+        self._base = None if robot is None else robot.base_frame
+        self._base_from_reference = (
+            None
+            if robot is None or robot.registration is None
+            else robot.registration.transform.inverse()
+        )
+        self._ends = setup.measured_ends
+        self._edges = ()
+
+
+def _joints(setup: SessionSetup) -> JointCheck:
+    return JointCheck(setup.robot, setup.plausibility.mean_drift_mm)
+
+
+def _limits(entry: PlausibilityEntry) -> MotionLimits:
+    motion = entry.motion
+    if motion is None:
+        return MotionLimits()
+    return MotionLimits(
+        motion.speed_mm_s,
+        motion.acceleration_mm_s2,
+        motion.speed_rad_s,
+        motion.acceleration_rad_s2,
+    )
