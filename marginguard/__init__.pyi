@@ -5,6 +5,7 @@ from .cases import (
     make_case,
     open_case,
     replay,
+    save_scene,
     write_case,
 )
 from .constraints import (
@@ -20,6 +21,18 @@ from .constraints import (
     plain_constraint,
     prepare_ros,
     read_constraint,
+)
+from .geometry import (
+    PivotResult,
+    Proximity,
+    ProximityEngine,
+    RegistrationResult,
+    SurfaceMesh,
+    calibrate_pivot,
+    load_mesh,
+    predict_tre,
+    register_points,
+    signed_distance,
 )
 from .live import (
     AddNote,
@@ -44,15 +57,6 @@ from .margins import (
     margin_table,
     plot_margin,
 )
-from .meshes import Proximity, ProximityEngine, SurfaceMesh, load_mesh, signed_distance
-from .registration import (
-    PivotResult,
-    RegistrationResult,
-    calibrate_pivot,
-    predict_tre,
-    register_points,
-)
-from .scenes import save_scene
 from .values import InputError, MarginGuardError, Transform
 
 __version__: str

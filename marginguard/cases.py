@@ -1,4 +1,4 @@
-"""Cases: the shipped one, opening, replaying, making and writing."""
+"""Cases: the shipped one, opening, replaying, making and writing, also as a scene of 3D Slicer."""
 
 import math
 import os
@@ -16,12 +16,13 @@ from app.fixture import MarginParameters
 from app.geometry import NS_PER_S, InputError, Stamp, SurfaceMesh, TrackedTransform, Transform
 from app.runtime import PreparedCase, ReplayRun, prepare_case
 from app.session import StepResult
-from marginguard.arguments import (
+from marginguard.values import (
     as_path,
     checked,
     checked_iterable,
     checked_list,
     described,
+    needs,
 )
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "make_case",
     "open_case",
     "replay",
+    "save_scene",
     "write_case",
 ]
 
@@ -220,3 +222,41 @@ def _frames(poses: Iterable[tuple[float, Sequence[Transform]]]) -> Iterator[case
         yield cases.TrackingFrame(
             stamp, tuple(TrackedTransform.valid(sample, stamp) for sample in samples)
         )
+
+
+def save_scene(
+    case: PreparedCase,
+    step: StepResult,
+    path: str | os.PathLike[str],
+    *,
+    recording: Iterable[StepResult] = (),
+) -> None:
+    """Save ``step`` as a scene of 3D Slicer (``.mrb``), with ``recording`` for Slicer to play.
+
+    ``step`` must place tumour and tool. Needs the extra ``scene``; draws nothing. Raises
+    `InputError` without it, `SceneError` (a `MarginGuardError`) for a step without a pose and for a
+    path that cannot be written.
+
+    >>> import tempfile, zipfile
+    >>> import marginguard as mg
+    >>> case = mg.open_case(mg.example_case())
+    >>> steps = list(mg.replay(case, start_s=95.0, end_s=96.5))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     mg.save_scene(case, steps[-1], f"{folder}/breach.mrb")
+    ...     any("Tumor" in name for name in zipfile.ZipFile(f"{folder}/breach.mrb").namelist())
+    True
+    """
+    checked(case, PreparedCase, "case", ", as open_case returns")
+    checked(step, StepResult, "step", ", as replay yields")
+    steps = checked_list(recording, StepResult, "recording", ", as replay yields")
+    target = as_path(path, "path")
+    with needs("the scene of 3D Slicer"):
+        from app.scene import StepScene, add_sequences, save_scene
+    shown = StepScene(case.content, step)
+    if steps:
+        frames = [each.frame.poses for each in steps if each.frame.poses]
+        states = [
+            (each.frame.stamp.ns, each.decision.state, each.decision.reasons) for each in steps
+        ]
+        add_sequences(shown.scene, frames, states, step.frame.stamp.ns)
+    save_scene(shown.application.scene, target)

@@ -15,12 +15,12 @@ from app.fixture import (
 )
 from app.geometry import InputError
 from app.runtime import ReceivedConstraint
-from marginguard.arguments import needs
+from marginguard.values import needs
 
 if TYPE_CHECKING:
     from marginguard_msgs.msg import FixtureConstraint
 
-    from app.bridge.constraint_reader import ConstraintReader
+    from app.bridge.constraint_message import ConstraintReader
 
 __all__ = [
     "Constraint",
@@ -52,7 +52,7 @@ def read_constraint(topic: str = DEFAULT_TOPIC, *, timeout_s: float = 5.0) -> Re
     >>> mg.read_constraint("/no/such/session", timeout_s=0.1)
     Traceback (most recent call last):
         ...
-    app.bridge.errors.BridgeError: /no/such/session: no constraint in 0.1 s; it has no publisher ...
+    app.bridge.ros_errors.BridgeError: /no/such/session: no constraint in 0.1 s; it has ...
     """
     with constraint_stream(topic, timeout_s=timeout_s) as constraints:
         return constraints.read()
@@ -73,12 +73,12 @@ def constraint_stream(
     ...     constraints.read(timeout_s=0.1)
     Traceback (most recent call last):
         ...
-    app.bridge.errors.BridgeError: /no/such/session: no constraint in 0.1 s; it has no publisher ...
+    app.bridge.ros_errors.BridgeError: /no/such/session: no constraint in 0.1 s; it has ...
     """
     if not isinstance(topic, str):
         raise InputError(f"topic: is {topic!r}; expected the name of a topic as str")
     with needs("ROS 2"):
-        from app.bridge.constraint_reader import ConstraintReader
+        from app.bridge.constraint_message import ConstraintReader
     prepare_ros()
     with ConstraintReader(topic, timeout_s=timeout_s) as reader:
         yield reader
@@ -128,5 +128,5 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     'NO_MOTION'
     """
     with needs("ROS 2"):
-        from app.bridge.plain_constraint import plain_constraint as convert
+        from app.bridge.constraint_message import plain_constraint as convert
     return convert(message)

@@ -21,12 +21,12 @@ from app.runtime import (
     SetTumor,
 )
 from app.session import StepResult
-from marginguard.arguments import needs
 from marginguard.constraints import prepare_ros
+from marginguard.values import needs
 
 if TYPE_CHECKING:
     from app.bridge.displays import SessionClient
-    from app.bridge.displays.session_client import RemoteOperator
+    from app.bridge.displays.remote_operator import RemoteOperator
 
 __all__ = [
     "AddNote",
@@ -121,7 +121,7 @@ def live_session(
     ...     next(session.steps())
     Traceback (most recent call last):
         ...
-    app.bridge.errors.BridgeError: /no/such/session: no step in 0.1 s; no live node ... is there
+    app.bridge.ros_errors.BridgeError: /no/such/session: no step in 0.1 s; no live node ... is there
     """
     if not isinstance(node, str):
         raise InputError(f"node: is {node!r}; expected the name of a node as str")
@@ -130,7 +130,7 @@ def live_session(
     with needs("ROS 2"):
         from app.bridge import BridgeError, RosNode
         from app.bridge.displays import SessionClient
-        from app.bridge.displays.names import API_NODE
+        from app.bridge.displays.remote_operator import API_NODE
     prepare_ros()
     name = name or f"{API_NODE}_{token_hex(3)}"
     if not name.startswith(API_NODE):

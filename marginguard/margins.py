@@ -11,7 +11,7 @@ from app.geometry import InputError
 from app.report import ReportRow
 from app.runtime import PreparedCase
 from app.session import StepResult
-from marginguard.arguments import checked, checked_list, needs
+from marginguard.values import checked, checked_list, needs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.bridge.control.allowed_twist import _allowance_of
+from app.bridge.control.twist_allowance import allowance_of
 from app.bridge.publishing.diagnostics import Diagnostics
-from app.bridge.robots import JointFollower, RobotSettings, TfFollower
-from app.bridge.robots.settings import FUTURE_TOLERANCE_NS, pose_limits
+from app.bridge.robot_description import FUTURE_TOLERANCE_NS, RobotSettings, pose_limits
+from app.bridge.robots import JointFollower, TfFollower
 from app.bridge.tf import Lookup, TransformBuffer
 from app.case import TrackingFrame
 from app.fixture import (
@@ -106,7 +106,7 @@ def listed_as_tracked_in_diagnostics(stamp_ns: int) -> bool:
 
 
 def allows_motion(stamp_ns: int) -> bool:
-    return _allowance_of(step(stamp_ns), PARAMETERS, 0, LimiterParameters()) is not None
+    return allowance_of(step(stamp_ns), PARAMETERS, 0, LimiterParameters()) is not None
 
 
 def followed_by_joints(stamp_ns: int) -> bool:

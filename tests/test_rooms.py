@@ -88,14 +88,11 @@ ALL_PACKAGES = set(MAY_IMPORT)
 SUB_PACKAGES_MAY_IMPORT = {
     "bridge": {
         "convert": set(),
-        "tf": set(),
-        "calls": {"convert", "tf"},
-        "robots": {"calls", "tf"},
-        "control": {"calls", "tf"},
-        "publishing": {"tf"},
+        "calls": {"convert"},
+        "control": {"calls"},
+        "publishing": set(),
         "displays": {"calls", "control"},
-        "live": {"calls", "control", "displays", "publishing", "tf"},
-        "playback": {"live"},
+        "live": {"calls", "control", "displays", "publishing"},
     },
     "case": {
         "tumor": set(),

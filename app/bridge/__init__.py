@@ -5,12 +5,11 @@ Call `prepare_environment` before the first node; it restricts discovery to this
 """
 
 from app.bridge.environment import prepare_environment
-from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
-from app.bridge.player_services import PlayerServices
-from app.bridge.publishing.frame_tree import PublishPolicy
+from app.bridge.publishing.serialized import PublishPolicy
 from app.bridge.publishing.session_publisher import SessionPublisher
-from app.bridge.replay_node import replay_node
+from app.bridge.replay_node import PlayerServices, replay_node
+from app.bridge.ros_errors import BridgeError
 from app.bridge.session_bag import SessionBag
 
 __all__ = [

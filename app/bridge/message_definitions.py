@@ -16,7 +16,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from app.bridge.errors import BridgeError
+from app.bridge.ros_errors import BridgeError
 
 PACKAGE = "marginguard_msgs"
 

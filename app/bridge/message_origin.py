@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from rclpy.publisher import Publisher
 
-from app.bridge.errors import BridgeError
+from app.bridge.ros_errors import BridgeError
 
 _TAKE_FAILED = 401
 """``RCL_RET_SUBSCRIPTION_TAKE_FAILED``: no message is there."""

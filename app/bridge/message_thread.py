@@ -27,8 +27,8 @@ from rclpy.executors import (
 from rclpy.subscription import Subscription
 
 from app.bridge import message_origin
-from app.bridge.errors import BridgeError
 from app.bridge.message_origin import MessageTaker, Origin, Receiver
+from app.bridge.ros_errors import BridgeError
 
 _MAX_TAKEN = 64
 """Messages of one subscription in a turn; the callbacks of others get theirs meanwhile."""

@@ -11,7 +11,7 @@ Marker.points                            mm           m
 Marker.color, ColorRGBA                  0 to 1       0 to 1
 ======================================== ============ ==============
 
-`publishing.constraint` converts the constraint, with `metres`. Topics whose name ends in ``_mm``
+`constraint_message` converts the constraint, with `metres`. Topics whose name ends in ``_mm``
 are in mm.
 """
 
@@ -25,7 +25,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 
-from app.bridge.errors import BridgeError
+from app.bridge.ros_errors import BridgeError
 from app.case import CaseManifest
 from app.case.tracking_frames import JointSample
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform, quaternion_of_rotation
@@ -63,6 +63,11 @@ def time_parts(stamp: Stamp) -> tuple[int, int]:
             f"stamp {stamp.ns} ns does not fit a ROS time; expected at most {_LAST_SECOND} s"
         )
     return seconds, nanoseconds
+
+
+def ns_of(time: Time) -> int:
+    """The time of a message in ns."""
+    return int(time.sec * NS_PER_S + time.nanosec)
 
 
 def header_message(frame: str, stamp: Stamp) -> Header:

@@ -27,8 +27,13 @@ from rclpy.timer import Timer
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
-from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, keeps_to_this_machine
-from app.bridge.errors import BridgeError, reason_of
+from app.bridge.environment import (
+    TRANSPORTS,
+    UDP_ON_THIS_MACHINE,
+    check_security,
+    keeps_to_this_machine,
+    listens_to_other_machines,
+)
 from app.bridge.message_definitions import (
     DefinitionWatch,
     check_installed,
@@ -37,9 +42,8 @@ from app.bridge.message_definitions import (
 )
 from app.bridge.message_origin import ReceiveFrom, Receiver
 from app.bridge.message_thread import MessageThread, TurnExecutor
-from app.bridge.open_ports import listens_to_other_machines
-from app.bridge.qos import Topic
-from app.bridge.security import check_security
+from app.bridge.ros_errors import BridgeError, reason_of
+from app.bridge.topics import Topic
 from app.geometry import NS_PER_S
 
 _JOIN_TIMEOUT_S = 5.0

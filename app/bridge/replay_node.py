@@ -1,15 +1,25 @@
-"""The ROS node of a replay: its publisher and the services of its player."""
+"""Replays on the ROS graph: the node, the services of its player, replays on request of others."""
 
-from collections.abc import Iterator
+import math
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
+from marginguard_msgs.action import Replay
+from marginguard_msgs.srv import LoadCase, Seek, SetRate
+from std_srvs.srv import Trigger
+
+from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
+from app.bridge.calls.service_server import ServiceServer
 from app.bridge.environment import domain_of
-from app.bridge.messages import playback_text
+from app.bridge.messages import MM_PER_M, playback_text
 from app.bridge.node import RosNode
-from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.files.paths import state_folder
+from app.fixture import MarginState
+from app.geometry import InputError, MarginGuardError
 from app.hold import InstanceKey, host_id, refuse_beside_guard
 
 if TYPE_CHECKING:
@@ -17,6 +27,87 @@ if TYPE_CHECKING:
 
 HEARTBEAT_HZ = 100.0
 """Rate at which the constraint is repeated while a replay follows real time."""
+
+MAX_FEEDBACK_HZ = 20.0
+"""Limits the feedback of replays faster than real time, which reach thousands of frames/s."""
+
+
+class Playable(Protocol):
+    """Interface of a player, such as `app.case.Player`. Called in the node's thread."""
+
+    def resume(self) -> None:
+        """Go on."""
+
+    def pause(self) -> None:
+        """Pause before the next frame."""
+
+    def step(self, frames: int = 1) -> None:
+        """Play ``frames`` frames and pause."""
+
+    def seek(self, seconds: float) -> None:
+        """Continue at this time; raises `MarginGuardError` if it is out of range."""
+
+    def set_rate(self, rate: float | None) -> None:
+        """Change the rate (None: do not wait); raises `MarginGuardError` if out of range."""
+
+
+class PlayerServices:
+    """Serves the controls of ``player`` on ``ros`` until the node is closed.
+
+    =============== =========================== ==================================
+    ``~/play``      std_srvs/Trigger            resume at the same rate
+    ``~/pause``     std_srvs/Trigger            pause
+    ``~/step``      std_srvs/Trigger            pause and play one frame
+    ``~/seek``      marginguard_msgs/Seek       jump to a time in seconds from the first frame
+    ``~/set_rate``  marginguard_msgs/SetRate    recording seconds per second; inf: do not wait
+    =============== =========================== ==================================
+
+    If the player refuses a request, the response has ``success: false`` and the reason, and nothing
+    changes.
+    """
+
+    def __init__(self, ros: RosNode, player: Playable) -> None:
+        self._player = player
+        for name, action in (
+            ("play", player.resume),
+            ("pause", player.pause),
+            ("step", player.step),
+        ):
+            ros.node.create_service(Trigger, f"~/{name}", _trigger(action))
+        ros.node.create_service(Seek, "~/seek", self._seek)
+        ros.node.create_service(SetRate, "~/set_rate", self._set_rate)
+
+    def _seek(self, request: Seek.Request, response: Seek.Response) -> Seek.Response:
+        response.message = _refusal(lambda: self._player.seek(request.time))
+        response.success = not response.message
+        response.time = request.time if response.success else math.nan
+        return response
+
+    def _set_rate(self, request: SetRate.Request, response: SetRate.Response) -> SetRate.Response:
+        rate = None if request.rate == math.inf else request.rate
+        response.message = _refusal(lambda: self._player.set_rate(rate))
+        response.success = not response.message
+        return response
+
+
+def _trigger(
+    action: Callable[[], None],
+) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = _refusal(action)
+        response.success = not response.message
+        return response
+
+    return serve
+
+
+def _refusal(action: Callable[[], None]) -> str:
+    """Call ``action``; returns the reason if it is refused, otherwise an empty string."""
+    try:
+        action()
+    except MarginGuardError as error:
+        return str(error)
+    return ""
 
 
 @contextmanager
@@ -41,3 +132,147 @@ def replay_node(run: "ReplayRun", *, real_time: bool) -> Iterator[RosNode]:
             yield publisher.ros
         finally:
             run.outputs.remove(publisher)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayPart:
+    """Part of a case to play. ``rate`` None means as fast as possible; ``end_s`` may be inf."""
+
+    folder: str
+    rate: float | None
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayProgress:
+    """Progress of a replay; ``signed_distance_mm`` is None while it is unknown."""
+
+    time_s: float
+    frames: int
+    state: MarginState
+    signed_distance_mm: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayTotals:
+    """Totals of a replay that has finished or was stopped."""
+
+    frames: int
+    breaches: int
+    min_signed_distance_mm: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class CaseInfo:
+    """Summary of a loaded case; ``duration_s`` spans the first to the last frame."""
+
+    name: str
+    frames: int
+    duration_s: float
+
+
+class Cases(Protocol):
+    """Loads and plays cases in the calling thread. Implemented by the ``serve`` command."""
+
+    def load(self, folder: str) -> CaseInfo:
+        """Load a case; an empty ``folder`` means the loaded one. Raises `MarginGuardError`."""
+
+    def play(
+        self,
+        part: ReplayPart,
+        on_progress: Callable[[ReplayProgress], None],
+        on_cancel: Callable[[Callable[[], None]], None],
+        /,
+    ) -> ReplayTotals:
+        """Play a case and call ``on_progress`` at every frame.
+
+        ``on_cancel(stop)`` registers the function that stops the replay at once.
+        """
+
+
+class ReplayServer:
+    """Serves ``~/replay`` and ``~/load_case`` on ``ros`` until the node is closed.
+
+    Runs one replay at a time.
+    """
+
+    def __init__(self, ros: RosNode, cases: Cases) -> None:
+        self._cases = cases
+        self._action = ActionServer(ros, Replay, "~/replay", self._run)
+        self._load = ServiceServer(ros, LoadCase, "~/load_case", self._load_case, in_thread=True)
+
+    def _load_case(self, request: LoadCase.Request, response: LoadCase.Response) -> None:
+        if not request.case_folder:
+            raise InputError("case_folder is empty; expected the folder of a case")
+        info = self._cases.load(request.case_folder)
+        response.success = True
+        response.name = info.name
+        response.frames = info.frames
+        response.duration = info.duration_s
+
+    def _run(self, served: ServedGoal) -> tuple[Replay.Result, GoalOutcome]:
+        goal: Replay.Goal = served.request
+        part = _part(goal)
+        info = self._cases.load(part.folder)
+        if not part.start_s <= info.duration_s:
+            raise InputError(
+                f"start is {part.start_s:g} s; expected at most {info.duration_s:g} s, "
+                "the duration of the recording"
+            )
+        feedback = _Feedback(served, info.duration_s)
+        totals = self._cases.play(part, feedback.update, served.on_cancel)
+        feedback.flush()
+        cancelled = served.cancelled.is_set()
+        result = Replay.Result(
+            success=not cancelled,
+            message=f"cancelled after {totals.frames} frames" if cancelled else "",
+            frames=totals.frames,
+            breaches=totals.breaches,
+            min_signed_distance=_metres(totals.min_signed_distance_mm),
+        )
+        return result, GoalOutcome.CANCELLED if cancelled else GoalOutcome.SUCCEEDED
+
+
+class _Feedback:
+    """Publishes progress at `MAX_FEEDBACK_HZ` at most; `flush` publishes the latest one."""
+
+    def __init__(self, served: ServedGoal, duration_s: float) -> None:
+        self._served = served
+        self._duration_s = duration_s
+        self._next_s = -math.inf
+        self._progress: ReplayProgress | None = None
+
+    def update(self, progress: ReplayProgress) -> None:
+        self._progress = progress
+        now_s = time.monotonic()
+        if now_s >= self._next_s:
+            self._next_s = now_s + 1.0 / MAX_FEEDBACK_HZ
+            self.flush()
+
+    def flush(self) -> None:
+        if self._progress is None:
+            return
+        self._served.feedback(
+            Replay.Feedback(
+                time=self._progress.time_s,
+                duration=self._duration_s,
+                frames=self._progress.frames,
+                state=int(self._progress.state),
+                signed_distance=_metres(self._progress.signed_distance_mm),
+            )
+        )
+        self._progress = None
+
+
+def _part(goal: Replay.Goal) -> ReplayPart:
+    if not (math.isfinite(goal.start) and goal.start >= 0.0):
+        raise InputError(f"start is {goal.start} s; expected 0 or more")
+    if not goal.end > goal.start:
+        raise InputError(f"end is {goal.end} s; expected more than the start, {goal.start} s")
+    rate = None if goal.rate == math.inf else goal.rate
+    return ReplayPart(goal.case_folder, rate, goal.start, goal.end)
+
+
+def _metres(distance_mm: float | None) -> float:
+    return math.nan if distance_mm is None else distance_mm / MM_PER_M

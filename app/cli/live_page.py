@@ -43,7 +43,7 @@ def live_page(
     load_bridge("which a live session needs")
     print_reach()
     from app.bridge import RosNode
-    from app.bridge.displays.names import PAGE_NODE
+    from app.bridge.displays.remote_operator import PAGE_NODE
     from app.runtime.priority import step_back
 
     name = f"{PAGE_NODE}_{token_hex(3)}"
@@ -128,7 +128,7 @@ def _shown(
     volume: "Volume | None",
 ) -> Iterator["Viewer"]:
     """The page, with the steps on their way to it within the context."""
-    from app.bridge.world_editor import TRACKER, WORLD
+    from app.bridge.world_client import TRACKER, WORLD
     from app.runtime import SimulatedWorld
     from app.viewer import (
         LiveFeed,
@@ -214,7 +214,7 @@ def _published(
     with ExitStack() as stack:
         if hand is not None and topic is not None:
             from app.bridge import RosNode
-            from app.bridge.hand_publisher import HAND_NODE, HandPublisher
+            from app.bridge.world_client import HAND_NODE, HandPublisher
 
             ros = stack.enter_context(RosNode(HAND_NODE))
             HandPublisher(
@@ -229,7 +229,7 @@ def _followed(
 ) -> Iterator[None]:
     """Receive ``world`` from the node ``simulation``, and send its edits, within the context."""
     if world is not None and simulation is not None:
-        from app.bridge.world_listener import WorldListener
+        from app.bridge.world_client import WorldListener
 
         WorldListener(ros, simulation, world)
     yield

@@ -29,7 +29,7 @@ def print_reach() -> None:
     Raises `SecurityError` before anything is read if ROS security is asked for in vain.
     """
     from app.bridge import prepare_environment
-    from app.bridge.security import check_security
+    from app.bridge.environment import check_security
 
     check_security()
     print(prepare_environment(), file=sys.stderr)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
-    from app.bridge.calls.replay_server import (
+    from app.bridge.replay_node import (
         CaseInfo,
         ReplayPart,
         ReplayProgress,
@@ -36,7 +36,7 @@ class ServedCases:
 
     def load(self, folder: str) -> "CaseInfo":
         """Open the case; an empty name means the open one. Raises `InputError` without a case."""
-        from app.bridge.calls.replay_server import CaseInfo
+        from app.bridge.replay_node import CaseInfo
 
         opened = self._open(folder)
         return CaseInfo(opened.content.name, opened.extent.frames, opened.extent.duration_s)
@@ -50,7 +50,7 @@ class ServedCases:
         """Replay ``part`` over ROS, calling ``report`` at every frame, until its end or a stop."""
         from app.analysis import find_breaches
         from app.bridge import replay_node
-        from app.bridge.calls.replay_server import ReplayProgress, ReplayTotals
+        from app.bridge.replay_node import ReplayProgress, ReplayTotals
         from app.report import ReplayLog
         from app.runtime import ReplayRun
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def check_names(port: int | None, description: "WorldDescription") -> None:
     """Raise `InputError` for a world whose tracker cannot be sent over OpenIGTLink."""
     from app.geometry import InputError, join_transform_name
-    from app.igtl.pose_server import MAX_NAME_BYTES
+    from app.igtl.tracked_poses import MAX_NAME_BYTES
     from app.simulation import TRACKER_FRAME
 
     if port is None:

@@ -29,7 +29,7 @@ def _is_writable(folder: Path) -> bool:
 def _text_of(path: Path) -> str:
     """The effect of this record on the next session; empty if it may start without hold."""
     from app.hold import SecondInstanceError, StateFileError
-    from app.hold.lock import check_no_guard
+    from app.hold.on_disk import check_no_guard
     from app.hold.record import causes_of_record, read_any_record
 
     try:

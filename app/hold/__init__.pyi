@@ -1,10 +1,31 @@
-from .changes import loosened_margins, margin_changes, moved_text, tightest_margins, tip_change_text
-from .hold import Hold, NotRearmableError
-from .identity import HoldIdentity, Holds, NextHold, RandomBits, RearmRefusedError, SeenHold
-from .instance import InstanceKey, SecondInstanceError, StateFileError, arm_name, host_id
+from .changes import (
+    UsedValues,
+    loosened_margins,
+    margin_changes,
+    moved_text,
+    tightest_margins,
+    tip_change_text,
+)
+from .hold import (
+    Hold,
+    HoldIdentity,
+    Holds,
+    NextHold,
+    NotRearmableError,
+    RandomBits,
+    RearmRefusedError,
+    SeenHold,
+)
 from .on_disk import LiveState, live_state, refuse_beside_guard
-from .record import causes_of_record, read_any_record
-from .used_values import UsedValues
+from .record import (
+    InstanceKey,
+    SecondInstanceError,
+    StateFileError,
+    arm_name,
+    causes_of_record,
+    host_id,
+    read_any_record,
+)
 
 __all__ = [
     "Hold",

@@ -13,13 +13,17 @@ from contextlib import suppress
 from typing import Self
 
 from app.geometry import NS_PER_S, TrackedTransform
-from app.igtl.backoff import Backoff
-from app.igtl.errors import IgtlError, IgtlFramingError
-from app.igtl.images import MAX_IMAGE_BODY_BYTES
-from app.igtl.poses import TYPES, PoseReader
-from app.igtl.stream import MessageStream, Refusals, Unread
-from app.igtl.strings import MAX_STRING_BODY_BYTES
-from app.igtl.wire import start_tracking_request
+from app.igtl.image_messages import MAX_IMAGE_BODY_BYTES
+from app.igtl.tracked_poses import TYPES, PoseReader
+from app.igtl.wire import (
+    MAX_STRING_BODY_BYTES,
+    IgtlError,
+    IgtlFramingError,
+    MessageStream,
+    Refusals,
+    Unread,
+    start_tracking_request,
+)
 
 PORT = 18944
 """Port registered with IANA for OpenIGTLink."""
@@ -29,6 +33,29 @@ SILENCE_S = 5.0
 
 _CONNECT_TIMEOUT_S = 3.0
 _RECEIVE_BYTES = 1 << 16
+
+
+class Backoff:
+    """Delay that starts at ``first_s``, doubles each time and is limited to ``max_s``."""
+
+    def __init__(self, first_s: float = 0.25, max_s: float = 5.0) -> None:
+        if not 0.0 < first_s <= max_s:
+            raise IgtlError(
+                f"backoff delays are {first_s} s to {max_s} s; expected 0 < first_s <= max_s"
+            )
+        self._first_s = first_s
+        self._max_s = max_s
+        self._next_s = first_s
+
+    def next_s(self) -> float:
+        """Return the current delay and double it for the next call."""
+        delay_s = self._next_s
+        self._next_s = min(2.0 * delay_s, self._max_s)
+        return delay_s
+
+    def reset(self) -> None:
+        """Start again at ``first_s``, after a successful attempt."""
+        self._next_s = self._first_s
 
 
 class IgtlSource:
@@ -217,3 +244,48 @@ class IgtlSource:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class SampleQueue:
+    """FIFO queue that keeps only the newest sample of each edge on overflow.
+
+    The queue overflows above ``max_samples``; it then holds one sample per edge. `superseded`
+    counts the samples that were dropped for a newer one of the same edge.
+    """
+
+    def __init__(self, max_samples: int = 1_000) -> None:
+        self.superseded = 0
+        self._max_samples = max_samples
+        self._samples: list[TrackedTransform] = []
+        self._changed = threading.Condition()
+        self._closed = False
+
+    def put(self, samples: Sequence[TrackedTransform]) -> None:
+        """Add ``samples`` and wake the thread that waits in `take`."""
+        with self._changed:
+            self._samples += samples
+            if len(self._samples) > self._max_samples:
+                newest = {(each.target, each.source): each for each in self._samples}
+                self.superseded += len(self._samples) - len(newest)
+                self._samples = list(newest.values())
+            self._changed.notify()
+
+    def clear(self) -> None:
+        """Discard all samples, after the connection was lost."""
+        with self._changed:
+            self._samples = []
+
+    def close(self) -> None:
+        """End every `take`."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float) -> list[TrackedTransform] | None:
+        """Wait up to ``timeout_s`` and remove all samples; None if the queue is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._samples or self._closed, timeout_s)
+            if self._closed:
+                return None
+            taken, self._samples = self._samples, []
+            return taken

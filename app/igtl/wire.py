@@ -1,4 +1,4 @@
-"""Encode and decode the OpenIGTLink messages that tracking needs. No input or output.
+"""Split a byte stream into OpenIGTLink messages; encode and decode them. No input or output.
 
 The layout follows the protocol specification (version 3; header versions 1 and 2): big-endian, a
 header of 58 bytes with the time as 32.32 fixed point, and a body that from header version 2 on
@@ -9,18 +9,19 @@ and do not verify the checksum.
 
 import re
 import struct
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from pyigtl.messages import CRC64
 
-from app.geometry import NS_PER_S
-from app.igtl.errors import IgtlChecksumError, IgtlContentError, IgtlFramingError
+from app.geometry import NS_PER_S, MarginGuardError
 
 HEADER_BYTES = 58
 MAX_BODY_BYTES = 1 << 16
 """Room for a TDATA message of 500 tools with their metadata. Larger bodies are not read."""
 
+MAX_STRING_BODY_BYTES = 4096
 _MAX_SKIPPED_BYTES = 1 << 30
 """Largest body that is skipped, such as an image. A larger size means an invalid header."""
 
@@ -28,10 +29,37 @@ _HEADER = struct.Struct(">H12s20sQQQ")
 _EXTENDED = struct.Struct(">HHII")
 _ENTRY = struct.Struct(">HHI")
 _COUNT = struct.Struct(">H")
+_STRING_HEAD = struct.Struct(">HH")
 _START_TDATA = struct.Struct(">I32s")
 _TYPE = re.compile(rb"[A-Z0-9_]{1,12}\0*")
 _ENCODINGS = {3: "ascii", 106: "utf-8"}
 """Character sets of the protocol by their number (IANA MIBenum)."""
+
+_MAX_CHARS = 200
+
+
+class IgtlError(MarginGuardError):
+    """Base class: invalid settings, or the client failed."""
+
+
+class IgtlFramingError(IgtlError):
+    """Invalid header; the start of the next message is unknown."""
+
+
+class IgtlChecksumError(IgtlError):
+    """The body does not match the checksum in the header."""
+
+
+class IgtlContentError(IgtlError):
+    """The sizes of the parts of a body are inconsistent."""
+
+
+class IgtlStampError(IgtlError):
+    """The message has no valid time stamp."""
+
+
+class IgtlLimitError(IgtlError):
+    """A size or a count exceeds its limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,3 +189,131 @@ def _metadata(heads: bytes, values: bytes) -> dict[str, str]:
             metadata[key] = values[middle:end].decode(_ENCODINGS[encoding])
         offset = end
     return metadata
+
+
+def read_string(header: Header, body: bytes) -> tuple[str, str]:
+    """The device and the text of a STRING message, such as ``on`` or ``off``.
+
+    Raises `IgtlContentError` for another content and `IgtlChecksumError` for a wrong checksum.
+    """
+    message = read_message(header, body)
+    try:
+        encoding, length = _STRING_HEAD.unpack_from(message.content)
+        data = message.content[_STRING_HEAD.size : _STRING_HEAD.size + length]
+        if len(data) != length or encoding not in _ENCODINGS:
+            raise IgtlContentError(
+                f"STRING has {len(data)} bytes in encoding {encoding}; expected {length} in "
+                f"{' or '.join(map(str, _ENCODINGS))}"
+            )
+        return message.device, data.decode(_ENCODINGS[encoding])
+    except (struct.error, UnicodeDecodeError) as error:
+        raise IgtlContentError(f"STRING of {len(body)} bytes: {error}") from error
+
+
+def pack_string(text: str) -> bytes:
+    """The content of a STRING message in UTF-8."""
+    data = text.encode()
+    return _STRING_HEAD.pack(106, len(data)) + data
+
+
+class Refusals:
+    """Counts refused messages by type of error and keeps the latest error message."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.last = ""
+
+    def add(self, error: Exception) -> None:
+        """Count ``error``; its message is truncated because it may quote network data."""
+        self.counts[type(error).__name__] += 1
+        self.last = str(error)[:_MAX_CHARS]
+
+
+Unread = Callable[[Header, bytes], None]
+"""Takes a complete message as it came, with its checksum not yet verified."""
+
+
+class MessageStream:
+    """``stream.feed(data)`` returns the messages of ``types`` that are now complete.
+
+    ``unread`` are functions by type, each with a limit of its own for the body: they take those
+    messages as they came, so that another thread can read them. Bodies of other types and bodies
+    above ``max_body_bytes`` are skipped without being stored, so the buffer holds one body and one
+    chunk of data at most. ``complete`` counts all messages that
+    have passed. Invalid bodies are added to ``refusals``. An invalid header raises
+    `IgtlFramingError`; the stream cannot be used afterwards.
+    """
+
+    def __init__(
+        self,
+        types: Collection[str],
+        refusals: Refusals,
+        max_body_bytes: int = MAX_BODY_BYTES,
+        unread: Mapping[str, tuple[Unread, int]] | None = None,
+    ) -> None:
+        self._unread = unread or {}
+        self.complete = 0
+        self.ignored = 0
+        self._max_bytes = {
+            **dict.fromkeys(types, max_body_bytes),
+            **{kind: limit for kind, (_, limit) in self._unread.items()},
+        }
+        self._refusals = refusals
+        self._buffer = bytearray()
+        self._header: Header | None = None
+        self._to_skip = 0
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Add received bytes, of any length, and return the complete messages."""
+        self._buffer += data
+        messages: list[Message] = []
+        while self._advance(messages):
+            pass
+        return messages
+
+    def _advance(self, messages: list[Message]) -> bool:
+        if self._to_skip:
+            skipped = min(self._to_skip, len(self._buffer))
+            del self._buffer[:skipped]
+            self._to_skip -= skipped
+            self.complete += not self._to_skip
+            return not self._to_skip and bool(self._buffer)
+        if self._header is None:
+            if len(self._buffer) < HEADER_BYTES:
+                return False
+            self._begin(read_header(self._take(HEADER_BYTES)))
+            return True
+        if len(self._buffer) < self._header.body_bytes:
+            return False
+        header, self._header = self._header, None
+        self.complete += 1
+        if header.type in self._unread:
+            self._unread[header.type][0](header, self._take(header.body_bytes))
+            return True
+        try:
+            messages.append(read_message(header, self._take(header.body_bytes)))
+        except IgtlError as error:
+            self._refusals.add(error)
+        return True
+
+    def _begin(self, header: Header) -> None:
+        max_bytes = self._max_bytes.get(header.type)
+        if max_bytes is not None and header.body_bytes <= max_bytes:
+            self._header = header
+            return
+        self._to_skip = header.body_bytes
+        self.complete += not header.body_bytes
+        if max_bytes is not None:
+            self._refusals.add(
+                IgtlLimitError(
+                    f"{header.type} has a body of {header.body_bytes} bytes; "
+                    f"expected at most {max_bytes}"
+                )
+            )
+        else:
+            self.ignored += 1
+
+    def _take(self, count: int) -> bytes:
+        taken = bytes(self._buffer[:count])
+        del self._buffer[:count]
+        return taken

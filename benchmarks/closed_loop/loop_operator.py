@@ -12,7 +12,7 @@ from marginguard_msgs.srv import Rearm
 from std_srvs.srv import Trigger
 
 from app.bridge.node import RosNode
-from app.bridge.qos import NEWEST, STREAM, Topic
+from app.bridge.topics import NEWEST, STREAM, Topic
 
 ASK_S = 0.3  # time between two requests
 

@@ -12,7 +12,7 @@ import time
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace, TrackedTransform
 
 from app.bridge import RosNode, prepare_environment
-from app.bridge.qos import NEWEST, STREAM, Topic
+from app.bridge.topics import NEWEST, STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 from app.fixture import MAX_TURN_RAD_S
 from app.geometry import NS_PER_MS, NS_PER_S

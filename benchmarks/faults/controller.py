@@ -17,7 +17,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from app.bridge.plain_constraint import plain_constraint
+from app.bridge.constraint_message import plain_constraint
 from app.fixture import FixtureRule, RuleReason
 from app.geometry import NS_PER_S
 from benchmarks.faults.foreign_peer import Requests

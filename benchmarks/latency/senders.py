@@ -57,7 +57,7 @@ class TfOutput:
 
     def send(self, frame: int) -> int:
         """Create and send a frame; returns the stamp of its first body."""
-        from app.bridge.tf.wire import TfSample, write_tf_message
+        from app.bridge.tf_poses import TfSample, write_tf_message
 
         samples = [
             TfSample(ROOT, name, time.time_ns(), body_pose(body, frame))
@@ -88,7 +88,7 @@ class IgtlOutput:
     def send(self, frame: int) -> int:
         from pyigtl import TransformMessage
 
-        from app.bridge.tf.pose import matrices
+        from app.bridge.tf_poses import matrices
 
         first_ns = 0
         for body, name in enumerate(self._frames):

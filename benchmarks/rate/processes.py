@@ -76,7 +76,7 @@ def receiver(folder: Path, seconds: float, case: Path) -> None:
 
 def sender(folder: Path, seconds: float, case: Path) -> None:
     from app.bridge import RosNode, topics
-    from app.bridge.publishing.constraint import ConstraintBuilder
+    from app.bridge.constraint_message import ConstraintBuilder
     from app.bridge.publishing.constraint_stream import ConstraintStream
     from app.runtime import prepare_case
     from app.session import Session

@@ -64,8 +64,8 @@ def measured_pace(world: Path, minutes: float) -> dict[str, float]:
             # Load ROS only now: it reads the variables when it is loaded.
             from app.bridge import RosNode, topics
             from app.bridge.simulation.simulation_node import STATE_PERIOD_NS
-            from app.bridge.tf.wire import TfMessageReader
-            from app.bridge.world_editor import TRUTH
+            from app.bridge.tf_poses import TfMessageReader
+            from app.bridge.world_client import TRUTH
 
             read = TfMessageReader()
 

@@ -6,7 +6,7 @@ import pytest
 from std_msgs.msg import String
 
 from app.bridge.node import RosNode
-from app.bridge.qos import INCOMING, LATCHED, STREAM, Topic
+from app.bridge.topics import INCOMING, LATCHED, STREAM, Topic
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow

@@ -9,8 +9,12 @@ from pathlib import Path
 import pytest
 
 from app.bridge import RosNode
-from app.bridge.environment import UDP_ON_THIS_MACHINE, prepare_environment, without_bootstrap
-from app.bridge.open_ports import listens_to_other_machines
+from app.bridge.environment import (
+    UDP_ON_THIS_MACHINE,
+    listens_to_other_machines,
+    prepare_environment,
+    without_bootstrap,
+)
 from tests.bridge.processes import Child
 
 pytestmark = pytest.mark.slow
@@ -136,7 +140,7 @@ def test_node_announces_itself_again_soon(domain_id):
 STARTED = """
 import sys
 from app.bridge import BridgeError, RosNode
-from app.bridge.open_ports import listens_to_other_machines
+from app.bridge.environment import listens_to_other_machines
 try:
     with RosNode("alone", domain_id=int(sys.argv[1])) as ros:
         print(listens_to_other_machines(int(sys.argv[1])))

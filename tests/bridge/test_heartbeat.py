@@ -4,9 +4,8 @@ import threading
 
 import pytest
 
-from app.bridge.errors import BridgeError
-from app.bridge.heartbeat import Heartbeat
-from app.bridge.steady_clock import steady_ns
+from app.bridge.heartbeat import Heartbeat, steady_ns
+from app.bridge.ros_errors import BridgeError
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow

@@ -7,8 +7,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
-from app.bridge.errors import BridgeError
-from app.bridge.marker_reader import read_marker_array
+from app.bridge.ros_errors import BridgeError
+from app.bridge.world_client import read_marker_array
 
 pytestmark = pytest.mark.slow
 

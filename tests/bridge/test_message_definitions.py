@@ -18,7 +18,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from app.bridge.calls import ServiceClient, ServiceServer
-from app.bridge.errors import BridgeError
 from app.bridge.message_definitions import (
     EXPECTED,
     DefinitionWatch,
@@ -29,6 +28,7 @@ from app.bridge.message_definitions import (
     foreign_endpoints,
 )
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import BridgeError
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow

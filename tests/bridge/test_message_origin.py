@@ -10,8 +10,7 @@ from tf2_msgs.msg import TFMessage
 from app.bridge import message_origin
 from app.bridge.message_origin import Origin, Receiver, sender_of
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
-from app.bridge.topics import TF
+from app.bridge.topics import STREAM, TF, Topic
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
 from tests.waiting import DEADLINE_S
 

@@ -7,9 +7,9 @@ import pytest
 import rclpy
 from std_msgs.msg import String
 
-from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
-from app.bridge.qos import LATCHED, STREAM, Topic
+from app.bridge.ros_errors import BridgeError
+from app.bridge.topics import LATCHED, STREAM, Topic
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
 
-from app.bridge.plain_constraint import plain_constraint
-from app.bridge.publishing.constraint import ConstraintBuilder
+from app.bridge.constraint_message import ConstraintBuilder, plain_constraint
 from app.fixture import FixtureRule, RulePermission, RuleReason
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from app.bridge.node import RosNode
-from app.bridge.player_services import PlayerServices
+from app.bridge.replay_node import PlayerServices
 from app.case import Player
 from app.case.tracking_frames import TrackingFrame
 from app.geometry import Stamp

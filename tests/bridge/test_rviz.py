@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy
 
 from app.bridge import topics
 from app.bridge.publishing.session_publisher import NODE_NAME
-from app.bridge.qos import Topic
+from app.bridge.topics import Topic
 from app.cli.main import build_parser
 from app.fixture import MarginState
 

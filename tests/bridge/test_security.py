@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from app.bridge.security import SecurityError, check_security, library_without_security
+from app.bridge.environment import SecurityError, check_security, library_without_security
 from app.cli.main import main
 
 pytestmark = pytest.mark.slow

@@ -14,8 +14,8 @@ from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import RosNode
-from app.bridge.qos import STREAM, Topic
-from app.bridge.tf.wire import TfMessageReader
+from app.bridge.tf_poses import TfMessageReader
+from app.bridge.topics import STREAM, Topic
 from app.fixture import ProximityEngine
 from app.geometry import Transform
 from benchmarks.closed_loop.loop_operator import Operator

@@ -12,15 +12,14 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import RosNode
 from app.bridge.calls.service_client import ServiceClient
-from app.bridge.qos import STREAM, Topic
-from app.bridge.tf.wire import TfMessageReader
+from app.bridge.tf_poses import TfMessageReader
+from app.bridge.topics import STREAM, Topic
 from app.files.meshes import write_mesh
 from app.geometry import SurfaceMesh, Transform
 from app.robot.primitives import cone
 from app.runtime import place_text
 from tests.cli.edited_world import STONE_MM, TABLE_TOP_MM, write_edited_world
 from tests.page_rules import violations
-from tests.viewer.conftest import can_draw as can_draw
 
 pytestmark = pytest.mark.long
 

@@ -12,14 +12,12 @@ import pytest
 from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint
 
-from app.bridge.control.operator_requests import OperatorRequests
-from app.bridge.control.operators import OperatorList
-from app.bridge.errors import BridgeError
-from app.bridge.live import RearmClient, RearmService
+from app.bridge.control.operator_requests import OperatorList, OperatorRequests
+from app.bridge.control.operator_services import RearmClient, RearmService
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
-from app.bridge.qos import NEWEST, Topic
-from app.bridge.topics import CONSTRAINT
+from app.bridge.ros_errors import BridgeError
+from app.bridge.topics import CONSTRAINT, NEWEST, Topic
 from app.cli.commands import rearm
 from app.cli.main import main
 from app.runtime import RequestLog

@@ -22,7 +22,7 @@ import threading
 from std_msgs.msg import String
 from app.bridge import RosNode
 from app.bridge.heartbeat import Heartbeat
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import STREAM, Topic
 from app.cli.signals import note_signals
 
 over = threading.Event()

@@ -5,7 +5,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 
 from app.bridge import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import STREAM, Topic
 from app.cli.main import main
 from tests.cli.test_view import SENDER
 from tests.viewer.conftest import Server

@@ -41,7 +41,7 @@ PARSED_IN = {
 """The files of ``app`` that may name a parser, or a temporary file of an atomic write."""
 
 READS_OWN_FILES = {
-    "bridge/bag_topics.py": "definitions of messages, as installed",
+    "bridge/session_bag.py": "definitions of messages, as installed",
     "bridge/message_definitions.py": "definitions of this project's messages, as installed",
     "bridge/open_ports.py": "a table of the kernel",
     "bridge/security.py": "a loaded library, and a table of the kernel",
@@ -57,7 +57,7 @@ READS_OWN_FILES = {
     "report/bundle.py": "scripts and styles of this project",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
     "viewer/downloads.py": "a tip or surface that this process wrote",
-    "hold/instance.py": "the name of this machine",
+    "hold/record.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
 }
 """Files of ``app`` with an unbounded read, and what they read."""
@@ -99,7 +99,7 @@ OPENS_FILES = {
     # A database, which SQLite opens by name after it was found to be a regular file.
     "case/readers/rosbag2/bag.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.
-    "hold/lock.py": {"os.open"},
+    "hold/on_disk.py": {"os.open"},
     # A source file, locked while its functions are compiled.
     "fixture/jit.py": {"os.open"},
     # The lock of a cohort's results.

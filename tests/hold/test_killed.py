@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from app.hold.instance import InstanceKey
 from app.hold.on_disk import live_state
+from app.hold.record import InstanceKey
 
 pytestmark = pytest.mark.long
 

@@ -11,10 +11,8 @@ import pytest
 
 from app.hold import SecondInstanceError, StateFileError
 from app.hold import on_disk as module
-from app.hold.instance import InstanceKey
-from app.hold.lock import check_no_guard
-from app.hold.on_disk import RecordWriter, live_state, lock_path, record_path
-from app.hold.record import read_record
+from app.hold.on_disk import RecordWriter, check_no_guard, live_state, lock_path, record_path
+from app.hold.record import InstanceKey, read_record
 
 pytestmark = pytest.mark.slow
 

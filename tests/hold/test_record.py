@@ -9,14 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.hold import StateFileError
-from app.hold.instance import InstanceKey, Slot, arm_name, host_id
 from app.hold.record import (
     MAX_BYTES,
     MAX_CAUSE_CHARS,
     MAX_CAUSES,
     HoldRecord,
+    InstanceKey,
     RunRecord,
+    Slot,
+    arm_name,
     as_bytes,
+    host_id,
     read_record,
 )
 from app.runtime import used_values

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.geometry import SurfaceMesh, Transform
-from app.hold.used_values import causes_of_change
+from app.hold.changes import causes_of_change
 from app.registration import given_registration
 from app.runtime import used_values
 from app.runtime.image_depth import ImageDepth

@@ -106,7 +106,7 @@ def test_images_of_a_server_are_published_with_their_stamps(
 
     from app.bridge import RosNode
     from app.bridge.convert import image_array
-    from app.bridge.qos import NEWEST, Topic
+    from app.bridge.topics import NEWEST, Topic
 
     images: queue.Queue[Image] = queue.Queue()
     values = np.arange(30, dtype=np.uint16).reshape(1, 5, 6) * 1000

@@ -11,9 +11,8 @@ import pytest
 
 from app.cli.commands import images as images_command
 from app.cli.main import build_parser, main
-from app.igtl.errors import IgtlError
-from app.igtl.image_link import receive_images, send_images
-from app.igtl.stream import Refusals
+from app.igtl.image_messages import receive_images, send_images
+from app.igtl.wire import IgtlError, Refusals
 from tests.case.images.sequences import CALIBRATION, frame_fields, some_pixels, write_metafile
 
 

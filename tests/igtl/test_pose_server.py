@@ -9,8 +9,8 @@ import pytest
 
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.igtl import IgtlSource, PoseServer
-from app.igtl.errors import IgtlError
-from app.igtl.pose_server import MAX_CLIENTS, transform_message
+from app.igtl.tracked_poses import MAX_CLIENTS, transform_message
+from app.igtl.wire import IgtlError
 from tests.waiting import wait_until
 
 STAMP = Stamp(1_700_000_000_123_456_789)

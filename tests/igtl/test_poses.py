@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.geometry import TrackedTransform, TrackingStatus
-from app.igtl.poses import MAX_EDGES, TYPES, PoseReader
-from app.igtl.stream import MessageStream, Refusals
+from app.igtl.tracked_poses import MAX_EDGES, TYPES, PoseReader
+from app.igtl.wire import MessageStream, Refusals
 from tests.igtl.conftest import pose
 from tests.oracles.pyigtl_peer import message
 

@@ -3,8 +3,7 @@
 import threading
 
 from app.geometry import Stamp, TrackedTransform, TrackingStatus
-from app.igtl.backoff import Backoff
-from app.igtl.queue import SampleQueue
+from app.igtl.source import Backoff, SampleQueue
 from tests.waiting import DEADLINE_S
 
 

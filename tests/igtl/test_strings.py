@@ -4,8 +4,7 @@ import pyigtl
 import pytest
 
 from app.igtl import pack_string, read_string
-from app.igtl.errors import IgtlContentError, IgtlError
-from app.igtl.wire import HEADER_BYTES, pack_message, read_header
+from app.igtl.wire import HEADER_BYTES, IgtlContentError, IgtlError, pack_message, read_header
 
 
 def parts(packet: bytes) -> tuple[object, bytes]:

@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyigtl.messages import CRC64, MessageBase
 
-from app.igtl.errors import IgtlContentError, IgtlError, IgtlFramingError
-from app.igtl.wire import read_header, read_message, stamp_ns, start_tracking_request
+from app.igtl.wire import (
+    IgtlContentError,
+    IgtlError,
+    IgtlFramingError,
+    read_header,
+    read_message,
+    stamp_ns,
+    start_tracking_request,
+)
 from tests.igtl.conftest import pose
 from tests.oracles.pyigtl_peer import message
 

@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import STREAM, Topic
 
 TICK_HZ = 1000
 _TOOLS = ("reference", "needle", "cautery")

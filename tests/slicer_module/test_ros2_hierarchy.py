@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from app.bridge import RosNode
-from app.bridge.tf import TfError, TransformBuffer
-from app.bridge.tf.broadcaster import TfBroadcaster
-from app.bridge.tf.listener import TfListener
+from app.bridge.ros_errors import TfError
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf_topics import TfBroadcaster, TfListener
 from app.geometry import Stamp, Transform
 from app.scene.nodes.adopted_nodes import FRAME, mark
 from tests.slicer_module.ros2_values import matrix, shifted

@@ -8,7 +8,7 @@ import pytest
 import vtk
 
 from app.bridge.convert import ConversionError, message_type, to_plain
-from app.bridge.convert.collision_objects import collision_object, mesh_message
+from app.bridge.convert.array_messages import collision_object, mesh_message
 from app.geometry import MarginGuardError, Transform
 from tests.slicer_module.ros2_values import matrix, shifted, translation
 from tests.waiting import DEADLINE_S

@@ -250,7 +250,7 @@ def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer):
 
 def test_messages_that_are_too_long_are_counted_as_lost(node, peer, monkeypatch):
     subscriber = node.CreateAndAddSubscriberNode("String", "/long")
-    monkeypatch.setattr("app.bridge.convert.queue.MAX_BYTES", 50)
+    monkeypatch.setattr("app.bridge.convert.generic_topics.MAX_BYTES", 50)
     messages = [{"data": "x" * 100}, {"data": "short"}]
     peer("publish", topic="/long", type="std_msgs/msg/String", messages=messages)
     wait_until(lambda: subscriber.GetNumberOfMessages() == 1, node.Spin)

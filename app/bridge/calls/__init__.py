@@ -2,7 +2,16 @@
 
 from app.bridge.calls.action_client import ActionClient, Goal
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
-from app.bridge.calls.errors import (
+from app.bridge.calls.parameter_client import (
+    ParameterChange,
+    ParameterClient,
+    ParameterDescription,
+)
+from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer
+from app.bridge.calls.service_client import ServiceClient
+from app.bridge.calls.service_server import ServiceServer
+from app.bridge.calls.waiting import PendingReply
+from app.bridge.ros_errors import (
     CallCancelledError,
     CallError,
     CallTimeoutError,
@@ -15,15 +24,6 @@ from app.bridge.calls.errors import (
     ServerGoneError,
     ServerUnavailableError,
 )
-from app.bridge.calls.parameter_client import (
-    ParameterChange,
-    ParameterClient,
-    ParameterDescription,
-)
-from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer
-from app.bridge.calls.pending import PendingReply
-from app.bridge.calls.service_client import ServiceClient
-from app.bridge.calls.service_server import ServiceServer
 
 __all__ = [
     "ActionClient",

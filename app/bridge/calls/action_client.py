@@ -9,7 +9,18 @@ from rclpy.action.client import ActionClient as RosActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.task import Future
 
-from app.bridge.calls.errors import (
+from app.bridge.calls.waiting import (
+    DEFAULT_TIMEOUT_S,
+    SENDING_ERRORS,
+    Deadline,
+    PendingReply,
+    ServerWait,
+    is_served,
+)
+from app.bridge.convert.plain import action_type, from_plain
+from app.bridge.node import RosNode
+from app.bridge.ros_errors import (
+    BridgeError,
     CallCancelledError,
     CallError,
     CallTimeoutError,
@@ -18,19 +29,8 @@ from app.bridge.calls.errors import (
     GoalRejectedError,
     RefusedError,
     ServerGoneError,
+    reason_of,
 )
-from app.bridge.calls.pending import PendingReply
-from app.bridge.calls.waiting import (
-    DEFAULT_TIMEOUT_S,
-    SENDING_ERRORS,
-    Deadline,
-    ServerWait,
-    is_served,
-)
-from app.bridge.convert.plain import from_plain
-from app.bridge.convert.types import action_type
-from app.bridge.errors import BridgeError, reason_of
-from app.bridge.node import RosNode
 
 _CANCEL_TIMEOUT_S = 2.0
 """Timeout of the cancel request that `ActionClient.call` sends when its caller gives up."""

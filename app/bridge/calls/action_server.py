@@ -13,12 +13,11 @@ from rclpy.qos import qos_profile_action_status_default
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
-from app.bridge.calls.errors import CallError
 from app.bridge.calls.service_server import failure_reply
-from app.bridge.convert.types import action_type
-from app.bridge.errors import reason_of
+from app.bridge.convert.plain import action_type
 from app.bridge.node import RosNode
-from app.bridge.qos import Topic
+from app.bridge.ros_errors import CallError, reason_of
+from app.bridge.topics import Topic
 from app.geometry import MarginGuardError
 
 _CLOSE_TIMEOUT_S = 10.0

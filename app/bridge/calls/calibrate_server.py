@@ -13,7 +13,8 @@ from app.bridge import messages
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
 from app.bridge.messages import MM_PER_M
 from app.bridge.node import RosNode
-from app.bridge.tf import TfError, TransformBuffer
+from app.bridge.ros_errors import TfError
+from app.bridge.tf import TransformBuffer
 from app.geometry import FloatArray, InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import (
     DwellSettings,

@@ -17,8 +17,7 @@ from rcl_interfaces.srv import (
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.subscription import Subscription
 
-from app.bridge.calls.errors import CallError, ParameterUnsetError, RefusedError
-from app.bridge.calls.parameter_values import (
+from app.bridge.calls.parameter_server import (
     TYPE_NAMES,
     Plain,
     Settable,
@@ -27,9 +26,9 @@ from app.bridge.calls.parameter_values import (
 )
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S
-from app.bridge.convert.errors import ConversionError
 from app.bridge.node import RosNode
-from app.bridge.qos import Topic
+from app.bridge.ros_errors import CallError, ConversionError, ParameterUnsetError, RefusedError
+from app.bridge.topics import Topic
 
 _EVENTS = Topic("/parameter_events", ParameterEvent, qos_profile_parameter_events)
 _REPEAT_S = 1.0

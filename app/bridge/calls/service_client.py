@@ -9,19 +9,17 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from app.bridge.calls.errors import CallError, CallTimeoutError
-from app.bridge.calls.pending import PendingReply
 from app.bridge.calls.waiting import (
     DEFAULT_TIMEOUT_S,
     SENDING_ERRORS,
     Deadline,
+    PendingReply,
     ServerWait,
     is_served,
 )
-from app.bridge.convert.plain import from_plain
-from app.bridge.convert.types import service_type
-from app.bridge.errors import reason_of
+from app.bridge.convert.plain import from_plain, service_type
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import CallError, CallTimeoutError, reason_of
 
 _MAX_OPEN = 1000
 _MAX_ABANDONED = 100

@@ -3,21 +3,18 @@
 import math
 import threading
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped
 from rclpy.serialization import serialize_message
 
 from app.bridge import messages, topics
-from app.bridge.errors import BridgeError
+from app.bridge.control.twist_allowance import Allowance, TwistRefusedError, allowance_of
+from app.bridge.heartbeat import steady_ns
 from app.bridge.node import RosNode
-from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.errors import TfError
 from app.fixture import (
-    MAX_TURN_RAD_S,
-    Constraint,
     Delay,
     LimiterParameters,
     MarginParameters,
@@ -28,16 +25,12 @@ from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
     FloatArray,
-    FrameError,
     Freshness,
     FreshnessLimits,
     MarginGuardError,
-    Stamp,
     freshness_of,
-    freshness_of_stamp,
-    stale_in_ns,
 )
-from app.session import KnownEdges, StepResult
+from app.session import StepResult
 
 FUTURE_TOLERANCE_NS = 5 * NS_PER_MS
 """Tolerated lead of a command's stamp, because the clocks of two hosts differ."""
@@ -56,50 +49,6 @@ _MAX_LOG_CHARS = 200
 _LOG_INTERVAL_NS = NS_PER_S
 
 
-class TwistRefusedError(BridgeError):
-    """The command cannot be limited by the constraint; the reply is a zero twist.
-
-    ``kind`` is one of a fixed set; only ``detail`` contains data from the network.
-    """
-
-    def __init__(self, kind: str, detail: str = "") -> None:
-        self.kind = kind
-        super().__init__(f"{kind}: {detail}" if detail else kind)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Allowance:
-    """Constraint of the last step for the tool's tip at ``tip_mm`` (3,) in the tumour's frame.
-
-    ``edges`` are those of the step at ``now_ns``, ``stamp_ns`` is the time of its oldest sample;
-    both on the tracker's clock. ``since_ns`` is ``now_ns`` on the steady clock, and ``until_ns``
-    the end of the validity there.
-    """
-
-    constraint: Constraint
-    parameters: LimiterParameters
-    tip_mm: FloatArray
-    edges: KnownEdges
-    stamp_ns: int
-    now_ns: int
-    stale_after_ns: int
-    since_ns: int
-    until_ns: int
-    max_approach_mm_s: float
-
-    @property
-    def poses_ns(self) -> int:
-        """``stamp_ns`` on the steady clock."""
-        return self.since_ns - (self.now_ns - self.stamp_ns)
-
-    def until_of(self, stamp: Stamp | None) -> int:
-        """Steady time until which a pose of ``stamp`` may be used, None for static edges."""
-        if stamp is None:
-            return self.until_ns
-        limits = FreshnessLimits(self.stale_after_ns)
-        return min(self.until_ns, self.since_ns + stale_in_ns(stamp.ns, self.now_ns, limits))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answer:
     """The allowed ``twist`` (6,) by ``allowance``, valid until ``until_ns`` of the steady clock.
@@ -109,7 +58,7 @@ class _Answer:
 
     twist: FloatArray
     in_tumor: FloatArray
-    allowance: _Allowance
+    allowance: Allowance
     until_ns: int
 
 
@@ -162,7 +111,7 @@ class TwistLimiter:
         self._simulated = simulated
         self._lock = threading.Lock()
         self._publish_lock = threading.Lock()
-        self._allowance: _Allowance | None = None
+        self._allowance: Allowance | None = None
         self._until_ns: int | None = None
         self._own = OwnMotion()
         self._lag_ns = round(self._parameters.tau_s * NS_PER_S / 2)
@@ -192,7 +141,7 @@ class TwistLimiter:
         an earlier pose of the tool allows no motion.
         """
         begin_ns = (steady_ns() if since_ns is None else since_ns) - spent_ns
-        allowance = _allowance_of(step, margins, begin_ns, self._parameters)
+        allowance = allowance_of(step, margins, begin_ns, self._parameters)
         with self._publish_lock:  # after a reply that is being published
             self._allowance = allowance
 
@@ -280,7 +229,7 @@ class TwistLimiter:
             raise TwistRefusedError("no constraint of now is known")
         if steady_ns() >= allowance.until_ns:
             raise TwistRefusedError("the constraint is stale")
-        rotation, until_ns = self._rotation(allowance, frame)
+        rotation, until_ns = allowance.rotation(frame, self._buffer)
         allowed = limit_twist(
             np.concatenate([rotation @ desired[:3], rotation @ desired[3:]]),
             allowance.constraint,
@@ -291,7 +240,7 @@ class TwistLimiter:
         twist = np.concatenate([rotation.T @ allowed[:3], rotation.T @ allowed[3:]])
         return _Answer(twist, allowed, allowance, until_ns)
 
-    def _delay(self, allowance: _Allowance) -> Delay:
+    def _delay(self, allowance: Allowance) -> Delay:
         with self._publish_lock:
             now_ns = steady_ns()
             self._own.hold_until(now_ns)
@@ -308,62 +257,11 @@ class TwistLimiter:
         limits = FreshnessLimits(
             max(self._timeout_ns, _COMMAND_AGE_NS), future_tolerance_ns=FUTURE_TOLERANCE_NS
         )
-        freshness = freshness_of(stamp.sec * NS_PER_S + stamp.nanosec, now_ns, limits)
+        freshness = freshness_of(messages.ns_of(stamp), now_ns, limits)
         if freshness is Freshness.FUTURE:
             raise TwistRefusedError("a command is from the future")
         if freshness is not Freshness.VALID:
             raise TwistRefusedError("a command is too old")
-
-    def _rotation(self, allowance: _Allowance, frame: str) -> tuple[FloatArray, int]:
-        """Rotation (3, 3) of ``tumor_from_frame``, and the steady time until which it is valid."""
-        tumor = allowance.constraint.frame
-        if frame == tumor:
-            return np.eye(3), allowance.until_ns
-        known = allowance.edges.frames() | {tumor}
-        anchor, beyond = frame, np.eye(3)
-        if frame not in known:
-            anchor, beyond = self._foreign_rotation(allowance, frame, known)
-        if anchor == tumor:
-            return beyond, allowance.until_ns
-        try:
-            tumor_from_anchor, stamp = allowance.edges.between(tumor, anchor)
-        except FrameError as error:
-            raise TwistRefusedError("frame of a command", str(error)) from error
-        return tumor_from_anchor.rotation @ beyond, allowance.until_of(stamp)
-
-    def _foreign_rotation(
-        self, allowance: _Allowance, frame: str, known: frozenset[str]
-    ) -> tuple[str, FloatArray]:
-        """The known frame that ``frame`` hangs on, and the rotation (3, 3) from ``frame`` to it.
-
-        At the time of the planes or before it.
-        """
-        try:
-            anchors = sorted(self._buffer.attachments(frame, known))
-            if len(anchors) != 1:
-                names = ", ".join(anchors) or "none"
-                raise TwistRefusedError(
-                    "frame of a command",
-                    f"{frame!r} is connected with the known frames {names}; expected one",
-                )
-            anchor = anchors[0]
-            found = self._buffer.lookup(anchor, frame)
-            if found.stamp_ns is None:  # static edges alone, which hold at any time
-                return anchor, found.transform.rotation
-            # The planes may be up to the limit old while tf goes on, so its newest pose may be as
-            # far ahead of them. Then the pose at the time of the planes is used instead.
-            limits = FreshnessLimits(
-                allowance.stale_after_ns, future_tolerance_ns=allowance.stale_after_ns
-            )
-            freshness = freshness_of(found.stamp_ns, allowance.stamp_ns, limits)
-            if freshness is not Freshness.VALID:
-                late = "from the future" if freshness is Freshness.FUTURE else "stale"
-                raise TwistRefusedError("way to the frame of a command", f"{frame!r} is {late}")
-            if found.stamp_ns > allowance.stamp_ns:
-                found = self._buffer.lookup(anchor, frame, allowance.stamp_ns)
-        except TfError as error:
-            raise TwistRefusedError("frame of a command", str(error)) from error
-        return anchor, found.transform.rotation
 
     def _watch(self) -> None:
         stopped_ns = 0
@@ -411,35 +309,6 @@ class TwistLimiter:
 
     def _publish(self, raw: bytes) -> None:
         self._publisher.publish(raw)
-
-
-def _allowance_of(
-    step: StepResult, margins: MarginParameters, begin_ns: int, parameters: LimiterParameters
-) -> _Allowance | None:
-    """None if the step has no planes for the tool's pose in that step.
-
-    ``begin_ns`` is the steady time at which the step's frame was current.
-    """
-    decision, pose = step.decision, step.tumor_from_tip
-    constraint, stamp = decision.constraint, decision.stamp
-    if constraint is None or not decision.constraint_is_current or stamp is None or pose is None:
-        return None
-    limits, now = FreshnessLimits(margins.stale_after_ns), step.frame.stamp
-    if freshness_of_stamp(stamp, now, limits) is not Freshness.VALID:
-        return None
-    max_turn_rad_s = min(parameters.max_turn_rad_s, MAX_TURN_RAD_S)
-    return _Allowance(
-        constraint=constraint,
-        parameters=replace(parameters, max_turn_rad_s=max_turn_rad_s),
-        tip_mm=pose.translation_mm,
-        edges=step.edges,
-        stamp_ns=stamp.ns,
-        now_ns=now.ns,
-        stale_after_ns=margins.stale_after_ns,
-        since_ns=begin_ns,
-        until_ns=begin_ns + stale_in_ns(stamp.ns, now.ns, limits),
-        max_approach_mm_s=margins.v_max_mm_s,
-    )
 
 
 def _twist_of(command: TwistStamped) -> FloatArray:

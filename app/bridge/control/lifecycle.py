@@ -22,8 +22,8 @@ from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 
-from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import reason_of
 from app.geometry import MarginGuardError
 
 _SHUTDOWN_TIMEOUT_S = 10.0

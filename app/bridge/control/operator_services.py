@@ -1,33 +1,118 @@
-"""Operator services of a running session: ``~/set_tumor`` and ``~/register``."""
+"""Operator services of a session: ``~/set_tumor``, ``~/register``, ``~/record``, ``~/rearm``."""
 
+import ctypes
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
-from marginguard_msgs.srv import Register, SetTumor
+from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.srv import Rearm, Register, SetTumor
+from numpy.typing import NDArray
+from std_srvs.srv import SetBool
 
 from app.bridge import messages
+from app.bridge.calls.service_client import ServiceClient
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.control.margin_parameters import OVER_ROS
-from app.bridge.control.operator_requests import OperatorRequests
-from app.bridge.control.tumor_request import ArrayRequest, TumorRequest
-from app.bridge.errors import BridgeError
+from app.bridge.control.operator_requests import OVER_ROS, OperatorRequests
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import BridgeError
+from app.bridge.topics import NEWEST, Topic
 from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
+from app.hold import SeenHold
 from app.registration import RegistrationResult, register_points
-from app.runtime import OperatorCommands, RequestKind
+from app.runtime import LatestValue, OperatorCommands, RequestKind
 from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
 
 MAX_POINTS = 1_000
 
+MAX_WAITING = 1000
+"""Requests that wait for the node's thread. The oldest one is dropped for a new one: with ROS's
+default of 10 a burst of another node would drop a valid request."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TumorRequest:
+    """The content of a `SetTumor.Request`, in its units.
+
+    ``position_m`` (3,) and ``quaternion`` (4,), xyzw, are its pose in ``frame_id``. ``triangles``
+    (m, 3) are vertex indices, ``vertices_m`` (n, 3) positions.
+    """
+
+    frame_id: str
+    position_m: FloatArray
+    quaternion: FloatArray
+    triangles: NDArray[np.uint32]
+    vertices_m: FloatArray
+
+
+class _Array(ctypes.Structure):  # a string or a sequence
+    _fields_ = [("data", ctypes.c_void_p), ("size", ctypes.c_size_t), ("room", ctypes.c_size_t)]
+
+
+class _Request(ctypes.Structure):
+    _fields_ = [
+        ("sec", ctypes.c_int32),
+        ("nanosec", ctypes.c_uint32),
+        ("frame_id", _Array),
+        ("pose", ctypes.c_double * 7),
+        ("triangles", _Array),  # of uint32[3]
+        ("vertices", _Array),  # of double[3]
+    ]
+
+
+def _convert(address: int) -> TumorRequest:
+    request = _Request.from_address(address)
+    frame_id = ctypes.string_at(request.frame_id.data, request.frame_id.size)
+    pose = np.array(request.pose)
+    return TumorRequest(
+        frame_id.decode("utf-8", "replace"),
+        pose[:3],
+        pose[3:],
+        _rows(request.triangles, np.uint32),
+        _rows(request.vertices, np.float64),
+    )
+
+
+def _rows(sequence: _Array, dtype: Any) -> NDArray[Any]:
+    rows = np.empty((sequence.size, 3), dtype=dtype)
+    ctypes.memmove(rows.ctypes.data, sequence.data, rows.nbytes)  # releases the GIL
+    return rows
+
+
+_converter = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)(_convert)
+SetTumor.Request.__class__.__import_type_support__()
+
+_new_capsule = ctypes.pythonapi.PyCapsule_New
+_new_capsule.restype = ctypes.py_object
+_new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+
+
+class _ArrayMetaclass(type(SetTumor.Request)):  # type: ignore[misc]  # built by rosidl
+    """The type support of the request, with another conversion to Python."""
+
+    _CONVERT_TO_PY = _new_capsule(ctypes.cast(_converter, ctypes.c_void_p), None, None)
+
+
+class ArrayRequest(SetTumor.Request, metaclass=_ArrayMetaclass):  # type: ignore[misc]
+    """A `SetTumor.Request` that rclpy receives as a `TumorRequest`.
+
+    rclpy converts a message element by element while it holds the GIL: 1 s for 300 000 triangles,
+    during which no constraint is sent. This type replaces that conversion by copies of the two
+    arrays. The layout of the C structures is the one that rosidl_generator_c defines.
+    """
+
 
 class OperatorServices:
-    """Serves both until the node is closed. A refused request changes nothing and has a reason.
+    """Serves ``~/set_tumor``, ``~/register`` and ``~/record`` until the node is closed.
+
+    A refused request changes nothing and has a reason.
 
     Each service runs in its own thread, one request at a time. Computing the field of a new tumour
     takes seconds, during which the session continues with the old one, and any change waits for
-    the current step, during which samples must be received. ``requests`` checks who may send them
-    and how many, before a thread is started.
+    the current step, during which samples must be received. The recorder takes seconds to start.
+    ``requests`` checks who may send them and how many, before a thread is started.
     """
 
     def __init__(
@@ -38,6 +123,7 @@ class OperatorServices:
         for service, name, handle, kind, received_as in (
             (SetTumor, "~/set_tumor", self._set_tumor, RequestKind.TUMOR, ArrayRequest),
             (Register, "~/register", self._register, RequestKind.REGISTRATION, None),
+            (SetBool, "~/record", self._record, RequestKind.RECORD, None),
         ):
             check = partial(self._check, kind, name)
             ServiceServer(
@@ -73,6 +159,14 @@ class OperatorServices:
         response.fre = float("nan") if result.fre_mm is None else result.fre_mm / messages.MM_PER_M
         response.success = True
 
+    def _record(self, request: SetBool.Request, response: SetBool.Response) -> None:
+        """True starts a recording, False stops it; the reply has its folder."""
+        if request.data:
+            status = self._commands.start_recording(origin=OVER_ROS)
+        else:
+            status = self._commands.stop_recording(origin=OVER_ROS)
+        response.success, response.message = True, status.line
+
 
 def _registration(request: Register.Request) -> RegistrationResult:
     fixed, moving = request.fixed_points, request.moving_points
@@ -107,3 +201,82 @@ def _points_mm(points: list[Point]) -> FloatArray:
     """Points (n, 3) in mm."""
     values = np.array([(point.x, point.y, point.z) for point in points], dtype=np.float64)
     return np.asarray(messages.MM_PER_M * values.reshape(-1, 3))
+
+
+class RearmService:
+    """Serves ``~/rearm`` until the node is closed.
+
+    A request contains the ``seq`` and the ``rearm_nonce`` of the constraint that the operator was
+    looking at; `OperatorCommands.rearm` checks them between two steps. It runs in its own thread,
+    because samples must be received while it waits for a step. A request that is invalid at once
+    is refused without a thread, so that a flood of them does not occupy it.
+    """
+
+    def __init__(
+        self, ros: RosNode, commands: OperatorCommands, requests: OperatorRequests
+    ) -> None:
+        self._commands = commands
+        self._requests = requests
+        ServiceServer(
+            ros,
+            Rearm,
+            "~/rearm",
+            self._serve,
+            in_thread=True,
+            check=self._check,
+            max_waiting=MAX_WAITING,
+            # A misread request has no valid nonce, and another client must not prevent a valid one.
+            any_definition=True,
+        )
+
+    def _check(self, request: Rearm.Request) -> None:
+        with self._requests.refusals(RequestKind.REARM):
+            self._commands.check_rearm(SeenHold(request.seq, request.nonce))
+            self._requests.check(RequestKind.REARM, "~/rearm")
+
+    def _serve(self, request: Rearm.Request, response: Rearm.Response) -> None:
+        self._commands.rearm(SeenHold(request.seq, request.nonce), origin=OVER_ROS)
+        response.success = True
+
+
+class RearmClient:
+    """Reads the constraints of the guard ``name`` (a node in the namespace of ``ros``)."""
+
+    def __init__(self, ros: RosNode, name: str) -> None:
+        self._ros = ros
+        self._latest: LatestValue[FixtureConstraint] = LatestValue()
+        self._service = ServiceClient(ros, Rearm, f"{name}/rearm")
+        topic = Topic(f"{name}/constraint", FixtureConstraint, NEWEST)
+        self.topic = str(ros.subscribe(topic, self._latest.put).topic_name)
+
+    def constraint(self, timeout_s: float) -> FixtureConstraint:
+        """Wait for the next constraint, not one that has arrived before the call.
+
+        Raises `BridgeError` if none arrives or several guards send.
+        """
+        self._latest.take(0.0)
+        found = self._latest.take(timeout_s)
+        problems = self._ros.definition_problems
+        if problems:
+            raise BridgeError(problems[0])
+        if found is None:
+            raise BridgeError(
+                f"{self.topic}: no constraint within {timeout_s:g} s; expected a running guard "
+                "('marginguard live') in this ROS domain and namespace"
+            )
+        self._check_single()
+        return found
+
+    def rearm(self, seen: FixtureConstraint, timeout_s: float) -> Rearm.Response:
+        """Request the end of the hold that the operator saw. Raises `CallError`.
+
+        Raises `BridgeError` and sends nothing if several guards are known by now: one could re-arm
+        and another refuse. The request is sent once, because its nonce is valid once.
+        """
+        self._check_single()
+        return self._service.call(Rearm.Request(seq=seen.seq, nonce=seen.rearm_nonce), timeout_s)
+
+    def _check_single(self) -> None:
+        publishers = self._ros.node.count_publishers(self.topic)
+        if publishers > 1:
+            raise BridgeError(f"{self.topic}: {publishers} publishers; expected a single guard")

@@ -1,14 +1,29 @@
 """Conversion between messages of any installed type and plain values in our units."""
 
-from app.bridge.convert.clouds import cloud_array, cloud_message, cloud_points_mm
-from app.bridge.convert.collision_objects import collision_object, removed_object
-from app.bridge.convert.errors import ConversionError, UnknownTypeError
-from app.bridge.convert.images import image_array, image_message
-from app.bridge.convert.plain import from_plain, to_plain
-from app.bridge.convert.qos_profile import qos_profile
-from app.bridge.convert.queue import TopicQueue
-from app.bridge.convert.topics import TopicPublisher, TopicSubscriber
-from app.bridge.convert.types import action_type, message_type, service_type, type_name
+from app.bridge.convert.array_messages import (
+    cloud_array,
+    cloud_message,
+    cloud_points_mm,
+    collision_object,
+    image_array,
+    image_message,
+    removed_object,
+)
+from app.bridge.convert.generic_topics import (
+    TopicPublisher,
+    TopicQueue,
+    TopicSubscriber,
+    qos_profile,
+)
+from app.bridge.convert.plain import (
+    action_type,
+    from_plain,
+    message_type,
+    service_type,
+    to_plain,
+    type_name,
+)
+from app.bridge.ros_errors import ConversionError, UnknownTypeError
 
 __all__ = [
     "ConversionError",

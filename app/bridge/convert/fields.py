@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosidl_parser.definition import AbstractType, AbstractWString
 
-from app.bridge.convert.errors import ConversionError
 from app.bridge.convert.units import Scale
+from app.bridge.ros_errors import ConversionError
 
 NUMBERS = {
     # ROS type: type code of array.array and numpy

@@ -7,7 +7,7 @@ has points in pixels).
 
 Radians, seconds, newtons, newton metres, colours and plain numbers are not scaled. `JointState` and
 `JointTrajectory` are not scaled either: their numbers are rad or m depending on the joint. The
-bytes of `Image` and `PointCloud2` are unchanged; `app.bridge.convert.clouds` converts points.
+bytes of `Image` and `PointCloud2` are unchanged; `cloud_points_mm` converts points.
 
 SlicerROS2 differs: it scales the translations of `Pose` and `Transform` but leaves points, vectors
 and twists in m.

@@ -12,10 +12,16 @@ from rclpy.node import NodeNameNonExistentError
 from app.bridge import topics
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.control.operator_requests import OperatorRequests
-from app.bridge.displays.names import COMMAND, GET_MESH, origin_text
-from app.bridge.displays.step_message import StepOrigin, received_mesh, step_message, write_mesh
-from app.bridge.errors import BridgeError
+from app.bridge.displays.remote_operator import (
+    COMMAND,
+    GET_MESH,
+    origin_text,
+    received_mesh,
+    write_mesh,
+)
+from app.bridge.displays.step_message import StepOrigin, step_message
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import BridgeError
 from app.geometry import SurfaceMesh, TrackedTransform
 from app.hold import Holds, SeenHold, host_id
 from app.runtime import (

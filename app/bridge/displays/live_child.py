@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from signal import SIGINT
 
-from app.bridge.errors import BridgeError
+from app.bridge.ros_errors import BridgeError
 from app.files.paths import state_folder
 
 _ERROR = "marginguard: error: "

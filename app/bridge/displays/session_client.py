@@ -1,41 +1,33 @@
-"""A session of a live node in another process, as displays see it: its steps and its commands."""
+"""A session of a live node in another process, as displays see it: its steps and images."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator
-from typing import Any, TypeVar
 
 from marginguard_msgs.msg import SessionContent as ContentMessage
 from marginguard_msgs.msg import SessionStep
-from marginguard_msgs.srv import Command, GetMesh
+from marginguard_msgs.srv import GetMesh
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
 
 from app.bridge import topics
-from app.bridge.calls.errors import CallError
 from app.bridge.calls.service_client import ServiceClient
-from app.bridge.displays.image_input import TopicImages
-from app.bridge.displays.names import COMMAND, GET_MESH
-from app.bridge.displays.step_message import received_mesh, seen_of, step_of, write_mesh
-from app.bridge.errors import BridgeError
+from app.bridge.displays.remote_operator import COMMAND, GET_MESH, RemoteOperator, received_mesh
+from app.bridge.displays.step_message import step_of
 from app.bridge.node import RosNode
-from app.bridge.qos import DISPLAYED, STATIC_TF, Topic
-from app.hold import SeenHold, host_id
+from app.bridge.ros_errors import BridgeError, CallError
+from app.bridge.topics import DISPLAYED, INCOMING_IMAGE, STATIC_TF, Topic
+from app.case import read_image_message, standard_image
+from app.geometry import ImageSample, InputError
+from app.hold import host_id
 from app.runtime import (
     ComputeProcess,
     DescribedSession,
-    OperatorCommand,
-    OperatorRequest,
-    RecordingStatus,
-    RequestKind,
-    SessionContent,
+    ImageIntake,
     SessionWire,
 )
 from app.session import LiveImages, StepResult
-
-REPLY_S, LONG_REPLY_S = 10.0, 120.0
-"""Longest wait for a command; for those of `_LONG`, which take seconds."""
-_LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
 
 _MESH_S = 5.0
 _MAX_WAITING, _MAX_NEEDED = 3, 100
@@ -44,8 +36,6 @@ left: the display is slower than the guard."""
 _WAIT_S = 0.2
 _DRIFT = 5e-5
 """Largest drift of two machines' clocks."""
-
-_Value = TypeVar("_Value")
 
 
 class SessionClient:
@@ -275,94 +265,6 @@ class SessionClient:
             self.images.choose_depth(depth.depth_mm)
 
 
-class RemoteOperator:
-    """`app.runtime.Operator` of a session in another process."""
-
-    def __init__(
-        self,
-        ros: RosNode,
-        service: str,
-        content: SessionContent,
-        compute: Callable[..., Any],
-    ) -> None:
-        self._ros, self._service = ros, service
-        self._compute = compute
-        self._content = content
-        self._instance_id = ""
-        self._wire = SessionWire()
-        self._client: ServiceClient | None = None
-        self._creating = threading.Lock()
-        self._texts = ("", "")
-        self._seen = SeenHold(0, 0)
-        self._request: OperatorRequest | None = None
-        self._recording: RecordingStatus | None = None
-
-    def follow(self, content: SessionContent, message: SessionStep) -> None:
-        """Use what came with a step."""
-        self._content, self._seen = content, seen_of(message)
-        self._instance_id = message.instance_id
-        texts = message.request, message.recording
-        if texts != self._texts:
-            self._texts = texts
-            request, recording = texts
-            value = self._wire.value
-            self._request = value(OperatorRequest, request) if request else None
-            self._recording = value(RecordingStatus, recording) if recording else None
-
-    @property
-    def content(self) -> SessionContent:
-        """The content of the last step."""
-        return self._content
-
-    @property
-    def recording(self) -> RecordingStatus | None:
-        """State of the last recording of the session; None before the first."""
-        return self._recording
-
-    @property
-    def last_request(self) -> OperatorRequest | None:
-        """The request that the session has listed last; None before any."""
-        return self._request
-
-    def seen(self) -> SeenHold:
-        """Identifies the hold of the last step."""
-        return self._seen
-
-    def request(self, command: OperatorCommand) -> str:
-        """Send ``command`` and wait until it is carried out.
-
-        Raises `BridgeError` with the node's reason where it refuses. The service's client is made
-        with the first command: a display that only shows sends none.
-        """
-        wire = SessionWire()
-        arguments = wire.command(command)
-        request = Command.Request(
-            node=self._ros.node.get_fully_qualified_name(),
-            instance_id=self._instance_id,
-            command=command.kind.value,
-            arguments=arguments,
-        )
-        for digest, mesh in wire.meshes.items():
-            request.digest = digest
-            write_mesh(mesh, request)
-        wait_s = LONG_REPLY_S if command.kind in _LONG else REPLY_S
-        reply = self._connected().call(request, wait_s)
-        if not reply.success:
-            raise BridgeError(reply.message)
-        return str(reply.message)
-
-    def compute(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
-        """Return ``function(*args)``, computed in a process of low priority."""
-        result: _Value = self._compute(function, *args)
-        return result
-
-    def _connected(self) -> ServiceClient:
-        with self._creating:
-            if self._client is None:
-                self._client = ServiceClient(self._ros, Command, self._service)
-            return self._client
-
-
 class TransportDelay:
     """By how much a message is taken later than the quickest one was, after it was made.
 
@@ -386,6 +288,38 @@ class TransportDelay:
         self._came_ns = came_ns
         beyond_ns = round(way_ns - self._least_ns)
         self.last_ns = max(0, beyond_ns, way_ns if same_host else 0)
+
+
+class TopicImages:
+    """Passes the images on ``topic`` to ``images``, in a thread of their own.
+
+    Images of two publishers are refused: they would alternate. They have ``orientation``.
+    """
+
+    def __init__(self, ros: RosNode, topic: str, orientation: str, images: LiveImages) -> None:
+        self._ros, self._topic, self._orientation = ros, topic, orientation
+        self._intake = ImageIntake(images, self._decode)
+        self._subscription = ros.subscribe(
+            Topic(topic, Image, INCOMING_IMAGE), self._receive, raw=True
+        )
+
+    def close(self) -> None:
+        """Deliver nothing more."""
+        self._intake.close()
+
+    def _receive(self, data: bytes) -> None:
+        # Not by the sender of the message: only the newest of several that have come is received.
+        self._intake.put((data, self._ros.node.count_publishers(self._topic)))
+
+    def _decode(self, received: tuple[bytes, int]) -> ImageSample:
+        data, publishers = received
+        if publishers > 1:
+            raise InputError(f"{self._topic} has {publishers} publishers of images; expected 1")
+        try:
+            image = read_image_message(data, 0)
+        except InputError as error:
+            raise InputError(f"{self._topic}: {error}") from error
+        return standard_image(image, self._orientation)
 
 
 def _name(node: str, relative: str) -> str:

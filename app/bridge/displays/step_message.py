@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from marginguard_msgs.msg import SessionStep, StepPoint, StepProximity
 
-from app.bridge.errors import BridgeError
+from app.bridge.ros_errors import BridgeError
 from app.case import CauteryState, JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
@@ -26,7 +26,6 @@ from app.geometry import (
     ROTATION_TOLERANCE,
     FloatArray,
     Stamp,
-    SurfaceMesh,
     TrackedTransform,
     TrackingStatus,
     Transform,
@@ -172,27 +171,6 @@ def step_of(
 def seen_of(message: SessionStep) -> SeenHold:
     """The hold that the step shows."""
     return SeenHold(message.hold_seq, message.hold_nonce)
-
-
-def write_mesh(mesh: SurfaceMesh, message: Any) -> None:
-    """Write ``mesh`` into a reply of ``~/get_mesh`` or a request of ``~/command``."""
-    message.frame_id = mesh.frame
-    message.vertices = array("d", mesh.vertices_mm.tobytes())
-    message.triangles = array("I", mesh.faces.astype(np.uint32).tobytes())
-
-
-def received_mesh(frame: str, vertices_mm: "array[float]", triangles: "array[int]") -> SurfaceMesh:
-    """The surface of `write_mesh`. Raises `BridgeError` for lengths that are no multiple of 3."""
-    if len(vertices_mm) % 3 or len(triangles) % 3:
-        raise BridgeError(
-            f"surface: {len(vertices_mm)} coordinates and {len(triangles)} indices; expected "
-            "multiples of 3"
-        )
-    return SurfaceMesh(
-        frame,
-        np.array(vertices_mm, dtype=np.float64).reshape(-1, 3),
-        np.array(triangles, dtype=np.int32).reshape(-1, 3),
-    )
 
 
 def _step(

@@ -1,27 +1,40 @@
 """A live session on the ROS graph, as a pipeline: inputs, session, outputs, operators."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from app.bridge.control import MarginParameterServer, OperatorServices
+from app.bridge.control.operator_requests import OVER_ROS, OperatorList, OperatorRequests
+from app.bridge.control.operator_services import RearmService
+from app.bridge.displays.display_output import CommandService
+from app.bridge.environment import check_security
 from app.bridge.live.inputs import Counts, LiveInputs, named_edges
-from app.bridge.live.operator_endpoints import served_operators
 from app.bridge.live.outputs import LiveOutputs, live_outputs
 from app.bridge.live.single_instance import SingleInstance, single_instance
 from app.bridge.node import RosNode
-from app.bridge.publishing.frame_tree import PublishPolicy
+from app.bridge.publishing.serialized import PublishPolicy
 from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
-from app.bridge.security import check_security
-from app.case import TfSourceEntry
-from app.fixture import ProximityEngine, Reason
-from app.runtime import ComputeProcess, HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
+from app.case import LiveCase, TfSourceEntry
+from app.fixture import MarginParameters, ProximityEngine, Reason
+from app.runtime import (
+    ComputeProcess,
+    HoldKeeper,
+    LiveRun,
+    OperatorCommands,
+    Output,
+    PreparedLive,
+    RequestKind,
+)
 from app.session import (
     LiveSession,
     Session,
     SessionSetup,
+    StepResult,
     guidance_parameters,
     limiter_parameters,
     load_replacement,
@@ -183,3 +196,95 @@ def _joined(first: Mapping[Reason, str], second: Mapping[Reason, str]) -> Mappin
 
 def _all_counts(counts: Sequence[Counts]) -> Mapping[str, int]:
     return {name: n for each in counts for name, n in each().items()}
+
+
+@contextmanager
+def served_operators(
+    ros: RosNode, run: LiveRun, config: LiveCase, displays: Sequence[str], instance_id: str
+) -> Iterator[None]:
+    """Serve ``~/rearm``, ``~/set_tumor``, ``~/register``, ``~/record`` and margins as parameters.
+
+    And ``~/command`` for displays; the nodes ``displays`` may send it besides the operators of
+    ``config``. All of them change the session through the commands of ``run``.
+    """
+    commands = run.commands
+    allowed = None if config.operators is None else (*config.operators, *displays)
+    requests = OperatorRequests(ros, commands.requests, OperatorList(ros, allowed))
+
+    def set_margins(requested: MarginParameters, origin: str) -> None:
+        if origin == OVER_ROS:
+            services = ("~/set_parameters", "~/set_parameters_atomically")
+            with requests.refusals(RequestKind.MARGINS):
+                requests.check_margins(commands.content.margins, requested, *services)
+        commands.set_margins(requested, origin=origin)
+
+    def refused(reason: str, origin: str) -> None:
+        commands.requests.refused(RequestKind.MARGINS, origin, reason)
+
+    RearmService(ros, commands, requests)
+    server = MarginParameterServer(ros, commands.content.margins, set_margins, refused)
+    OperatorServices(ros, commands, requests)
+    CommandService(ros, commands, requests, instance_id)
+
+    def keep_margins(stop_mm: float, warn_mm: float, origin: str) -> None:
+        server.set(stop_mm=stop_mm, warn_mm=warn_mm, origin=origin)
+
+    commands.keep_margins = keep_margins
+    try:
+        yield
+    finally:
+        server.close()
+
+
+class LiveNodeLifecycle:
+    """A `LiveNode` for `app.bridge.control.LifecycleRosNode`; each *configure* makes a new one.
+
+    ``opened(ros)`` makes it. ``follow(steps)`` iterates over its steps while it is active, in a
+    thread of its own. ``failed(error)`` is called there with an error that ended the steps: an
+    active node that publishes nothing must not remain.
+    """
+
+    def __init__(
+        self,
+        opened: Callable[[RosNode], AbstractContextManager[LiveNode]],
+        follow: Callable[[Iterator[StepResult]], None],
+        failed: Callable[[Exception], None],
+    ) -> None:
+        self._opened = opened
+        self._follow = follow
+        self._failed = failed
+        self._open = ExitStack()
+        self._node: LiveNode | None = None
+        self._thread: threading.Thread | None = None
+
+    def configure(self, ros: RosNode) -> None:
+        """Read all files, subscribe to the source, serve the operator."""
+        self._node = self._open.enter_context(self._opened(ros))
+
+    def activate(self) -> None:
+        """Take steps. After an earlier *deactivate* the hold is latched until `~/rearm`."""
+        if self._node is not None:
+            self._node.live_run.live.resume()
+            self._thread = threading.Thread(
+                target=self._run, args=(self._node,), name="live steps", daemon=True
+            )
+            self._thread.start()
+
+    def deactivate(self) -> None:
+        """Stop stepping; the last constraint is on hold."""
+        if self._node is not None and self._thread is not None:
+            self._node.stop()
+            self._thread.join()
+            self._thread = None
+
+    def clean_up(self) -> None:
+        """Unsubscribe from the source and close everything that `configure` created."""
+        self._node = None
+        self._open.close()
+
+    def _run(self, node: LiveNode) -> None:
+        try:
+            with closing(node.live_run.steps()) as steps:
+                self._follow(steps)
+        except Exception as error:  # the owner of the process decides
+            self._failed(error)

@@ -7,13 +7,12 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, Range
 from std_msgs.msg import Bool
 
-from app.bridge.bag_topics import bag_topic
-from app.bridge.igtl_images import message_of_image
-from app.bridge.live.cautery_input import said_by
-from app.bridge.live.recorder import RosRecorder
+from app.bridge.live.ros_recorder import RosRecorder
+from app.bridge.live.sources import said_by
 from app.bridge.messages import header_message
-from app.bridge.qos import NEWEST, Topic
-from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, tracked_message
+from app.bridge.session_bag import bag_topic
+from app.bridge.topics import NEWEST, Topic
+from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, message_of_image, tracked_message
 from app.case import IMAGE_DEPTH_TOPIC, ImageDepths, LiveCase, SessionValues, image_depths
 from app.case.live_file import IgtlSourceEntry
 from app.case.new_case import IGTL_CAUTERY_TOPIC, IGTL_IMAGES_TOPIC

@@ -11,19 +11,23 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from app.bridge.control import GuidancePublisher, TwistLimiter
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+
+from app.bridge import messages, topics
+from app.bridge.control import TwistLimiter
 from app.bridge.displays.display_output import DisplayOutput
+from app.bridge.heartbeat import steady_ns
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.publishing.session_publisher import SessionPublisher
-from app.bridge.qos import INCOMING
-from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.listener import TfListener
+from app.bridge.tf_topics import TfListener
+from app.bridge.topics import INCOMING
 from app.case import LiveCase
 from app.files.paths import state_folder
-from app.fixture import GuidanceParameters, LimiterParameters, MarginParameters
-from app.geometry import ImageSample, InputError
+from app.fixture import Guidance, GuidanceParameters, LimiterParameters, MarginParameters
+from app.geometry import NS_PER_S, FloatArray, ImageSample, InputError, Stamp, Transform
 from app.runtime import (
     AuditLog,
     AuditOutput,
@@ -100,7 +104,7 @@ def live_outputs(
             parameters=limiter,
             simulated=content.simulated and not config.moves_by_simulated,
         )
-        wrench = () if guidance is None else (GuidanceOutput(GuidancePublisher(ros, guidance)),)
+        wrench = () if guidance is None else (GuidanceOutput(ros, guidance),)
         images = described_images(prepared.case, ros.node.resolve_topic_name(IMAGE_TOPIC))
         depth = ChosenDepth(content, images)
         recorder.depth = lambda: depth.choice
@@ -213,19 +217,53 @@ class TwistOutput(PassiveOutput):
 
 
 class GuidanceOutput(PassiveOutput):
-    """`Output` that publishes the guidance wrench of each step, and zero at the end."""
+    """`Output` that publishes ``~/guidance_wrench``: the guidance force at the tool's tip.
 
-    def __init__(self, guidance: GuidancePublisher) -> None:
-        self._guidance = guidance
+    One wrench per step: N and N m in the tip's frame, stamp of the oldest sample. Zero at the end.
+
+    If the tool's pose is unknown, or the planes belong to another pose, the force fades out at
+    its limited rate. A step that is later than the period for which the stiffness is passive
+    changes the force by no more than one period allows.
+    """
+
+    def __init__(self, ros: RosNode, parameters: GuidanceParameters) -> None:
+        self._parameters = parameters
+        self._guidance = Guidance(parameters)
+        self._max_step_ns = max(1, round(parameters.period_s * NS_PER_S))
+        self._pose: Transform | None = None
+        self._last: Stamp | None = None
+        self._publisher = ros.publisher(topics.GUIDANCE_WRENCH)
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
-        """Publish the wrench of ``step``."""
-        self._guidance.publish(step)
+        """Publish the wrench of ``step``; publishes nothing before the tool's first pose."""
+        now, last = step.frame.stamp, self._last
+        self._last = now
+        decision, constraint = step.decision, None
+        if step.tumor_from_tip is not None:
+            self._pose = step.tumor_from_tip
+            constraint = decision.constraint if decision.constraint_is_current else None
+        if self._pose is None:
+            return True
+        step_ns = self._max_step_ns if last is None else last.age_ns(now)
+        wrench = self._guidance.update(
+            constraint, self._pose.translation_mm, min(max(1, step_ns), self._max_step_ns)
+        )
+        self._send(self._pose, wrench, decision.stamp or now)
         return True
 
     def end(self) -> None:
-        """Publish a zero wrench."""
-        self._guidance.stop()
+        """Publish a zero wrench, because no step follows that would let the force fade out."""
+        self._guidance = Guidance(self._parameters)
+        if self._pose is not None and self._last is not None:
+            self._send(self._pose, np.zeros(6), self._last)
+
+    def _send(self, pose: Transform, wrench: FloatArray, stamp: Stamp) -> None:
+        """Publish ``wrench`` (6,), given along the tumour's axes, along those of the tip."""
+        tip_from_tumor = pose.rotation.T
+        message = WrenchStamped(header=messages.header_message(pose.source, stamp))
+        message.wrench.force = messages.vector_message(np.dot(tip_from_tumor, wrench[:3]))
+        message.wrench.torque = messages.vector_message(np.dot(tip_from_tumor, wrench[3:]))
+        self._publisher.publish(message)
 
 
 class FramesProblemLog(PassiveOutput):

@@ -12,11 +12,11 @@ from rclpy.logging import get_logger
 from std_msgs.msg import Empty
 
 from app.bridge.environment import domain_of
-from app.bridge.errors import BridgeError
 from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
-from app.bridge.qos import NEWEST, Topic
+from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import node_name
+from app.bridge.topics import NEWEST, Topic
 from app.files.paths import state_folder
 from app.fixture import Reason
 from app.hold import InstanceKey, LiveState, arm_name, host_id, live_state

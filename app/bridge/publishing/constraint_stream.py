@@ -13,9 +13,9 @@ from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from rclpy.serialization import serialize_message
 
-from app.bridge.errors import BridgeError
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.messages import time_message
+from app.bridge.ros_errors import BridgeError
 from app.fixture import Reason, worst_first
 from app.geometry import Stamp
 from app.hold import HoldIdentity, NextHold, RandomBits, RearmRefusedError, SeenHold

@@ -6,20 +6,101 @@ text, at every step. Late subscribers get both. All markers have stamp 0 and are
 frame, so that a viewer draws them at the latest pose.
 """
 
+import struct
+from collections.abc import Sequence
+
+import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, Quaternion
+from geometry_msgs.msg import Point, Pose, Quaternion
+from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge.messages import color_message, metres, point_message
-from app.bridge.publishing.marker_points import corners_m, placeholder, serialized
+from app.bridge.ros_errors import BridgeError
 from app.fixture import FixtureDecision, MarginState
+from app.geometry import FloatArray, SurfaceMesh
 from app.runtime import SessionContent
+
+MAX_TRIANGLES = 25_000
+"""A marker with more is simplified: it is sent at each change of colour, 72 bytes a triangle."""
+
+_COARSER = 1.15
+
+_MAX_CELLS = 2000
+"""Along the longest side, also where the area is nearly 0, so that the steps to it are few."""
 
 TUMOR_ALPHA = 0.4
 TOOL_RGB = (1.0, 1.0, 0.0)
 TEXT_HEIGHT_MM = 6.0
 TEXT_ABOVE_TUMOR_MM = 10.0
+
+_MAX_TEXTS = 1024
+"""A text has a decimal of a millimetre, so that most steps have one that is known."""
+
+
+def placeholder(number: int) -> Point:
+    """The only point of marker ``number`` of an array, for `serialized`."""
+    return Point(x=-1.5e300, y=2.5e299, z=1e298 * (number + 1))
+
+
+def serialized(markers: MarkerArray, points_m: Sequence[FloatArray]) -> bytes:
+    """``markers`` with ``points_m`` (k, 3) in place of the `placeholder` of each, serialised.
+
+    In CDR the points follow their number without padding, because three doubles, four floats, two
+    integers and one byte come before.
+    """
+    rest, done = bytes(serialize_message(markers)), b""
+    for number, points in enumerate(points_m):
+        point = placeholder(number)
+        before, mark, rest = rest.partition(struct.pack("<3d", point.x, point.y, point.z))
+        if not mark or before[-4:] != struct.pack("<I", 1):
+            raise BridgeError(
+                f"marker {number}: its points are not where they were expected in the message; "
+                "expected the definition of visualization_msgs of ROS 2 Jazzy"
+            )
+        coordinates = np.ascontiguousarray(points, dtype="<f8")
+        done += before[:-4] + struct.pack("<I", len(coordinates)) + coordinates.tobytes()
+    return done + rest
+
+
+def corners_m(mesh: SurfaceMesh, max_faces: int = MAX_TRIANGLES) -> FloatArray:
+    """Corners (3 m, 3) of the faces in sequence, in m, of at most ``max_faces`` faces."""
+    vertices: FloatArray = mesh.vertices_mm
+    faces: NDArray[np.integer] = mesh.faces
+    if len(faces) > max_faces:
+        vertices, faces = simplified(vertices, faces, max_faces)
+    return np.asarray(metres(vertices[faces.reshape(-1)]))
+
+
+def simplified(
+    vertices: FloatArray, faces: NDArray[np.integer], max_faces: int
+) -> tuple[FloatArray, NDArray[np.integer]]:
+    """A coarser surface with at most ``max_faces`` faces, for display only.
+
+    Vertices in one cell of a grid are replaced by their mean, and faces that degenerate are
+    dropped (Rossignac and Borrel 1993): no vertex moves by more than the diagonal of a cell.
+    """
+    # `take` and `compress` release the GIL, indexing by an array does not.
+    a, b, c = (np.take(vertices, faces[:, k], axis=0) for k in range(3))
+    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    low = vertices.min(axis=0)
+    side = float((vertices.max(axis=0) - low).max())
+    cell = max(np.sqrt(2.0 * area / max_faces), side / _MAX_CELLS, 1e-9)
+    while True:
+        cells = ((vertices - low) / cell).astype(np.int64)
+        size = cells.max(axis=0) + 1
+        key = (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
+        _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+        merged = np.take(index, faces)
+        first, second, third = merged.T
+        distinct = (first != second) & (second != third) & (third != first)
+        kept = np.compress(distinct, merged, axis=0)
+        if len(kept) <= max_faces:
+            sums = [np.bincount(index, weights=vertices[:, axis]) for axis in range(3)]
+            return np.stack(sums, axis=1) / count[:, None], kept
+        cell *= _COARSER
 
 
 class Markers:
@@ -88,3 +169,34 @@ def _marker(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker:
     )
     marker.scale.x = marker.scale.y = marker.scale.z = 1.0
     return marker
+
+
+class PreparedShapes:
+    """Surface markers of ``content``, serialised once for each margin state.
+
+    Create them in another thread while the session continues.
+    """
+
+    def __init__(self, content: SessionContent) -> None:
+        self._tumor, self._tool = content.tumor, content.tool
+        self._markers = Markers(content)
+        self._surfaces = {state: self._markers.surfaces(state) for state in MarginState}
+        self._texts: dict[tuple[MarginState, str], bytes] = {}
+
+    def match(self, content: SessionContent) -> bool:
+        """True if they were created from the tumour and the tool of ``content``."""
+        return content.tumor is self._tumor and content.tool is self._tool
+
+    def surfaces(self, state: MarginState) -> bytes:
+        """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool."""
+        return self._surfaces[state]
+
+    def text(self, decision: FixtureDecision) -> bytes:
+        """Serialised ``MarkerArray`` of the margin's text, above the tumour."""
+        key = (decision.state, margin_text(decision))
+        known = self._texts.get(key)
+        if known is None:
+            if len(self._texts) >= _MAX_TEXTS:
+                self._texts.clear()
+            known = self._texts[key] = bytes(serialize_message(self._markers.text(decision)))
+        return known

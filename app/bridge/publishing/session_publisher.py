@@ -11,21 +11,23 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from app.bridge import messages, topics
-from app.bridge.errors import BridgeError
+from app.bridge.constraint_message import ConstraintBuilder
+from app.bridge.heartbeat import steady_ns
 from app.bridge.node import RosNode
-from app.bridge.publishing.constraint import ConstraintBuilder
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.publishing.diagnostics import Diagnostics
-from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
-from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.markers import PreparedShapes
 from app.bridge.publishing.serialized import (
+    PUBLISH_ALL,
+    FrameTree,
+    PublishPolicy,
     SerializedJoints,
     SerializedMargin,
     SerializedTransforms,
 )
-from app.bridge.qos import Topic
-from app.bridge.steady_clock import steady_ns
-from app.bridge.tf.broadcaster import tf_message
+from app.bridge.ros_errors import BridgeError
+from app.bridge.tf_topics import tf_message
+from app.bridge.topics import Topic
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
 from app.hold import RandomBits

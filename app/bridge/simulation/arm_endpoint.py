@@ -14,7 +14,7 @@
 ``servo_cp``, ``servo_cv``,
 ``servo_cf``,
 ``body/servo_cf``
-``operating_state``,         see `arm_state_topics`       state, and input: commands that change it
+``operating_state``,         see `ArmStateTopics`         state, and input: commands that change it
 ``state_command``
 ``robot_description``        std_msgs/String              the URDF, if the robot is one
 ============================ ============================ ========================================
@@ -23,6 +23,9 @@ All are in the namespace of the arm, ``/NAME``, in m, rad, N. The service ``/NAM
 FAULT; ``/diagnostics`` has its reason.
 """
 
+from collections import deque
+from typing import Any
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, Quaternion, TwistStamped, WrenchStamped
@@ -30,6 +33,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from app.bridge.convert.plain import message_type
 from app.bridge.messages import (
     header_message,
     metres,
@@ -38,9 +42,9 @@ from app.bridge.messages import (
     vector_message,
 )
 from app.bridge.node import RosNode
-from app.bridge.qos import LATCHED, STREAM, Topic
+from app.bridge.ros_errors import UnknownTypeError
 from app.bridge.simulation.arm_commands import ArmCommands
-from app.bridge.simulation.arm_state_topics import ArmStateTopics
+from app.bridge.topics import LATCHED, NEWEST, STREAM, Topic
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.robot import urdf_text
 from app.simulation import (
@@ -48,9 +52,13 @@ from app.simulation import (
     ArmStatus,
     JointPositionCommand,
     RobotEntry,
+    StateCommand,
     ToolPoseCommand,
     Wrench,
 )
+
+_MAX_WAITING = 20
+_MAX_CHARS = 40
 
 _LEVELS = {
     ArmStatus.DISABLED: DiagnosticStatus.WARN,
@@ -59,9 +67,58 @@ _LEVELS = {
     ArmStatus.FAULT: DiagnosticStatus.ERROR,
 }
 
-
 _WRENCHES = "body/measured_cf", "measured_cf"
 """Along the axes of the tool, and of the root link."""
+
+
+class ArmStateTopics:
+    """Publishes the state at each change, latched; keeps commands until they are taken."""
+
+    def __init__(self, ros: RosNode, arm: str) -> None:
+        self._arm, self._node = arm, ros.node
+        self._waiting: deque[str] = deque(maxlen=_MAX_WAITING)
+        self._last: tuple[str, bool] | None = None
+        self._publisher: Any = None
+        try:
+            self._type = message_type("crtk_msgs/msg/OperatingState")
+            command_type = message_type("crtk_msgs/msg/StringStamped")
+        except UnknownTypeError:
+            ros.node.get_logger().info(
+                f"/{arm}/operating_state and /{arm}/state_command are missing: crtk_msgs is not "
+                "installed (see docs/installation.md); the state is on /diagnostics"
+            )
+            return
+        self._publisher = ros.publisher(Topic(f"/{arm}/operating_state", self._type, LATCHED))
+        ros.subscribe(Topic(f"/{arm}/state_command", command_type, NEWEST), self._take)
+
+    def commands(self) -> list[StateCommand]:
+        """The commands that have arrived since the last call; others are logged and ignored."""
+        found = []
+        while self._waiting:
+            text = self._waiting.popleft()
+            try:
+                found.append(StateCommand(text))
+            except ValueError:
+                self._node.get_logger().warning(
+                    f"/{self._arm}/state_command is {text[:_MAX_CHARS]!r}; "
+                    f"expected one of {', '.join(StateCommand)}"
+                )
+        return found
+
+    def publish(self, state: ArmState, stamp: Stamp) -> None:
+        """Publish ``state`` if it is another one than before."""
+        now = str(state.status), state.is_busy
+        if self._publisher is None or now == self._last:
+            return
+        self._last = now
+        self._publisher.publish(
+            self._type(
+                header=header_message("", stamp), state=now[0], is_homed=True, is_busy=now[1]
+            )
+        )
+
+    def _take(self, message: Any) -> None:
+        self._waiting.append(message.string)
 
 
 class ArmEndpoint:

@@ -6,14 +6,14 @@
                          TrackedTransform               ``tracker`` to ``NAME_sensor``
 ``/tf``                  tf2_msgs/TFMessage             the truth: ``world`` to ``truth/NAME`` of
                                                         every body, with one common stamp
-``/clock``               rosgraph_msgs/Clock            see `clock_topic`; only if asked for
+``/clock``               rosgraph_msgs/Clock            see `ClockTopic`; only if asked for
 ``~/real_time_factor``   std_msgs/Float64               simulated seconds per second
 ``~/reset``, ``~/pause`` std_srvs/Trigger               begin again at 0; stand still
 ``~/resume``, ``~/step`` std_srvs/Trigger               go on; take one step and stand still
 ``/NAME/enable``         std_srvs/Trigger               end the FAULT of an arm
-``~/move_bodies``,       see `body_edits`               a user moves, adds or removes a body
+``~/move_bodies``,       see `world_bodies`             a user moves, adds or removes a body
 ``~/edit_body``
-``~/bodies``             visualization_msgs/MarkerArray their surfaces, latched: see `body_shapes`
+``~/bodies``             visualization_msgs/MarkerArray their surfaces, latched: see `BodyShapes`
 ======================== ============================== ==========================================
 
 A session must not follow the truth: its frames have names of their own. Stamps are host time.
@@ -32,16 +32,14 @@ from app.bridge import topics
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.messages import header_message
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation.arm_endpoint import ArmEndpoint, has_reader
-from app.bridge.simulation.body_edits import BodyEdits
-from app.bridge.simulation.body_shapes import BodyShapes
-from app.bridge.simulation.clock_topic import ClockTopic
-from app.bridge.simulation.device_hand import DeviceHand
-from app.bridge.simulation.real_time import RealTime
-from app.bridge.tf.wire import write_tf_message
+from app.bridge.simulation.hand_inputs import DeviceHand
+from app.bridge.simulation.real_time import ClockTopic, RealTime
+from app.bridge.simulation.world_bodies import BodyEdits, BodyShapes
+from app.bridge.tf_poses import write_tf_message
+from app.bridge.topics import STREAM, Topic
 from app.bridge.tracker_publisher import TrackerPublisher
-from app.bridge.world_editor import SIMULATION, TRUTH, tf_sample
+from app.bridge.world_client import SIMULATION, TRUTH, tf_sample
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform
 from app.simulation import (
     ArmCommand,

@@ -50,8 +50,7 @@ def run(options: argparse.Namespace) -> int:
         load_bridge("which 'igtl' needs")
         print_reach()
         from app.bridge import RosNode
-        from app.bridge.igtl_images import IgtlImagePublisher
-        from app.bridge.igtl_publisher import IgtlPublisher
+        from app.bridge.tracker_publisher import IgtlImagePublisher, IgtlPublisher
         from app.igtl import IgtlSource, SampleQueue
 
         queue = SampleQueue()

@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         print_reach()
         with received.ends_at_once():
             from app.bridge import RosNode
-            from app.bridge.operation_node import NODE_NAME, OperationNode
+            from app.bridge.tracker_publisher import OPERATION_NODE, OperationNode
             from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
             from app.synthetic.operation import RATE_HZ, Operation
             from app.synthetic.operation_files import CONFIG_NAME, IMAGE_TOPIC, write_operation
@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
                 except InputError as error:
                     print(error, file=sys.stderr, flush=True)
 
-        with RosNode(NODE_NAME) as ros:
+        with RosNode(OPERATION_NODE) as ros:
             node = OperationNode(ros, operation.step, RATE_HZ, IMAGE_TOPIC)
             print(f"simulated operation: {options.folder / CONFIG_NAME}", flush=True)
             node.run(stop, requests)

@@ -22,7 +22,7 @@ from app.cli.ros import load_bridge, print_reach
 if TYPE_CHECKING:
     from marginguard_msgs.msg import FixtureConstraint
 
-    from app.bridge.live import RearmClient
+    from app.bridge.control.operator_services import RearmClient
 
 SUMMARY = "show the hold of a running guard, and end it"
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     load_bridge("which 'rearm' needs")
     print_reach()
     from app.bridge import RosNode
-    from app.bridge.live import RearmClient
+    from app.bridge.control.operator_services import RearmClient
     from app.bridge.publishing.session_publisher import NODE_NAME
 
     with RosNode("marginguard_rearm", namespace=options.namespace) as ros:
@@ -110,7 +110,7 @@ def changes_for_the_worse(seen: "FixtureConstraint", now: "FixtureConstraint") -
 def _rearm(client: "RearmClient", seen: "FixtureConstraint") -> int:
     """Request the end of the hold ``seen``, print the reply; the exit status."""
     from app.bridge import BridgeError
-    from app.bridge.calls.errors import CallTimeoutError, ServerGoneError
+    from app.bridge.ros_errors import CallTimeoutError, ServerGoneError
 
     try:
         response = client.rearm(seen, TIMEOUT_S)

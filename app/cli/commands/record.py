@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from app.bridge import RosNode
     from app.bridge.live.non_ros_recorder import DepthRecorder, IgtlRecorder
-    from app.bridge.live.recorder import RosRecorder
+    from app.bridge.live.ros_recorder import RosRecorder
     from app.case import BagWriter, LiveCase, SessionValues
 
 SUMMARY = "record a live case over ROS 2"

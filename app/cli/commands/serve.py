@@ -43,9 +43,9 @@ def run(options: argparse.Namespace) -> int:
         load_bridge("which 'serve' needs")
         from app.bridge import RosNode
         from app.bridge.calls.calibrate_server import CalibrateServer
-        from app.bridge.calls.replay_server import ReplayServer
+        from app.bridge.replay_node import ReplayServer
         from app.bridge.tf import TransformBuffer
-        from app.bridge.tf.listener import TfListener
+        from app.bridge.tf_topics import TfListener
         from app.cli.served_cases import ServedCases
 
         cases = ServedCases(

@@ -154,7 +154,7 @@ def _hand(options: argparse.Namespace) -> str:
 def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
     """The commands to start, with their arguments. Raises `InputError` for a missing file."""
     from app.bridge.publishing.session_publisher import NODE_NAME
-    from app.bridge.world_editor import SIMULATION
+    from app.bridge.world_client import SIMULATION
     from app.files.bounded_io import is_file, is_folder
     from app.geometry import InputError
 

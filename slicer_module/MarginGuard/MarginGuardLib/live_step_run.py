@@ -6,7 +6,7 @@ from secrets import token_hex
 
 from app.bridge import RosNode, prepare_environment
 from app.bridge.displays import LiveChild, SessionClient
-from app.bridge.displays.names import PANEL_NODE
+from app.bridge.displays.remote_operator import PANEL_NODE
 from app.bridge.publishing.session_publisher import NODE_NAME
 from app.geometry import InputError
 from app.runtime import Operator, SessionContent

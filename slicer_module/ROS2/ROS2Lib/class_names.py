@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
-from app.bridge.convert.errors import UnknownTypeError
+from app.bridge.ros_errors import UnknownTypeError
 from ROS2Lib.bool_string import vtkBoolString
 from ROS2Lib.classes import kind_class
 from ROS2Lib.errors import Ros2Error

@@ -9,11 +9,10 @@ from slicer import vtkMRMLScene, vtkMRMLScriptedModuleNode
 from std_msgs.msg import Header
 
 from app.bridge import RosNode, prepare_environment
-from app.bridge.errors import reason_of
 from app.bridge.messages import time_message
+from app.bridge.ros_errors import reason_of
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.broadcaster import TfBroadcaster
-from app.bridge.tf.listener import TfListener
+from app.bridge.tf_topics import TfBroadcaster, TfListener
 from app.geometry import MarginGuardError, Stamp
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Kind, Member

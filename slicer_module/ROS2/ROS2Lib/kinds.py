@@ -30,7 +30,7 @@ from app.bridge.convert import (
     service_type,
     to_plain,
 )
-from app.bridge.convert.types import SHORT_NAMES
+from app.bridge.convert.plain import SHORT_NAMES
 from app.geometry import Stamp
 from ROS2Lib import vtk_values
 from ROS2Lib.bool_string import BoolStringResponse, vtkBoolString

@@ -8,7 +8,7 @@ from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge import RosNode
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.broadcaster import TfBroadcaster
+from app.bridge.tf_topics import TfBroadcaster
 from app.geometry import MarginGuardError
 from ROS2Lib.mrml_class import MrmlClass
 from ROS2Lib.saved_state import SavedState, without_events

@@ -1,6 +1,6 @@
 """ROS node in the scene with the calls of SlicerROS2's scripts."""
 
-from app.bridge.world_editor import SIMULATION
+from app.bridge.world_client import SIMULATION
 from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
 from ROS2Lib.classes import kind_class, kind_class_name, special_class
 from ROS2Lib.collision_publisher import vtkMRMLROS2PublisherCollisionObjectNode

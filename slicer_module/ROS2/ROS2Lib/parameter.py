@@ -6,7 +6,7 @@ from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.calls.parameter_values import TYPE_NAMES, Plain, parameter_value
+from app.bridge.calls.parameter_server import TYPE_NAMES, Plain, parameter_value
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.output_argument import set_output

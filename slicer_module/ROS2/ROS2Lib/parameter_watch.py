@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from app.bridge import BridgeError, RosNode
 from app.bridge.calls import ParameterChange, ParameterClient, ParameterUnsetError
-from app.bridge.calls.parameter_values import Plain
+from app.bridge.calls.parameter_server import Plain
 
 _POLL_S = 0.2
 _TIMEOUT_S = 5.0

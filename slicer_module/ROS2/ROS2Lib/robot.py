@@ -5,7 +5,7 @@ from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.robots import RobotSettings
+from app.bridge.robot_description import RobotSettings
 from app.robot import Robot
 from app.runtime.latest_value import LatestValue
 from ROS2Lib.errors import Ros2Error

@@ -8,9 +8,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from slicer import vtkMRMLLinearTransformNode
 
-from app.bridge.qos import Topic
-from app.bridge.robots import JointFollower, RobotSettings
-from app.bridge.robots.followed import MAX_JOINT_STATE_BYTES
+from app.bridge.robot_description import RobotSettings
+from app.bridge.robots import MAX_JOINT_STATE_BYTES, JointFollower
+from app.bridge.topics import Topic
 from app.geometry import NS_PER_S, Transform
 from app.robot import Robot
 from app.scene import RobotModel, SceneError

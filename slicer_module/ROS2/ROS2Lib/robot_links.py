@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from app.bridge.robots import RobotSettings
+from app.bridge.robot_description import RobotSettings
 from app.robot import Robot
 from app.scene import RobotModel, SceneError
 from app.scene.nodes.convert import vtk_matrix

@@ -7,7 +7,7 @@ from typing import Any
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.bridge.calls import ServiceClient
-from app.bridge.robots import RobotSettings
+from app.bridge.robot_description import RobotSettings
 from app.geometry import NS_PER_S, MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Owner

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 from app.bridge import RosNode
-from app.bridge.robots import (
+from app.bridge.robot_description import (
     DescriptionListener,
     DescriptionSource,
     MeshMapSource,

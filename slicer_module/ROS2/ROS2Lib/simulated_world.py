@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 from slicer import vtkMRMLModelNode, vtkMRMLScriptedModuleNode
 
-from app.bridge.body_surfaces import BodySurfaces
-from app.bridge.tf import TfError
-from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
+from app.bridge.ros_errors import TfError
+from app.bridge.world_client import TRUTH, WORLD, BodySurfaces, WorldEditor
 from app.geometry import NS_PER_S, MarginGuardError, Stamp, SurfaceMesh, Transform
 from app.runtime import WorldBody
 from app.scene.body_models import COLOR

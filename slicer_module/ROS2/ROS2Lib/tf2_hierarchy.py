@@ -5,7 +5,7 @@ from typing import Any
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLScriptedModuleNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.bridge.tf.owned_frames import OwnedFrames
+from app.bridge.tf_topics import OwnedFrames
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,

@@ -4,8 +4,9 @@ from typing import Any
 
 from slicer import vtkMRMLLinearTransformNode
 
-from app.bridge.robots.settings import STALE_AFTER_NS, pose_limits
-from app.bridge.tf import Lookup, TfError
+from app.bridge.robot_description import STALE_AFTER_NS, pose_limits
+from app.bridge.ros_errors import TfError
+from app.bridge.tf import Lookup
 from app.geometry import NS_PER_S, Freshness, freshness_of
 from app.scene.nodes.convert import is_at, vtk_matrix
 from ROS2Lib.errors import Ros2Error
@@ -20,7 +21,7 @@ class vtkMRMLROS2Tf2LookupNode(FramePair, vtkMRMLLinearTransformNode):
 
     Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while tf has no
     answer, or while the oldest of the newest samples along the path is older than
-    `GetStaleAfterSeconds` or from the future (`app.bridge.robots.settings.pose_limits`). A stale
+    `GetStaleAfterSeconds` or from the future (`app.bridge.robot_description.pose_limits`). A stale
     node keeps its pose. A node that was moved in the scene is reset by the next `Spin`. The
     attributes ``ros2.state`` and ``ros2.stamp_ns`` (that sample's stamp) hold the values of the
     last `Spin`.

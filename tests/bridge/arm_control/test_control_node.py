@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
 from app.bridge.arm_control import ControlNode
-from app.bridge.qos import NEWEST, STREAM, Topic
+from app.bridge.topics import NEWEST, STREAM, Topic
 from app.cli.main import main
 from app.control import control_schema_text, open_control
 from app.geometry import NS_PER_S, InputError

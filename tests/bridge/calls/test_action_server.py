@@ -12,7 +12,7 @@ from tf2_msgs.action import LookupTransform
 
 from app.bridge.calls import ActionClient, ActionServer, CallError, GoalCancelledError, GoalOutcome
 from app.bridge.node import RosNode
-from app.bridge.qos import LATCHED, Topic
+from app.bridge.topics import LATCHED, Topic
 from app.geometry import NS_PER_S, InputError
 from tests.waiting import DEADLINE_S
 

@@ -9,7 +9,7 @@ from marginguard_msgs.action import Calibrate
 
 from app.bridge.calls.calibrate_server import CalibrateServer
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.listener import TfListener
+from app.bridge.tf_topics import TfListener
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.parameter import Parameter
 
-from app.bridge.calls.parameter_values import parameter_value, plain_value
+from app.bridge.calls.parameter_server import parameter_value, plain_value
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 
 from app.bridge import topics
 from app.bridge.control import TwistLimiter, allowed_twist
-from app.bridge.steady_clock import steady_ns
+from app.bridge.heartbeat import steady_ns
 from app.bridge.tf import TransformBuffer
 from app.fixture import FreeMotion, LimiterParameters, MarginState, Reason
 from app.geometry import NS_PER_S, Stamp, TrackedTransform, Transform

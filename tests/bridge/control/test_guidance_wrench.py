@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from app.bridge import topics
-from app.bridge.control import GuidancePublisher
+from app.bridge.live.outputs import GuidanceOutput
 from app.fixture import GuidanceParameters
 from app.geometry import Transform
+from app.runtime import StepTiming
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
@@ -35,10 +36,10 @@ def listening(ros, start_receiver, count):
 
 
 def test_half_the_range_gives_half_the_force_along_the_tips_axes(ros, make_step, start_receiver):
-    guidance = GuidancePublisher(ros, QUICK)
+    guidance = GuidanceOutput(ros, QUICK)
     receiver = listening(ros, start_receiver, 1)
     step = rotated(make_step(0))
-    guidance.publish(step)
+    guidance.publish(step, StepTiming())
     message = receiver.messages()[0]["message"]
     assert message["header"]["frame_id"] == "cautery_tip"
     stamp = message["header"]["stamp"]
@@ -50,9 +51,9 @@ def test_half_the_range_gives_half_the_force_along_the_tips_axes(ros, make_step,
 
 
 def test_force_beside_the_tip_gives_a_torque(ros, make_step, start_receiver):
-    guidance = GuidancePublisher(ros, QUICK)
+    guidance = GuidanceOutput(ros, QUICK)
     receiver = listening(ros, start_receiver, 1)
-    guidance.publish(make_step(0))
+    guidance.publish(make_step(0), StepTiming())
     torque = receiver.messages()[0]["message"]["wrench"]["torque"]
     # r x f with r = (1, 2, 17.5) mm and f = (0, 0, 2) N.
     assert [torque[axis] for axis in "xyz"] == pytest.approx([0.004, -0.002, 0.0])
@@ -72,16 +73,16 @@ def test_force_beside_the_tip_gives_a_torque(ros, make_step, start_receiver):
 def test_force_fades_at_its_rate_and_is_zero_at_rest(
     ros, make_step, start_receiver, actions, expected_n
 ):
-    guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
+    guidance = GuidanceOutput(ros, replace(QUICK, rate_n_s=50.0))
     receiver = listening(ros, start_receiver, len(expected_n))
     for action, index in map(str.split, actions):
         step = make_step(int(index), lost=action == "lost")
         if action == "rest":
-            guidance.stop()
+            guidance.end()
         elif action == "earlier":
             earlier = replace(step.decision, constraint_is_current=False)
-            guidance.publish(replace(step, decision=earlier))
+            guidance.publish(replace(step, decision=earlier), StepTiming())
         else:
-            guidance.publish(step)
+            guidance.publish(step, StepTiming())
     forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.messages()]
     assert forces == pytest.approx(expected_n)

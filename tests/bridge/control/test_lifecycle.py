@@ -7,8 +7,8 @@ import pytest
 from std_srvs.srv import Trigger
 
 from app.bridge.control import LifecycleRosNode
-from app.bridge.errors import BridgeError
 from app.bridge.publishing.constraint_stream import ConstraintStream
+from app.bridge.ros_errors import BridgeError
 from app.bridge.topics import CONSTRAINT
 from tests.bridge.publishing.test_constraint_stream import constraint
 from tests.bridge.service_calls import transitions

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.bridge.calls.errors import CallError
 from app.bridge.control import MarginParameterServer
-from app.bridge.control.margin_parameters import margins_of
+from app.bridge.control.operator_requests import margins_of
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import CallError
 from app.fixture import MarginParameterError, MarginParameters
 from tests.bridge.service_calls import CALLER, asking, setting
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from app.bridge.control import OperatorServices
-from app.bridge.control.operator_requests import OperatorRequests
-from app.bridge.control.operators import OperatorList
+from app.bridge.control.operator_requests import OperatorList, OperatorRequests
 from app.case import open_case
 from app.geometry import SurfaceMesh
 from app.runtime import OperatorCommands, PassiveOutput, StepHolds, content_of

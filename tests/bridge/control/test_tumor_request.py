@@ -7,7 +7,7 @@ from marginguard_msgs.srv import SetTumor
 from rclpy.serialization import deserialize_message, serialize_message
 from shape_msgs.msg import MeshTriangle
 
-from app.bridge.control.tumor_request import ArrayRequest, TumorRequest
+from app.bridge.control.operator_services import ArrayRequest, TumorRequest
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import pytest
 from sensor_msgs.msg import Image
 
 from app.bridge.convert import ConversionError, image_array, image_message
-from app.bridge.convert.images import ENCODINGS
+from app.bridge.convert.array_messages import ENCODINGS
 from app.geometry import Stamp
 
 pytestmark = pytest.mark.slow

@@ -16,7 +16,7 @@ import marginguard as mg
 from app.bridge import BridgeError, RosNode
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.displays import LiveChild, SessionClient
-from app.bridge.displays.names import PAGE_NODE, PANEL_NODE
+from app.bridge.displays.remote_operator import PAGE_NODE, PANEL_NODE
 from app.bridge.displays.session_client import TransportDelay
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, MarginGuardError

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from app.bridge import RosNode
 from app.bridge.live import listen_to_joints
-from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
-from app.bridge.tf import TfError, TransformBuffer
-from app.bridge.tf.listener import TfListener
+from app.bridge.robot_description import DescriptionListener, DescriptionSource, RobotSettings
+from app.bridge.ros_errors import TfError
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf_topics import TfListener
 
 
 def main() -> None:

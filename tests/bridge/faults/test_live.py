@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 
 from app.bridge import topics
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import STREAM, Topic
 from tests.bridge.conftest import Receiver, Start, StartReceiver
 from tests.bridge.faults.test_listeners import attacked
 from tests.bridge.processes import Child

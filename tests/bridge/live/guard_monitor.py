@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
 
-from app.bridge.live import RearmClient
+from app.bridge.control.operator_services import RearmClient
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import STREAM, Topic
 from tests.waiting import DEADLINE_S
 
 REARM_S = 30.0

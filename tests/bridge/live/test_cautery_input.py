@@ -4,8 +4,8 @@ import pytest
 from std_msgs.msg import Bool
 
 from app.bridge import RosNode
-from app.bridge.live.cautery_input import IgtlCautery, TopicCautery
-from app.bridge.qos import STREAM, Topic
+from app.bridge.live.sources import IgtlCautery, TopicCautery
+from app.bridge.topics import STREAM, Topic
 from app.case import CauteryState, CauteryTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header

@@ -10,10 +10,10 @@ from sensor_msgs.msg import Image
 
 from app.bridge import RosNode
 from app.bridge.convert import image_message
-from app.bridge.displays.image_input import TopicImages
-from app.bridge.igtl_images import IgtlImagePublisher
+from app.bridge.displays.session_client import TopicImages
 from app.bridge.live.outputs import ChosenDepth
-from app.bridge.qos import NEWEST, Topic
+from app.bridge.topics import NEWEST, Topic
+from app.bridge.tracker_publisher import IgtlImagePublisher
 from app.case import DepthCalibration, ImageDepths, TrackingFrame
 from app.geometry import (
     ImageCalibration,
@@ -23,7 +23,7 @@ from app.geometry import (
     TrackedTransform,
     Transform,
 )
-from app.igtl.images import image_message as igtl_message
+from app.igtl.image_messages import image_message as igtl_message
 from app.igtl.wire import HEADER_BYTES, read_header
 from app.runtime import ImageDepth, ImageDescription, StepTiming
 from app.session import LiveImages

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from app.bridge.heartbeat import steady_ns
 from app.bridge.live import LiveNode, LiveNodeLifecycle
 from app.bridge.live.outputs import TwistOutput
-from app.bridge.steady_clock import steady_ns
 from app.runtime import LiveRun, PassiveOutput, StepTiming
 from tests.doubles import PARAMETERS
 from tests.session.test_live import SimulatedHost, track

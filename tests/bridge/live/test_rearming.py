@@ -11,9 +11,8 @@ import pytest
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import deserialize_message
 
-from app.bridge.control.operator_requests import OperatorRequests
-from app.bridge.control.operators import OperatorList
-from app.bridge.live import RearmService
+from app.bridge.control.operator_requests import OperatorList, OperatorRequests
+from app.bridge.control.operator_services import RearmService
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.runtime import OperatorCommands

@@ -22,7 +22,7 @@ from visualization_msgs.msg import Marker
 from app.bridge.calls import ServiceClient
 from app.bridge.convert import qos_profile
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import STREAM, Topic
 from app.case import open_case
 from tests.bridge.conftest import SENDER as SENDER
 from tests.bridge.conftest import TRACKED as TRACKED

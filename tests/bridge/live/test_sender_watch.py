@@ -12,11 +12,11 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
-from app.bridge.live.playback_watch import PlaybackWatch
+from app.bridge.live.inputs import PlaybackWatch
 from app.bridge.live.sender_watch import SenderWatch, WatchedInputs, WatchedSession
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
-from app.bridge.tf.broadcaster import tf_message
+from app.bridge.tf_topics import tf_message
 from app.case.messages.message_values import JointValues, PoseValues
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, Stamp, Transform

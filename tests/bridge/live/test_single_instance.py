@@ -5,9 +5,9 @@ import threading
 import pytest
 
 from app.bridge import RosNode, topics
-from app.bridge.errors import BridgeError
 from app.bridge.live import single_instance
 from app.bridge.live.single_instance import find_silent_publishers
+from app.bridge.ros_errors import BridgeError
 from app.fixture import Reason
 from tests.waiting import wait_until
 

@@ -15,9 +15,9 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
 from app.bridge.live import TfSource, TrackedTransformSource, listen_to_joints
-from app.bridge.qos import STREAM, Topic
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.listener import TfListener
+from app.bridge.tf_topics import TfListener
+from app.bridge.topics import STREAM, Topic
 from app.geometry import TrackingStatus
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.waiting import DEADLINE_S

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from app.bridge.live.playback_watch import PlaybackWatch
+from app.bridge.live.inputs import PlaybackWatch
 from app.bridge.node import RosNode
 from tests.waiting import wait_until
 

@@ -9,11 +9,11 @@ from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
-from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.playback import SoleSource
 from app.bridge.publishing.session_publisher import SessionPublisher
-from app.bridge.qos import STREAM, Topic
+from app.bridge.ros_errors import BridgeError
+from app.bridge.topics import STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 from tests.waiting import DEADLINE_S
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.bridge.arm_control.base_pose import setup_of
-from app.bridge.publishing.constraint import ConstraintBuilder
+from app.bridge.arm_inputs import setup_of
+from app.bridge.constraint_message import ConstraintBuilder
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Transform
 

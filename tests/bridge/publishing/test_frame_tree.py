@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.bridge.publishing.frame_tree import FrameTree, moving_edges
+from app.bridge.publishing.serialized import FrameTree, moving_edges
 from app.case.tracking_frames import TrackingFrame
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform

@@ -9,10 +9,16 @@ from geometry_msgs.msg import Point
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from app.bridge.errors import BridgeError
-from app.bridge.publishing.marker_points import MAX_TRIANGLES, corners_m, serialized, simplified
-from app.bridge.publishing.markers import Markers, margin_text
-from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.markers import (
+    MAX_TRIANGLES,
+    Markers,
+    PreparedShapes,
+    corners_m,
+    margin_text,
+    serialized,
+    simplified,
+)
+from app.bridge.ros_errors import BridgeError
 from app.fixture import MarginState
 from benchmarks.fixture_shapes import lobed_tumor
 
@@ -69,7 +75,7 @@ def test_text_is_above_the_tumour(content, make_step):
 
 
 def test_known_texts_are_those_of_their_decisions(content, make_step, monkeypatch):
-    monkeypatch.setattr("app.bridge.publishing.prepared_shapes._MAX_TEXTS", 2)
+    monkeypatch.setattr("app.bridge.publishing.markers._MAX_TEXTS", 2)
     shapes = PreparedShapes(content)
     steps = [make_step(0), make_step(0, lost=True), make_step(0, state=MarginState.WARNING)]
     for step in [*steps, *steps]:

@@ -11,15 +11,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Float64, Header
 from tf2_msgs.msg import TFMessage
 
-from app.bridge.errors import BridgeError
 from app.bridge.messages import color_message, joint_state_message
-from app.bridge.number_template import Block, NumberTemplate
 from app.bridge.publishing.serialized import (
+    Block,
+    NumberTemplate,
     SerializedJoints,
     SerializedMargin,
     SerializedTransforms,
 )
-from app.bridge.tf.broadcaster import tf_message
+from app.bridge.ros_errors import BridgeError
+from app.bridge.tf_topics import tf_message
 from app.case.tracking_frames import JointSample
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform

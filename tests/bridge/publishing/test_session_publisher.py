@@ -8,9 +8,9 @@ import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from app.bridge import topics
-from app.bridge.errors import BridgeError
-from app.bridge.publishing.frame_tree import PublishPolicy
+from app.bridge.publishing.serialized import PublishPolicy
 from app.bridge.publishing.session_publisher import SessionPublisher
+from app.bridge.ros_errors import BridgeError
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration

@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from app.bridge.robots import FollowError, JointFollower, RobotSettings, TfFollower
+from app.bridge.robot_description import RobotSettings
+from app.bridge.robots import JointFollower, TfFollower
+from app.bridge.ros_errors import FollowError
 from app.bridge.tf import TransformBuffer
 from app.geometry import NS_PER_MS, NS_PER_S, Transform
 from app.robot import bodies_from_mesh_map, robot_from_text

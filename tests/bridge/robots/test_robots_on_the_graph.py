@@ -14,16 +14,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from app.bridge import topics
-from app.bridge.qos import LATCHED, Topic
-from app.bridge.robots import (
+from app.bridge.robot_description import (
     JOINT_STATES,
     DescriptionListener,
     DescriptionSource,
-    FollowedRobot,
     RobotSettings,
 )
+from app.bridge.robots import FollowedRobot
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.listener import TfListener
+from app.bridge.tf_topics import TfListener
+from app.bridge.topics import LATCHED, Topic
 from app.geometry import NS_PER_S
 from app.robot import robot_from_text
 from tests.waiting import DEADLINE_S, wait_until

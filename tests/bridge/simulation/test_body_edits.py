@@ -8,11 +8,11 @@ import pytest
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import RosNode
-from app.bridge.qos import STREAM, Topic
 from app.bridge.simulation import NODE_NAME
-from app.bridge.simulation.body_edits import MAX_MOVES
-from app.bridge.tf.wire import TfMessageReader
-from app.bridge.world_editor import TRUTH, WORLD, WorldEditor
+from app.bridge.simulation.world_bodies import MAX_MOVES
+from app.bridge.tf_poses import TfMessageReader
+from app.bridge.topics import STREAM, Topic
+from app.bridge.world_client import TRUTH, WORLD, WorldEditor
 from app.files.meshes import write_mesh
 from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.simulation import open_world
@@ -144,7 +144,7 @@ def test_body_may_not_be_placed_in_the_tool(edited):
 
 def test_numbers_that_are_not_finite_are_refused(edited):
     """`Transform` refuses them, so the message is written without it."""
-    from app.bridge.tf.wire import TfSample, write_tf_message
+    from app.bridge.tf_poses import TfSample, write_tf_message
 
     for place in ((math.nan, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 1, 1, 1, 1)):
         count = len(edited.refused)

@@ -6,8 +6,8 @@ import pytest
 from rosgraph_msgs.msg import Clock
 
 from app.bridge import RosNode
-from app.bridge.qos import INCOMING, Topic
 from app.bridge.simulation import NODE_NAME, SimulationNode
+from app.bridge.topics import INCOMING, Topic
 from app.cli.main import main
 from app.simulation import World, open_world
 from tests.waiting import wait_until

@@ -7,7 +7,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
-from app.bridge.simulation.controller_binding import ControllerBinding
+from app.bridge.simulation.arm_commands import ControllerBinding
 from tests.bridge.simulation.stepped_world import simulated as simulated
 
 pytestmark = pytest.mark.slow

@@ -5,8 +5,8 @@ import pytest
 
 from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME
-from app.bridge.simulation.body_shapes import MAX_ALL_TRIANGLES
-from app.bridge.world_listener import WorldListener
+from app.bridge.simulation.world_bodies import MAX_ALL_TRIANGLES
+from app.bridge.world_client import WorldListener
 from app.geometry import Transform
 from app.runtime import BodyKind, RequestOutcome, SimulatedWorld
 from app.simulation import open_world

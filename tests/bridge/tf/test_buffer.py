@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.bridge.tf import (
+from app.bridge.ros_errors import (
     TfConnectivityError,
     TfError,
     TfExtrapolationError,
     TfInvalidError,
     TfLookupError,
-    TransformBuffer,
 )
+from app.bridge.tf import TransformBuffer
 from app.geometry import NS_PER_S, FrameError
 from tests.oracles.transform_tree import BruteForceTree
 

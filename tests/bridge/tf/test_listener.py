@@ -11,11 +11,10 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 from app.bridge import topics
-from app.bridge.qos import LATCHED, STREAM, Topic
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf.broadcaster import TfBroadcaster, tf_message
-from app.bridge.tf.listener import TfListener
-from app.bridge.tf.wire import TfSample, write_tf_message
+from app.bridge.tf_poses import TfSample, write_tf_message
+from app.bridge.tf_topics import TfBroadcaster, TfListener, tf_message
+from app.bridge.topics import LATCHED, STREAM, Topic
 from app.geometry import Stamp, Transform
 from tests.waiting import DEADLINE_S
 

@@ -8,8 +8,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from app.bridge.tf import TfInvalidError
-from app.bridge.tf.wire import TfMessageReader, TfSample, write_tf_message
+from app.bridge.ros_errors import TfInvalidError
+from app.bridge.tf_poses import TfMessageReader, TfSample, write_tf_message
 
 pytestmark = pytest.mark.slow
 

@@ -1,0 +1,303 @@
+"""Inputs of the controller of an arm: joints, the hand's wrench, the base's pose, constraints."""
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped, WrenchStamped
+from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from app.bridge.constraint_message import plain_constraint
+from app.bridge.message_origin import Origin
+from app.bridge.messages import MM_PER_M, ns_of
+from app.bridge.node import RosNode
+from app.bridge.sender_names import node_name, nodes_text
+from app.bridge.topics import INCOMING, NEWEST, Topic
+from app.case import values_reader
+from app.case.messages.ros_messages import TRACKED_TRANSFORM
+from app.control import JointMeasurement, PoseMeasurement, WrenchMeasurement
+from app.fixture import PlainConstraint
+from app.geometry import (
+    NS_PER_MS,
+    FrameError,
+    MarginGuardError,
+    TrackedTransform,
+    Transform,
+)
+from app.session import Sample, SenderTrail
+
+MAX_BYTES = 1 << 20
+_CHECK_PERIOD_NS = 100 * NS_PER_MS
+
+_MAX_SENDERS = 8
+
+
+class SingleSender:
+    """Receives ``topic`` and calls ``receive(data)`` in the node's thread for its one sender.
+
+    While two publishers send nothing is received, and `problem` names them. Thread-safe.
+    """
+
+    def __init__(self, ros: RosNode, topic: Topic, receive: Callable[[bytes], None]) -> None:
+        self._node, self._name, self._receive = ros.node, topic.name, receive
+        self._trail, self._lock = SenderTrail(), threading.Lock()
+        self._checked_ns: int | None = None
+        self._problem = ""
+        ros.subscribe_with_origin(topic, self._take)
+
+    def problem(self) -> str:
+        """The problem that forbids the use of the messages; empty without one."""
+        now_ns = time.monotonic_ns()
+        with self._lock:
+            if not self._trail.conflict:
+                return ""
+            is_due = self._checked_ns is None or now_ns - self._checked_ns >= _CHECK_PERIOD_NS
+            if self._problem and not is_due:
+                return self._problem
+            self._checked_ns = now_ns
+            infos = self._node.get_publishers_info_by_topic(self._name)
+            present = {bytes(info.endpoint_gid) for info in infos}
+            conflict = self._trail.check(now_ns, present.__contains__)
+            names = nodes_text(node_name(info) for info in infos)
+            self._problem = ""
+            if conflict:
+                self._problem = (
+                    f"{self._name}: {len(conflict)} publishers send ({names}); expected one"
+                )
+            return self._problem
+
+    def _take(self, data: bytes, origin: Origin) -> None:
+        if len(data) > MAX_BYTES:
+            return
+        if origin.sender is not None:
+            with self._lock:
+                is_used = self._trail.observe(origin.sender, Sample(0, data), time.monotonic_ns())
+                is_used = is_used and not self._trail.conflict
+            if not is_used:
+                return
+        self._receive(data)
+
+
+class NewestMessage:
+    """The newest message of the topic ``name`` of one sender. Thread-safe.
+
+    Messages are deserialised when they are used, because only the newest one matters.
+    """
+
+    def __init__(self, ros: RosNode, name: str, kind: type) -> None:
+        self._kind, self._lock = kind, threading.Lock()
+        self._data: bytes | None = None
+        self._message: Any = None
+        self.refused = 0
+        """Number of messages that could not be read."""
+        self._sender = SingleSender(ros, Topic(name, kind, INCOMING), self._take)
+
+    def problem(self) -> str:
+        """The problem that forbids the use of the messages; empty without one."""
+        return self._sender.problem()
+
+    def message(self) -> Any:
+        """The newest message; None before the first, after an invalid one and for two senders."""
+        if self.problem():
+            return None
+        with self._lock:
+            data, self._data = self._data, None
+        if data is not None:
+            try:
+                self._message = deserialize_message(data, self._kind)
+            except Exception:  # rclpy raises several unrelated types for invalid bytes
+                self._message = None
+                self.refused += 1
+        return self._message
+
+    def _take(self, data: bytes) -> None:
+        with self._lock:
+            self._data = data
+
+
+class ArmInputs:
+    """Joints of ``arm`` and the wrench on ``hand_topic``."""
+
+    def __init__(self, ros: RosNode, arm: str, hand_topic: str, *, hand_in_tool: bool) -> None:
+        self._in_tool = hand_in_tool
+        self._joints = NewestMessage(ros, f"{arm}/measured_js", JointState)
+        self._wrench = NewestMessage(ros, hand_topic, WrenchStamped)
+
+    def joints(self) -> JointMeasurement | None:
+        """The newest joint positions, with the stamp of their message."""
+        message = self._joints.message()
+        if message is None:
+            return None
+        return JointMeasurement(
+            ns_of(message.header.stamp), tuple(message.name), tuple(message.position)
+        )
+
+    def wrench(self) -> WrenchMeasurement | None:
+        """The hand's newest wrench, with the stamp of its message."""
+        message = self._wrench.message()
+        if message is None:
+            return None
+        force, torque = message.wrench.force, message.wrench.torque
+        return WrenchMeasurement(
+            ns_of(message.header.stamp),
+            np.array([force.x, force.y, force.z]),
+            np.array([torque.x, torque.y, torque.z]),
+            self._in_tool,
+        )
+
+    def problems(self) -> list[str]:
+        """Topics with more than one sender."""
+        return [text for each in (self._joints, self._wrench) if (text := each.problem())]
+
+
+class Setup(NamedTuple):
+    """Poses that a guard publishes with its constraint.
+
+    ``frame_from_tumor`` is the tumour in the tracked frame that it moves with. ``frame_from_base``
+    is the registered base of the robot, None without a registration.
+    """
+
+    frame_from_tumor: Transform
+    frame_from_base: Transform | None
+
+
+def setup_of(message: FixtureConstraint) -> Setup | None:
+    """The poses of ``message``; None if one of them is not valid."""
+    try:
+        tumor = _transform(message.tumor)
+        if tumor.source != message.header.frame_id:
+            return None
+        return Setup(tumor, _transform(message.base) if message.base.child_frame_id else None)
+    except MarginGuardError:
+        return None
+
+
+class BasePose:
+    """Follows the tumour's tracked frame, and the frame that the base is registered in.
+
+    ``/tf`` and ``/tf_static`` are not read: any node may write there. The poses are those of the
+    guard's `Setup`; ``frame_from_base`` is used where it has no registration. If the tracker
+    measures the tumour in the base's frame, that frame is the tracker's and does not move.
+    """
+
+    def __init__(self, ros: RosNode, topic: str, frame_from_base: Transform | None) -> None:
+        self._frame_from_base = frame_from_base
+        self._setup: Setup | None = None
+        self._samples: dict[str, TrackedTransform] = {}
+        self._lock = threading.Lock()
+        self._read = values_reader(TRACKED_TRANSFORM)
+        self.refused = 0
+        """Number of messages that could not be read."""
+        self._sender = SingleSender(
+            ros, Topic(topic, TrackedTransformMessage, INCOMING), self._take
+        )
+
+    def use(self, setup: Setup | None) -> None:
+        """Use the poses of the newest constraint; None allows no pose."""
+        base = self._frame_from_base
+        if setup is not None and setup.frame_from_base is None:
+            setup = None if base is None else setup._replace(frame_from_base=base)
+        with self._lock:
+            self._setup = setup
+            used = self._used()
+            self._samples = {name: each for name, each in self._samples.items() if name in used}
+
+    def problem(self) -> str:
+        """The problem that forbids the use of the poses; empty without one."""
+        return self._sender.problem()
+
+    def measurement(self) -> PoseMeasurement | None:
+        """The base in the tumour's frame, with the stamp of the oldest sample that is used.
+
+        None before the first samples, if the newest one is lost, while two nodes send poses, and
+        without poses of the guard.
+        """
+        if self.problem():
+            return None
+        with self._lock:
+            setup = self._setup
+            if setup is None or setup.frame_from_base is None:
+                return None
+            tumor, base = setup.frame_from_tumor.target, setup.frame_from_base.target
+            of_tumor, of_base = self._samples.get(tumor), self._samples.get(base)
+        if of_tumor is None or of_tumor.transform is None:
+            return None
+        tracker_from_tumor = of_tumor.transform @ setup.frame_from_tumor
+        stamp_ns, tracker_from_base = of_tumor.stamp.ns, setup.frame_from_base
+        if base != of_tumor.target:
+            if of_base is None or of_base.transform is None or of_base.target != of_tumor.target:
+                return None
+            tracker_from_base = of_base.transform @ setup.frame_from_base
+            stamp_ns = min(stamp_ns, of_base.stamp.ns)
+        return PoseMeasurement(stamp_ns, tracker_from_tumor.inverse() @ tracker_from_base)
+
+    def _used(self) -> set[str]:
+        """Frames of the tracker that are needed."""
+        edges = () if self._setup is None else self._setup
+        return {edge.target for edge in edges if edge is not None}
+
+    def _take(self, data: bytes) -> None:
+        try:
+            sample = self._read(data).sample()
+        except MarginGuardError:
+            self.refused += 1
+            return
+        with self._lock:
+            if sample.source in self._used():
+                self._samples[sample.source] = sample
+
+
+def _transform(message: TransformStamped) -> Transform:
+    """Raises `MarginGuardError` for numbers that are no pose and without names."""
+    if not (message.header.frame_id and message.child_frame_id):
+        raise FrameError("pose of a constraint: has no frames; expected their names")
+    place, turn = message.transform.translation, message.transform.rotation
+    return Transform.from_quaternion(
+        (turn.x, turn.y, turn.z, turn.w),
+        [MM_PER_M * value for value in (place.x, place.y, place.z)],
+        target=message.header.frame_id,
+        source=message.child_frame_id,
+    )
+
+
+class ConstraintInput:
+    """Receives the topic ``name``. A second guard is not filtered: the rule has to see it."""
+
+    def __init__(self, ros: RosNode, name: str) -> None:
+        self._lock = threading.Lock()
+        self._waiting: OrderedDict[bytes | None, bytes] = OrderedDict()
+        self.refused = 0
+        """Number of messages that could not be read."""
+        ros.subscribe_with_origin(Topic(name, FixtureConstraint, NEWEST), self._take)
+
+    def arrived(self) -> list[tuple[PlainConstraint, Setup | None]]:
+        """The newest constraint of each sender that has sent since the last call, with its poses.
+
+        The poses are None if they are not valid.
+        """
+        with self._lock:
+            waiting, self._waiting = self._waiting, OrderedDict()
+        found = []
+        for data in waiting.values():
+            try:
+                message = deserialize_message(data, FixtureConstraint)
+                found.append((plain_constraint(message), setup_of(message)))
+            except Exception:  # rclpy raises several unrelated types for invalid bytes
+                self.refused += 1
+        return found
+
+    def _take(self, data: bytes, origin: Origin) -> None:
+        if len(data) > MAX_BYTES:
+            self.refused += 1
+            return
+        with self._lock:
+            self._waiting[origin.sender] = data
+            self._waiting.move_to_end(origin.sender)
+            while len(self._waiting) > _MAX_SENDERS:
+                self._waiting.popitem(last=False)
