@@ -107,7 +107,7 @@ def make_case(folder: str | os.PathLike[str], *, seed: int = 1) -> Path:
     app.geometry.errors.InputError: ... already exists; refusing to overwrite it
     """
     from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
-    from app.synthetic.touch_arm import TouchArm
+    from app.synthetic.motion import TouchArm
 
     path = as_path(folder, "folder")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:

@@ -32,7 +32,7 @@ from app.geometry import (
 )
 from app.robot import robot_from_text
 from app.scene import TransformWatchdog
-from app.scene.margin.shown_margin import shown_margin
+from app.scene.shown_margin import shown_margin
 from app.session import PoseTree, StepResult
 from tests.bridge.robots.conftest import URDF
 from tests.doubles import PARAMETERS, HeldMonitor, near

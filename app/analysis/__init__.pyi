@@ -1,14 +1,11 @@
 from .breach_probability import BreachProbability, breach_probability
-from .breaches import Breach, find_breaches
-from .case_analysis import CaseAnalysis, analyse_case
-from .case_breaches import AnalysedBreach
+from .case_analysis import PHASES, CaseAnalysis, analyse_case, phases_of
+from .case_breaches import AnalysedBreach, DepthEstimate, estimate_depth
 from .coverage import Coverage, coverage_of
-from .depth import DepthEstimate, estimate_depth
 from .insertion import Insertion, case_insertion, insertion_metrics
-from .jitter import Jitter, estimate_jitter
 from .motion import Motion, motion_of
-from .phases import PHASES, phases_of
-from .samples import CaseSamples
+from .samples import Breach, CaseSamples, find_breaches
+from .smoothing import Jitter, estimate_jitter
 
 __all__ = [
     "PHASES",

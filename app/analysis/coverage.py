@@ -1,4 +1,4 @@
-"""Coverage of the tumour's surface: how near the tool came to each part of it.
+"""Coverage of the tumour's surface: how near the tool came to each part and side of it.
 
 The distance is that of places on the tumour's surface to the tool's surface, which is taken as
 points at most `SPACING_MM` apart; it is too large by at most ``SPACING_MM^2 / (8 x)`` at a distance
@@ -6,7 +6,7 @@ points at most `SPACING_MM` apart; it is too large by at most ``SPACING_MM^2 / (
 places are spread alike over a coarse surface and a fine one.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.samples import CaseSamples
-from app.geometry import FloatArray, SurfaceMesh
+from app.geometry import ANATOMICAL_WORDS, FloatArray, SurfaceMesh
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
+
+    from app.analysis.case_breaches import AnalysedBreach
 
 WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
 SPACING_MM = 0.7
@@ -25,6 +27,7 @@ MAX_PLACES = 1500
 """Limit on places; of a surface with more, those that are spread over it stand for all of them."""
 _AT_ONCE = 50_000
 """Intervals of poses that are halved in one step: some 20 MB."""
+SIDES = "RLAPSI"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,3 +206,85 @@ def _near(samples: CaseSamples, limit_mm: float) -> NDArray[np.intp]:
     with np.errstate(invalid="ignore"):
         near = np.isfinite(samples.tips_mm).all(axis=1) & (samples.distances_mm <= limit_mm)
     return np.flatnonzero(near)
+
+
+@dataclass(frozen=True, slots=True)
+class SideResult:
+    """One side, the faces whose direction from the centroid is nearest to one of six directions.
+
+    ``area_mm2``: of the faces. ``nearest_mm``: least distance of the tool to those that `Coverage`
+    uses, None if it is above the largest of `WITHIN_MM`. ``shares``: of their area that the tool
+    came nearer to than each of `WITHIN_MM`, None without such a face. ``breaches``: how many.
+    ``margin_mm``: closest margin of the specimen, None without one.
+    """
+
+    side: str
+    area_mm2: float
+    nearest_mm: float | None
+    shares: Mapping[str, float | None]
+    breaches: int
+    margin_mm: float | None
+
+
+def sides_of_surface(
+    tumor: SurfaceMesh, ras_from_tumor: FloatArray | None = None
+) -> NDArray[np.str_]:
+    """The letter of the side of each face (m,) of ``tumor``, seen from its centroid."""
+    centres = tumor.triangles_mm.mean(axis=1) - tumor.centroid_mm
+    turned = centres if ras_from_tumor is None else centres @ ras_from_tumor.T
+    axis = np.abs(turned).argmax(axis=1)
+    positive = np.take_along_axis(turned, axis[:, None], axis=1)[:, 0] > 0.0
+    return np.asarray(np.array(list(SIDES))[2 * axis + np.where(positive, 0, 1)])
+
+
+def side_results(
+    tumor: SurfaceMesh,
+    coverage: Coverage,
+    breaches: "Sequence[AnalysedBreach]",
+    margins_mm: Mapping[str, float],
+    ras_from_tumor: FloatArray | None = None,
+) -> tuple[SideResult, ...]:
+    """The results of the six sides; ``margins_mm`` are those of the specimen, empty without one."""
+    letters = sides_of_surface(tumor, ras_from_tumor)
+    corners = tumor.triangles_mm
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    return tuple(
+        _side(
+            letter,
+            float(areas[letters == letter].sum()),
+            coverage,
+            letters[coverage.faces] == letter,
+            breaches,
+            margins_mm.get(letter),
+        )
+        for letter in SIDES
+    )
+
+
+def _side(
+    letter: str,
+    area_mm2: float,
+    coverage: Coverage,
+    chosen: NDArray[np.bool_],
+    breaches: "Sequence[AnalysedBreach]",
+    margin_mm: float | None,
+) -> SideResult:
+    areas, nearest = coverage.areas_mm2[chosen], coverage.nearest_mm[chosen]
+    sampled = float(areas.sum())
+    word = ANATOMICAL_WORDS[letter]
+    least = float(nearest.min(initial=np.inf))
+    return SideResult(
+        word,
+        area_mm2,
+        least if np.isfinite(least) else None,
+        {
+            f"within_{within:g}_mm": float(areas[nearest <= within].sum()) / sampled
+            if sampled > 0.0
+            else None
+            for within in WITHIN_MM
+        },
+        sum(breach.side == word for breach in breaches),
+        margin_mm,
+    )

@@ -1,23 +1,131 @@
-"""Gaussian process regression of a distance over time, with correlated noise.
+"""Smoothing of a distance over time, and the jitter of its measurement.
 
-The function is a Matern process of smoothness 7/2 about a polynomial with a flat prior (Rasmussen
-and Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2, 2.7, 4.2 and 5.4.1).
-Length and amplitude of the process are not chosen but averaged over a grid, weighted by their
-restricted marginal likelihood.
+The jitter of a tracker moves the measured distance of a tool that rests. It is estimated from the
+whole case: in windows of half a second a polynomial is removed, and what remains is explained by
+restricted maximum likelihood (Patterson and Thompson 1971), which accounts for the parameters of
+the polynomial. Windows in which the motion is no polynomial are left out.
+
+The distance is smoothed by Gaussian process regression: the function is a Matern process of
+smoothness 7/2 about a polynomial with a flat prior (Rasmussen and Williams, "Gaussian Processes for
+Machine Learning", 2006, sections 2.2, 2.7, 4.2 and 5.4.1). Length and amplitude of the process are
+not chosen but averaged over a grid, weighted by their restricted marginal likelihood.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app.analysis.jitter import Jitter
-from app.geometry import FloatArray
+from app.geometry import FloatArray, InputError
 
+WINDOW_S = 0.5
+MIN_WINDOW, MAX_WINDOW = 12, 60
+"""Samples of a window; fewer leave too little for the noise after the polynomial is removed."""
+DEGREE = 4
+MAX_WINDOWS = 200
+MIN_SIGMA_MM = 1e-3
+"""Quantisation and the tolerance of a distance; also of a case without jitter."""
+_TIMES_S = (0.01, 0.02, 0.04, 0.08, 0.16)
+_SHARES = (0.4, 0.7, 1.0)
+_MAX_EXCESS = 2.5
+"""A window is left out if its variance exceeds this multiple of the median."""
 LENGTHS_S = (0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
 AMPLITUDES = tuple(2.0**k for k in range(-2, 10))
 """Length scales, and amplitudes in standard deviations of the jitter, with equal prior weights."""
 _MIN_WEIGHT = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Jitter:
+    """Noise of a distance: covariance ``sigma^2 ((1 - w) [s = t] + w exp(-|t - s| / tau))``.
+
+    ``sigma_mm``: standard deviation. ``correlated``: the share ``w``, 0 for white noise.
+    ``correlation_s``: ``tau``. ``windows``: how many were used, 0 for a jitter that was given.
+    Raises `InputError` for values out of range.
+    """
+
+    sigma_mm: float
+    correlated: float = 0.0
+    correlation_s: float = 0.01
+    windows: int = 0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("sigma_mm", MIN_SIGMA_MM, 100.0),
+            ("correlated", 0.0, 1.0),
+            ("correlation_s", 1e-4, 100.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError(f"jitter: {name} is {value:g}; expected {low:g} to {high:g}")
+
+    def covariance(self, times_s: FloatArray) -> FloatArray:
+        """Covariance (n, n) in mm2 of the noise at ``times_s`` (n,)."""
+        return self.sigma_mm**2 * _correlation(times_s, self.correlated, self.correlation_s)
+
+
+def estimate_jitter(times_s: FloatArray, distances_mm: FloatArray) -> Jitter | None:
+    """The jitter of ``distances_mm`` (n,) at the increasing ``times_s`` (n,); None if unknown.
+
+    Unknown are fewer than three windows. Slower changes than `WINDOW_S` cannot be told from motion
+    and are not in the estimate.
+    """
+    windows = _windows(times_s)
+    if len(windows) < 3:
+        return None
+    length = len(windows[0])
+    times = np.array([times_s[window] for window in windows])
+    values = np.array([distances_mm[window] for window in windows])
+    middle = times.mean(axis=1, keepdims=True)
+    scaled = (times - middle) / (0.5 * np.ptp(times, axis=1, keepdims=True))
+    basis = scaled[:, :, None] ** np.arange(DEGREE + 1)
+    contrasts = np.linalg.qr(basis, mode="complete")[0][:, :, DEGREE + 1 :]
+    residuals = np.einsum("wnk,wn->wk", contrasts, values)
+    variances = np.einsum("wk,wk->w", residuals, residuals) / (length - DEGREE - 1)
+    kept = variances <= _MAX_EXCESS * np.median(variances)
+    times, contrasts, residuals = times[kept], contrasts[kept], residuals[kept]
+    best: tuple[float, Jitter] | None = None
+    for share, tau in ((0.0, _TIMES_S[0]), *((w, tau) for tau in _TIMES_S for w in _SHARES)):
+        correlation = _correlation(times, share, tau)
+        covariance = np.swapaxes(contrasts, 1, 2) @ correlation @ contrasts
+        factor = np.linalg.cholesky(covariance)
+        whitened = np.linalg.solve(factor, residuals[:, :, None])[:, :, 0]
+        count = whitened.size
+        variance = max(float(np.einsum("wk,wk->", whitened, whitened)) / count, MIN_SIGMA_MM**2)
+        log_det = 2.0 * float(np.log(np.diagonal(factor, axis1=1, axis2=2)).sum())
+        fit = -0.5 * (count * np.log(variance) + log_det)
+        if best is None or fit > best[0]:
+            best = fit, Jitter(float(np.sqrt(variance)), share, tau, len(times))
+    return None if best is None else best[1]
+
+
+def _windows(times_s: FloatArray) -> list[NDArray[np.intp]]:
+    """Indices of windows of equal length without gaps, spread over the case."""
+    if len(times_s) < 3 * MIN_WINDOW:
+        return []
+    steps = np.diff(times_s)
+    period_s = float(np.median(steps))
+    if period_s <= 0.0:
+        return []
+    length = int(np.clip(round(WINDOW_S / period_s), MIN_WINDOW, MAX_WINDOW))
+    starts = np.arange(0, len(times_s) - length + 1, length)
+    usable = [
+        np.arange(start, start + length)
+        for start in starts.tolist()
+        if steps[start : start + length - 1].max() < 3.0 * period_s
+        and steps[start : start + length - 1].min() > 0.0
+    ]
+    every = max(1, -(-len(usable) // MAX_WINDOWS))
+    return usable[::every]
+
+
+def _correlation(times_s: FloatArray, share: float, tau_s: float) -> FloatArray:
+    lag = np.abs(times_s[..., :, None] - times_s[..., None, :])
+    correlation = share * np.exp(-lag / tau_s)
+    diagonal = np.arange(times_s.shape[-1])
+    correlation[..., diagonal, diagonal] = 1.0
+    return np.asarray(correlation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

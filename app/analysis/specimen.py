@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.coverage import surface_places
-from app.analysis.directions import SIDES, sides_of_surface
+from app.analysis.coverage import SIDES, sides_of_surface, surface_places
 from app.analysis.motion import smoothed_path
 from app.analysis.samples import CaseSamples
 from app.analysis.swept_volume import (

@@ -48,7 +48,7 @@ def cache_folders() -> list[CacheFolder]:
     and in the user's cache where the installation is read-only.
     """
     from app.fixture.proximity.field_cache import cache_folder
-    from app.simulation.convex_parts import PARTS_FOLDER
+    from app.simulation.rigid_body import PARTS_FOLDER
 
     found = [
         *_kernel_folders(),

@@ -25,10 +25,7 @@ _Value = TypeVar("_Value")
 PDF, FRAMES, DICOM, BAG = "report.pdf", "frames.parquet", "dicom", "results"
 """Names in the folder of the report; the last two are folders."""
 
-MODULES = (
-    *("app.report.margin_plot", "app.report.pdf", "app.dicom.study"),
-    *("app.dicom.segmentation", "app.dicom.structure_set"),
-)
+MODULES = ("app.report.margin_plot", "app.report.pdf", "app.dicom.dicom_files")
 """Modules that the process of the parts loads while the case is replayed."""
 
 _OWN_FILES = {
@@ -84,7 +81,7 @@ class CompleteReport:
         """
         from app.files.atomic_io import staging_folder
         from app.geometry import NS_PER_S
-        from app.report.frames_table import FramesTable
+        from app.report.analysis_files import FramesTable
 
         with staging_folder(self._folder) as self._staging:
             self._frames: FramesTable = FramesTable(

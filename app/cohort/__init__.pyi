@@ -1,6 +1,14 @@
 from .cases import CohortCase, SyntheticCase
 from .columns import failed, finished, identity_of
-from .comparison import METRICS, Comparison, compare, comparison_csv, groups_of
+from .comparison import (
+    METRICS,
+    Comparison,
+    Outlier,
+    compare,
+    comparison_csv,
+    find_outliers,
+    groups_of,
+)
 from .dataset import Dataset
 from .design import OPTION_RANGES, Design
 from .inputs import fetch, input_hash, is_url, open_cohort
@@ -12,7 +20,6 @@ from .manifest import (
     open_manifest,
     write_manifest,
 )
-from .outliers import Outlier, find_outliers
 
 __all__ = [
     "COHORT",

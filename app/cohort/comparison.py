@@ -1,10 +1,11 @@
-"""Comparison of two groups of cases: differences with intervals, tests, multiplicity.
+"""Comparison of two groups of cases: differences with intervals, tests, multiplicity; and outliers.
 
 For each metric the difference of the means (second group minus first) has a 95 % percentile
 bootstrap interval; pairs are drawn as pairs. One test is the primary one: paired t where at least
 `MIN_PAIRS` pairs exist, otherwise a mixed model with a random intercept for each surgeon where
 surgeons repeat, otherwise Welch's t. The p values of the primary tests of all metrics are adjusted
-by Holm's method; the others are reported as they are.
+by Holm's method; the others are reported as they are. An outlier has an unusual value within its
+group.
 """
 
 import csv
@@ -41,6 +42,8 @@ RESAMPLES = 2000
 SEED = 0
 _MAX_DRAWN = 1_000_000
 """Values that are drawn at a time: bounds the memory."""
+THRESHOLD = 3.5
+_TO_SIGMA = 0.6745
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,3 +262,41 @@ def comparison_csv(comparisons: Sequence[Comparison]) -> str:
         values = [*numbers, *each.tests.values(), each.primary, each.adjusted_p]
         writer.writerow((each.metric, *each.groups, *each.counts, *values))
     return text.getvalue()
+
+
+@dataclass(frozen=True, slots=True)
+class Outlier:
+    """A value whose modified z score (Iglewicz and Hoaglin 1993) is beyond `THRESHOLD`."""
+
+    row: Row
+    metric: str
+    value: float
+    score: float
+
+
+def find_outliers(rows: Sequence[Row]) -> tuple[Outlier, ...]:
+    """Outliers of every metric, within each group, the largest scores first.
+
+    The score is 0.6745 (x - median) / MAD. A metric without spread (MAD 0) has none.
+    """
+    found = []
+    finished = [row for row in rows if row["status"] == OK]
+    for group in sorted({str(row["group"]) for row in finished}):
+        for metric in METRICS:
+            chosen = [
+                row for row in finished if row["group"] == group and row.get(metric) is not None
+            ]
+            values = np.array([float(row[metric] or 0.0) for row in chosen])
+            if not len(values):
+                continue
+            off = values - np.median(values)
+            spread = float(np.median(np.abs(off)))
+            if spread == 0.0:
+                continue
+            scores = (_TO_SIGMA * off / spread).tolist()
+            found += [
+                Outlier(row, metric, float(value), score)
+                for row, value, score in zip(chosen, values.tolist(), scores, strict=True)
+                if abs(score) > THRESHOLD
+            ]
+    return tuple(sorted(found, key=lambda each: (-abs(each.score), str(each.row["name"]))))

@@ -15,7 +15,7 @@ from app.files.document import Section
 from app.files.document_text import json_schema
 from app.files.keys import Block, Choice, Integer, ListOf, Numbers, Text, Variant
 from app.geometry import InputError
-from app.synthetic.presets import PRESETS, tracker_preset
+from app.synthetic.tracker_model import PRESETS, tracker_preset
 
 MANIFEST_FILE = "cohort.yaml"
 

@@ -1,9 +1,15 @@
-from .editor import Change, ContourEditor
-from .hydromark import MAX_RADIUS_MM, hydromark_surface
-from .points import MAX_POINTS, Contour, ContourPoint
-from .surface import MAX_DILATION_MM, ContourSurface, contour_surface
-from .text import contour_count, contour_sigma, contour_size
-from .uncertainty import ContourUncertainty
+from .editor import MAX_POINTS, Change, Contour, ContourEditor, ContourPoint
+from .surface import (
+    MAX_DILATION_MM,
+    MAX_RADIUS_MM,
+    ContourSurface,
+    ContourUncertainty,
+    contour_count,
+    contour_sigma,
+    contour_size,
+    contour_surface,
+    hydromark_surface,
+)
 
 __all__ = [
     "MAX_DILATION_MM",

@@ -1,4 +1,4 @@
-from .admittance import AdmittanceGains, HandAdmittance
+from .compliance import AdmittanceGains, HalfAxis, HandAdmittance, ImpedanceParameters, half_axis
 from .control_file import (
     BASE,
     CONTROL,
@@ -12,10 +12,11 @@ from .controller import (
     ControllerParameters,
     ControlReason,
     CooperativeController,
+    JointMeasurement,
+    PoseMeasurement,
+    ToolKinematics,
+    WrenchMeasurement,
 )
-from .impedance import HalfAxis, ImpedanceParameters, half_axis
-from .measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
-from .tool_kinematics import ToolKinematics
 from .warm_up import warm_up
 
 __all__ = [

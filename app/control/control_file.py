@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.control.admittance import AdmittanceGains
-from app.control.controller import ControllerParameters, CooperativeController
-from app.control.impedance import ImpedanceParameters
-from app.control.tool_kinematics import ToolKinematics
+from app.control.compliance import AdmittanceGains, ImpedanceParameters
+from app.control.controller import ControllerParameters, CooperativeController, ToolKinematics
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
 from app.files.document_text import json_schema

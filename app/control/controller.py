@@ -5,24 +5,111 @@ joint velocities nearest to it within the planes of the constraint, the joint li
 damped near singularities. Whatever is missing, late or not finite means no motion.
 """
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
-from app.control.admittance import AdmittanceGains, HandAdmittance
-from app.control.measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
-from app.control.tool_kinematics import ToolKinematics
-from app.fixture import FixtureRule, PlainConstraint, RulePermission, RuleReason
+from app.control.compliance import AdmittanceGains, HandAdmittance
+from app.fixture import FixtureRule, JointLimits, PlainConstraint, RulePermission, RuleReason
 from app.geometry import (
     NS_PER_MS,
     FloatArray,
+    FrameError,
     Freshness,
     FreshnessLimits,
     InputError,
     MarginGuardError,
+    Transform,
     freshness_of,
 )
+from app.robot import Robot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointMeasurement:
+    """Positions of joints by name, in rad, m for sliding joints (CRTK's ``measured_js``)."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    positions: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrenchMeasurement:
+    """The hand's force (3,) in N at the tool's tip and its torque (3,) in N m about the tip.
+
+    In the axes of the tool if ``in_tool`` (CRTK's ``body/measured_cf``), else of the robot's base.
+    """
+
+    stamp_ns: int
+    force_n: FloatArray
+    torque_n_m: FloatArray
+    in_tool: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseMeasurement:
+    """``rule_from_base``: the robot's base in the frame of the constraint."""
+
+    stamp_ns: int
+    rule_from_base: Transform
+
+
+class ToolKinematics:
+    """The tip at ``link_from_tip`` of a link, moved by the joints on the way to that link.
+
+    Raises `FrameError` for a transform of another link.
+    """
+
+    def __init__(self, robot: Robot, link_from_tip: Transform) -> None:
+        self._robot, self._link_from_tip = robot, link_from_tip
+        self._link = link_from_tip.target
+        if self._link not in {link.name for link in robot.links}:
+            raise FrameError(
+                f"the tool is held by {self._link!r}; "
+                f"expected one of {', '.join(link.name for link in robot.links)}"
+            )
+        self.joints = robot.actuated_joint_names
+
+    @property
+    def base(self) -> str:
+        """The robot's base link."""
+        return self._robot.root_link
+
+    def evaluate(self, positions: FloatArray) -> tuple[Transform, FloatArray]:
+        """``base_from_tip``, and the Jacobian (6, n) of the tip for all actuated joints.
+
+        Rows are the tip's velocity (mm) and angular velocity (rad) in the base's axes, per rad or
+        m. Raises `JointError` for positions that are not finite or at which a loop does not close.
+        """
+        named = dict(zip(self.joints, positions.tolist(), strict=True))
+        base_from_link, jacobian = self._robot.jacobian(self._link, named)
+        lever = base_from_link.rotate(self._link_from_tip.translation_mm)
+        jacobian[:3] += np.cross(jacobian[3:].T, lever).T
+        return base_from_link @ self._link_from_tip, jacobian
+
+    def limits(self, max_speed: float | None = None) -> JointLimits:
+        """Limits of the joints; ``max_speed`` for those that the robot's file gives none.
+
+        Raises `InputError` where neither gives one.
+        """
+        found = {joint.name: joint for joint in self._robot.joints}
+        speeds = []
+        for name in self.joints:
+            speed = found[name].dynamics.velocity or max_speed
+            if speed is None or not (math.isfinite(speed) and speed > 0.0):
+                raise InputError(
+                    f"joint {name!r} has the speed limit {found[name].dynamics.velocity}; "
+                    "expected one above 0 in the robot's file, or a largest joint speed"
+                )
+            speeds.append(speed)
+        return JointLimits(
+            np.array([found[name].lower for name in self.joints]),
+            np.array([found[name].upper for name in self.joints]),
+            np.array(speeds),
+        )
 
 
 class ControlReason(StrEnum):

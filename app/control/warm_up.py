@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.control.control_file import BASE, RULE_FRAME, ControlDescription
-from app.control.measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
+from app.control.controller import JointMeasurement, PoseMeasurement, WrenchMeasurement
 from app.fixture import MarginState, PlainConstraint
 from app.geometry import NS_PER_MS, Transform
 

@@ -1,12 +1,8 @@
-from .analysed import analysed_case, analysed_replay
-from .analysis_html import AnalysedCase, analysis_page
-from .checks import Check, check_expected
-from .errors import ReportError
-from .margin_csv import margin_csv
+from .analysis_html import AnalysedCase, analysed_case, analysed_replay, analysis_page
 from .record import ReplayLog, ReplayRecord, record_of
 from .report_process import ReportPart, ReportProcess, draw_margin_plot
-from .rows import ReportRow
-from .summary import all_passed, summarise
+from .rows import ReportError, ReportRow, margin_csv
+from .summary import Check, all_passed, check_expected, summarise
 from .write import ANALYSIS_FILES, REPORT_FILES, check_writable, write_report
 
 __all__ = [

@@ -1,32 +1,37 @@
-"""Sections of ``report.html`` that show an analysis, and a page of these sections alone."""
+"""The analysis of a replay: sections of ``report.html``, and a page of these sections alone."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
 from app.analysis.coverage import WITHIN_MM
 from app.geometry import ANATOMICAL_WORDS
-from app.report.case_plots import analysed_distance_plot, probability_plot
-from app.report.coverage_svg import coverage_svg
-from app.report.coverage_view import coverage_figure
-from app.report.covered_surface import CoveredSurface, covered_surface
-from app.report.distance_svg import distance_svg
-from app.report.insertion_table import insertion_rows
-from app.report.methods import methods_text
+from app.report.coverage_figures import (
+    CoveredSurface,
+    coverage_figure,
+    coverage_svg,
+    covered_surface,
+)
+from app.report.methods import methods_of, methods_text
 from app.report.page import document, length, part, time_text
-from app.report.time_plot import TimePlot
-from app.report.time_svg import time_svg
+from app.report.svg_plots import distance_svg, time_svg
+from app.report.time_plot import TimePlot, analysed_distance_plot, probability_plot
+from app.session import checked_axes
 
 if TYPE_CHECKING:
-    from app.analysis import CaseAnalysis
+    from app.analysis import CaseAnalysis, CaseSamples, Insertion
     from app.analysis.breach_probability import Outcome
-    from app.analysis.depth import DepthEstimate
+    from app.analysis.case_breaches import DepthEstimate
     from app.analysis.specimen import Resection
     from app.fixture import MarginParameters
     from app.geometry import FloatArray, SurfaceMesh
+    from app.report.record import ReplayLog
+    from app.runtime import PreparedCase, ReplayRun
 
 _NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 
@@ -60,6 +65,65 @@ class AnalysedCase:
         """The tumour's surface with its coverage, as both figures of it draw it."""
         places = [breach.on_tumor_mm for breach in self.analysis.breaches]
         return covered_surface(self.tumor, self.analysis.coverage, places, self.ras_from_tumor)
+
+
+def analysed_replay(
+    run: "ReplayRun", log: "ReplayLog", program: str, *, insertion: "Insertion | None" = None
+) -> AnalysedCase | None:
+    """Analyse the steps of ``run`` that ``log`` has received; None without a step.
+
+    ``insertion``: its metrics, where they are known already. ``program`` is the version of
+    MarginGuard. Constant errors are not known: there is no probability of a breach (`marginguard
+    analyse --error`).
+    """
+    if not log.rows:
+        return None
+    return analysed_case(run.prepared, log.samples(), program, insertion=insertion)
+
+
+def analysed_case(
+    prepared: "PreparedCase",
+    samples: "CaseSamples",
+    program: str,
+    *,
+    cutting_mm: float | None = None,
+    ras_from_tumor: ArrayLike | None = None,
+    bias_sigma_mm: float = 0.0,
+    error_sigmas_mm: Mapping[str, float] | None = None,
+    stops_mm: tuple[float, ...] = (),
+    insertion: "Insertion | None" = None,
+) -> AnalysedCase:
+    """Analyse ``samples`` of a replay of ``prepared``; ``program`` is the version of MarginGuard.
+
+    ``cutting_mm`` is by default `CUTTING_MM`. ``error_sigmas_mm`` are standard deviations of
+    constant errors along each axis, by name. The other options are those of `analyse_case`.
+    """
+    from app.analysis import analyse_case
+    from app.analysis.swept_volume import CUTTING_MM
+
+    content, sigmas = prepared.content, dict(error_sigmas_mm or {})
+    analysis = analyse_case(
+        samples,
+        name=content.name,
+        margins=content.margins,
+        tumor=content.tumor,
+        tool=content.tool,
+        ras_from_tumor=ras_from_tumor,
+        bias_sigma_mm=bias_sigma_mm,
+        covariances_mm2={name: sigma**2 * np.eye(3) for name, sigma in sigmas.items()},
+        stops_mm=stops_mm,
+        cutting_mm=CUTTING_MM if cutting_mm is None else cutting_mm,
+        insertion=insertion,
+    )
+    methods = methods_of(
+        prepared,
+        int(samples.stamps_ns[0]),
+        program,
+        bias_sigma_mm=bias_sigma_mm,
+        error_sigmas_mm=sigmas,
+    )
+    axes = checked_axes(ras_from_tumor)
+    return AnalysedCase(analysis, methods, content.margins, content.tumor, axes)
 
 
 def analysis_page(case: AnalysedCase, figures: Mapping[str, str]) -> str:
@@ -187,6 +251,21 @@ def _volumes(resection: "Resection") -> Sequence[tuple[str, str]]:
         rows.append(("specimen", _volume(specimen.volume_mm3)))
         rows.append(("tumour outside of it", _volume(specimen.tumor_outside_mm3)))
         rows.append(("closest margin", margin))
+    return rows
+
+
+def insertion_rows(found: "Insertion") -> list[tuple[str, str]]:
+    """Name and value with its unit of each metric."""
+    rows = [
+        ("from the first to the last known tip", f"{found.elapsed_s:.3f} s"),
+        ("path of the tip", f"{found.path_mm:.1f} mm"),
+        ("time with the tip in the tumour", f"{found.tissue_s:.3f} s"),
+        ("path of the tip in the tumour", f"{found.tissue_path_mm:.1f} mm"),
+    ]
+    if found.tissue_damage_mm2 is not None:
+        rows.append(
+            ("tissue damage (swept by the tool's axis)", f"{found.tissue_damage_mm2:.1f} mm²")
+        )
     return rows
 
 

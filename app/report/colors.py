@@ -8,10 +8,19 @@ SOFT, LINE, HATCH = "#51606e", "#d5dce3", "#5a5a5a"
 """Notes, grids, hatches."""
 STOP, WARN, LOWER_BOUND, BREACH = "#a32a14", "#8a6100", "#8b97a3", "#7d1d0d"
 """Lines of the margins and of the bound of the distance; text of a breach."""
-INSIDE_BAR, STOP_BAR, WARN_BAR, CLEAR_BAR = "#a32a14", "#d98a00", "#e9c46a", "#3d8fb5"
+INSIDE_BAR, STOP_BAR, WARN_BAR, CLEAR_BAR = STOP, "#d98a00", "#e9c46a", "#3d8fb5"
 """Bars of time at distances inside, below the stop margin, below the warning distance, beyond."""
 USED, DROPPED, EFFECT = "#0072b2", "#c8381e", "#0b5ea8"
 """Bars of residuals; intervals of a comparison."""
+PAGE_COLORS = {
+    "ink": INK,
+    "line": LINE,
+    "note": SOFT,
+    "focus": CLEAR_BAR,
+    "device": DROPPED,
+    "fail": STOP,
+}
+"""Colours of a page, by the names of their variables in its style sheet."""
 
 COLORS = ("#3a0a20", "#931d22", "#d0551d", "#efa23a", "#f6f8fa")
 """Coverage: least distance up to each of `WITHIN_MM`, and beyond the last.

@@ -1,4 +1,4 @@
-"""``margin.png``: signed distance over time, with states as background and breaches marked.
+"""Plot of the signed distance over time by matplotlib, for ``margin.png`` and the PDF.
 
 Uses matplotlib's objects on an Agg canvas instead of pyplot, which would change global state.
 """
@@ -14,19 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from matplotlib.patches import Patch
 
-from app.analysis.breaches import Breach
+from app.analysis.samples import Breach
 from app.fixture import MarginParameters, MarginState
-from app.geometry import FloatArray
-from app.report.colors import BREACH, HATCH, INK, STOP, WARN
-from app.report.label_layout import spread
-from app.report.rows import ReportRow, played_seconds, state_bands
+from app.report.colors import BREACH, HATCH, INK
+from app.report.rows import ReportRow
+from app.report.time_plot import TIME_LABEL, TimePlot, distance_plot, spread
 
 _SIZE_INCHES = (13.0, 6.0)
 _DPI = 120
 _NAME_FRACTION = 0.07
 """Fraction of the plot's width from which on a band is labelled with the name of its state."""
-_SHOWN_TIMES_WARN = 5.0
-"""The plot reaches up to this many warning distances."""
 _BAND_ALPHA = 0.16
 _LABEL_POINTS = 14.0
 """Height of the name of a line."""
@@ -34,6 +31,8 @@ _PLOT_POINTS = 0.75 * 72.0 * _SIZE_INCHES[1]
 """About the height of the plot: at most its true one, so that names have more room."""
 _LABEL_WIDTH = 0.08
 """Width of the text of a breach as a share of the time axis."""
+_BOX: Any = {"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75}
+"""Ground of a text over curves."""
 
 
 def margin_png(
@@ -59,29 +58,28 @@ def margin_figure(
     figure.suptitle(
         title, x=0.012, ha="left", color=INK, fontsize=14, fontweight="bold", parse_math=False
     )
-    # A clock that jumps back would fold the plot over itself.
-    seconds = played_seconds(rows)
-    _draw_states(strip, plot, rows, seconds)
-    _draw_distance(plot, rows, seconds)
-    _draw_margins(plot, rows, seconds, margins)
-    _draw_limits(plot, rows, seconds, margins)
-    _label_margins(plot, margins)
-    _draw_breaches(plot, breaches, rows, seconds)
+    content = distance_plot(rows, breaches, margins)
+    _draw_states(strip, plot, content)
+    _draw_curves(plot, content)
+    _set_limits(plot, content)
+    _label_lines(plot, content)
+    _draw_breaches(plot, content, breaches)
     _draw_legend(figure, strip, plot)
     FigureCanvasAgg(figure)
     return figure
 
 
-def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
-    whole_s = float(seconds[-1] - seconds[0])
+def _draw_states(strip: Axes, plot: Axes, content: TimePlot) -> None:
+    whole_s = float(content.times_s[-1] - content.times_s[0])
     spans: dict[MarginState, list[tuple[float, float]]] = {}
-    for state, start_s, end_s in state_bands(rows, seconds):
-        spans.setdefault(state, []).append((start_s, end_s - start_s))
-        if end_s - start_s > _NAME_FRACTION * whole_s:
+    for band in content.bands:
+        length_s = band.end_s - band.start_s
+        spans.setdefault(band.state, []).append((band.start_s, length_s))
+        if length_s > _NAME_FRACTION * whole_s:
             strip.text(
-                0.5 * (start_s + end_s), 0.5, f"{state.display.symbol} {state.name}",
+                band.start_s + 0.5 * length_s, 0.5, band.label,
                 transform=strip.get_xaxis_transform(), ha="center", va="center",
-                color=state.display.text_color, fontsize=9, fontweight="bold",
+                color=band.state.display.text_color, fontsize=9, fontweight="bold",
             )  # fmt: skip
     # One collection per state: half an hour has hundreds of bands.
     for state, bands in spans.items():
@@ -101,101 +99,75 @@ def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: Fl
         side.set_visible(False)
 
 
-def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
-    # NaN interrupts the line where no distance was measured.
-    lower = _column([row.lower_bound_mm for row in rows])
-    distance = _column([row.signed_distance_mm for row in rows])
-    plot.plot(seconds, lower, color=INK, lw=0.7, alpha=0.35, label="lower bound")
-    plot.plot(seconds, distance, color=INK, lw=1.5, label="signed distance", zorder=4)
-    plot.set_ylabel("signed distance, tool to tumour [mm]", color=INK)
-    plot.set_xlabel("time from the first frame [s]", color=INK)
+def _draw_curves(plot: Axes, content: TimePlot) -> None:
+    for series in content.series:  # NaN interrupts a line where nothing was measured
+        plot.plot(
+            content.times_s, series.values, color=series.color, lw=series.width,
+            ls=":" if series.dash else "-", label=series.label, zorder=4,
+        )  # fmt: skip
+    for line in content.lines:
+        style: dict[str, Any] = {"lw": 1.2, "ls": (0, (6, 4))} if line.value else {"lw": 1.0}
+        plot.axhline(line.value, color=line.color, zorder=3, **style)
+    plot.set_ylabel(content.label, color=INK)
+    plot.set_xlabel(TIME_LABEL, color=INK)
     plot.grid(axis="y", color=INK, alpha=0.10, lw=0.6)
     for side in ("top", "right"):
         plot.spines[side].set_visible(False)
 
 
-def _draw_margins(
-    plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray, margins: MarginParameters
-) -> None:
-    # While the state is UNKNOWN the margin grows with the age of the data: it is not drawn.
-    known = np.array([row.state is not MarginState.UNKNOWN for row in rows])
-    warn_total, stop_total = (
-        np.where(known, _column(totals), np.nan)
-        for totals in ([row.warn_total_mm for row in rows], [row.stop_total_mm for row in rows])
-    )
-    for name, nominal_mm, applied, color in (
-        ("warn", margins.warn_mm, warn_total, WARN),
-        ("stop", margins.stop_mm, stop_total, STOP),
-    ):
-        plot.axhline(nominal_mm, color=color, lw=1.2, ls=(0, (6, 4)), zorder=3)
-        plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {name}")
-    plot.axhline(0.0, color=INK, lw=1.0, zorder=3)
-
-
-def _label_margins(plot: Axes, margins: MarginParameters) -> None:
+def _label_lines(plot: Axes, content: TimePlot) -> None:
     """Names of the lines on the right, beside each other's; the limits are set."""
     low, high = plot.get_ylim()
     points_per_mm = _PLOT_POINTS / (high - low)
-    lines = (
-        (margins.warn_mm, f"warn {margins.warn_mm:g}", WARN),
-        (margins.stop_mm, f"stop {margins.stop_mm:g}", STOP),
-        (0.0, "surface", INK),
-    )
-    wished = [-height * points_per_mm for height, _, _ in lines]
     # The name of the surface is below its line.
-    wished[-1] += _LABEL_POINTS
+    below = [0.0 if line.value else _LABEL_POINTS for line in content.lines]
+    wished = [
+        under - line.value * points_per_mm for line, under in zip(content.lines, below, strict=True)
+    ]
     placed = spread(wished, _LABEL_POINTS, -high * points_per_mm)
-    for (height, text, color), wish, place in zip(lines, wished, placed, strict=True):
-        offset = wish - place - (_LABEL_POINTS if height == 0.0 else 0.0)
+    for line, under, wish, place in zip(content.lines, below, wished, placed, strict=True):
         plot.annotate(
-            text, (1.0, height), (6, offset), xycoords=("axes fraction", "data"),
-            textcoords="offset points", va="bottom", color=color, fontsize=10,
-            annotation_clip=False,
+            line.label, (1.0, line.value), (6, wish - place - under),
+            xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom",
+            color=line.color, fontsize=10, annotation_clip=False,
         )  # fmt: skip
 
 
-def _draw_limits(
-    plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray, margins: MarginParameters
-) -> None:
-    distances = _column([row.signed_distance_mm for row in rows])
+def _set_limits(plot: Axes, content: TimePlot) -> None:
+    seconds, distances, top = content.times_s, content.series[-1].values, content.top
     known = distances[np.isfinite(distances)]
-    top = _SHOWN_TIMES_WARN * margins.warn_mm
-    deepest = float(known.min()) if len(known) else 0.0
+    low = min(float(known.min(initial=0.0)), 0.0)
     # Room below the deepest point for its label.
-    plot.set_ylim(min(deepest, 0.0) - 0.16 * (top - min(deepest, 0.0)), top)
+    plot.set_ylim(low - 0.16 * (top - low), top)
     plot.set_xlim(float(seconds[0]), max(float(seconds[-1]), float(seconds[0]) + 1e-3))
     if len(known) and float(known.max()) > top:
         plot.annotate(
             f"distances above {top:g} mm are not drawn", (1.0, 1.0), (-4, -4),
             xycoords="axes fraction", textcoords="offset points", ha="right", va="top",
-            fontsize=9, color=INK, zorder=8,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
+            fontsize=9, color=INK, zorder=8, bbox=_BOX,
         )  # fmt: skip
 
 
-def _draw_breaches(
-    plot: Axes, breaches: Sequence[Breach], rows: Sequence[ReportRow], seconds: FloatArray
-) -> None:
+def _draw_breaches(plot: Axes, content: TimePlot, breaches: Sequence[Breach]) -> None:
     bottom = plot.get_ylim()[0]
     color = MarginState.POSITIVE.display.color
-    ends = [(float(seconds[each.first]), float(seconds[each.last])) for each in breaches]
-    middles = [0.5 * (start_s + end_s) for start_s, end_s in ends]
-    near_s = _LABEL_WIDTH * float(seconds[-1] - seconds[0])
-    for number, breach in enumerate(breaches, start=1):
-        start_s, end_s = ends[number - 1]
-        middle_s = middles[number - 1]
+    middles = [0.5 * (mark.start_s + mark.end_s) for mark in content.marks]
+    near_s = _LABEL_WIDTH * float(content.times_s[-1] - content.times_s[0])
+    following = [*middles, float("inf")][1:]
+    for mark, breach, middle_s, next_s in zip(
+        content.marks, breaches, middles, following, strict=True
+    ):
         # The text of a breach shortly before another one ends at it, to leave place for the other.
-        is_close = number < len(middles) and middles[number] - middle_s < near_s
+        align = "right" if next_s - middle_s < near_s else "center"
         depth = breach.min_signed_distance_mm
         plot.plot(
-            [start_s, end_s], [bottom, bottom], color=color, lw=7,
+            [mark.start_s, mark.end_s], [bottom, bottom], color=color, lw=7,
             solid_capstyle="butt", marker="|", ms=9, clip_on=False, zorder=6,
         )  # fmt: skip
         plot.annotate(
-            f"breach {number}\n\N{MINUS SIGN}{-depth:.2f} mm", (middle_s, depth), (0, -9),
-            textcoords="offset points", ha="right" if is_close else "center", va="top",
-            fontsize=10, fontweight="bold", color=BREACH, zorder=7, linespacing=1.15,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
+            f"{mark.label}\n\N{MINUS SIGN}{-depth:.2f} mm", (middle_s, depth), (0, -9),
+            textcoords="offset points", ha=align, va="top", fontsize=10, fontweight="bold",
+            color=BREACH, zorder=7, linespacing=1.15, bbox=_BOX,
         )  # fmt: skip
 
 
@@ -219,7 +191,3 @@ def _draw_legend(figure: Figure, strip: Axes, plot: Axes) -> None:
         handlelength=1.4,
         columnspacing=1.0,
     )
-
-
-def _column(values: Sequence[float | None]) -> FloatArray:
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)

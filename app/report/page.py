@@ -1,21 +1,53 @@
 """Pages of reports, from the templates in ``templates``; every value of a page is escaped."""
 
-import base64
 import json
+from base64 import b64encode
 from functools import cache
+from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from app.report.bundle import csp_source, figure_scripts, figure_style, page_style
+from app.report.colors import PAGE_COLORS
 
 NOT_A_DEVICE = (
     "MarginGuard is research software. It is not a medical device and must not be used to treat "
     "or diagnose a patient."
 )
-
 Cell = str | int | float | None
+
+
+@cache
+def page_style() -> str:
+    """The style sheet of every page."""
+    colors = " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items())
+    return f":root {{ {colors} }}\n{_text('page.css')}"
+
+
+@cache
+def figure_style() -> str:
+    """The style sheets of the figures."""
+    return "".join(map(_text, ("uplot.min.css", "plots.css", "coverage.css")))
+
+
+@cache
+def figure_scripts() -> tuple[str, ...]:
+    """uPlot, the script that draws the plots with it, and that of the coverage.
+
+    They are put after the figures.
+    """
+    return tuple(map(_text, ("uplot.min.js", "plots.js", "coverage.js")))
+
+
+def csp_source(text: str) -> str:
+    """Source of a Content-Security-Policy that allows an element with the content ``text``."""
+    return f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
+
+
+def _text(name: str) -> str:
+    return (files("app.report") / "web" / name).read_text(encoding="utf-8")
 
 
 def document(template: str, title: str, *, figures: bool = False, **values: object) -> str:
@@ -65,7 +97,7 @@ def json_of(value: object) -> Markup:
 
 
 def _base64(content: bytes) -> str:
-    return base64.b64encode(content).decode("ascii")
+    return b64encode(content).decode("ascii")
 
 
 def length(value_mm: float | None) -> str:

@@ -9,7 +9,7 @@ from importlib import import_module
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
-from app.analysis.breaches import find_breaches
+from app.analysis.samples import find_breaches
 from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.report.record import ReplayRecord

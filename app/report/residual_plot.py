@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from app.geometry import FloatArray
 from app.report.colors import DROPPED, INK, USED
-from app.report.errors import ReportError
+from app.report.rows import ReportError
 
 _SIZE_INCHES = (10.0, 4.5)
 _DPI = 120

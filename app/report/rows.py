@@ -1,4 +1,7 @@
-"""One row of the report per step: plain numbers, to keep a long replay small in memory."""
+"""Rows of a report, one per step: plain numbers, to keep a long replay small in memory.
+
+``margin.csv`` holds them; their reasons are counted.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -11,11 +14,28 @@ import numpy as np
 
 from app.case import CauteryState
 from app.fixture import MarginState, Reason
-from app.geometry import NS_PER_S, FloatArray
-from app.report.errors import ReportError
+from app.geometry import NS_PER_S, FloatArray, MarginGuardError
 
 if TYPE_CHECKING:
     from app.session import StepResult
+
+COLUMNS = (
+    "t_s",
+    "stamp_ns",
+    "state",
+    "signed_distance_mm",
+    "lower_bound_mm",
+    "reasons",
+    "tip_x_mm",
+    "tip_y_mm",
+    "tip_z_mm",
+)
+CAUTERY = "cautery"
+"""Last column, of a case with a source of the cautery's state."""
+
+
+class ReportError(MarginGuardError):
+    """The report cannot be made: its folder is not writable, or a row has an invalid value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,3 +135,65 @@ def _finite(number: float) -> float | None:
 def _point(values: list[float]) -> tuple[float, float, float]:
     x, y, z = values
     return (x, y, z)
+
+
+@dataclass(frozen=True, slots=True)
+class ReasonCount:
+    """``reason`` was among the reasons of ``frames`` frames, first at ``first_s`` seconds."""
+
+    reason: str
+    frames: int
+    first_s: float
+
+
+def count_reasons(rows: Sequence[ReportRow]) -> tuple[ReasonCount, ...]:
+    """Count every reason that occurs, the most frequent first."""
+    counts: dict[str, int] = {}
+    first_s: dict[str, float] = {}
+    for row in rows:
+        for reason in row.reasons:
+            counts[reason] = counts.get(reason, 0) + 1
+            first_s.setdefault(reason, seconds_since(rows[0].stamp_ns, row.stamp_ns))
+    ordered = sorted(counts, key=lambda reason: (-counts[reason], reason))
+    return tuple(ReasonCount(reason, counts[reason], first_s[reason]) for reason in ordered)
+
+
+def margin_csv(rows: Sequence[ReportRow]) -> str:
+    """Return the text of ``margin.csv``: a header and one line per row, each ended by a line feed.
+
+    Times and lengths have 6 decimals, an unknown value is an empty cell, reasons are joined by
+    ``;``. No cell needs quotes: the names of states and reasons have no commas. The bytes do not
+    depend on the machine or the rate of the replay.
+    """
+    if all(row.cautery is None for row in rows):
+        lines = [",".join(COLUMNS)]
+        lines.extend(",".join(_cells(row, rows[0].stamp_ns)) for row in rows)
+    else:
+        lines = [",".join((*COLUMNS, CAUTERY))]
+        lines.extend(
+            ",".join((*_cells(row, rows[0].stamp_ns), str(row.cautery or ""))) for row in rows
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _cells(row: ReportRow, first_ns: int) -> tuple[str, ...]:
+    x, y, z = row.tip_mm or (None, None, None)
+    return (
+        _number(seconds_since(first_ns, row.stamp_ns)),
+        str(row.stamp_ns),
+        row.state.name,
+        _number(row.signed_distance_mm),
+        _number(row.lower_bound_mm),
+        ";".join(row.reasons),
+        _number(x),
+        _number(y),
+        _number(z),
+    )
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    text = f"{value:.6f}"
+    # The sign of a rounded zero depends on the last bit, which differs between machines.
+    return text[1:] if text == "-0.000000" else text

@@ -1,31 +1,36 @@
-from .application import SceneApplication
-from .body_models import BodyModels
-from .contour_model import ContourModel
-from .errors import OffscreenError, SceneError
-from .frames.edited import EditedTransform
-from .frames.poses import PoseNodes
-from .frames.transform_tree import TransformTree
-from .frames.watchdog import TransformHealth, TransformWatchdog
-from .image_plane import ImagePlane
-from .image_volume import ImageVolume
-from .margin.breach_markers import BreachMarkers, MarkerStyle
-from .margin.fixture_plane import FixturePlane
-from .nodes.batch import Batch
-from .nodes.shapes import mesh_of_model, mesh_of_segment, points_of_markups
-from .pictures.cameras import Preset, bullseye, center_on, forward_of, look_through, preset_camera
-from .pictures.framing import Camera
+from .convert import mesh_of_model, mesh_of_segment, points_of_markups
+from .image_nodes import ImagePlane, ImageVolume
+from .margin_display import BreachMarkers, FixturePlane, MarkerStyle
+from .offscreen import OffscreenError, SceneError, load_3d_view_only, use_offscreen_rendering
+from .pictures.camera_views import (
+    Camera,
+    Preset,
+    bullseye,
+    center_on,
+    forward_of,
+    look_through,
+    preset_camera,
+)
 from .pictures.movie import movie_gif, movie_mp4
-from .pictures.offscreen import use_offscreen_rendering
-from .pictures.picture import scene_png
-from .pictures.quick_image import QUICK_TYPE, quick_image
-from .pictures.step_scene import StepScene, step_png
-from .pictures.view import OffscreenView, draw_once_per_update, offscreen_view
-from .pictures.view_modules import load_3d_view_only
+from .pictures.offscreen_view import (
+    QUICK_TYPE,
+    OffscreenView,
+    SceneApplication,
+    draw_once_per_update,
+    offscreen_view,
+    quick_image,
+)
+from .pictures.picture import StepScene, scene_png, step_png
 from .presenter import ScenePresenter
-from .robot_model import RobotModel
+from .robot_model import PoseNodes, RobotModel
 from .scene import MarginGuardScene
 from .scene_file import load_scene, save_scene
+from .scene_nodes import Batch
 from .sequences import add_sequences
+from .shown_margin import TransformHealth, TransformWatchdog
+from .simulated_bodies import BodyModels
+from .transform_tree import EditedTransform, TransformTree
+from .workflow_models import ContourModel
 
 __all__ = [
     "QUICK_TYPE",

@@ -14,11 +14,11 @@ from app.geometry import (
     poses_in,
 )
 from app.runtime import SessionContent, Stylus
-from app.scene.errors import SceneError
-from app.scene.frames.watchdog import TransformHealth
-from app.scene.margin.breach_markers import MarkerStyle
+from app.scene.margin_display import MarkerStyle
+from app.scene.offscreen import SceneError
 from app.scene.scene import MarginGuardScene
-from app.scene.stylus_model import StylusModel
+from app.scene.shown_margin import TransformHealth
+from app.scene.workflow_models import StylusModel
 from app.session import REFERENCE, StepResult
 
 GRIP_OPACITY = 0.35

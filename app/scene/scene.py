@@ -15,16 +15,13 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform, poses_in
 from app.robot import Robot
-from app.scene.errors import SceneError
-from app.scene.frames.transform_tree import RAS, TransformTree
-from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
-from app.scene.margin.margin_display import MarginDisplay
-from app.scene.margin.shown_margin import shown_margin
-from app.scene.nodes.adopted_nodes import PART, SURFACE, AdoptedNodes, mark
-from app.scene.nodes.batch import Batch
-from app.scene.nodes.models import add_model, ball, remove_displayed, smooth_surface
-from app.scene.nodes.node_integrity import NodeIntegrity
+from app.scene.margin_display import MarginDisplay
+from app.scene.models import add_model, ball, remove_displayed, smooth_surface
+from app.scene.offscreen import SceneError
 from app.scene.robot_model import RobotModel
+from app.scene.scene_nodes import PART, SURFACE, AdoptedNodes, Batch, NodeIntegrity, mark
+from app.scene.shown_margin import TransformHealth, TransformWatchdog, shown_margin
+from app.scene.transform_tree import RAS, TransformTree
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
 NEEDLE_COLOR = (0.33, 1.0, 1.0)  # that of LumpNav

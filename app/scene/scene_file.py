@@ -17,7 +17,7 @@ from vtkmodules.vtkCommonCore import (
 )
 
 from app.files.atomic_io import atomic_file, check_output_path
-from app.scene.errors import SceneError
+from app.scene.offscreen import SceneError
 
 SCENE_ENDING = ".mrb"
 

@@ -1,5 +1,5 @@
-from .command_gate import COMMAND_LIFETIME_NS
-from .commands import (
+from .command_gate import (
+    COMMAND_LIFETIME_NS,
     ArmCommand,
     ArmStatus,
     JointPositionCommand,
@@ -10,11 +10,8 @@ from .commands import (
     ToolWrenchCommand,
 )
 from .errors import CommandError, EditError, SimulationError, UnstableError, WorldError
-from .hand import ScriptedHand
-from .haptic_coupling import HapticCoupling, HapticParameters
-from .manual_hands import KEYS, JoyHand, KeyHand
-from .state import ArmState, Contact, WorldState, Wrench
-from .tracker import TRACKER_FRAME, WorldTracker
+from .hand import KEYS, HapticCoupling, HapticParameters, JoyHand, KeyHand, ScriptedHand
+from .state import TRACKER_FRAME, ArmState, Contact, WorldState, WorldTracker, Wrench
 from .world import World
 from .world_entries import (
     BodyEntry,

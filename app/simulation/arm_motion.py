@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray
-from app.simulation.commands import (
+from app.simulation.command_gate import (
     ArmCommand,
     JointPositionCommand,
     JointVelocityCommand,
@@ -21,14 +21,144 @@ from app.simulation.commands import (
     ToolTwistCommand,
     ToolWrenchCommand,
 )
-from app.simulation.inertia import M_PER_MM
-from app.simulation.servo import VelocityServo
+from app.simulation.rigid_body import M_PER_MM
+from app.simulation.world_model import RobotModel
 
+BANDWIDTH_HZ = 300.0
+"""Rate in 1/s at which an error of the velocity decays."""
+
+LIMIT_S = 0.02
+"""Time constant with which the velocity falls to 0 towards a joint limit."""
+
+FADE = 10.0
+"""1 over the share of the speed limit below it in which the efforts of a wrench fade out."""
 APPROACH_S = 0.02
 """Time constant with which a position or a pose is approached."""
-
 DAMPING = 0.01
 """Damping of the least squares: m or rad of the tool per rad of a joint where a direction fades."""
+
+
+class VelocityServo:
+    """The drives of one robot. Evaluate between `mujoco.mj_step1` and `mujoco.mj_step2`.
+
+    Computed torque: weight, Coriolis forces and inertia come from the model, everything else, such
+    as a hand or a contact, from a disturbance observer of one step (Ohnishi, Shibata and Murakami,
+    Motion Control for Advanced Mechatronics, 1996). A blocked arm so presses with up to its effort
+    limits.
+    """
+
+    def __init__(self, model: Any, robot: RobotModel) -> None:
+        name = robot.entry.name
+
+        def address(joint: str, of: Any) -> int:
+            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{name}/{joint}")
+            return int(of[number])
+
+        drives = robot.drives
+        self.joints = tuple(drive.name for drive in drives)
+        self.dofs = np.array([address(each, model.jnt_dofadr) for each in self.joints], np.int64)
+        self.positions = np.array(
+            [address(each, model.jnt_qposadr) for each in self.joints], np.int64
+        )
+        # The driven joints first: without others, blocks of the model's matrices are theirs.
+        every = [address(each, model.jnt_dofadr) for each in robot.joints]
+        others = [dof for dof in every if dof not in set(self.dofs.tolist())]
+        self._all = np.array([*self.dofs.tolist(), *others], np.int64)
+        self._order = np.arange(len(self.joints))
+        self._following = np.arange(len(self.joints), len(self._all))
+        self._block = np.ix_(self._all, self._all)
+        self.actuators = np.array(
+            [
+                mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{each}")
+                for each in self.joints
+            ],
+            np.int64,
+        )
+        self._effort = np.array([drive.effort for drive in drives])
+        self._inverse_velocity = 1.0 / np.array([drive.velocity for drive in drives])
+        self._lower = np.array([drive.lower for drive in drives])
+        self._upper = np.array([drive.upper for drive in drives])
+        self._timestep = float(model.opt.timestep)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the disturbance."""
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self.torques: FloatArray = np.zeros(len(self.joints))
+
+    def limited(self, velocities: FloatArray, positions: FloatArray) -> FloatArray:
+        """``velocities`` (n,) scaled to the speed limits and slowed towards the joint limits."""
+        ratio = float((np.abs(velocities) * self._inverse_velocity).max(initial=0.0))
+        scaled = velocities / max(1.0, ratio)
+        upper = np.maximum((self._upper - positions) / LIMIT_S, 0.0)
+        lower = np.minimum((self._lower - positions) / LIMIT_S, 0.0)
+        return np.asarray(np.minimum(np.maximum(scaled, lower), upper))
+
+    def of_driven(self, jacobian: FloatArray, data: Any) -> FloatArray:
+        """The part (m, n) of a Jacobian (m, nv) for the driven joints; the others follow them."""
+        share = self._share(data)
+        return np.asarray(
+            jacobian[:, self.dofs] if share is None else jacobian[:, self._all] @ share
+        )
+
+    def apply(
+        self,
+        data: Any,
+        inertia: FloatArray,
+        commanded: FloatArray,
+        efforts: FloatArray | None = None,
+    ) -> None:
+        """Set the efforts for joint velocities ``commanded`` (n,); ``inertia`` is (nv, nv).
+
+        With ``efforts`` (n,) the drives give those and balance the weight instead; they resist
+        only beyond the speed limits and at the ends of travel.
+        """
+        share = self._share(data)
+        mass = inertia[self._block]
+        bias = (data.qfrc_bias - data.qfrc_passive)[self._all]
+        if share is not None:
+            mass, bias = share.T @ mass @ share, share.T @ bias
+        velocity = data.qvel[self.dofs]
+        disturbance: FloatArray = np.zeros(len(self.joints))
+        if self._last is not None:
+            last_mass, last_bias, last_velocity = self._last
+            acceleration = (velocity - last_velocity) / self._timestep
+            disturbance = last_mass @ acceleration + last_bias - self.torques
+        if efforts is None:
+            target = self.limited(commanded, data.qpos[self.positions])
+            torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + bias - disturbance
+        else:
+            target = self.limited(velocity, data.qpos[self.positions])
+            weight = data.qfrc_bias[self._all]
+            weight = weight if share is None else share.T @ weight
+            torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + weight
+            torques = torques + self._within_speed(efforts, velocity)
+        self.torques = np.minimum(np.maximum(torques, -self._effort), self._effort)
+        self._last = mass, bias, velocity.copy()
+        data.ctrl[self.actuators] = self.torques
+
+    def _within_speed(self, efforts: FloatArray, velocity: FloatArray) -> FloatArray:
+        """``efforts`` (n,), which fade out in the last tenth below the speed limit of a joint."""
+        left = FADE * (1.0 - np.abs(velocity) * self._inverse_velocity)
+        is_along = efforts * velocity > 0.0
+        limited = np.clip(efforts, -self._effort, self._effort)
+        return np.asarray(limited * np.where(is_along, np.clip(left, 0.0, 1.0), 1.0))
+
+    def _share(self, data: Any) -> FloatArray | None:
+        """Velocities of the robot's joints (m, n) per velocity of each driven one.
+
+        None if all joints are driven.
+        """
+        if not len(self._following):
+            return None
+        share = np.zeros((len(self._all), len(self.joints)))
+        share[self._order, np.arange(len(self.joints))] = 1.0
+        jacobian = data.efc_J.reshape(-1, len(data.qvel))[: data.ne, self._all]
+        following, *_ = np.linalg.lstsq(
+            jacobian[:, self._following], -jacobian[:, self._order], rcond=None
+        )
+        share[self._following] = following
+        return share
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,18 +9,14 @@ import numpy as np
 
 from app.geometry import FloatArray, Transform
 from app.robot.kinematic_tree import LinkPoses
-from app.simulation.arm_motion import ArmMotion
-from app.simulation.build import NS_TO_S, build_world
-from app.simulation.command_gate import CommandGate
-from app.simulation.commands import ArmCommand, StateCommand
+from app.simulation.arm_motion import ArmMotion, VelocityServo
+from app.simulation.body_model import TissueMotion, copy_state, place_body
+from app.simulation.command_gate import ArmCommand, CommandGate, StateCommand
 from app.simulation.errors import CommandError, EditError, UnstableError, WorldError
-from app.simulation.inertia import M_PER_MM
-from app.simulation.placing import copy_state, place_body
-from app.simulation.robot_model import RobotModel
-from app.simulation.servo import VelocityServo
+from app.simulation.rigid_body import M_PER_MM
 from app.simulation.state import ArmState, Contact, WorldState, Wrench
-from app.simulation.tissue import TissueMotion
 from app.simulation.world_entries import WORLD_FRAME, BodyEntry, WorldDescription
+from app.simulation.world_model import NS_TO_S, RobotModel, build_world
 
 MAX_OVERLAP_MM = 1.0
 """A body that is placed deeper in another one would be thrown out by the contact."""

@@ -29,9 +29,7 @@ from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.robot import Robot, load_robot
 from app.simulation.errors import WorldError
 from app.simulation.world_hand import ORDERED_TIMES, HandEntry, check_interval
-from app.synthetic.presets import PRESETS, tracker_preset
-from app.synthetic.tracker import Jitter
-from app.synthetic.tracker_model import TrackerModel
+from app.synthetic.tracker_model import PRESETS, Jitter, TrackerModel, tracker_preset
 
 Collision = Literal["hull", "parts", "none"]
 WORLD_FRAME = "world"

@@ -11,7 +11,7 @@ from app.files.keys import Block, Boolean, ListOf, Number, Numbers, Text
 from app.fixture import PassivityError
 from app.geometry import FloatArray, InputError, Transform
 from app.simulation.errors import WorldError
-from app.simulation.haptic_coupling import HapticParameters
+from app.simulation.hand import HapticParameters
 
 MAX_AXIS = 63
 ORDERED_TIMES = "end_s is after start_s"

@@ -1,17 +1,13 @@
 """A simulated lumpectomy with ground truth, which the demo replays."""
 
-from app.synthetic.case_errors import CaseErrors
-from app.synthetic.case_options import CaseOptions
-from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
-from app.synthetic.clearance import Clearance
+from app.synthetic.case_options import CaseErrors, CaseOptions
 from app.synthetic.motion import ArmKinematics
 from app.synthetic.recording import Recording
 from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.simulation import BASE_FRAME, Simulation, simulate
-from app.synthetic.tracker import Jitter
-from app.synthetic.tracker_model import TrackerModel
-from app.synthetic.truth import TrueBreach, find_breaches
-from app.synthetic.tumour import TUMOR_FRAME, Tumour
+from app.synthetic.tracker_model import Jitter, TrackerModel
+from app.synthetic.truth import Clearance, TrueBreach, find_breaches
+from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour, cautery_mesh
 from app.synthetic.writing import simulate_case, simulate_unrecorded_case
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Smooth motion through waypoints, and the joints of an arm that follows it."""
+"""Motion over time: smooth paths, the joints of an arm that follows one, and breathing."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -9,14 +9,75 @@ import numpy as np
 from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from app.geometry import FloatArray, InputError, Transform
+from app.files.packages import shipped
+from app.geometry import FloatArray, InputError, Transform, mismatched_frames
 from app.geometry.rotations import rotation_of_vector
-from app.synthetic.poses import Poses
+from app.robot import load_robot
 
 MAX_TURN_RAD = 2.5
 """Rotation vectors are smooth below pi; this leaves a margin."""
-
 _HELD_MM = 1e-9
+TOUCH_URDF = shipped("data", "robots", "touch", "touch.urdf")
+TOOL_LINK = "stylus"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """``target_from_source`` at n times: rotations (n, 3, 3) and translations (n, 3) in mm.
+
+    The operations are those of `Transform`, on arrays; one transform is combined with all.
+    """
+
+    target: str
+    source: str
+    rotations: FloatArray
+    translations_mm: FloatArray
+
+    @classmethod
+    def of(cls, transforms: Sequence[Transform]) -> "Poses":
+        """Poses from n > 0 transforms between the same frames."""
+        first = transforms[0]
+        return cls(
+            first.target,
+            first.source,
+            np.array([each.rotation for each in transforms]),
+            np.array([each.translation_mm for each in transforms]),
+        )
+
+    def __matmul__(self, other: "Poses") -> "Poses":
+        if self.source != other.target:
+            raise mismatched_frames((self.target, self.source), (other.target, other.source))
+        return Poses(
+            self.target,
+            other.source,
+            np.matmul(self.rotations, other.rotations),
+            _rotated(self.rotations, other.translations_mm) + self.translations_mm,
+        )
+
+    def inverse(self) -> "Poses":
+        """Return ``source_from_target``."""
+        rotations = np.ascontiguousarray(self.rotations.transpose(0, 2, 1))
+        return Poses(
+            self.source, self.target, rotations, -_rotated(rotations, self.translations_mm)
+        )
+
+    def apply(self, points_mm: FloatArray) -> FloatArray:
+        """Map points (k, 3) in mm at each time: (n, k, 3)."""
+        moved = np.matmul(points_mm, self.rotations.transpose(0, 2, 1))
+        return np.asarray(moved + self.translations_mm[:, None])
+
+    def transforms(self) -> list[Transform]:
+        """Each pose as a `Transform`; the arrays become read-only."""
+        self.rotations.setflags(write=False)
+        self.translations_mm.setflags(write=False)
+        return [
+            Transform.of_read_only(self.target, self.source, rotation, translation_mm)
+            for rotation, translation_mm in zip(self.rotations, self.translations_mm, strict=True)
+        ]
+
+
+def _rotated(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.matmul(rotations, vectors[:, :, None])[:, :, 0])
 
 
 class ArmKinematics(Protocol):
@@ -159,3 +220,84 @@ class JointMotion:
 
 def _same(one: Transform, other: Transform) -> bool:
     return bool(np.abs(one.matrix - other.matrix).max() < _HELD_MM)
+
+
+@dataclass(frozen=True, slots=True)
+class Breathing:
+    """Depth of breath over time: 0 at end expiration, 1 at full inspiration.
+
+    ``sin^4(pi f t)``: the model of Lujan et al. 1999 with n = 2, which dwells at end expiration.
+    Until ``held_until_s`` the breath is held there.
+    """
+
+    held_until_s: float
+    frequency_hz: float = 0.25
+
+    def depth(self, time_s: float) -> float:
+        """Depth of breath at ``time_s``, 0 to 1."""
+        since_s = max(time_s - self.held_until_s, 0.0)
+        return float(np.sin(np.pi * self.frequency_hz * since_s) ** 4)
+
+    def depths(self, times_s: FloatArray) -> FloatArray:
+        """Depths of breath (n,) at ``times_s`` (n,)."""
+        since_s = np.maximum(times_s - self.held_until_s, 0.0)
+        # The power of an array has other rounding than that of a number.
+        return np.array([sine**4 for sine in np.sin(np.pi * self.frequency_hz * since_s)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BreathingBody:
+    """A body that breathing moves: its rest pose, and its displacement at full inspiration.
+
+    ``shift_mm`` (3,) is in the rest pose's target frame; ``turn_rad`` (3,) is a rotation vector
+    about the body's own origin.
+    """
+
+    rest: Transform
+    shift_mm: FloatArray
+    turn_rad: FloatArray
+
+    def at(self, depth: float) -> Transform:
+        """The pose at a depth of breath of 0 to 1."""
+        turn = rotation_of_vector(depth * self.turn_rad)
+        return Transform.unchecked(
+            self.rest.target,
+            self.rest.source,
+            self.rest.rotation @ turn,
+            self.rest.translation_mm + depth * self.shift_mm,
+        )
+
+    def at_all(self, depths: FloatArray) -> Poses:
+        """The poses at n depths of breath (n,)."""
+        turns = np.array([rotation_of_vector(turn) for turn in depths[:, None] * self.turn_rad])
+        return Poses(
+            self.rest.target,
+            self.rest.source,
+            np.matmul(self.rest.rotation, turns),
+            self.rest.translation_mm + depths[:, None] * self.shift_mm,
+        )
+
+
+class TouchArm:
+    """The kinematics of ``data/robots/touch``; the tool's tip is the origin of its ``stylus``."""
+
+    def __init__(self, *, base_frame: str, tip_frame: str) -> None:
+        self._robot = load_robot(TOUCH_URDF)
+        self._base_frame, self._tip_frame = base_frame, tip_frame
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Names of the joints, in the order of the joint states."""
+        return self._robot.actuated_joint_names
+
+    def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
+        """Pose of the tip in the base frame for ``joints`` (rad)."""
+        root_from_tip = self._robot.forward_kinematics(joints)[TOOL_LINK]
+        return root_from_tip.renamed(target=self._base_frame, source=self._tip_frame)
+
+    def joints_for(
+        self, base_from_tool: Transform, seed: Mapping[str, float] | None
+    ) -> Mapping[str, float]:
+        """Joints (rad) near ``seed`` that reach the pose; raises `UnreachableError` if none do."""
+        root_from_tip = base_from_tool.renamed(target=self._robot.root_link, source=TOOL_LINK)
+        return self._robot.inverse_kinematics(TOOL_LINK, root_from_tip, seed=seed)

@@ -9,24 +9,30 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
+from app.geometry.rotations import rotation_of_vector
 from app.synthetic.motion import ArmKinematics
-from app.synthetic.operation_truth import (
-    DIAMETER_MM,
-    PROBE,
-    REFERENCE,
-    TOOL,
-    TRACKER,
-    OperationTruth,
-)
 from app.synthetic.simulation import BASE_FRAME
-from app.synthetic.ultrasound_slice import UltrasoundSlice
+from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour
 
+TOOL, NEEDLE, PROBE, REFERENCE, TRACKER = "cautery", "needle", "probe", "reference", "tracker"
+DIAMETER_MM = 18.0
+SUPPOSED_RADIUS_MM = 5.0
+"""Radius of the ball that stands for the tumour before it is contoured."""
+
+_TIP_MM = (7.0, -3.0, 112.0)
+_SHAFT = (0.10, 0.06, 1.0)
+_TIP_ERROR_MM = 2.0
+_BASE_ERROR_MM = 1.5
+_BASE_CENTRE_MM = (185.2, -1.6, 100.7)
+"""Place in the robot's base around which the arm reaches 50 mm to all sides."""
+COLUMNS, ROWS = 200, 160
+PIXEL_MM = 0.25
+_TUMOUR_LEVEL, _TISSUE_LEVEL, _SPECKLE = 45.0, 130.0, 0.8
 RATE_HZ = 40.0
 IMAGE_STEPS = 4
 """Steps from one image to the next."""
 PLANES = 9
 """Image planes over the tumour in which the probe can rest."""
-
 _SPEED_MM_S, _SLOW_MM_S, _TURN_RAD_S = 80.0, 12.0, 1.0
 _DWELL_S = 1.6
 _CONE_RAD, _SETTLE_S = np.radians(32.0), 0.5
@@ -39,6 +45,103 @@ _LANDMARKS_MM = (
 """From the tumour's centre, in an order whose straight ways stay outside of the tumour."""
 _STYLUS = ((-0.98548, 0.01639, -0.16898), (-0.01906, 0.97837, 0.20601), (0.1687, 0.20624, -0.96385))
 """Rotation of the arm's last link in its base; only its origin touches the tip of the tool."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OperationTruth:
+    """The true tumour, calibrations and places; ``supposed_...`` is what the session begins with.
+
+    ``centre_mm`` (3,) is the tumour's centre in the reference.
+    """
+
+    tumour: Tumour
+    tool_from_tip: Transform
+    supposed_tool_from_tip: Transform
+    reference_from_base: Transform
+    supposed_reference_from_base: Transform
+    reference_from_needle: Transform
+    needle_from_tumor: Transform
+
+    @property
+    def centre_mm(self) -> FloatArray:
+        """Centre of the tumour in the reference."""
+        return (self.reference_from_needle @ self.needle_from_tumor).translation_mm
+
+
+def operation_truth(seed: int) -> OperationTruth:
+    """The truth of ``seed``; the same seed gives the same."""
+    random = np.random.default_rng([seed, 21])
+    tumour = Tumour.generate(random).with_diameter(DIAMETER_MM)
+    shaft = np.array(_SHAFT) / np.linalg.norm(_SHAFT)
+    tip_mm = np.array(_TIP_MM)
+    base = Transform(REFERENCE, BASE_FRAME, _turn(random, 0.5), random.uniform(-200.0, 200.0, 3))
+    needle = Transform(REFERENCE, NEEDLE, _turn(random, 0.4), base.apply(np.array(_BASE_CENTRE_MM)))
+    return OperationTruth(
+        tumour=tumour,
+        tool_from_tip=Transform(TOOL, CAUTERY_TIP_FRAME, _onto(shaft), tip_mm),
+        supposed_tool_from_tip=Transform(
+            TOOL, CAUTERY_TIP_FRAME, np.eye(3), tip_mm + _TIP_ERROR_MM * _direction(random)
+        ),
+        reference_from_base=base,
+        supposed_reference_from_base=Transform(
+            REFERENCE,
+            BASE_FRAME,
+            base.rotation,
+            base.translation_mm + _BASE_ERROR_MM * _direction(random),
+        ),
+        reference_from_needle=needle,
+        needle_from_tumor=Transform(NEEDLE, TUMOR_FRAME, _turn(random, 0.3), np.zeros(3)),
+    )
+
+
+def _turn(random: np.random.Generator, angle_rad: float) -> FloatArray:
+    return rotation_of_vector(angle_rad * _direction(random))
+
+
+def _direction(random: np.random.Generator) -> FloatArray:
+    vector = random.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _onto(axis: FloatArray) -> FloatArray:
+    """The rotation that turns +z onto the unit ``axis`` (3,), in the plane of both."""
+    across = np.cross([0.0, 0.0, 1.0], axis)
+    length = float(np.linalg.norm(across))
+    return rotation_of_vector(across / length * np.arctan2(length, axis[2]))
+
+
+def probe_from_image() -> FloatArray:
+    """ImageToProbe (4, 4): pixels to mm, the middle of the image at the origin of the probe."""
+    matrix = np.diag([PIXEL_MM, PIXEL_MM, PIXEL_MM, 1.0])
+    matrix[:2, 3] = -PIXEL_MM * COLUMNS / 2, -PIXEL_MM * ROWS / 2
+    return matrix
+
+
+class UltrasoundSlice:
+    """Images of ``tumour``, which is darker than the tissue around it. For one thread.
+
+    The tissue is computed anew for another pose of the probe; the speckle differs in each image.
+    """
+
+    def __init__(self, tumour: Tumour, random: np.random.Generator) -> None:
+        self._tumour, self._random = tumour, random
+        row, column = np.mgrid[:ROWS, :COLUMNS]
+        pixels = np.stack([column, row, np.zeros_like(row), np.ones_like(row)], axis=-1)
+        self._probe_mm = (pixels.reshape(-1, 4) @ probe_from_image().T)[:, :3]
+        self._pose: FloatArray | None = None
+        self._level = np.zeros((ROWS, COLUMNS))
+
+    def image(self, tumor_from_probe: Transform) -> NDArray[np.uint8]:
+        """The image (rows, columns) at this pose."""
+        matrix = tumor_from_probe.matrix
+        if self._pose is None or not np.array_equal(matrix, self._pose):
+            places_mm = tumor_from_probe.apply(self._probe_mm) + 1e-9  # no direction is zero
+            radius_mm = np.linalg.norm(places_mm, axis=1)
+            inside = radius_mm < self._tumour.radius_mm(places_mm / radius_mm[:, None])
+            level = np.where(inside, _TUMOUR_LEVEL, _TISSUE_LEVEL)
+            self._pose, self._level = matrix, level.reshape(ROWS, COLUMNS)
+        speckle = self._random.rayleigh(_SPECKLE, size=self._level.shape)
+        return np.clip(self._level * speckle, 0, 255).astype(np.uint8)
 
 
 class Phase(StrEnum):

@@ -9,19 +9,17 @@ import yaml
 from app.case import write_live_manifest
 from app.files.atomic_io import new_folder
 from app.geometry import SurfaceMesh, Transform
-from app.synthetic.cautery import cautery_mesh
-from app.synthetic.operation_truth import (
+from app.synthetic.motion import TOOL_LINK
+from app.synthetic.operation import (
     NEEDLE,
     PROBE,
     SUPPOSED_RADIUS_MM,
     TOOL,
     OperationTruth,
+    probe_from_image,
 )
 from app.synthetic.simulation import BASE_FRAME
-from app.synthetic.stl import write_stl
-from app.synthetic.touch_arm import TOOL_LINK
-from app.synthetic.tumour import TUMOR_FRAME, icosphere
-from app.synthetic.ultrasound_slice import probe_from_image
+from app.synthetic.tumour_and_tool import TUMOR_FRAME, cautery_mesh, icosphere, write_stl
 
 IMAGE_TOPIC = "/ultrasound/image"
 CONFIG_NAME, TRUTH_FOLDER = "live.yaml", "truth"

@@ -9,7 +9,7 @@ import numpy as np
 from app.case.manifest.expected import DropoutKind, ExpectedDropout
 from app.case.tracking_frames import JointSample, TrackingFrame
 from app.geometry import NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
-from app.synthetic.case_errors import Encoders
+from app.synthetic.case_options import Encoders
 from app.synthetic.simulated_tracker import Reading, SimulatedTracker
 from app.synthetic.simulation import (
     FIRST_STAMP_NS,
@@ -18,7 +18,7 @@ from app.synthetic.simulation import (
     TRACKED_FRAMES,
     Simulation,
 )
-from app.synthetic.tracker import reported
+from app.synthetic.tracker_model import reported
 
 _BLOCK = 2000
 """Readings that are measured at once."""

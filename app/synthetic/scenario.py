@@ -11,14 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, Transform
-from app.synthetic.cautery import CAUTERY_TIP_FRAME
-from app.synthetic.clearance import Clearance
+from app.synthetic.case_options import USUAL_SURGEON, SurgeonOptions
 from app.synthetic.error_budget import CROSSING_SPEED_MM_S, Depths
 from app.synthetic.motion import Path
 from app.synthetic.script import Script
-from app.synthetic.surgeon import USUAL_SURGEON, SurgeonOptions
-from app.synthetic.tracker import Dropout, DropoutKind
-from app.synthetic.tumour import Tumour
+from app.synthetic.tracker_model import Dropout, DropoutKind
+from app.synthetic.truth import Clearance
+from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, Tumour
 
 WORK_FRAME = "work"
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from app.geometry import NS_PER_S, FloatArray, Transform
-from app.synthetic.poses import Poses
+from app.synthetic.motion import Poses
 from app.synthetic.tracker_model import TrackerModel
 
 _MAX_TIME_ERROR = 0.3

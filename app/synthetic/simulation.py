@@ -17,16 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.geometry import NS_PER_S, FloatArray, Transform
-from app.synthetic.case_errors import contoured
-from app.synthetic.case_options import CaseOptions
-from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
-from app.synthetic.clearance import Clearance
+from app.synthetic.case_options import CaseOptions, contoured
 from app.synthetic.error_budget import margin_bound_mm, plan_depths
-from app.synthetic.motion import ArmKinematics, JointMotion
-from app.synthetic.physiology import Breathing, BreathingBody
-from app.synthetic.poses import Poses
+from app.synthetic.motion import ArmKinematics, Breathing, BreathingBody, JointMotion, Poses
 from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
-from app.synthetic.tumour import TUMOR_FRAME, Tumour
+from app.synthetic.truth import Clearance
+from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour, cautery_mesh
 
 TRACKED_FRAMES = ("reference", "needle", "cautery")
 BASE_FRAME = "robot_base"

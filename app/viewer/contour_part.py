@@ -7,7 +7,7 @@ import numpy as np
 from aiohttp import web
 
 from app.contour import Contour, ContourEditor, ContourSurface, contour_count
-from app.contour.uncertainty import pixel_sigma
+from app.contour.surface import pixel_sigma
 from app.files.meshes import write_mesh
 from app.geometry import FloatArray, InputError
 from app.runtime import SessionContent, compute_here

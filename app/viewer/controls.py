@@ -9,7 +9,7 @@ from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.runtime import ChooseDepth, LengthenNeedle, Rearm, Record, SetMargins
 from app.scene import MarkerStyle
-from app.scene.margin.breach_markers import (
+from app.scene.margin_display import (
     MAX_SIZE_MM,
     MAX_SPACING_MM,
     MIN_SIZE_MM,

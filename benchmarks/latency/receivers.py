@@ -12,7 +12,7 @@ from tf2_msgs.msg import TFMessage
 
 from app.geometry import NS_PER_S, FloatArray
 from app.scene import PoseNodes
-from app.scene.nodes.models import add_model, smooth_surface
+from app.scene.models import add_model, smooth_surface
 from benchmarks.fixture_shapes import lobed_tumor
 from benchmarks.latency.senders import ROOT, body_frames
 

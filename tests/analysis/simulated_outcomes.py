@@ -17,9 +17,8 @@ from app.analysis.breach_probability import breach_probability, smoothed_distanc
 from app.fixture.proximity.engine import ProximityEngine
 from app.geometry import FloatArray, Transform
 from app.geometry.rotations import rotation_of_vector
-from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
-from app.synthetic.clearance import Clearance
-from app.synthetic.tumour import TUMOR_FRAME, Tumour
+from app.synthetic.truth import Clearance
+from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour, cautery_mesh
 
 CASES_PER_TUMOUR = 100
 RATE_HZ, CASE_S, TRUE_PER_FRAME = 40.0, 4.0, 4

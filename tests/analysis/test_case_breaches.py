@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from app.analysis.case_breaches import analyse_breaches
-from app.analysis.jitter import estimate_jitter
 from app.analysis.samples import CaseSamples
+from app.analysis.smoothing import estimate_jitter
 
 TURN = np.eye(3).ravel().tolist()
 

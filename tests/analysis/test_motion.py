@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from app.analysis import PHASES, Jitter, estimate_jitter, motion_of, phases_of
-from app.analysis.motion import raw_path_mm
-from app.analysis.savitzky_golay import savitzky_golay
+from app.analysis.motion import raw_path_mm, savitzky_golay
 from app.geometry import InputError
 
 TIMES = np.arange(0.0, 10.0, 0.02)

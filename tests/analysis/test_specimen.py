@@ -10,7 +10,7 @@ from igl.copyleft import cgal
 from scipy.spatial.transform import Rotation
 
 from app.analysis import coverage_of
-from app.analysis.directions import side_results, sides_of_surface
+from app.analysis.coverage import side_results, sides_of_surface
 from app.analysis.specimen import resection_of, specimen_of
 from app.analysis.swept_volume import MAX_POINTS, MAX_STEPS, cutting_points, solid_of, swept_volume
 from app.geometry import InputError, MeshError, SurfaceMesh

@@ -8,8 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from app.analysis import insertion_metrics
-from app.analysis.ray_casting import first_crossings
-from app.analysis.tissue_damage import tissue_damage_mm2
+from app.analysis.insertion import first_crossings, tissue_damage_mm2
 from app.geometry import SurfaceMesh
 
 RIGHT_ANGLE_DOWN = Rotation.from_rotvec([math.pi, 0.0, 0.0])

@@ -17,7 +17,7 @@ pytest.importorskip(
     "PySide6.QtCore", reason="PySide6 cannot be loaded: apt install libegl1", exc_type=ImportError
 )
 
-from app.scene.nodes.convert import world_matrix
+from app.scene.convert import world_matrix
 from benchmarks.latency.measure import KINDS, STOP_KINDS, StopRun, delays_at, measure, sending
 from benchmarks.latency.qt_loops import KEPT
 from benchmarks.latency.receivers import complete_frame_stamp

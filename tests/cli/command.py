@@ -10,7 +10,7 @@ from typing import Any
 
 from app.cli.main import main
 from app.report import ReplayLog
-from app.report.margin_csv import margin_csv
+from app.report.rows import margin_csv
 from app.runtime import ReplayRun, prepare_case
 
 

@@ -12,7 +12,7 @@ from app.cli.simulated_case_options import (
     simulated_case_options,
 )
 from app.geometry import InputError
-from app.synthetic.presets import PRESETS
+from app.synthetic.tracker_model import PRESETS
 
 
 def parsed(*words):

@@ -4,7 +4,7 @@ import numpy as np
 from skimage.filters import gaussian
 from skimage.measure import find_contours
 
-from app.synthetic.tumour import Tumour
+from app.synthetic.tumour_and_tool import Tumour
 
 COLUMNS, ROWS = 200, 160
 PIXEL_MM = 0.25

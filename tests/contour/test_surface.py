@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from app.contour import Change, ContourEditor, contour_surface
-from app.contour.uncertainty import pixel_sigma
+from app.contour.surface import pixel_sigma
 from app.fixture.surfaces.bvh import indexed_bvh
 from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import MeshError

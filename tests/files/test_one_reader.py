@@ -54,8 +54,8 @@ READS_OWN_FILES = {
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "cohort/dataset.py": "the journal and the partitions of an earlier run",
     "files/child_process.py": "a table of the kernel",
-    "report/bundle.py": "scripts and styles of this project",
-    "simulation/convex_parts.py": "a cache file, whose hash is checked",
+    "report/page.py": "scripts and styles of this project",
+    "simulation/rigid_body.py": "a cache file, whose hash is checked",
     "viewer/downloads.py": "a tip or surface that this process wrote",
     "hold/record.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
@@ -95,7 +95,7 @@ OPENS_FILES = {
     # Bytes of a picture, from the bounded read.
     "cli/case_result.py": {"Image.open"},
     # Bytes that were read from the cache and whose hash was checked.
-    "simulation/convex_parts.py": {"np.load"},
+    "simulation/rigid_body.py": {"np.load"},
     # A database, which SQLite opens by name after it was found to be a regular file.
     "case/readers/rosbag2/bag.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.

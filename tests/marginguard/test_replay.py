@@ -14,7 +14,7 @@ import trimesh
 import marginguard as mg
 from app.fixture.proximity.field_cache import cache_folder
 from app.report import ReplayLog
-from app.report.margin_csv import margin_csv
+from app.report.rows import margin_csv
 from app.runtime import ReplayRun, prepare_case
 
 pytestmark = pytest.mark.slow

@@ -1,6 +1,6 @@
 """Whether points are inside a mesh, and their signed distances, by libigl.
 
-Independent of `app.fixture` (FCL and signed fields), of `app.synthetic.clearance` (the tumour's
+Independent of `app.fixture` (FCL and signed fields), of `app.synthetic.truth` (the tumour's
 radius function) and of `app.case.tumor` (convex hulls and marching cubes). Methods: generalised
 winding numbers (Jacobson et al. 2013) and fast winding numbers (Barill et al. 2018).
 """

@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.report import analysis_page
+from app.report.analysis_files import FRAME_COLUMNS, FramesTable
 from app.report.colors import shaded
-from app.report.distance_svg import distance_svg
-from app.report.frames_table import COLUMNS, FramesTable
 from app.report.methods import methods_text, recorded_on
+from app.report.svg_plots import distance_svg
 from app.runtime import StepTiming
 from tests.report.conftest import write
 from tests.report.test_html import Page
@@ -122,7 +122,7 @@ def test_table_of_frames_has_margins_witnesses_and_velocity(prepared, steps):
     for step in steps:
         assert table.publish(step, StepTiming())
     found = pq.read_table(io.BytesIO(table.parquet())).to_pydict()
-    assert tuple(found) == COLUMNS
+    assert tuple(found) == FRAME_COLUMNS
     assert len(found["t_s"]) == len(steps)
     index = int(np.nanargmin([np.nan if d is None else d for d in found["signed_distance_mm"]]))
     step = steps[index]

@@ -10,8 +10,8 @@ from app.analysis import find_breaches
 from app.fixture import TipProximity
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.report import ReplayLog, ReplayRecord, summarise
-from app.report.breach_paths import breach_depths
-from app.report.html import report_html
+from app.report.record import breach_depths
+from app.report.write import report_html
 from app.runtime import StepTiming
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, frame

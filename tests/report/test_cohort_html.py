@@ -8,8 +8,7 @@ import numpy as np
 
 from app.cohort import CohortCase, compare, find_outliers, identity_of
 from app.cohort.columns import FAILED, OK
-from app.report.cohort_html import cohort_html, p_text
-from app.report.forest_plot import forest_png
+from app.report.cohort_html import cohort_html, forest_png, p_text
 
 HOSTILE = "<script>alert(1)</script>"
 

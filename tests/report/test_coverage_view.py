@@ -12,9 +12,16 @@ from markupsafe import Markup
 from app.analysis.coverage import WITHIN_MM, Coverage, spread_faces
 from app.geometry import ANATOMICAL_AXES, SurfaceMesh
 from app.report.colors import AMBIENT, CLASS_NAMES, COLORS
-from app.report.coverage_view import FARTHER, MAX_VERTICES, coverage_document, coverage_figure
-from app.report.covered_surface import MAX_FACES, CoveredSurface, covered_surface
-from app.synthetic.tumour import icosphere
+from app.report.coverage_figures import (
+    FARTHER,
+    MAX_FACES,
+    MAX_VERTICES,
+    CoveredSurface,
+    coverage_document,
+    coverage_figure,
+    covered_surface,
+)
+from app.synthetic.tumour_and_tool import icosphere
 from tests.fixture.control.test_state_display import each_vision, seen_ratio
 
 pytestmark = pytest.mark.slow

@@ -7,9 +7,9 @@ import pytest
 
 from app.case import CauteryState, Expected
 from app.report import summarise
-from app.report.html import report_html
 from app.report.page import NOT_A_DEVICE
-from app.report.reasons import count_reasons
+from app.report.rows import count_reasons
+from app.report.write import report_html
 
 PLOT, SCENE = b"\x89PNG plot", b"\x89PNG scene"
 _VOID = {"meta", "img", "br"}

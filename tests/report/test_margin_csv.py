@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from app.case import CauteryState
 from app.fixture import MarginState
 from app.report import ReportRow, margin_csv
-from app.report.margin_csv import COLUMNS
+from app.report.rows import COLUMNS
 
 numbers = st.floats(-1e4, 1e4)
 

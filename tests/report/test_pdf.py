@@ -9,8 +9,7 @@ from matplotlib.image import imsave
 from pypdf import PdfReader
 
 from app.case import CauteryState
-from app.report.pdf import report_pdf
-from app.report.pdf_layout import PdfLayout
+from app.report.pdf import PdfLayout, report_pdf
 from app.report.summary import summarise
 
 pytestmark = pytest.mark.slow

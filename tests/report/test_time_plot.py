@@ -9,13 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.analysis.breaches import find_breaches
-from app.report.bundle import csp_source, figure_scripts
-from app.report.case_plots import distance_plot
-from app.report.label_layout import spread
-from app.report.page import document
-from app.report.time_plot import MAX_POINTS, Line, Series, TimePlot, extremes
-from app.report.time_svg import _ticks, time_svg
+from app.analysis.samples import find_breaches
+from app.report.page import csp_source, document, figure_scripts
+from app.report.svg_plots import _ticks, time_svg
+from app.report.time_plot import MAX_POINTS, Line, Series, TimePlot, distance_plot, extremes, spread
 from tests.report.conftest import write
 
 DISTANCES = [6.0, 3.125, -1.0, -2.0, None, 6.0]

@@ -7,7 +7,7 @@ import pytest
 from app.fixture import Reason
 from app.report import REPORT_FILES, ReportError, check_writable, summarise
 from app.report import write as write_module
-from app.report.margin_csv import COLUMNS
+from app.report.rows import COLUMNS
 from app.report.write import ANALYSIS_FILES
 from tests.report.conftest import write
 

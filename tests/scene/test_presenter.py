@@ -12,7 +12,7 @@ from app.registration import given_registration
 from app.runtime import Needle
 from app.runtime.needle import thin_needle
 from app.scene import ScenePresenter
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.scene.scene import NEEDLE_COLOR
 from app.session.step_result import KnownEdges

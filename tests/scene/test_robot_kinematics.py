@@ -11,7 +11,7 @@ from slicer import vtkMRMLScene
 
 from app.robot import load_robot
 from app.scene import MarginGuardScene
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
 from tests.oracles.pinocchio_kinematics import link_poses, random_positions
 from tests.scene.conftest import posed
 

@@ -11,7 +11,7 @@ from slicer import vtkMRMLScene
 from app.geometry import Transform
 from app.robot import Robot, load_robot
 from app.scene import MarginGuardScene, SceneError
-from app.scene.nodes.convert import numpy_array, world_points
+from app.scene.convert import numpy_array, world_points
 from app.scene.robot_model import STALE_COLOR
 from tests.scene.conftest import posed
 

@@ -11,7 +11,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from app.fixture import MarginState, Reason, constrain, margin_surface
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.scene import MarginGuardScene, SceneError
-from app.scene.nodes.convert import is_at, vtk_matrix, world_matrix, world_points
+from app.scene.convert import is_at, vtk_matrix, world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from app.case import read_mrml
 from app.fixture import MarginState, Reason
 from app.geometry import Stamp, TrackedTransform, TrackingStatus
 from app.scene import MarginGuardScene, SceneApplication, SceneError, add_sequences, save_scene
-from app.scene.nodes.convert import vtk_matrix, world_matrix
+from app.scene.convert import vtk_matrix, world_matrix
 from tests.scene.conftest import loaded, posed
 
 pytestmark = pytest.mark.slow
@@ -204,7 +204,7 @@ def test_refused_recording_adds_nothing(recorded_scene, frames, monkeypatch):
     with pytest.raises(SceneError, match="0 good samples"):
         add_sequences(recorded_scene, [], [], stamp(0).ns)
     # Each frame has three edges and three poses in the reference computed from them.
-    monkeypatch.setattr("app.scene.tracks.MAX_POSES", 18)
+    monkeypatch.setattr("app.scene.sequences.MAX_POSES", 18)
     with pytest.raises(
         SceneError, match=r"more than 18 poses after 0\.060000003 s; expected at most 18"
     ):

@@ -8,8 +8,8 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import TrackedTransform, Transform
 from app.runtime import Stylus
-from app.scene.nodes.convert import world_matrix, world_points
-from app.scene.stylus_model import COLOR
+from app.scene.convert import world_matrix, world_points
+from app.scene.workflow_models import STYLUS_COLOR
 from app.session.step_result import KnownEdges
 from tests.scene.test_presenter import names
 from tests.scene.test_presenter import present as present
@@ -50,7 +50,7 @@ def test_stylus_points_at_its_tip_while_it_is_tracked(
     assert is_visible(presenter)
     node, scene = presenter.stylus_node, presenter.scene
     assert node.GetName() == "StylusModel"
-    assert node.GetDisplayNode().GetColor() == COLOR
+    assert node.GetDisplayNode().GetColor() == STYLUS_COLOR
     tip_node, sensor_node = scene.tree.node("pointer_tip"), scene.tree.node("pointer")
     tip, sensor = world_matrix(tip_node), world_matrix(sensor_node)
     np.testing.assert_allclose(tip, sensor @ TIP.matrix, atol=1e-9)

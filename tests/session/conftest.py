@@ -7,7 +7,7 @@ import pytest
 from app.case import open_case
 from app.robot import load_robot
 from app.session import setup_from_case
-from app.synthetic.touch_arm import TOUCH_URDF
+from app.synthetic.motion import TOUCH_URDF
 
 
 @pytest.fixture(scope="session")

@@ -15,8 +15,8 @@ from app.geometry import NS_PER_MS, NS_PER_S, InputError, Stamp, Transform
 from app.registration import TooFewError
 from app.session import PoseTree, Session, setup_from_case, tip_signals, with_estimated_clock
 from app.session.case_preparation import dwell_poses
-from app.synthetic.presets import AURORA
 from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
+from app.synthetic.tracker_model import AURORA
 from tests.doubles import frame, sample, simulated_message
 from tests.shipped_case import CLOCK_OFFSET_MS
 

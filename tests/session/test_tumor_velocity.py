@@ -20,7 +20,7 @@ from app.geometry import (
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
-from app.synthetic.touch_arm import TOUCH_URDF
+from app.synthetic.motion import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample
 
 EXPECTED = TumorMotionParameters(

@@ -11,8 +11,8 @@ from app.cli import caches
 from app.fixture.proximity.field_cache import cache_folder
 from app.geometry import SurfaceMesh
 from app.simulation import WorldError
-from app.simulation.convex_parts import PARTS_FOLDER
-from app.simulation.convex_parts import convex_parts as parts_of
+from app.simulation.rigid_body import PARTS_FOLDER
+from app.simulation.rigid_body import convex_parts as parts_of
 from tests.simulation.conftest import flat_sheet
 
 pytestmark = pytest.mark.slow
@@ -49,7 +49,7 @@ def test_second_call_reads_the_file(folder, monkeypatch):
     (file,) = folder.iterdir()
     assert file.suffix == ".parts" and folder.stat().st_mode & 0o077 == 0
     monkeypatch.setattr(
-        "app.simulation.convex_parts._decompose", lambda mesh, what: pytest.fail("computed")
+        "app.simulation.rigid_body._decompose", lambda mesh, what: pytest.fail("computed")
     )
     second = parts_of(angle(), "parts", "angle")
     assert [each.tobytes() for each in first] == [each.tobytes() for each in second]

@@ -5,7 +5,7 @@ import pytest
 
 from app.robot import AdfError, load_robot
 from app.simulation import JointVelocityCommand, World, WorldError
-from app.simulation.robot_model import STIFF_SOLREF
+from app.simulation.world_model import STIFF_SOLREF
 from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
 
 pytestmark = pytest.mark.long

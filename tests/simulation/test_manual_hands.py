@@ -5,7 +5,7 @@ import pytest
 
 from app.geometry import NS_PER_MS
 from app.simulation import KEYS, JoyEntry, JoyHand, KeyHand, WorldState
-from app.simulation.manual_hands import JOY_LIFETIME_NS, KEY_LIFETIME_NS
+from app.simulation.hand import JOY_LIFETIME_NS, KEY_LIFETIME_NS
 
 STATE = WorldState(0, {}, {})
 

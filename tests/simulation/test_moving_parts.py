@@ -15,11 +15,9 @@ from app.simulation import (
     WorldState,
     WorldTracker,
 )
-from app.simulation.tissue import TissueMotion
-from app.synthetic.physiology import Breathing, BreathingBody
-from app.synthetic.presets import AURORA
-from app.synthetic.tracker import Jitter
-from app.synthetic.tracker_model import TrackerModel
+from app.simulation.body_model import TissueMotion
+from app.synthetic.motion import Breathing, BreathingBody
+from app.synthetic.tracker_model import AURORA, Jitter, TrackerModel
 from tests.simulation.conftest import box, placed
 
 

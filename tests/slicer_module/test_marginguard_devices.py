@@ -5,7 +5,7 @@ import pytest
 
 from app.geometry import InputError
 from app.runtime import TrackedTool
-from app.scene.image_volume import VOLUME_NAME
+from app.scene.image_nodes import VOLUME_NAME
 from app.workflow import CalibrationKind
 from benchmarks.images import session as images
 from tests.bridge.live.conftest import start as start

@@ -10,10 +10,10 @@ import slicer
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.report import ReplayLog
-from app.report.margin_csv import margin_csv
+from app.report.rows import margin_csv
 from app.runtime import OperatorCommands, StepTiming
 from app.scene import Preset, load_scene, save_scene
-from app.scene.nodes.convert import world_points
+from app.scene.convert import world_points
 from app.session import Session
 from tests.shipped_case import BRIEF, DEEP, SHAFT, STALE_AFTER_S, middle_s
 from tests.slicer_module.marginguard_module import (

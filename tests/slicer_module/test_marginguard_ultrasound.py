@@ -8,8 +8,8 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from app.case import open_case_images
 from app.geometry import InputError, image_corners
 from app.runtime import prepare_case
-from app.scene.image_volume import TRANSFORM_NAME, VOLUME_NAME
-from app.scene.nodes.convert import world_matrix
+from app.scene.convert import world_matrix
+from app.scene.image_nodes import TRANSFORM_NAME, VOLUME_NAME
 from app.session import BreachList
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import (

@@ -8,7 +8,7 @@ from app.bridge.ros_errors import TfError
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf_topics import TfBroadcaster, TfListener
 from app.geometry import Stamp, Transform
-from app.scene.nodes.adopted_nodes import FRAME, mark
+from app.scene.scene_nodes import FRAME, mark
 from tests.slicer_module.ros2_values import matrix, shifted
 
 pytestmark = pytest.mark.slow

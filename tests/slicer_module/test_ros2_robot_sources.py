@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
 from tests.slicer_module.ros2_values import URDF
 
 pytestmark = pytest.mark.slow

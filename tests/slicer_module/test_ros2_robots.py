@@ -5,7 +5,7 @@ import pytest
 
 from app.robot import robot_from_text
 from app.scene import SceneError
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
 from tests.slicer_module.ros2_values import URDF, shifted, x_mm
 
 pytestmark = pytest.mark.slow

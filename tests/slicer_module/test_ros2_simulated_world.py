@@ -7,7 +7,7 @@ from slicer import vtkMRMLModelNode
 from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME
 from app.geometry import MarginGuardError
-from app.scene.nodes.convert import poly_data, world_matrix, world_points
+from app.scene.convert import poly_data, world_matrix, world_points
 from app.simulation import BodyEntry, WorldDescription
 from tests.bridge.simulation.stepped_world import SteppedWorld, at, cube
 from tests.slicer_module.ros2_values import shifted

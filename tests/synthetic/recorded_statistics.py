@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import Transform
 from app.synthetic import SimulatedTracker, TrackerModel
-from app.synthetic.presets import POLARIS, TRAKSTAR
+from app.synthetic.tracker_model import POLARIS, TRAKSTAR
 
 ROOT = Path(__file__).resolve().parents[2]
 EIGHT = ROOT / "data" / "phantom_case" / "tracking.igs.mha"

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from app.geometry import Transform
-from app.synthetic.case_errors import CaseErrors, Encoders, contoured, typical_errors, wrong_pose
-from app.synthetic.case_options import CaseOptions, offset_ns
+from app.synthetic.case_options import (
+    CaseErrors,
+    CaseOptions,
+    Encoders,
+    contoured,
+    offset_ns,
+    typical_errors,
+    wrong_pose,
+)
 from app.synthetic.error_budget import margin_bound_mm, plan_depths, tolerances
-from app.synthetic.tumour import Tumour, icosphere
+from app.synthetic.tumour_and_tool import Tumour, icosphere
 from tests.refusals import refused
 
 DIRECTIONS, _ = icosphere(5)

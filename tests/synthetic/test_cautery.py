@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from app.synthetic import CAUTERY_TIP_FRAME, cautery_mesh
-from app.synthetic.stl import write_stl
+from app.synthetic.tumour_and_tool import write_stl
 
 
 def test_the_cautery_is_one_closed_surface():

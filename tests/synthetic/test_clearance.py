@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import Transform
 from app.synthetic import CAUTERY_TIP_FRAME, TUMOR_FRAME, Clearance, Tumour, cautery_mesh
-from app.synthetic.clearance import dense_surface
+from app.synthetic.truth import dense_surface
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,7 @@ import pytest
 
 from app.synthetic import simulate_case
 from app.synthetic.case_options import CaseOptions
-from app.synthetic.presets import PRESETS
+from app.synthetic.tracker_model import PRESETS
 from tests.synthetic.test_cases_of_trackers import check_made_case
 from tests.synthetic.test_writing import FILES, check_unrecorded
 

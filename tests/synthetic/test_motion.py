@@ -8,9 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FrameError, InputError, Transform
 from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
-from app.synthetic.motion import JointMotion, Path, Waypoint
-from app.synthetic.physiology import Breathing, BreathingBody
-from app.synthetic.poses import Poses
+from app.synthetic.motion import Breathing, BreathingBody, JointMotion, Path, Poses, Waypoint
 from app.synthetic.script import PLUNGE_FROM_MM, Script
 
 AT_REST = np.zeros(3)

@@ -8,11 +8,18 @@ from app.case import open_live
 from app.files.meshes import load_mesh
 from app.geometry import InputError, Transform
 from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
-from app.synthetic.operation import PLANES, RATE_HZ, Operation, OperationMoment
+from app.synthetic.motion import TouchArm
+from app.synthetic.operation import (
+    PIXEL_MM,
+    PLANES,
+    RATE_HZ,
+    Operation,
+    OperationMoment,
+    UltrasoundSlice,
+    operation_truth,
+    probe_from_image,
+)
 from app.synthetic.operation_files import write_operation
-from app.synthetic.operation_truth import operation_truth
-from app.synthetic.touch_arm import TouchArm
-from app.synthetic.ultrasound_slice import PIXEL_MM, UltrasoundSlice, probe_from_image
 
 pytestmark = pytest.mark.slow
 

@@ -5,11 +5,10 @@ import pytest
 
 from app.geometry import InputError
 from app.synthetic import CaseOptions
+from app.synthetic.case_options import PatientOptions, SurgeonOptions
 from app.synthetic.error_budget import plan_depths
-from app.synthetic.patient import PatientOptions
 from app.synthetic.script import PLUNGE_FROM_MM, Script
-from app.synthetic.surgeon import SurgeonOptions
-from app.synthetic.tumour import Tumour, icosphere
+from app.synthetic.tumour_and_tool import Tumour, icosphere
 from tests.synthetic.test_motion import DIRECTION, height_over_floor, tip_at
 
 DIRECTIONS, _ = icosphere(3)

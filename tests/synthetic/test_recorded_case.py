@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from app.case import open_case
 from app.geometry import NS_PER_S, TrackingStatus
 from app.robot import load_robot
-from app.synthetic.case_errors import typical_errors
-from app.synthetic.presets import AURORA
+from app.synthetic.case_options import typical_errors
+from app.synthetic.tracker_model import AURORA
 
 
 @pytest.fixture(scope="module")

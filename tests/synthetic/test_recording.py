@@ -7,8 +7,7 @@ import pytest
 
 from app.geometry import NS_PER_S, TrackingStatus
 from app.synthetic import CaseOptions, Recording, SimulatedTracker
-from app.synthetic.case_errors import CaseErrors, Encoders
-from app.synthetic.case_options import offset_ns
+from app.synthetic.case_options import CaseErrors, Encoders, offset_ns
 from app.synthetic.simulation import FIRST_STAMP_NS, ROBOT_TO_TRACKER_OFFSET_NS, TRACKED_FRAMES
 
 OPTIONS = CaseOptions.of_tracker("aurora").with_values(

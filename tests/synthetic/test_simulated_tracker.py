@@ -7,10 +7,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
-from app.synthetic.presets import AURORA, POLARIS, PRESETS, TRAKSTAR, WHITE, tracker_preset
 from app.synthetic.simulated_tracker import Metal, SimulatedTracker
-from app.synthetic.tracker import Dropout, Jitter, reported
-from app.synthetic.tracker_model import NO_JITTER, Distortion, TrackerModel
+from app.synthetic.tracker_model import (
+    AURORA,
+    NO_JITTER,
+    POLARIS,
+    PRESETS,
+    TRAKSTAR,
+    WHITE,
+    Distortion,
+    Dropout,
+    Jitter,
+    TrackerModel,
+    reported,
+    tracker_preset,
+)
 
 pytestmark = pytest.mark.slow
 

@@ -5,9 +5,9 @@ import pytest
 
 from app.geometry import NS_PER_S, TrackingStatus
 from app.synthetic import Recording, SimulatedTracker, cautery_mesh, find_breaches
-from app.synthetic.clearance import dense_surface
-from app.synthetic.presets import WHITE
 from app.synthetic.simulation import CAUTERY_FROM_TIP, HANDLE_END_MM, TRACKED_FRAMES
+from app.synthetic.tracker_model import WHITE
+from app.synthetic.truth import dense_surface
 from tests.oracles.winding_number import any_point_inside
 from tests.synthetic.test_motion import assert_same
 

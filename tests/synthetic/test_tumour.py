@@ -7,7 +7,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.synthetic.tumour import Tumour, icosphere
+from app.synthetic.tumour_and_tool import Tumour, icosphere
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.scene.nodes.convert import world_matrix
+from app.scene.convert import world_matrix
 from app.viewer import MouseHand, SceneView
 from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.tool_grip import ToolGrip, distance_to_segments

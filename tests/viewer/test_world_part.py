@@ -6,8 +6,8 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh
 from app.runtime import BodyKind, SimulatedWorld, WorldBody
-from app.scene.body_models import COLOR
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
+from app.scene.simulated_bodies import COLOR
 from app.viewer import SceneView
 from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.client_scene import ClientScene

@@ -21,7 +21,7 @@ from app.geometry import InputError, MarginGuardError
 if TYPE_CHECKING:
     from app.runtime import PreparedCase
     from app.session import ToolEngines
-    from app.synthetic.touch_arm import TouchArm
+    from app.synthetic.motion import TouchArm
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ def _results(prepared: "PreparedCase") -> tuple[dict[str, object], dict[str, obj
 @cache
 def _arm() -> "TouchArm":
     from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
-    from app.synthetic.touch_arm import TouchArm
+    from app.synthetic.motion import TouchArm
 
     return TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
 

@@ -117,8 +117,7 @@ def run(options: argparse.Namespace) -> int:
     from app.files.extras import check_installed
     from app.geometry import NS_PER_S, InputError
     from app.report import analysed_case, analysis_page
-    from app.report.analysis_files import analysis_csv, analysis_document
-    from app.report.frames_table import FramesTable
+    from app.report.analysis_files import FramesTable, analysis_csv, analysis_document
     from app.runtime import ReplayRun, prepare_case
     from app.session import checked_axes
 

@@ -91,16 +91,12 @@ def _write_report(dataset: "Dataset", name: str) -> None:
     from app import __version__
     from app.cohort import compare, comparison_csv, find_outliers, groups_of
     from app.files import write_file
-    from app.report.cohort_html import cohort_html
+    from app.report.cohort_html import cohort_html, forest_png
 
     rows = list(dataset.rows())
     groups = groups_of(rows)
     comparisons = compare(rows, (groups[0], groups[1])) if len(groups) == 2 else ()
-    forest = None
-    if comparisons:
-        from app.report.forest_plot import forest_png
-
-        forest = forest_png(comparisons)
+    forest = forest_png(comparisons) if comparisons else None
     page = cohort_html(name, rows, comparisons, find_outliers(rows), forest, __version__)
     write_file(dataset.folder / "report.html", page.encode())
     write_file(dataset.folder / "comparison.csv", comparison_csv(comparisons).encode())

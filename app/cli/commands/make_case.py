@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     """Simulate a case with the Touch arm."""
     from app.geometry import InputError
     from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
-    from app.synthetic.touch_arm import TouchArm
+    from app.synthetic.motion import TouchArm
 
     if options.folder.is_dir() and options.folder.samefile(Path.cwd()):
         # An empty folder is replaced at the end: a shell in it would stay in the deleted one.

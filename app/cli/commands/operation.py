@@ -49,10 +49,9 @@ def run(options: argparse.Namespace) -> int:
             from app.bridge import RosNode
             from app.bridge.tracker_publisher import OPERATION_NODE, OperationNode
             from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
-            from app.synthetic.operation import RATE_HZ, Operation
+            from app.synthetic.motion import TouchArm
+            from app.synthetic.operation import RATE_HZ, Operation, operation_truth
             from app.synthetic.operation_files import CONFIG_NAME, IMAGE_TOPIC, write_operation
-            from app.synthetic.operation_truth import operation_truth
-            from app.synthetic.touch_arm import TouchArm
 
             truth = operation_truth(options.seed)
             write_operation(options.folder, truth)

@@ -3,7 +3,7 @@
 "use strict";
 
 (() => {
-  const INK = "#1c2733";
+  const INK = getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
   const HEIGHT = 380;
   const STRIP = 16; // height of the band of states, in CSS pixels
   const SMALLEST_S = 0.05;
@@ -36,7 +36,7 @@
       scales: { x: { time: false }, y: { range: (u, low, high) => limits(plot, low, high) } },
       axes: [
         { label: plot.x_label, stroke: INK, grid: { show: false } },
-        { label: plot.y_label, stroke: INK, size: 60, grid: { stroke: "rgba(28, 39, 51, .1)" } },
+        { label: plot.y_label, stroke: INK, size: 60, grid: { stroke: `${INK}1a` } },
       ],
       series: [
         { label: "time", value: (u, value) => (value === null ? "" : `${value.toFixed(3)} s`) },
@@ -155,7 +155,7 @@
     ctx.restore();
   }
 
-  // As `spread` of app/report/label_layout.py; `wished` increases.
+  // As `spread` of app/report/time_plot.py; `wished` increases.
   function spread(wished, step, top) {
     const places = [...wished];
     for (let k = places.length - 2; k >= 0; k--) {

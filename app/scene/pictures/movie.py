@@ -12,13 +12,10 @@ from app.files.extras import check_installed
 from app.files.video_file import video_mp4
 from app.fixture import MarginState
 from app.runtime import SessionContent
-from app.scene.errors import SceneError
-from app.scene.pictures.cameras import VIEW_ANGLE_DEG
-from app.scene.pictures.framing import Camera, best_direction, fit
-from app.scene.pictures.picture import content_points, up_direction
-from app.scene.pictures.pixels import Pixels, state_strip
-from app.scene.pictures.step_scene import StepScene
-from app.scene.pictures.view import offscreen_view
+from app.scene.offscreen import SceneError
+from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera, best_direction, fit
+from app.scene.pictures.offscreen_view import Pixels, offscreen_view, state_strip
+from app.scene.pictures.picture import StepScene, content_points, up_direction
 from app.session import StepResult
 
 PICTURE_MS = 80

@@ -4,17 +4,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelNode
+from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelNode, vtkMRMLScene
 
 from app.geometry import FloatArray
-from app.scene.application import SceneApplication
-from app.scene.errors import SceneError
-from app.scene.nodes.convert import world_matrix, world_points
-from app.scene.pictures.cameras import VIEW_ANGLE_DEG
-from app.scene.pictures.framing import best_direction, fit
-from app.scene.pictures.pixels import Pixels, png, state_strip
-from app.scene.pictures.view import OffscreenView, offscreen_view
+from app.runtime import SessionContent
+from app.scene.convert import world_matrix, world_points
+from app.scene.offscreen import SceneError
+from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, best_direction, fit
+from app.scene.pictures.offscreen_view import (
+    OffscreenView,
+    Pixels,
+    SceneApplication,
+    offscreen_view,
+    png,
+    state_strip,
+)
+from app.scene.presenter import ScenePresenter
 from app.scene.scene import MarginGuardScene
+from app.session import StepResult
 
 SIZE = (1600, 964)
 _BANNER_PIXELS = 64
@@ -118,3 +125,38 @@ def up_direction(scene: MarginGuardScene) -> FloatArray:
     nodes = [robot.base for robot in scene.robots.values()]
     axis = world_matrix(nodes[0] if nodes else scene.tree.node(scene.reference))[:3, 2]
     return np.asarray(axis / np.linalg.norm(axis))
+
+
+class StepScene:
+    """A new scene that shows ``step``; ``presenter`` then shows other steps of the session.
+
+    Raises `SceneError` if ``step`` does not place the tumour and the tool.
+    """
+
+    def __init__(self, content: SessionContent, step: StepResult) -> None:
+        self.application = SceneApplication(vtkMRMLScene())
+        self.presenter = ScenePresenter(self.application.scene, content)
+        self.presenter.show(step)
+        self.scene = _with_tumor_and_tool(self.presenter, step)
+
+
+def step_png(content: SessionContent, step: StepResult, size: tuple[int, int] = SIZE) -> bytes:
+    """Draw ``step`` in a new scene, as PNG of ``size`` (width, height) in pixels.
+
+    Raises `OffscreenError` where nothing can be drawn without a screen, `SceneError` as
+    `StepScene`.
+    """
+    shown = StepScene(content, step)
+    return scene_png(shown.application, shown.scene, size)
+
+
+def _with_tumor_and_tool(presenter: ScenePresenter, step: StepResult) -> MarginGuardScene:
+    content, scene = presenter.content, presenter.scene
+    if scene is not None and scene.tumor is not None and scene.tool is not None:
+        return scene
+    no_tumor = scene is None or scene.tumor is None
+    frame = content.tumor.frame if no_tumor else content.tip_frame
+    raise SceneError(
+        f"step {step.index}: frame {frame!r} has no pose; expected a step that places the tumour "
+        "and the tool"
+    )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.geometry import FloatArray, Transform
-from app.scene.nodes.convert import world_matrix, world_triangles
+from app.scene.convert import world_matrix, world_triangles
 from app.viewer.drawing.picture_points import PicturePoints
 from app.viewer.drawing.scene_view import Part, SceneView
 

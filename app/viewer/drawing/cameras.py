@@ -5,15 +5,17 @@ from enum import Enum
 import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
-from app.scene.nodes.convert import world_matrix, world_points
-from app.scene.pictures.cameras import (
+from app.scene.convert import world_matrix, world_points
+from app.scene.pictures.camera_views import (
     VIEW_ANGLE_DEG,
+    Camera,
+    best_direction,
     bullseye,
     center_on,
+    fit,
     forward_of,
     look_through,
 )
-from app.scene.pictures.framing import Camera, best_direction, fit
 from app.scene.pictures.picture import up_direction
 from app.scene.scene import MarginGuardScene
 from app.viewer.drawing.scene_view import SceneView

@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 from app.geometry import FloatArray
 from app.scene import MarginGuardScene
-from app.scene.nodes.convert import world_matrix
+from app.scene.convert import world_matrix
 from app.viewer.drawing.arrays import Values, encoded
 from app.viewer.drawing.client_shapes import Shape, shape_surface
 from app.viewer.drawing.scene_view import SceneView

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from app.geometry import ANATOMICAL_AXES, FloatArray
-from app.scene.nodes.convert import world_matrix
+from app.scene.convert import world_matrix
 from app.viewer.drawing.scene_view import SceneView
 
 _LENGTHS_MM = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.fixture import MarginState
-from app.scene.pictures.pixels import png, state_strip
+from app.scene.pictures.offscreen_view import png, state_strip
 from app.viewer.drawing.area import PictureArea
 
 _BANNER_PIXELS = 44

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.geometry import FloatArray
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
 from app.viewer.drawing.picture_points import PicturePoints
 from app.viewer.drawing.scene_view import SceneView
 

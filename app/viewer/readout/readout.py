@@ -7,7 +7,7 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
 from app.hold import SeenHold
 from app.runtime import OperatorRequest, SessionContent
-from app.scene.frames.watchdog import TransformHealth
+from app.scene.shown_margin import TransformHealth
 from app.session import (
     SHOWN_STATES,
     SINGLE_SOURCE,

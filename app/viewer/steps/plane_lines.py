@@ -9,7 +9,7 @@ from vtkmodules.vtkCommonDataModel import vtkPlane, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
 from app.geometry import FloatArray, FrameError, ImageSample, SurfaceMesh, Transform, poses_in
-from app.scene.nodes.convert import poly_data
+from app.scene.convert import poly_data
 from app.viewer.steps.view_state import ViewState
 
 Lines = tuple[FloatArray, ...]

@@ -8,7 +8,7 @@ from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, FloatArray, Freshness, SurfaceMesh, Transform
 from app.hold import SeenHold
 from app.runtime import OperatorRequest, SessionContent
-from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
+from app.scene.shown_margin import TransformHealth, TransformWatchdog
 from app.session import REFERENCE, BreachList, BreachLog, SetupDoubts, StepResult
 from app.viewer.steps.trend import Trend, TrendMeter
 

@@ -10,7 +10,7 @@ import numpy as np
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
 
 from app.contour import Contour, ContourPoint, ContourSurface
-from app.contour.uncertainty import pixel_sigma
+from app.contour.surface import pixel_sigma
 from app.geometry import FloatArray, InputError
 from app.runtime import Operator, TrackedTool, tip_mm
 from app.scene import ContourModel, SceneError

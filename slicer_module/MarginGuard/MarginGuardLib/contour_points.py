@@ -8,7 +8,7 @@ from slicer import vtkMRMLMarkupsFiducialNode, vtkMRMLScene, vtkMRMLTransformNod
 
 from app.contour import MAX_POINTS
 from app.geometry import FloatArray, InputError
-from app.scene.contour_model import COLOR
+from app.scene.workflow_models import COLOR
 
 NAME = "TumorContour"
 _MAX_UNDO = 200

@@ -23,8 +23,8 @@ from app.scene import (
     look_through,
     preset_camera,
 )
-from app.scene.nodes.convert import world_matrix, world_points
-from app.scene.pictures.cameras import VIEW_ANGLE_DEG
+from app.scene.convert import world_matrix, world_points
+from app.scene.pictures.camera_views import VIEW_ANGLE_DEG
 from app.session import StepResult
 
 NOT_TRACKED_YET = "UNKNOWN: nothing was tracked yet"

@@ -14,8 +14,8 @@ from app.bridge.topics import Topic
 from app.geometry import NS_PER_S, Transform
 from app.robot import Robot
 from app.scene import RobotModel, SceneError
-from app.scene.nodes.convert import vtk_matrix
-from app.scene.nodes.node_integrity import NodeIntegrity
+from app.scene.convert import vtk_matrix
+from app.scene.scene_nodes import NodeIntegrity
 from ROS2Lib.member import Owner
 
 

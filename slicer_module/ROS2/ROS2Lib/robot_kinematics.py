@@ -7,7 +7,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import MarginGuardError, Transform
 from app.robot import Joint, Robot, UnreachableError
-from app.scene.nodes.convert import vtk_matrix
+from app.scene.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.vtk_values import transform
 

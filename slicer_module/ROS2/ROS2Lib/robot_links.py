@@ -5,8 +5,8 @@ from typing import Any
 from app.bridge.robot_description import RobotSettings
 from app.robot import Robot
 from app.scene import RobotModel, SceneError
-from app.scene.nodes.convert import vtk_matrix
-from app.scene.nodes.node_integrity import NodeIntegrity
+from app.scene.convert import vtk_matrix
+from app.scene.scene_nodes import NodeIntegrity
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Owner
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode

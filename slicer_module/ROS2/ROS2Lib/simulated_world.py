@@ -10,10 +10,9 @@ from app.bridge.ros_errors import TfError
 from app.bridge.world_client import TRUTH, WORLD, BodySurfaces, WorldEditor
 from app.geometry import NS_PER_S, MarginGuardError, Stamp, SurfaceMesh, Transform
 from app.runtime import WorldBody
-from app.scene.body_models import COLOR
-from app.scene.frames.edited_world import EditedWorld
-from app.scene.nodes.convert import world_matrix
-from app.scene.nodes.models import add_model, remove_displayed, smooth_surface
+from app.scene.convert import world_matrix
+from app.scene.models import add_model, remove_displayed, smooth_surface
+from app.scene.simulated_bodies import COLOR, EditedWorld
 from ROS2Lib.collision_model import placed_surface
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner

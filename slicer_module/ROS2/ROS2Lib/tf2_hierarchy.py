@@ -15,7 +15,7 @@ from app.geometry import (
     check_frame,
     split_transform_name,
 )
-from app.scene.nodes.adopted_nodes import is_marked
+from app.scene.scene_nodes import is_marked
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode

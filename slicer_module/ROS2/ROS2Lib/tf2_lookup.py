@@ -8,7 +8,7 @@ from app.bridge.robot_description import STALE_AFTER_NS, pose_limits
 from app.bridge.ros_errors import TfError
 from app.bridge.tf import Lookup
 from app.geometry import NS_PER_S, Freshness, freshness_of
-from app.scene.nodes.convert import is_at, vtk_matrix
+from app.scene.convert import is_at, vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.frame_pair import FramePair
 from ROS2Lib.member import Owner

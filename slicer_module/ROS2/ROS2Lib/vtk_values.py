@@ -11,7 +11,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPolyDat
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import Transform
-from app.scene.nodes.convert import vtk_matrix
+from app.scene.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
 
 Plain = Mapping[str, Any]

@@ -179,8 +179,8 @@ def test_flood_of_requests_is_refused(edited):
 def test_nodes_of_26_bodies_that_a_user_moves_come_back_from_the_physics(domain_id, tmp_path):
     import slicer
 
-    from app.scene.frames.edited_world import EditedWorld
-    from app.scene.nodes.convert import vtk_matrix
+    from app.scene.convert import vtk_matrix
+    from app.scene.simulated_bodies import EditedWorld
 
     count = 26
     with (

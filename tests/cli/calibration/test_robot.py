@@ -21,8 +21,8 @@ from app.case import JointSample, open_case, write_recording
 from app.cli.main import main
 from app.files import read_transform
 from app.geometry import Transform
-from app.synthetic.presets import AURORA
 from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
+from app.synthetic.tracker_model import AURORA
 from tests.cli.calibration.white_noise import write_white_case
 from tests.cli.small_case import write_small_case
 from tests.shipped_case import CLOCK_OFFSET_MS

@@ -13,11 +13,10 @@ import yaml
 
 from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_S, TrackedTransform, TrackingStatus, Transform
+from app.synthetic.motion import TouchArm
 from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.simulation import CAUTERY_FROM_TIP
-from app.synthetic.touch_arm import TouchArm
-from app.synthetic.tracker import Jitter
-from app.synthetic.tracker_model import TrackerModel
+from app.synthetic.tracker_model import Jitter, TrackerModel
 
 
 def write_white_case(

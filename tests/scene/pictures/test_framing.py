@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.scene.pictures.framing import best_direction, fit
+from app.scene.pictures.camera_views import best_direction, fit
 
 pytestmark = pytest.mark.slow
 

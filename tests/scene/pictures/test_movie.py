@@ -10,7 +10,7 @@ from app.cli.keyframes import PICTURES_PER_S
 from app.fixture import MarginState
 from app.geometry import InputError, Transform
 from app.scene import StepScene, movie_gif, movie_mp4
-from app.scene.nodes.convert import world_matrix
+from app.scene.convert import world_matrix
 from app.scene.pictures.movie import PICTURE_MS
 
 pytestmark = pytest.mark.slow

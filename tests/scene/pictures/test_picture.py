@@ -9,7 +9,7 @@ from slicer import vtkMRMLScene
 from app.fixture import MarginState
 from app.geometry import Transform
 from app.scene import MarginGuardScene, SceneApplication, SceneError, scene_png, step_png
-from app.scene.pictures.pixels import png, state_strip
+from app.scene.pictures.offscreen_view import png, state_strip
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]

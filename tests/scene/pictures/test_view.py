@@ -9,8 +9,8 @@ from slicer import vtkMRMLScene
 from app.fixture import MarginState, constrain, margin_surface
 from app.geometry import Stamp, Transform
 from app.scene import MarginGuardScene, SceneApplication, bullseye, forward_of, offscreen_view
-from app.scene.nodes.convert import world_matrix, world_points
-from app.scene.pictures.framing import fit
+from app.scene.convert import world_matrix, world_points
+from app.scene.pictures.camera_views import fit
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
 NOW_NS, STALE_NS = 10**12, 200_000_000

@@ -10,7 +10,7 @@ from app.geometry import Transform
 from app.registration import DriftBound, given_registration
 from app.robot import Link, Robot, Shape
 from app.scene import MarkerStyle
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.session import RobotSetup
 from app.viewer import SceneView

@@ -11,7 +11,7 @@ from app.geometry import Freshness, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
 from app.session import RobotSetup
-from app.synthetic.touch_arm import TOUCH_URDF
+from app.synthetic.motion import TOUCH_URDF
 from app.viewer.readout.readout import readout
 from app.viewer.readout.reason_text import distance_text, reason_text
 from tests.viewer.viewed_case import BREACH_FRAME, LOST

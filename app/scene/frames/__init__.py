@@ -1,1 +1,0 @@
-"""Transform nodes, edits by the user, and the freshness of transforms."""

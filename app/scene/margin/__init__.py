@@ -1,1 +1,0 @@
-"""The displayed margin of a decision, and its nodes."""

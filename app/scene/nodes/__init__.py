@@ -1,1 +1,0 @@
-"""MRML nodes in general: conversion from and to values, batches of changes, integrity."""
