@@ -131,7 +131,7 @@ def followed_by_tf(stamp_ns: int) -> bool:
 
 
 def looked_up_in_slicer(stamp_ns: int) -> bool:
-    from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+    from ROS2Lib.tf2_nodes import vtkMRMLROS2Tf2LookupNode
 
     node = vtkMRMLROS2Tf2LookupNode()
     node.SetStaleAfterSeconds(STALE_NS / NS_PER_S)

@@ -114,12 +114,8 @@ SUB_PACKAGES_MAY_IMPORT = {
         "pictures": {"nodes", "frames"},
     },
     "viewer": {
-        "steps": set(),
-        "drawing": {"steps"},
-        "readout": {"steps"},
-        "access": set(),
-        "messages": {"access"},
-        "library": {"access"},
+        "drawing": set(),
+        "messages": set(),
     },
 }
 """Package -> sub-package -> sub-packages that it may import."""

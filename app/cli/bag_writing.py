@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Self
 
 from app.files.child_process import module_command, same_code
-from app.runtime.priority import work_behind
+from app.runtime.background_process import work_behind
 
 if TYPE_CHECKING:
     from app.case import CaseManifest

@@ -19,7 +19,7 @@ from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.viewer import Role
-    from app.viewer.library.case_library import CaseResult
+    from app.viewer.case_library import CaseResult
 
 _TIMEOUT_S = 1800.0
 _PICTURE_SIZE = (480, 300)
@@ -37,7 +37,7 @@ class CaseReplays:
 
     def result(self, folder: Path) -> "CaseResult":
         """Replay the case in ``folder``. Raises `InputError` with the reason if that fails."""
-        from app.viewer.library.case_library import CaseResult
+        from app.viewer.case_library import CaseResult
 
         with TemporaryDirectory() as report:
             command = ["replay", str(folder), "--no-ros", "--json", "--report", report]

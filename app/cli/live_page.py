@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from app.runtime import SimulatedWorld
     from app.session import StepResult
     from app.viewer import LiveFeed, LiveSteps, MouseHand, Viewer
-    from app.viewer.drawing.pictures import MakeScheduler
+    from app.viewer.drawing.render_loop import MakeScheduler
 
 
 @contextmanager
@@ -44,7 +44,7 @@ def live_page(
     print_reach()
     from app.bridge import RosNode
     from app.bridge.displays.remote_operator import PAGE_NODE
-    from app.runtime.priority import step_back
+    from app.runtime.background_process import step_back
 
     name = f"{PAGE_NODE}_{token_hex(3)}"
     with ExitStack() as stack:

@@ -3,12 +3,15 @@ from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
-from .hold_keeper import HoldKeeper, used_values
-from .image_depth import ImageDepth, ImageDescription, described_images
-from .image_intake import ImageIntake, ImageSink
-from .latest_value import SWITCH_INTERVAL_S, LatestValue
-from .live_run import LiveRun
-from .needle import Needle
+from .display_content import (
+    ImageDepth,
+    ImageDescription,
+    Needle,
+    ShownChange,
+    Stylus,
+    described_images,
+)
+from .live_run import Deliver, HoldKeeper, LiveRun, Source, used_values
 from .opening import (
     PreparedCase,
     PreparedLive,
@@ -36,12 +39,10 @@ from .operator_command import (
     SetTumor,
 )
 from .outputs import Output, PassiveOutput, StepHolds, StepTiming, SwitchContent
-from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
 from .session_wire import DescribedSession, SessionWire, mesh_digest, text_digest
-from .shown_changes import ShownChange
 from .simulated_world import (
     MAX_BODY_TRIANGLES,
     BodyKind,
@@ -52,11 +53,16 @@ from .simulated_world import (
     WorldRequest,
     place_text,
 )
-from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
-from .stylus import Stylus
+from .thread_handover import (
+    SWITCH_INTERVAL_S,
+    ImageIntake,
+    ImageSink,
+    LatestValue,
+    QtSpinner,
+    Wakeup,
+)
 from .tracked_tool import TrackedTool, stylus_text, tip_mm, tip_of
-from .wakeup import Wakeup
 
 __all__ = [
     "MAX_BODY_TRIANGLES",

@@ -15,8 +15,7 @@ from app.files.json_lines import JsonLinesFile
 from app.geometry import NS_PER_S
 from app.runtime.content import SessionContent
 from app.runtime.outputs import PassiveOutput, StepTiming, SwitchContent
-from app.runtime.rate_limit import RateLimit
-from app.runtime.requests import OperatorRequest
+from app.runtime.requests import OperatorRequest, RateLimit
 from app.session import StepResult
 
 SCHEMA = 1

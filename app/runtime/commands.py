@@ -15,11 +15,10 @@ from app.registration import RegistrationResult
 from app.runtime.case_recorder import CaseRecorder, RecordingStatus
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
-from app.runtime.new_tip import check_tip
-from app.runtime.new_tumor import check_size, replacement_for
+from app.runtime.display_content import ShownChange
 from app.runtime.outputs import Output, SwitchContent
+from app.runtime.replacements import check_size, check_tip, replacement_for
 from app.runtime.requests import RequestKind, RequestLog
-from app.runtime.shown_changes import ShownChange
 from app.session import Session, SessionSetup
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
@@ -276,7 +275,7 @@ class OperatorCommands:
             done.append(change if robot is None else f"{change}; register the robot again")
 
     def change_shown(self, kind: RequestKind, change: ShownChange, *, origin: str) -> None:
-        """Change what is shown (`app.runtime.shown_changes`); state, constraint and hold stay.
+        """Change what is shown (`app.runtime.display_content`); state, constraint and hold stay.
 
         Raises `InputError` for what the change refuses, and while another one is being prepared.
         """

@@ -17,8 +17,7 @@ from typing import Any, Protocol, Self, TypeVar, cast
 
 from app.files.child_process import module_command, same_code
 from app.geometry import InputError
-from app.runtime.memory_file import read_object, write_object
-from app.runtime.priority import work_behind
+from app.runtime.background_process import read_object, work_behind, write_object
 
 _LOG = logging.getLogger(__name__)
 

@@ -15,9 +15,14 @@ from app.fixture import MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
-from app.runtime.image_depth import ImageDepth, image_depth_of
-from app.runtime.needle import Needle, needle_of
-from app.runtime.stylus import Stylus, stylus_of
+from app.runtime.display_content import (
+    ImageDepth,
+    Needle,
+    Stylus,
+    image_depth_of,
+    needle_of,
+    stylus_of,
+)
 from app.session import RobotSetup, SessionSetup
 
 

@@ -1,18 +1,87 @@
 """A live session with its outputs: every step is published as it happens."""
 
-from collections.abc import Generator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict
+from typing import Any, Protocol
 
-from app.hold import Holds
+from app.fixture import Reason
+from app.geometry import TrackedTransform, Transform
+from app.hold import Holds, LiveState
 from app.runtime.case_recorder import CaseRecorder
 from app.runtime.commands import OperatorCommands
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
-from app.runtime.hold_keeper import HoldKeeper
-from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
 from app.runtime.outputs import Output, StepHolds, StepTiming
+from app.runtime.replacements import MAX_LIVE_TRIANGLES
 from app.runtime.requests import RequestLog
 from app.session import LiveSession, StepResult
+
+
+class HoldKeeper:
+    """Begins a session on hold where ``state`` demands it, and notes the values that it uses.
+
+    At the end it notes how the session has ended.
+
+    ``has_expired()`` is True while a constraint has become stale that no step has replaced yet: the
+    hold that it began is not latched in the session.
+    """
+
+    def __init__(self, state: LiveState, has_expired: Callable[[], bool]) -> None:
+        self._state = state
+        self._has_expired = has_expired
+        self._begun = False
+        self._content: SessionContent | None = None
+
+    @contextmanager
+    def kept(self, live: LiveSession) -> Iterator[None]:
+        """Within the context the steps of ``live`` are taken."""
+        if not self._begun:
+            self._begun = True
+            for cause in self._state.start_causes:
+                # The last run may have doubted the pose, which is plausible from its first sample.
+                live.hold(cause, doubt=True)
+        self._state.resume()
+        try:
+            yield
+        except BaseException as error:  # also of the reader of the steps
+            reason = str(error) or type(error).__name__  # a reader that leaves: GeneratorExit
+            self._state.update(True, (*self._causes(live), f"the session has failed: {reason}"))
+            raise
+        with live.between_steps() as session:
+            latched = session.latched or self._has_expired()
+            self._state.end(latched, session.hold_causes)
+
+    def note(self, step: StepResult, content: SessionContent) -> None:
+        """Note the hold of ``step``, and ``content`` if it is another one. Returns at once."""
+        if content is not self._content:
+            self._content = content
+            self._state.use(used_values(content))
+        self._state.update(Reason.LATCHED in step.decision.reasons, step.hold_causes)
+
+    def _causes(self, live: LiveSession) -> tuple[str, ...]:
+        with live.between_steps() as session:
+            return session.hold_causes
+
+
+def used_values(content: SessionContent) -> dict[str, Any]:
+    """The values of ``content``: equal ones permit the same."""
+    registration, depth = content.registration, content.image_depth
+    return {
+        "tumor": {
+            "surface": content.model_id,
+            "pose": _pose(content.frame_from_tumor),
+            "sigma_mm": float(content.tumor_sigma_mm),
+        },
+        "tip": {"pose": _pose(content.tool_from_tip), "sigma_mm": float(content.tip_sigma_mm)},
+        "registration": None if registration is None else _pose(registration.transform),
+        "margins": asdict(content.margins),
+        "image_depth_mm": None if depth is None else float(depth.depth_mm),
+    }
+
+
+def _pose(transform: Transform) -> list[Any]:
+    return [transform.target, transform.source, transform.matrix.ravel().tolist()]
 
 
 class LiveRun:
@@ -95,3 +164,21 @@ class LiveRun:
     def _end(self, output: Output) -> None:
         with self.live.between_steps():
             output.end()
+
+
+Deliver = Callable[[Sequence[TrackedTransform]], None]
+"""Takes samples that arrived together, from any thread, without waiting."""
+
+
+class Source(Protocol):
+    """A tracker: it delivers samples from its construction until `close`.
+
+    Stamps are the source's own. A lost pose is delivered too, with its status. A sample that
+    cannot be used is dropped and counted.
+    """
+
+    def counts(self) -> Mapping[str, int]:
+        """Counts of received and dropped samples, for diagnostics."""
+
+    def close(self) -> None:
+        """Stop delivering. A second call does nothing."""

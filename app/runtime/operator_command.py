@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 from app.geometry import InputError, SurfaceMesh, Transform
 from app.hold import SeenHold
 from app.registration import RegistrationResult
+from app.runtime.display_content import longer_needle, other_depth, other_stylus_tip
 from app.runtime.requests import OperatorRequest, RequestKind
-from app.runtime.shown_changes import longer_needle, other_depth, other_stylus_tip
 
 if TYPE_CHECKING:
     from app.runtime.case_recorder import RecordingStatus

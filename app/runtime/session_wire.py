@@ -19,11 +19,9 @@ from app.geometry import InputError, MarginGuardError, SurfaceMesh, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot, load_robot
 from app.runtime.content import SessionContent, surface_digest
-from app.runtime.image_depth import ImageDescription
-from app.runtime.needle import Needle
+from app.runtime.display_content import ImageDescription, Needle, Stylus
 from app.runtime.operator_command import COMMANDS, OperatorCommand
 from app.runtime.requests import RequestKind
-from app.runtime.stylus import Stylus
 from app.session import RobotSetup
 
 VERSION = 1

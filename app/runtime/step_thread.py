@@ -8,8 +8,8 @@ from typing import Protocol
 from app.geometry import MarginGuardError
 from app.hold import SeenHold
 from app.runtime.content import SessionContent
-from app.runtime.latest_value import LatestValue
 from app.runtime.operator_command import Operator
+from app.runtime.thread_handover import LatestValue
 from app.session import StepResult
 
 _JOIN_S = 10.0

@@ -1,14 +1,11 @@
-from .access.role import Role
-from .address import Address, new_token
+from .address import Address, Role, ViewerError, new_token
 from .drawing.scene_view import SceneView
-from .errors import ViewerError
-from .readout.timeline import LiveTimeline, ReplayTimeline
+from .feeds import LiveFeed, LiveSteps, ReplayFeed
+from .live_operator import LiveOperator
+from .pointer_parts import MouseHand
 from .server import Title, Viewer
-from .steps.feeds import LiveFeed, ReplayFeed
-from .steps.live_operator import LiveOperator
-from .steps.live_steps import LiveSteps
-from .steps.mouse_hand import MouseHand
-from .steps.view_state import ViewState, ViewStateBuilder
+from .timeline import LiveTimeline, ReplayTimeline
+from .view_state import ViewState, ViewStateBuilder
 
 __all__ = [
     "Address",

@@ -1,13 +1,31 @@
-"""Host, port and tokens of the page."""
+"""Address, tokens and roles of the page."""
 
 import asyncio
 import os
 import secrets
 from dataclasses import dataclass, field
+from enum import Enum
 from urllib.parse import quote
 
-from app.viewer.access.role import Role
-from app.viewer.errors import ViewerError
+from app.geometry import MarginGuardError
+
+
+class Role(Enum):
+    """Permissions of a page. The token with which it was opened decides."""
+
+    VIEW = "view"
+    """See everything, change nothing: neither the replay nor the picture that all pages share."""
+    OPERATE = "operate"
+    """Also use the controls."""
+
+    def may(self, required: "Role") -> bool:
+        """True if a page of this role may do what needs ``required``."""
+        return self is required or self is Role.OPERATE
+
+
+class ViewerError(MarginGuardError):
+    """The page cannot be served, or a value of a control is out of range."""
+
 
 _LAST_PORT = 65_535
 

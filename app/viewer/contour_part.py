@@ -1,24 +1,83 @@
 """The part of the page on which operators contour a tumour: one contour, which all pages edit."""
 
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from aiohttp import web
 
-from app.contour import Contour, ContourEditor, ContourSurface, contour_count
+from app.contour import (
+    MAX_DILATION_MM,
+    MAX_RADIUS_MM,
+    Change,
+    Contour,
+    ContourEditor,
+    ContourSurface,
+    contour_count,
+)
 from app.contour.surface import pixel_sigma
 from app.files.meshes import write_mesh
 from app.geometry import FloatArray, InputError
-from app.runtime import SessionContent, compute_here
+from app.runtime import SessionContent, TrackedTool, compute_here, tip_mm
 from app.scene import ContourModel, MarginGuardScene
+from app.session import StepResult
 from app.viewer.downloads import Write, operators_file
 from app.viewer.drawing.scene_view import SceneView
-from app.viewer.readout.ultrasound import svg_path
-from app.viewer.steps.contour_places import ContourPlaces
-from app.viewer.steps.plane_lines import SurfaceCuts, pixels_from_root
-from app.viewer.steps.view_state import ViewState
+from app.viewer.image_cuts import SurfaceCuts, pixels_from_root
+from app.viewer.image_part import svg_path
+from app.viewer.messages.checks import Commands, integer, number, one_of, text
+from app.viewer.view_state import ViewState
 from app.workflow import ContourTumor, DisplayOperator
+
+_MAX_IMAGES = 10_000
+"""Images whose place is kept, so that points can be placed on one that a page has frozen."""
+
+
+class ContourPlaces:
+    """Places in ``frame``, the frame that the tumour moves with, of what a page has shown.
+
+    ``number`` is that of the present image, None without one.
+    """
+
+    def __init__(self, content: SessionContent) -> None:
+        self.frame = content.frame_from_tumor.target
+        self.number: int | None = None
+        self._images: OrderedDict[int, FloatArray] = OrderedDict()
+        self._content = content
+        self._step: StepResult | None = None
+
+    def tip_mm(self, tool: TrackedTool) -> FloatArray:
+        """The tip (3,) of ``tool``. Raises `InputError` with why it is not known."""
+        return tip_mm(self._step, self._content, tool, self.frame)
+
+    @property
+    def has_tip(self) -> bool:
+        """True if the place of the guarded tool's tip is known."""
+        try:
+            self.tip_mm(TrackedTool.CAUTERY)
+        except InputError:
+            return False
+        return True
+
+    def show(self, shown: ViewState | None, number: int | None, matrix: FloatArray | None) -> None:
+        """Note the moment that is shown, with image ``number`` if it has a ``matrix`` (4, 4).
+
+        ``matrix`` maps (column, row, 0) of the image to mm in `frame`.
+        """
+        self.number, self._step = None, None
+        if number is not None and matrix is not None:
+            self.number = number
+            self._images[number] = matrix
+            self._images.move_to_end(number)
+            while len(self._images) > _MAX_IMAGES:
+                self._images.popitem(last=False)
+        if shown is not None and not shown.silent:
+            self._step, self._content = shown.step, shown.content
+
+    def matrix(self, number: int) -> FloatArray | None:
+        """The map (4, 4) of an image that was shown; None for others."""
+        return self._images.get(number)
 
 
 class ContourPart:
@@ -162,3 +221,106 @@ class ContourPart:
             self._model.hide()
         else:
             self._model.show(surface.mesh)
+
+
+MAX_ERASE_MM = 30.0
+MAX_CALIBRATION_MM = 5.0
+_MAX_PIXEL = 10_000.0
+_MAX_NUMBER = 2**53 - 1
+_author = text(16)
+_seen = integer(0, _MAX_NUMBER)
+_pixel = number(-_MAX_PIXEL, _MAX_PIXEL)
+
+
+class ContourControls:
+    """Add, move and erase points, undo, delete all, dilate, mark a clip, state the error, accept.
+
+    Each names the page, and the revision it has seen. A change that cannot be made, also because
+    another page has changed the contour, raises `InputError`: the page that asked shows its text,
+    and the contour stays as it is.
+    """
+
+    def __init__(
+        self, commands: Commands, part: ContourPart, changed: Callable[[], None], *, live: bool
+    ) -> None:
+        self._part = part
+        self._changed = changed
+        image = integer(0, _MAX_NUMBER)
+        commands.add("contour_add", self._add, _author, image, _pixel, _pixel)
+        tool = one_of([each.value for each in TrackedTool])
+        commands.add("contour_tip", self._tip, _author, tool)
+        commands.add("contour_move", self._move, _author, _seen, image, _pixel, _pixel)
+        radius = number(0.0, MAX_ERASE_MM)
+        commands.add("contour_erase", self._erase, _author, _seen, image, _pixel, _pixel, radius)
+        commands.add("contour_undo", self._undo, _author, _seen)
+        commands.add("contour_delete_all", self._delete_all, _author, _seen)
+        dilation = number(0.0, MAX_DILATION_MM)
+        commands.add("contour_dilation", self._dilate, _author, _seen, dilation)
+        error = number(0.0, MAX_CALIBRATION_MM)
+        radius = number(0.0, MAX_RADIUS_MM)
+        commands.add("contour_hydromark", self._mark, _author, _seen, radius)
+        commands.add("contour_calibration", self._calibrate, _author, _seen, error)
+        if live:
+            commands.add("contour_accept", self._accept, _author, _seen)
+
+    def _add(self, author: str, image: int, x: float, y: float) -> None:
+        place = self._place(image, x, y)
+        editor = self._part.editor
+        self._do(lambda: editor.add(Change(author, editor.revision), place, image, (x, y)))
+
+    def _tip(self, author: str, tool: str) -> None:
+        def add() -> None:
+            place = self._part.places.tip_mm(TrackedTool(tool))
+            editor.add(Change(author, editor.revision), place)
+
+        editor = self._part.editor
+        self._do(add)
+
+    def _move(self, author: str, seen: int, point: int, x: float, y: float) -> None:
+        editor = self._part.editor
+        known = editor.contour.point(point)
+        if known is not None and known.image is None:
+            raise InputError("contour: a point at the tip cannot be moved; expected to erase it")
+        # A point that is gone is refused by the editor.
+        place = np.zeros(3) if known is None else self._place(known.image or 0, x, y)
+        self._do(lambda: editor.move(Change(author, seen), point, place, (x, y)))
+
+    def _erase(self, author: str, seen: int, image: int, x: float, y: float, radius: float) -> None:
+        place = self._place(image, x, y)
+        self._do(lambda: self._part.editor.erase(Change(author, seen), place, radius))
+
+    def _undo(self, author: str, seen: int) -> None:
+        self._do(lambda: self._part.editor.undo(Change(author, seen)))
+
+    def _delete_all(self, author: str, seen: int) -> None:
+        self._do(lambda: self._part.editor.delete_all(Change(author, seen)))
+
+    def _dilate(self, author: str, seen: int, dilation_mm: float) -> None:
+        self._do(lambda: self._part.editor.dilate(Change(author, seen), dilation_mm))
+
+    def _mark(self, author: str, seen: int, radius_mm: float) -> None:
+        self._do(lambda: self._part.editor.mark_hydromark(Change(author, seen), radius_mm))
+
+    def _calibrate(self, author: str, seen: int, error_mm: float) -> None:
+        self._do(lambda: self._part.editor.calibrate(Change(author, seen), error_mm))
+
+    def _accept(self, author: str, seen: int) -> None:
+        def accept() -> None:
+            self._part.editor.require_seen(Change(author, seen))
+            self._part.accept()
+
+        self._do(accept)
+
+    def _place(self, image: int, x: float, y: float) -> FloatArray:
+        """The place (3,) in mm of a pixel. Raises `InputError` for an image without one."""
+        matrix = self._part.places.matrix(image)
+        if matrix is None:
+            raise InputError(
+                f"contour: the place of image {image} is not known; expected an image that was "
+                "shown"
+            )
+        return np.asarray((matrix @ (x, y, 0.0, 1.0))[:3])
+
+    def _do(self, change: Callable[[], object]) -> None:
+        change()
+        self._changed()

@@ -15,16 +15,22 @@ from app.scene.margin_display import (
     MIN_SIZE_MM,
     MIN_SPACING_MM,
 )
-from app.viewer.drawing.cameras import CameraController, CameraPreset
+from app.viewer.drawing.camera_controller import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
+from app.viewer.feeds import RATES, ReplayControl
 from app.viewer.image_part import ImagePart
-from app.viewer.messages.checks import boolean, integer, number, one_of, text
-from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import RefusedError
-from app.viewer.steps.live_operator import LiveOperator
-from app.viewer.steps.replay import RATES, ReplayControl
-from app.viewer.steps.view_state import ViewState
-from app.workflow.event_notes import MAX_CHARS, EventNotes
+from app.viewer.live_operator import LiveOperator
+from app.viewer.messages.checks import (
+    Commands,
+    RefusedError,
+    boolean,
+    integer,
+    number,
+    one_of,
+    text,
+)
+from app.viewer.view_state import ViewState
+from app.workflow.workflow import MAX_NOTE_CHARS, EventNotes
 
 Changed = Callable[[], None]
 """Called after each command, to draw again."""
@@ -258,7 +264,7 @@ class NoteControls:
         self._shown = shown
         self._listed = listed
         self._changed = changed
-        commands.add("note", self._add, text(MAX_CHARS))
+        commands.add("note", self._add, text(MAX_NOTE_CHARS))
 
     def _add(self, line: str) -> None:
         shown = self._shown()

@@ -10,9 +10,9 @@ from time import monotonic_ns
 from aiohttp import web
 
 from app.geometry import InputError, MarginGuardError
-from app.runtime.rate_limit import RateLimit
-from app.viewer.access.auth import ROLE
-from app.viewer.access.role import Role
+from app.runtime.requests import RateLimit
+from app.viewer.access_control import ROLE
+from app.viewer.address import Role
 
 _PICTURES_PER_S, _PICTURE_BURST = 2.0, 4.0
 

@@ -1,18 +1,138 @@
 """The part of the page that shows images: the plane in the 3D view, and the image beside it."""
 
 import base64
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from app.case import ImageSource
 from app.files.volume_file import Volume
-from app.geometry import FloatArray
+from app.fixture import MarginState
+from app.geometry import FloatArray, ImageSample, InputError, Pixels
 from app.scene import QUICK_TYPE, ImagePlane, MarginGuardScene, quick_image
 from app.viewer.drawing.scene_view import SceneView
-from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
-from app.viewer.steps.plane_lines import ImageView
-from app.viewer.steps.reslice import SIDE, Reslice, ReslicePlane
-from app.viewer.steps.ultrasound import Ultrasound
-from app.viewer.steps.view_state import ViewState
+from app.viewer.image_cuts import (
+    SIDE,
+    ImageView,
+    Lines,
+    PlaneLines,
+    Reslice,
+    ReslicePlane,
+    root_from_tumor,
+)
+from app.viewer.view_state import ViewState
+
+_MAX_POINTS = 4000
+"""Points of the lines on one image."""
+
+
+def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
+    """The values that the page draws of ``view``; ``size``: columns and rows.
+
+    Paths are those of SVG in pixels, from 0 at the outer edge of the first pixel.
+    """
+    stamp = None if view.image is None else view.image.stamp
+    tip = None if view.tip is None else [round(float(value), 2) for value in view.tip]
+    return {
+        "number": view.number,
+        "width": size[0],
+        "height": size[1],
+        "problem": view.problem,
+        "time": "" if stamp is None else f"{stamp.ns / 1e9:.3f} s{_depth_text(view.depth_mm)}",
+        "tumor": svg_path(view.tumor),
+        "margin": svg_path(view.margin),
+        "tool": svg_path(view.tool),
+        "needle": svg_path(view.needle),
+        "tip": None if tip is None else [tip[0] + 0.5, tip[1] + 0.5, tip[2]],
+        "edges": view.edges,
+        "closest": "" if view.closest is None else svg_path((view.closest,)),
+    }
+
+
+def depth_values(shown: ViewState | None) -> dict[str, Any] | None:
+    """The listed depths in mm and the one in use for new images; None without several."""
+    depth = None if shown is None else shown.content.image_depth
+    return None if depth is None else {"depths": list(depth.depths_mm), "used": depth.depth_mm}
+
+
+def _depth_text(depth_mm: float | None) -> str:
+    return "" if depth_mm is None else f", depth {depth_mm:g} mm"
+
+
+def eight_bits(image: ImageSample) -> Pixels:
+    """The pixels in 8 bits; others are stretched from the least to the largest value."""
+    pixels = image.pixels
+    if pixels is None:
+        raise ValueError(f"image {image.number} has no pixels")
+    if pixels.dtype == np.uint8:
+        return pixels
+    low, high = int(pixels.min()), int(pixels.max())
+    scaled = (pixels.astype(np.float32) - low) * (255.0 / max(1, high - low))
+    return np.round(scaled).astype(np.uint8)
+
+
+def svg_path(lines: Lines | tuple[FloatArray, ...]) -> str:
+    """The path of lines of points (n, 2), at most about `_MAX_POINTS` in all."""
+    count = sum(len(line) for line in lines)
+    step = max(1, -(-count // _MAX_POINTS))
+    return "".join(
+        "M" + "L".join(f"{x + 0.5:.2f} {y + 0.5:.2f}" for x, y in _thinned(line, step).tolist())
+        for line in lines
+    )
+
+
+def _thinned(line: FloatArray, step: int) -> FloatArray:
+    """Every ``step``-th point of ``line``, with the last one, which closes an outline."""
+    if step == 1:
+        return line
+    return np.concatenate([line[:-1:step], line[-1:]])
+
+
+@dataclass(slots=True)
+class Ultrasound:
+    """Finds the image of a moment, and cuts tumour, stop margin and tool by its plane.
+
+    Not thread-safe: the page's thread owns it. One image is held at a time.
+    """
+
+    images: ImageSource
+    _sample: ImageSample | None = None
+    _lines: PlaneLines = field(default_factory=PlaneLines)
+
+    def image(self, number: int) -> ImageSample:
+        """Image ``number``; the last one is kept."""
+        if self._sample is None or self._sample.number != number:
+            self._sample = self.images.image(number)
+        return self._sample
+
+    def at(self, shown: ViewState | None, root: str | None) -> ImageView:
+        """The image of the step of ``shown`` in the frame ``root`` of the scene.
+
+        ``shown`` None, or ``root`` None: there is nothing to be placed in.
+        """
+        if shown is None or root is None:
+            return ImageView(None, None, "tool and tumour have no place yet")
+        if shown.silent:
+            return ImageView(None, None, shown.silent)
+        found = self.images.at(shown.step.frame.stamp.ns, root)
+        matrix = found.pose.matrix
+        if matrix is None or found.number is None:
+            return ImageView(None, None, found.pose.problem, found.number)
+        try:
+            sample = self.image(found.number)
+        except InputError as error:  # a file that has changed, an image that newer ones replaced
+            return ImageView(None, None, str(error), found.number)
+        view = ImageView(sample, matrix, "", found.number, depth_mm=found.depth_mm)
+        step, tumor = shown.step, root_from_tumor(shown, root)
+        if (
+            step.decision.state is MarginState.UNKNOWN
+            or step.tumor_from_tip is None
+            or tumor is None
+        ):
+            return view
+        return self._lines.added(view, shown, tumor, step.tumor_from_tip)
+
 
 ULTRASOUND = "ultrasound"
 

@@ -6,7 +6,7 @@ import sys
 from aiohttp.http_exceptions import HttpProcessingError
 
 from app.geometry import NS_PER_S
-from app.runtime.rate_limit import RateLimit
+from app.runtime.requests import RateLimit
 
 log = logging.getLogger("app.viewer")
 """Log of the page: what was refused, and errors of the server and of browsers."""

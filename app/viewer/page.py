@@ -8,29 +8,26 @@ from app.fixture import MarginState
 from app.runtime import RecordingStatus
 from app.session import BreachList
 from app.viewer.contour_part import ContourPart
-from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.cameras import CameraController
+from app.viewer.drawing.camera_controller import CameraController, orientation
 from app.viewer.drawing.client_scene import ClientScene
-from app.viewer.drawing.orientation import orientation
+from app.viewer.drawing.render_loop import PictureArea, screenshot
 from app.viewer.drawing.scene_view import SceneView
-from app.viewer.drawing.screenshot import screenshot
+from app.viewer.feeds import Feed
 from app.viewer.guided_part import GuidedPart
-from app.viewer.hand_part import HandPart
-from app.viewer.image_part import ImagePart
-from app.viewer.readout.breach_rows import breach_rows
-from app.viewer.readout.directions import Directions
-from app.viewer.readout.needle import needle_values
-from app.viewer.readout.note_rows import note_rows
-from app.viewer.readout.readout import readout
-from app.viewer.readout.recording import recording_values
-from app.viewer.readout.stylus import stylus_values
-from app.viewer.readout.timeline import Timeline
-from app.viewer.readout.ultrasound import depth_values
-from app.viewer.readout.workflow import workflow_values
-from app.viewer.steps.feeds import Feed
-from app.viewer.steps.view_state import ViewState
+from app.viewer.image_part import ImagePart, depth_values
+from app.viewer.page_lists import breach_rows, note_rows, workflow_values
+from app.viewer.page_values import (
+    Directions,
+    needle_values,
+    readout,
+    recording_values,
+    stylus_values,
+)
+from app.viewer.pointer_parts import HandPart
+from app.viewer.timeline import Timeline
+from app.viewer.view_state import ViewState
 from app.viewer.world_part import WorldPart
-from app.workflow.event_notes import EventNotes
+from app.workflow.workflow import EventNotes
 
 
 class Page:

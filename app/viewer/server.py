@@ -17,11 +17,8 @@ from trame_slicer.views import ThreeDView
 from app.case import ImageSource
 from app.files.volume_file import Volume
 from app.runtime import AddNote, SimulatedWorld
-from app.viewer.address import Address
-from app.viewer.body_drag import BodyDrag
-from app.viewer.body_upload import BodyUpload
-from app.viewer.contour_controls import ContourControls
-from app.viewer.contour_part import ContourPart
+from app.viewer.address import Address, ViewerError
+from app.viewer.contour_part import ContourControls, ContourPart
 from app.viewer.controls import (
     ImageControls,
     LiveControls,
@@ -31,31 +28,30 @@ from app.viewer.controls import (
     SceneControls,
 )
 from app.viewer.downloads import Downloads
-from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.client_scene import ClientScene
-from app.viewer.drawing.frame_rate import LOAD_BESIDE_CONTROLLER
-from app.viewer.drawing.pictures import ClientLoop, MakeScheduler, RenderLoop, RenderScheduler
+from app.viewer.drawing.render_loop import (
+    LOAD_BESIDE_CONTROLLER,
+    ClientLoop,
+    MakeScheduler,
+    PictureArea,
+    RenderLoop,
+    RenderScheduler,
+)
 from app.viewer.drawing.scene_view import SceneView
-from app.viewer.errors import ViewerError
+from app.viewer.feeds import Feed, ReplayControl
 from app.viewer.guided_part import STYLUS_FILE, TIP_FILE, GuidedControls, GuidedPart
-from app.viewer.hand_part import HandPart
 from app.viewer.image_part import ImagePart, image_kinds
+from app.viewer.live_operator import LiveOperator
 from app.viewer.log import limit_logs
-from app.viewer.messages.commands import Commands
+from app.viewer.messages.checks import Commands
 from app.viewer.messages.methods import Methods
 from app.viewer.messages.open_pages import OpenPages
 from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
-from app.viewer.pointer_area import PointerArea, PointerPart
-from app.viewer.readout.state_style import band_patterns, state_css
-from app.viewer.readout.timeline import Timeline
-from app.viewer.steps.feeds import Feed
-from app.viewer.steps.live_operator import LiveOperator
-from app.viewer.steps.mouse_hand import MouseHand
-from app.viewer.steps.replay import ReplayControl
+from app.viewer.pointer_parts import BodyDrag, HandPart, MouseHand, PointerArea, PointerPart
+from app.viewer.timeline import Timeline, band_patterns, state_css
 from app.viewer.web_app import Content, Handle, WebServer
-from app.viewer.world_controls import WorldControls
-from app.viewer.world_part import WorldPart
+from app.viewer.world_part import BodyUpload, WorldControls, WorldPart
 from app.workflow import EventNotes, Workflow
 
 _WEB = Path(__file__).with_name("web")

@@ -7,9 +7,7 @@ from pathlib import Path
 
 from aiohttp import web
 
-from app.viewer.access.auth import RequestAuthenticator
-from app.viewer.access.connections import ConnectionLimits
-from app.viewer.access.hosts import AllowedHosts
+from app.viewer.access_control import AllowedHosts, ConnectionLimits, RequestAuthenticator
 from app.viewer.address import Address
 
 Handle = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -89,3 +87,8 @@ class WebServer:
 
 async def _to_index(request: web.Request) -> web.Response:
     raise web.HTTPFound("index.html")
+
+
+def refusal(error: Exception) -> web.Response:
+    """Answer with the text of ``error`` to a request that cannot be done."""
+    return web.json_response({"problem": " ".join(str(error).split())}, status=409)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.runtime.tracked_tool import TrackedTool
-from app.workflow.calibration_fit import CalibrationFit, CalibrationKind
-from app.workflow.coverage import Coverage
+from app.workflow.calibration_fit import CalibrationFit, CalibrationKind, Coverage
 from app.workflow.guided_recording import Phase
 from app.workflow.robot_registration import RobotRegistration
 from app.workflow.tool_calibration import ToolCalibration

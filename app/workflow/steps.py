@@ -16,10 +16,10 @@ from app.geometry import SurfaceMesh
 from app.runtime.case_recorder import RecordingStatus
 from app.runtime.content import SessionContent
 from app.session import REFERENCE, StepResult
+from app.workflow.calibration_fit import NO_TIP_MM
 from app.workflow.guided_recording import Phase
 from app.workflow.tool_calibration import CalibrationStatus
 
-_NO_TIP_MM = 1e-3
 _MM3_PER_CM3 = 1000.0
 
 
@@ -136,7 +136,7 @@ def _calibrate(content: SessionContent, calibration: CalibrationStatus | None) -
         else ", uncertainty not known"
     )
     problem = ""
-    if length_mm < _NO_TIP_MM and not tip.target.lower().endswith("tip"):
+    if length_mm < NO_TIP_MM and not tip.target.lower().endswith("tip"):
         problem = "the tip is at the sensor's origin, as if it was never calibrated"
     if calibration is not None and calibration.phase is not Phase.IDLE:
         is_stopped = calibration.phase is Phase.STOPPED

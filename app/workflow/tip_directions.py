@@ -1,8 +1,8 @@
-"""Distances of the tool's tip to the stop margin in the six anatomical directions."""
+"""Distances of the tool's tip to the stop margin, and the surface there."""
 
 from collections.abc import Mapping
 
-from app.fixture import MarginState
+from app.fixture import MarginState, margin_surface
 from app.geometry import SurfaceMesh
 from app.runtime.content import SessionContent
 from app.session import AxisDistances, StepResult
@@ -31,3 +31,13 @@ class TipDirections:
         if self._distances is None or self._distances.surface is not surface:
             self._distances = AxisDistances(surface)
         return self._distances.at(step.tumor_from_tip.translation_mm)
+
+
+_SPACING_MM = 1.0
+"""Coarse, because the translucent surface is drawn many times a second."""
+
+
+def stop_surface(content: SessionContent) -> SurfaceMesh | None:
+    """The surface ``stop_mm`` outside the tumour; None for a margin of 0. Takes about a second."""
+    stop_mm = content.margins.stop_mm
+    return margin_surface(content.tumor, stop_mm, spacing_mm=_SPACING_MM) if stop_mm > 0.0 else None

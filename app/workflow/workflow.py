@@ -1,13 +1,19 @@
-"""The guided recordings and the breaches of a session, fed with every step of its run."""
+"""The guided recordings, breaches and notes of a session."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from app.geometry import InputError
 from app.runtime.content import SessionContent
 from app.runtime.outputs import PassiveOutput, StepTiming, SwitchContent
 from app.session import BreachList, BreachLog, StepResult
 from app.workflow.guided_recording import DisplayOperator
 from app.workflow.robot_registration import RobotRegistration
 from app.workflow.tool_calibration import ToolCalibration
+
+if TYPE_CHECKING:
+    from app.runtime.opening import PreparedCase
 
 
 class Workflow:
@@ -91,3 +97,59 @@ class WorkflowOutput(PassiveOutput):
     def _use(self, content: SessionContent) -> None:
         self._content = content
         self._breach_log.use(content.tumor, content.margins.stale_after_ns)
+
+
+def recorded_breaches(prepared: "PreparedCase") -> BreachList:
+    """Step through all of ``prepared``, which takes seconds, and list its breaches.
+
+    Only before the case is played: a replay uses the same proximity engine.
+    """
+    from app.runtime.replay_run import ReplayRun
+
+    content = prepared.content
+    log = BreachLog(content.tumor, content.margins.stale_after_ns)
+    for step in ReplayRun(prepared, clock_ns=lambda: 0).steps():
+        log.observe(step)
+    return log.breaches
+
+
+MAX_NOTES = 500
+MAX_NOTE_CHARS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class EventNote:
+    """Note ``number`` on the step ``frame``, whose stamp is ``stamp_ns`` on the tracker's clock.
+
+    ``begin_s``: time since the first step.
+    """
+
+    number: int
+    frame: int
+    stamp_ns: int
+    begin_s: float
+    text: str
+
+    @property
+    def line(self) -> str:
+        """One line for a report."""
+        return f"event at {self.begin_s:.2f} s (frame {self.frame}): {self.text}"
+
+
+class EventNotes:
+    """The notes of a session. The page's thread adds; other threads may read `entries`."""
+
+    def __init__(self) -> None:
+        self.entries: tuple[EventNote, ...] = ()
+
+    def add(self, frame: int, stamp_ns: int, begin_s: float, text: str) -> EventNote:
+        """Add a note. Raises `InputError` for an empty or long text, and above `MAX_NOTES`."""
+        line = " ".join(text.split())
+        line = "".join(each if each.isprintable() else "?" for each in line)
+        if not line or len(line) > MAX_NOTE_CHARS:
+            raise InputError(f"note: {len(line)} characters; expected 1 to {MAX_NOTE_CHARS}")
+        if len(self.entries) >= MAX_NOTES:
+            raise InputError(f"notes: {len(self.entries)}; expected at most {MAX_NOTES}")
+        note = EventNote(len(self.entries) + 1, frame, stamp_ns, begin_s, line)
+        self.entries = (*self.entries, note)
+        return note

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from app.geometry import FloatArray
-from app.runtime.latest_value import SWITCH_INTERVAL_S
+from app.runtime.thread_handover import SWITCH_INTERVAL_S
 from benchmarks.faults.scene import tracker_arguments
 from benchmarks.harness.figures import load
 from benchmarks.harness.processes import Child, children

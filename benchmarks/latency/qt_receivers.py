@@ -28,8 +28,7 @@ from app.runtime import QtSpinner
 from app.scene import SceneApplication, offscreen_view
 from app.session import StepResult
 from app.viewer import Address
-from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pictures import RenderLoop, Source
+from app.viewer.drawing.render_loop import PictureArea, RenderLoop, Source
 from benchmarks.latency.qt_loops import LOOPS, Waking, quit_loop
 from benchmarks.latency.receivers import Receiver, add_bodies, complete_frame_stamp
 from benchmarks.latency.senders import ROOT

@@ -20,9 +20,8 @@ from trame_slicer.views import ThreeDView
 from app.cli.replay_page import replay_parts
 from app.cli.signals import SignalState
 from app.viewer import Address, SceneView, Title, Viewer
-from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pictures import RenderLoop, Source
-from app.viewer.steps.replay import ReplayControl
+from app.viewer.drawing.render_loop import PictureArea, RenderLoop, Source
+from app.viewer.feeds import ReplayControl
 from benchmarks.harness.peer import emit
 from benchmarks.view.stamps import stamp
 

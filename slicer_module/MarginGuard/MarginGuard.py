@@ -196,8 +196,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             (ui.stepButton, lambda logic: logic.step()),
         ):
             self._on_click(button, command)
-        from MarginGuardLib.sections import Sections
-        from MarginGuardLib.view_section import ViewSection
+        from MarginGuardLib.sections import Sections, ViewSection
 
         self._sections = Sections(ui, self._on_click)
         self._view = ViewSection(ui, self._on_click)

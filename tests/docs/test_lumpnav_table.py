@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.viewer.drawing.cameras import CameraPreset
+from app.viewer.drawing.camera_controller import CameraPreset
 from app.viewer.drawing.scene_view import Part
 
 ROOT = Path(__file__).parents[2]

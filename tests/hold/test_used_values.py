@@ -10,7 +10,7 @@ from app.geometry import SurfaceMesh, Transform
 from app.hold.changes import causes_of_change
 from app.registration import given_registration
 from app.runtime import used_values
-from app.runtime.image_depth import ImageDepth
+from app.runtime.display_content import ImageDepth
 from tests.session_content import FACES, TETRAHEDRON, one_link_content, registered
 
 CONTENT = one_link_content()

@@ -9,7 +9,7 @@ import numpy as np
 from app.geometry import SurfaceMesh, Transform
 from app.registration import DriftBound
 from app.runtime import ImageDepth, Needle, OperatorCommands, StepHolds, Stylus
-from app.runtime.needle import thin_needle
+from app.runtime.display_content import thin_needle
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere
 from tests.session_content import FACES, TETRAHEDRON, one_link_content

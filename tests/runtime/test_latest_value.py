@@ -2,7 +2,7 @@
 
 import threading
 
-from app.runtime.latest_value import LatestValue
+from app.runtime.thread_handover import LatestValue
 
 DEADLINE_S = 60.0
 

@@ -1,6 +1,6 @@
 """The limit on a rate."""
 
-from app.runtime.rate_limit import RateLimit
+from app.runtime.requests import RateLimit
 
 S = 1_000_000_000
 

@@ -10,7 +10,7 @@ from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
 from app.runtime import Needle
-from app.runtime.needle import thin_needle
+from app.runtime.display_content import thin_needle
 from app.scene import ScenePresenter
 from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY

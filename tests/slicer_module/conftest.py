@@ -54,9 +54,9 @@ def peer(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 @pytest.fixture
 def domain(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> int:
     """ROS domain of `peer`; set in the environment. No call of a client ends by a timeout."""
-    for name in ("service_client._TIMEOUT_S", "action_client._CANCEL_TIMEOUT_S"):
+    for name in ("service_nodes._TIMEOUT_S", "action_client._CANCEL_TIMEOUT_S"):
         monkeypatch.setattr(f"ROS2Lib.{name}", DEADLINE_S)
-    monkeypatch.setattr("ROS2Lib.robot_moveit._TRANSPORT_S", DEADLINE_S)
+    monkeypatch.setattr("ROS2Lib.robot_kinematics._TRANSPORT_S", DEADLINE_S)
     monkeypatch.setattr("app.bridge.node._JOIN_TIMEOUT_S", DEADLINE_S)
     for name, value in environment_of(ros_domain).items():
         monkeypatch.setenv(name, value)

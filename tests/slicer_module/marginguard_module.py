@@ -29,7 +29,7 @@ from app.scene import SceneApplication  # noqa: E402
 from app.workflow import recorded_breaches  # noqa: E402
 from MarginGuardLib.logic import STATUS_NS as STATUS_NS  # noqa: E402
 from MarginGuardLib.logic import PanelLogic as PanelLogic  # noqa: E402
-from MarginGuardLib.recorded import RecordedCase  # noqa: E402
+from MarginGuardLib.panel_inputs import RecordedCase  # noqa: E402
 
 CLEAR_S = 8.0
 """A moment with a known margin outside of the tumour."""

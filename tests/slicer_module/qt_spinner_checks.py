@@ -12,7 +12,7 @@ pytest.importorskip(
 
 from PySide6 import QtCore
 
-from app.runtime.qt_spinner import QtSpinner, keeps_interpreter_lock
+from app.runtime.thread_handover import QtSpinner, keeps_interpreter_lock
 from benchmarks.latency.qt_loops import LOOPS, quit_loop
 from tests.slicer_module.desktop import desktop_slicer
 

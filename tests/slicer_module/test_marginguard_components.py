@@ -12,9 +12,9 @@ from app.geometry import InputError
 from tests.slicer_module.marginguard_module import FOLDER
 
 from MarginGuardLib import installation  # isort: skip
-from MarginGuardLib.alarm import REPEAT_NS, Alarm  # isort: skip
+from MarginGuardLib.status import REPEAT_NS, Alarm  # isort: skip
 from MarginGuardLib.jobs import Jobs  # isort: skip
-from MarginGuardLib.tumor_input import surface_of  # isort: skip
+from MarginGuardLib.panel_inputs import surface_of  # isort: skip
 
 pytestmark = pytest.mark.slow
 

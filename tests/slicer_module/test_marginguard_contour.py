@@ -10,7 +10,7 @@ from app.geometry import InputError
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.marginguard_module import CLEAR_S, node_of, show, spin_until
 
-from MarginGuardLib.contour_points import NAME  # isort: skip
+from MarginGuardLib.contour import NAME  # isort: skip
 
 pytestmark = pytest.mark.slow
 

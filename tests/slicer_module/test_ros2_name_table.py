@@ -54,8 +54,8 @@ def used_by(stem, name, found):
 @pytest.fixture(scope="module")
 def classes():
     from ROS2Lib.class_names import register_classes
-    from ROS2Lib.collision_publisher import vtkMRMLROS2PublisherCollisionObjectNode
     from ROS2Lib.logic import Ros2Api
+    from ROS2Lib.topic_nodes import vtkMRMLROS2PublisherCollisionObjectNode
 
     made = SimpleNamespace(
         Ros2Api=Ros2Api,

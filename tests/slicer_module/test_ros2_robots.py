@@ -88,7 +88,7 @@ def test_robot_is_removed_without_leftovers_repeatedly(
     before = names(logic.scene)
     for number in range(20):
         if number == 3:
-            monkeypatch.setattr("ROS2Lib.robot_sources.DescriptionListener", ListenerDouble)
+            monkeypatch.setattr("ROS2Lib.robot.DescriptionListener", ListenerDouble)
         robot = robots("robot1", *WHERE)
         assert logic.AddRobot("robot1", *WHERE) is None
         spin_until(robot.GetLinkNames)

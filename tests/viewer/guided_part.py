@@ -7,10 +7,9 @@ import pytest
 
 from app.runtime import LocalOperator, compute_here
 from app.viewer import LiveOperator
-from app.viewer.access.role import Role
+from app.viewer.address import Role
 from app.viewer.guided_part import GuidedControls, GuidedPart
-from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.messages.checks import Commands, NotDoneError, RefusedError
 from app.workflow import Workflow
 from tests.waiting import wait_until
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.messages.checks import NotDoneError, RefusedError
 from tests.runtime.test_operator_commands import CONTENT, World
 from tests.viewer.guided_part import GuidedPage, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator

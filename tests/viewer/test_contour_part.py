@@ -11,11 +11,9 @@ from app.fixture import MarginState
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import Stylus, compute_here
 from app.session import KnownEdges
-from app.viewer.access.role import Role
-from app.viewer.contour_controls import ContourControls
-from app.viewer.contour_part import ContourPart
-from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import NotDoneError
+from app.viewer.address import Role
+from app.viewer.contour_part import ContourControls, ContourPart
+from app.viewer.messages.checks import Commands, NotDoneError
 from tests.runtime.test_operator_commands import CONTENT, TUMOR_EDGE, World
 from tests.viewer.guided_part import connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator

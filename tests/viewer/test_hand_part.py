@@ -5,10 +5,9 @@ import pytest
 
 from app.scene.convert import world_matrix
 from app.viewer import MouseHand, SceneView
-from app.viewer.drawing.cameras import CameraController
-from app.viewer.drawing.tool_grip import ToolGrip, distance_to_segments
-from app.viewer.hand_part import HandPart
-from app.viewer.pointer_area import PointerArea
+from app.viewer.drawing.camera_controller import CameraController
+from app.viewer.drawing.grips import ToolGrip, distance_to_segments
+from app.viewer.pointer_parts import HandPart, PointerArea
 from tests.manual_clock import ManualClock
 
 KEYS = {"ctrlKey": 0, "altKey": 0, "shiftKey": 0}

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from app.session import STOP
-from app.viewer.readout.readout import readout
+from app.viewer.page_values import readout
 from tests.viewer.page_actions import (
     click_at,
     download,

@@ -10,11 +10,11 @@ from PIL import Image
 from trame_server import Server
 
 from app.fixture import MarginState
-from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.cameras import CameraPreset
+from app.viewer.drawing.camera_controller import CameraPreset
+from app.viewer.drawing.render_loop import PictureArea
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.page import Page
-from app.viewer.steps.view_state import ViewState
+from app.viewer.view_state import ViewState
 
 pytestmark = pytest.mark.long
 

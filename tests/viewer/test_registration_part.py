@@ -7,7 +7,7 @@ import pytest
 from app.case import open_case
 from app.runtime import SetRegistration, content_of
 from app.session import Session, setup_from_case
-from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.messages.checks import NotDoneError, RefusedError
 from tests.runtime.test_operator_commands import World
 from tests.viewer.guided_part import GuidedPage, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from app.viewer.steps.reslice import SIDE
+from app.viewer.image_cuts import SIDE
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import COLUMNS, LOST, ROWS, write_ultrasound_case
 from tests.cli.small_case import FRAMES

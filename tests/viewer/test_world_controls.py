@@ -10,16 +10,13 @@ from aiohttp.test_utils import TestClient, TestServer
 from app.files.meshes import write_mesh
 from app.geometry import SurfaceMesh
 from app.runtime import MAX_BODY_TRIANGLES, BodyKind
-from app.viewer.access.auth import ROLE
-from app.viewer.access.role import Role
-from app.viewer.body_drag import BodyDrag
-from app.viewer.body_upload import MAX_BYTES, BodyUpload
-from app.viewer.drawing.body_grip import first_hit
-from app.viewer.drawing.cameras import CameraController
-from app.viewer.drawing.picture_points import PicturePoints
-from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import NotDoneError, RefusedError
-from app.viewer.world_controls import WorldControls
+from app.viewer.access_control import ROLE
+from app.viewer.address import Role
+from app.viewer.drawing.camera_controller import CameraController
+from app.viewer.drawing.grips import PicturePoints, first_hit
+from app.viewer.messages.checks import Commands, NotDoneError, RefusedError
+from app.viewer.pointer_parts import BodyDrag
+from app.viewer.world_part import MAX_BYTES, BodyUpload, WorldControls
 from tests.runtime.test_simulated_world import clock as clock
 from tests.runtime.test_simulated_world import owner as owner
 from tests.runtime.test_simulated_world import world as world

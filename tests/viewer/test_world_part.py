@@ -9,7 +9,7 @@ from app.runtime import BodyKind, SimulatedWorld, WorldBody
 from app.scene.convert import world_matrix, world_points
 from app.scene.simulated_bodies import COLOR
 from app.viewer import SceneView
-from app.viewer.drawing.cameras import CameraController
+from app.viewer.drawing.camera_controller import CameraController
 from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.scene_view import Part
 from app.viewer.world_part import WorldPart

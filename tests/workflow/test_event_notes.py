@@ -3,7 +3,7 @@
 import pytest
 
 from app.geometry import InputError
-from app.workflow.event_notes import MAX_NOTES, EventNotes
+from app.workflow.workflow import MAX_NOTES, EventNotes
 
 
 def test_note_is_one_printable_line_with_its_moment():

@@ -4,7 +4,7 @@ import threading
 from dataclasses import dataclass
 
 from app.runtime import compute_here
-from app.workflow.guided_fits import MAX_FAILURES, GuidedFits
+from app.workflow.guided_recording import MAX_FAILURES, GuidedFits
 
 
 @dataclass

@@ -13,7 +13,7 @@ from app.geometry import FrameError, InputError, TrackedTransform, TrackingStatu
 from app.runtime import Stylus, TrackedTool
 from app.session import Session
 from app.workflow import Phase, RobotRegistration, fit_registration
-from app.workflow.robot_samples import RobotSamples
+from app.workflow.robot_registration import RobotSamples
 from tests.session_content import one_link_content
 from tests.workflow.guided import Guided
 
@@ -145,7 +145,7 @@ def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
 
 
 def test_recording_is_bounded(content, steps, monkeypatch):
-    monkeypatch.setattr("app.workflow.robot_samples.MAX_SAMPLES", 5)
+    monkeypatch.setattr("app.workflow.robot_registration.MAX_SAMPLES", 5)
     samples = RobotSamples()
     for step in steps[20:30]:
         samples.observe(step, content, content.robot)

@@ -11,7 +11,7 @@ from app.geometry import InputError, Transform
 from app.registration import calibrate_pivot, select_pivot_poses
 from app.runtime import SetTip
 from app.workflow import CalibrationKind, Phase, ToolCalibration, fit_calibration
-from app.workflow.tool_samples import MAX_POSES
+from app.workflow.tool_calibration import MAX_POSES
 from tests.session_content import one_link_content
 from tests.workflow.guided import (
     PERIOD_MS,
@@ -187,7 +187,7 @@ def test_reference_is_the_trackers_frame_where_none_is_tracked(guided):
 
 
 def test_recording_is_bounded(guided, monkeypatch):
-    monkeypatch.setattr("app.workflow.tool_samples.MAX_POSES", 20)
+    monkeypatch.setattr("app.workflow.tool_calibration.MAX_POSES", 20)
     assert MAX_POSES == 6000
     guided.begin(25)
     status = guided.guide.status()

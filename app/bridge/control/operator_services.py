@@ -23,7 +23,7 @@ from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
 from app.hold import SeenHold
 from app.registration import RegistrationResult, register_points
 from app.runtime import LatestValue, OperatorCommands, RequestKind
-from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
+from app.runtime.replacements import MAX_LIVE_TRIANGLES
 
 MAX_POINTS = 1_000
 

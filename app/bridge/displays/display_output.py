@@ -35,9 +35,9 @@ from app.runtime import (
     StepTiming,
     SwitchContent,
 )
-from app.runtime.new_tumor import MAX_LIVE_TRIANGLES
 from app.runtime.operator_command import OperatorCommand, Rearm, SetMargins
-from app.runtime.rate_limit import RateLimit
+from app.runtime.replacements import MAX_LIVE_TRIANGLES
+from app.runtime.requests import RateLimit
 from app.runtime.session_wire import (
     DescribedSession,
     SessionWire,

@@ -43,7 +43,7 @@ from app.geometry import (
 )
 from app.geometry.mesh import weld_vertices
 from app.runtime import MAX_BODY_TRIANGLES, BodyKind
-from app.runtime.rate_limit import RateLimit
+from app.runtime.requests import RateLimit
 from app.simulation import BodyEntry, EditError, World, WorldDescription
 
 MAX_AGE_NS, MAX_AHEAD_NS = NS_PER_S, 5 * NS_PER_MS

@@ -51,8 +51,8 @@ def run(options: argparse.Namespace) -> int:
         from app.cli.case_result import CaseReplays, OpenedPage
         from app.files.extras import check_installed
         from app.fixture.proximity.field_cache import cache_folder
-        from app.viewer.library.case_library import CaseLibrary
-        from app.viewer.library.library_server import LibraryServer
+        from app.viewer.case_library import CaseLibrary
+        from app.viewer.library_server import LibraryServer
 
         address = checked_address(options)
         check_installed("slicer", "trame_slicer")

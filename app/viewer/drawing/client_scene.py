@@ -4,9 +4,13 @@ A surface is sent once, then where it is and how it looks. All of it is read fro
 that the server draws otherwise, so both show the same state.
 """
 
+import base64
 from collections.abc import Iterator, Sequence
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from slicer import vtkMRMLMarkupsLineNode, vtkMRMLMarkupsPlaneNode, vtkMRMLModelNode
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPolyData
@@ -14,9 +18,73 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 from app.geometry import FloatArray
 from app.scene import MarginGuardScene
 from app.scene.convert import world_matrix
-from app.viewer.drawing.arrays import Values, encoded
-from app.viewer.drawing.client_shapes import Shape, shape_surface
 from app.viewer.drawing.scene_view import SceneView
+
+Values = dict[str, Any]
+
+
+def encoded(values: NDArray[np.generic]) -> Values:
+    """The values of an array of float32, uint32 or uint8 as trame-vtk's components take them."""
+    text = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+    return {"bvals": text, "dtype": str(values.dtype), "shape": [int(values.size)]}
+
+
+_SIDES, _RINGS = 12, 7
+
+
+class Shape(StrEnum):
+    """A surface that the page draws besides the models: of size 1, placed by a matrix."""
+
+    BALL = "ball"
+    """Radius 1 around the origin."""
+    ROD = "rod"
+    """Radius 1 around z, from 0 to 1."""
+    PLANE = "square"
+    """Sides of 1 in x and y around the origin."""
+
+
+def shape_surface(shape: Shape) -> Values:
+    """The points, faces and normals of ``shape``, encoded for the page."""
+    if shape is Shape.PLANE:
+        corners = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+        return _encoded_surface(corners, [[0, 1, 2], [0, 2, 3]], np.tile([0.0, 0.0, 1.0], (4, 1)))
+    if shape is Shape.ROD:
+        ring = _ring()
+        points = np.concatenate([ring, ring + _along_z(1.0)])
+        return _encoded_surface(points, _bands(2), np.concatenate([ring, ring]))
+    polar = np.linspace(0.0, np.pi, _RINGS)
+    rings = [_ring() * np.sin(a) + _along_z(np.cos(a)) for a in polar]
+    points = np.concatenate(rings)
+    return _encoded_surface(points, _bands(_RINGS), points)
+
+
+def _along_z(height: float) -> FloatArray:
+    return np.array([0.0, 0.0, height])
+
+
+def _ring() -> FloatArray:
+    turn = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    return np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)])
+
+
+def _bands(rings: int) -> list[list[int]]:
+    """The triangles between rings of points, one ring after the other."""
+    faces = []
+    for ring in range(rings - 1):
+        for side in range(_SIDES):
+            a, b = ring * _SIDES + side, ring * _SIDES + (side + 1) % _SIDES
+            faces += [[a, b, b + _SIDES], [a, b + _SIDES, a + _SIDES]]
+    return faces
+
+
+def _encoded_surface(points: FloatArray, faces: list[list[int]], normals: FloatArray) -> Values:
+    return {
+        "points": encoded(points.astype(np.float32)),
+        "polys": encoded(np.array([[3, *face] for face in faces], np.uint32)),
+        "normals": encoded(normals.astype(np.float32)),
+        "colors": None,
+    }
+
 
 _COLORS = "color"
 _LIT = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.15, "specularPower": 20.0}

@@ -16,10 +16,9 @@ from app.scene import (
     ScenePresenter,
     use_offscreen_rendering,
 )
-from app.viewer.drawing.closed_surfaces import closed_models
-from app.viewer.drawing.translucency import TranslucentOrder
-from app.viewer.errors import ViewerError
-from app.viewer.steps.view_state import ViewState
+from app.viewer.address import ViewerError
+from app.viewer.drawing.translucency import TranslucentOrder, closed_models
+from app.viewer.view_state import ViewState
 
 _INK = (0.92, 0.95, 0.98)
 """Colour of the closest-point line and its label on the dark background."""

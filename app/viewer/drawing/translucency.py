@@ -12,7 +12,8 @@ from slicer import vtkMRMLMarkupsPlaneNode, vtkMRMLModelNode
 from trame_slicer.views import ThreeDView
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkProp
 
-from app.geometry import FloatArray
+from app.geometry import FloatArray, SurfaceMesh
+from app.runtime import SessionContent
 from app.scene import MarginGuardScene
 
 _MODELS = "vtkMRMLModelDisplayableManager"
@@ -176,3 +177,31 @@ def _are_on_one_side(node: vtkMRMLMarkupsPlaneNode, first: FloatArray, second: F
     """True if the plane of ``node`` does not separate the two points, (3,) each in RAS mm."""
     origin, normal = np.array(node.GetOriginWorld()), np.array(node.GetNormalWorld())
     return bool(((first - origin) @ normal) * ((second - origin) @ normal) > 0.0)
+
+
+def closed_models(
+    scene: MarginGuardScene, content: SessionContent, margin_surface: SurfaceMesh | None
+) -> set[vtkMRMLModelNode]:
+    """The models of which every part is closed with normals outward.
+
+    The tip's ball, which has no mesh in ``content``, is left out.
+    """
+    surfaces = [(scene.tumor, [content.tumor])]
+    if margin_surface is not None:
+        surfaces.append((scene.margin_surface, [margin_surface]))
+    if content.tool is not None:
+        surfaces.append((scene.tool, [content.tool]))
+    if content.needle is not None and content.needle.is_generated:
+        surfaces.append((scene.needle, [content.needle.surface]))
+    if content.robot is not None:
+        links = {link.name: link for link in content.robot.robot.links}
+        for robot in scene.robots.values():
+            for name, model in robot.models.items():
+                surfaces.append((model, [shape.mesh for shape in links[name].visuals]))
+    return {
+        model for model, meshes in surfaces if model is not None and all(map(_is_closed, meshes))
+    }
+
+
+def _is_closed(mesh: SurfaceMesh) -> bool:
+    return mesh.open_edges() == 0 and mesh.signed_volume_mm3 > 0.0

@@ -1,10 +1,31 @@
-"""Checks of values that a page sends. Each returns the value as the server uses it."""
+"""Commands of the page, and checks of values that it sends.
+
+Each check returns the value as the server uses it.
+"""
 
 import math
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import Any
 
-from app.viewer.messages.errors import RefusedError
+from app.geometry import InputError
+from app.viewer.address import Role, ViewerError
+
+
+class MessageError(ViewerError):
+    """The message has no meaning here; no page sends it. The connection is closed."""
+
+
+class RefusedError(ViewerError):
+    """The request is not one that this page may make. It is answered with this text."""
+
+
+class NotDoneError(RefusedError):
+    """A request that this page may make, but that cannot be done now.
+
+    It is answered with this text and does not count among the page's refused requests.
+    """
+
 
 Check = Callable[[object], Any]
 """Returns the checked value; raises `RefusedError`."""
@@ -113,3 +134,42 @@ def arguments(given: Collection[object], checks: Collection[Check]) -> list[Any]
     if len(given) != len(checks):
         raise RefusedError(f"arguments: {len(given)}; expected {len(checks)}")
     return [check(value) for check, value in zip(checks, given, strict=True)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    call: Callable[..., None]
+    checks: tuple[Check, ...]
+    role: Role
+
+
+class Commands:
+    """The commands that exist, each with checks of its arguments and the role that may use it."""
+
+    def __init__(self) -> None:
+        self._commands: dict[str, _Command] = {}
+
+    def add(
+        self, name: str, call: Callable[..., None], *checks: Check, role: Role = Role.OPERATE
+    ) -> None:
+        """Call ``call`` with the checked arguments at each command ``name``."""
+        self._commands[name] = _Command(call, checks, role)
+
+    def run(self, name: str, args: Collection[object], role: Role) -> None:
+        """Run a command for a page of ``role``.
+
+        Raises `RefusedError` if there is no such command, or if role or arguments do not permit it,
+        and `NotDoneError` for an `InputError` of the command.
+        """
+        command = self._commands.get(name)
+        if command is None:
+            raise RefusedError(
+                f"command: {shown(name)}; expected one of {', '.join(self._commands)}"
+            )
+        if not role.may(command.role):
+            raise RefusedError(f"command {name}: role {role.value}; expected {command.role.value}")
+        values = arguments(args, command.checks)
+        try:
+            command.call(*values)
+        except InputError as error:
+            raise NotDoneError(str(error)) from error

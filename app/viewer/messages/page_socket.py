@@ -6,14 +6,14 @@ from time import monotonic_ns
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from app.geometry import MarginGuardError
-from app.viewer.access.auth import ROLE
-from app.viewer.access.hosts import is_same_origin
+from app.viewer.access_control import ROLE, is_same_origin
 from app.viewer.log import log
-from app.viewer.messages.errors import MessageError, NotDoneError, RefusedError
+from app.viewer.messages.checks import MessageError, NotDoneError, RefusedError
 from app.viewer.messages.methods import HELLO, Methods
-from app.viewer.messages.open_pages import OpenPage, OpenPages
-from app.viewer.messages.wire import (
+from app.viewer.messages.open_pages import (
     MAX_MESSAGE_BYTES,
+    OpenPage,
+    OpenPages,
     Request,
     decode_request,
     encode_answer,

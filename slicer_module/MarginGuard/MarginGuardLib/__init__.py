@@ -1,1 +1,1 @@
-"""Logic of the MarginGuard module, without Qt: one concept in each file."""
+"""Logic and widgets of the MarginGuard module."""

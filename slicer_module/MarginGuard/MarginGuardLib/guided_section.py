@@ -1,6 +1,5 @@
 """The widgets of guided calibration and registration."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -9,22 +8,17 @@ import slicer
 from app.geometry import InputError
 from app.workflow import CalibrationKind, Coverage, GuidedShown
 
-from .coverage_picture import coverage_picture
 from .status import PanelStatus
-from .table import fill_table
-from .tool_choice import ToolChoice
+from .widgets import OnClick, ToolChoice, coverage_picture, fill_table
 
 _HELD = "The robot is held until an operator re-arms."
 _HELD_AFTER = "After that of the cautery the robot is held until an operator re-arms."
 
 
 class GuidedSection:
-    """Connects the buttons, and shows the state of both recordings.
+    """Connects the buttons, and shows the state of both recordings."""
 
-    ``on_click(button, command)`` has ``command(panel_logic)`` called at each click.
-    """
-
-    def __init__(self, ui: Any, on_click: Callable[[Any, Callable[[Any], object]], None]) -> None:
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
         self._ui = ui
         self._coverage: Coverage | None = None
         self._calibration = self._touch = GuidedShown()

@@ -11,9 +11,18 @@ from slicer import vtkMRMLApplicationLogic, vtkMRMLMarkupsNode, vtkMRMLNode, vtk
 
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_S, InputError
-from app.registration import RegistrationResult
-from app.runtime import Record, RecordingStatus, SetMargins, SetRegistration, SetTumor, stylus_text
+from app.registration import RegistrationResult, register_points
+from app.runtime import (
+    Record,
+    RecordingStatus,
+    SetMargins,
+    SetRegistration,
+    SetTumor,
+    register_case,
+    stylus_text,
+)
 from app.scene import points_of_markups
+from app.session import REFERENCE
 from app.workflow import (
     GuidedShown,
     RobotRegistration,
@@ -24,19 +33,19 @@ from app.workflow import (
     workflow_steps,
 )
 
-from .alarm import Alarm
 from .contour import PanelContour
-from .directions import PanelDirections
 from .events import SessionEvents
 from .live_step_run import LiveStepRun
-from .needle import PanelNeedle
-from .recorded import RecordedCase, prepare_recorded
-from .registration_input import registration_of_case, registration_of_landmarks, registration_text
+from .panel_inputs import (
+    RecordedCase,
+    prepare_recorded,
+    registration_text,
+    surface_of,
+)
 from .shown_session import ShownSession
-from .status import PanelStatus
-from .tumor_input import surface_of
+from .status import Alarm, PanelStatus
 from .ultrasound import PanelUltrasound
-from .view import PanelView
+from .view import PanelDirections, PanelNeedle, PanelView
 
 STATUS_NS = NS_PER_S // 20
 """Interval of the status while the state does not change."""
@@ -169,7 +178,7 @@ class PanelLogic:
 
     def register_case(self, folder: Path) -> None:
         """Compute the registration of a recorded case in the background, as `candidate`."""
-        self._jobs.submit("registering", lambda: registration_of_case(folder), self._propose)
+        self._jobs.submit("registering", lambda: register_case(folder).registration, self._propose)
 
     def register_landmarks(
         self, in_reference: vtkMRMLMarkupsNode | None, in_base: vtkMRMLMarkupsNode | None
@@ -188,7 +197,11 @@ class PanelLogic:
             raise InputError("registration: the session has no robot; expected one")
         fixed_mm = points_of_markups(in_reference, self.session.shown().reference_node())
         moving_mm = points_of_markups(in_base, in_base.GetParentTransformNode())
-        self._propose(registration_of_landmarks(fixed_mm, moving_mm, robot.base_frame))
+        self._propose(
+            register_points(
+                fixed_mm, moving_mm, fixed_frame=REFERENCE, moving_frame=robot.base_frame
+            )
+        )
 
     def accept_registration(self) -> None:
         """Use `candidate` from the next step on."""

@@ -1,24 +1,200 @@
-"""The parts of the panel that have a class of their own."""
+"""The widgets of the panel by its parts."""
 
-from collections.abc import Callable
 from typing import Any
 
-from .contour_section import ContourSection
+import slicer
+
+from app.scene import Preset
+
+from .contour import ContourShown
 from .events import SessionEvents
-from .events_section import EventsSection
 from .guided_section import GuidedSection
-from .needle_section import NeedleSection
 from .status import PanelStatus
-from .ultrasound_section import UltrasoundSection
+from .ultrasound import UltrasoundShown
+from .view import PanelView
+from .widgets import OnClick, ToolChoice, fill_table
+
+
+class ContourSection:
+    """Connects the buttons, and shows the contour."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._ui = ui
+        self._tool = ToolChoice(ui.tipToolComboBox)
+        for button, command in (
+            (ui.placePointsButton, lambda logic: logic.contour.place()),
+            (ui.tipPointButton, lambda logic: logic.contour.add_tip(self._tool.tool)),
+            (ui.eraseAtTipButton, self._erase),
+            (ui.undoPointButton, lambda logic: logic.contour.undo()),
+            (ui.deletePointsButton, self._delete_all),
+            (ui.useContourButton, self._use),
+        ):
+            on_click(button, command)
+
+    def show(self, shown: ContourShown, stylus: str) -> None:
+        """Show ``shown``; ``stylus``: its tip in words, empty without one."""
+        ui = self._ui
+        self._tool.show(stylus)
+        ui.contourLabel.setText(shown.text)
+        ui.placePointsButton.setEnabled(shown.can_edit)
+        ui.tipPointButton.setEnabled(shown.can_edit)
+        ui.eraseAtTipButton.setEnabled(shown.has_points)
+        ui.undoPointButton.setEnabled(shown.can_undo)
+        ui.deletePointsButton.setEnabled(shown.has_points)
+        ui.useContourButton.setEnabled(shown.can_use)
+
+    def _erase(self, logic: Any) -> None:
+        logic.contour.erase_at_tip(self._ui.eraseRadiusSpinBox.property("value"))
+
+    def _delete_all(self, logic: Any) -> None:
+        if slicer.util.confirmOkCancelDisplay("Delete all points of the contour?"):
+            logic.contour.delete_all()
+
+    def _use(self, logic: Any) -> None:
+        if slicer.util.confirmOkCancelDisplay(
+            "Replace the tumour of this session by the contour? "
+            "The robot is held until an operator re-arms."
+        ):
+            logic.contour.use()
+
+
+class EventsSection:
+    """Connects the buttons, and shows the lists."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._ui = ui
+        breaches, notes = ui.breachTableWidget, ui.noteTableWidget
+        for button, command in (
+            (ui.goToBreachButton, lambda logic: logic.events.go_to_breach(breaches.currentRow())),
+            (ui.goToNoteButton, lambda logic: logic.events.go_to_note(notes.currentRow())),
+            (ui.addNoteButton, self._add_note),
+            (ui.eventsTableButton, lambda logic: logic.events.to_table()),
+        ):
+            on_click(button, command)
+
+    def show(self, events: SessionEvents, *, has_session: bool, is_replay: bool) -> None:
+        """Show what ``events`` lists now."""
+        ui = self._ui
+        breaches, notes = events.breach_rows(), events.note_rows()
+        ui.breachLabel.setText(events.breaches.text or "no breach")
+        fill_table(ui.breachTableWidget, breaches)
+        fill_table(ui.noteTableWidget, notes)
+        ui.goToBreachButton.setEnabled(is_replay and bool(breaches))
+        ui.goToNoteButton.setEnabled(is_replay and bool(notes))
+        ui.addNoteButton.setEnabled(has_session)
+        ui.eventsTableButton.setEnabled(bool(breaches or notes))
+
+    def _add_note(self, logic: Any) -> None:
+        logic.events.add_note(self._ui.noteLineEdit.property("text"))
+        self._ui.noteLineEdit.setText("")
+
+
+class NeedleSection:
+    """Connects the buttons, and shows the length."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._label = ui.needleLengthLabel
+        self._buttons = {
+            -5.0: ui.needleMuchShorterButton,
+            -1.0: ui.needleShorterButton,
+            1.0: ui.needleLongerButton,
+            5.0: ui.needleMuchLongerButton,
+        }
+        for by_mm, button in self._buttons.items():
+            on_click(button, lambda logic, by_mm=by_mm: logic.needle.lengthen(by_mm))
+
+    def show(self, length: str, *, is_live: bool) -> None:
+        """Show ``length`` in mm, empty without a needle."""
+        self._label.setText(length or "no needle")
+        for button in self._buttons.values():
+            button.setEnabled(is_live and bool(length))
+
+
+class UltrasoundSection:
+    """Connects the buttons, and shows the image's state and the depths."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._ui = ui
+        self._shown = UltrasoundShown()
+        self._depths: tuple[float, ...] | None = None
+        for button, command in (
+            (
+                ui.freezeImageButton,
+                lambda logic: logic.ultrasound.freeze(ui.freezeImageButton.property("checked")),
+            ),
+            (
+                ui.followImageButton,
+                lambda logic: logic.ultrasound.follow(ui.followImageButton.property("checked")),
+            ),
+            (ui.useDepthButton, self._use_depth),
+        ):
+            on_click(button, command)
+
+    def show(self, shown: UltrasoundShown) -> None:
+        """Show ``shown``."""
+        ui, self._shown = self._ui, shown
+        ui.imageLabel.setText(shown.text)
+        ui.freezeImageButton.setEnabled(shown.has_images)
+        ui.freezeImageButton.setChecked(shown.is_frozen)
+        ui.followImageButton.setEnabled(shown.has_images)
+        ui.followImageButton.setChecked(shown.follows)
+        used = "one" if shown.depth_mm is None else f"{shown.depth_mm:g} mm"
+        ui.depthLabel.setText(used if shown.has_images else "")
+        if shown.depths_mm != self._depths:
+            self._depths = shown.depths_mm
+            ui.depthComboBox.clear()
+            for depth_mm in shown.depths_mm:
+                ui.depthComboBox.addItem(f"{depth_mm:g} mm")
+        can_choose = shown.can_choose and bool(shown.depths_mm)
+        ui.depthComboBox.setEnabled(can_choose)
+        ui.useDepthButton.setEnabled(can_choose)
+
+    def _use_depth(self, logic: Any) -> None:
+        index = self._ui.depthComboBox.property("currentIndex")
+        if not 0 <= index < len(self._shown.depths_mm):
+            return
+        depth_mm = self._shown.depths_mm[index]
+        if slicer.util.confirmOkCancelDisplay(
+            f"Use the depth {depth_mm:g} mm? Images that are stamped from now on are placed by its "
+            "calibration. The ultrasound machine has to be at this depth."
+        ):
+            logic.ultrasound.choose_depth(depth_mm)
+
+
+class ViewSection:
+    """Connects the buttons, and shows which camera follows."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._ui = ui
+        for button, command in (
+            (ui.anteriorViewButton, lambda logic: logic.view.look_from(Preset.ANTERIOR)),
+            (ui.leftViewButton, lambda logic: logic.view.look_from(Preset.LEFT)),
+            (ui.rightViewButton, lambda logic: logic.view.look_from(Preset.RIGHT)),
+            (ui.superiorViewButton, lambda logic: logic.view.look_from(Preset.SUPERIOR)),
+            (
+                ui.bullseyeButton,
+                lambda logic: logic.view.follow_tool(ui.bullseyeButton.property("checked")),
+            ),
+            (
+                ui.centreButton,
+                lambda logic: logic.view.keep_centred(ui.centreButton.property("checked")),
+            ),
+            (ui.deleteMarkersButton, lambda logic: logic.view.delete_markers()),
+        ):
+            on_click(button, command)
+
+    def show(self, view: PanelView, status: PanelStatus) -> None:
+        """Show what ``view`` follows, and the cautery of ``status``."""
+        self._ui.bullseyeButton.setChecked(view.follows_tool)
+        self._ui.centreButton.setChecked(view.keeps_tumor)
+        self._ui.deleteMarkersButton.setEnabled(status.has_session)
+        self._ui.cauteryLabel.setText(status.cautery)
 
 
 class Sections:
-    """Connects and shows all of them.
+    """Connects and shows all of them."""
 
-    ``on_click(button, command)`` has ``command(panel_logic)`` called at each click.
-    """
-
-    def __init__(self, ui: Any, on_click: Callable[[Any, Callable[[Any], object]], None]) -> None:
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
         self._guided = GuidedSection(ui, on_click)
         self._events = EventsSection(ui, on_click)
         self._contour = ContourSection(ui, on_click)

@@ -9,9 +9,8 @@ from slicer import vtkMRMLScriptedModuleNode
 from app.bridge.calls import ActionClient, CallError, GoalEndedError
 from app.bridge.convert import action_type, type_name
 from app.geometry import MarginGuardError
-from app.runtime.latest_value import LatestValue
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member, Owner
+from app.runtime.thread_handover import LatestValue
+from ROS2Lib.member import ClientMember, Owner, Ros2Error
 from ROS2Lib.ros_message import message_of, value_of
 
 _TIMEOUT_S = 3600.0
@@ -49,7 +48,7 @@ class _Goal:
         self._changed()
 
 
-class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
+class vtkMRMLROS2ActionClientNode(ClientMember, vtkMRMLScriptedModuleNode):
     """Action client. `Spin` invokes ``ModifiedEvent`` on new feedback and at the goal's end."""
 
     ROLE = "action client"
@@ -115,31 +114,9 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         """The reason why the last goal has not succeeded; empty if it has."""
         return self._error
 
-    def SetTimeoutSeconds(self, seconds: float) -> None:
-        """Set the timeout of later goals in s, including discovery of the server."""
-        if not 0.0 < seconds <= 1e6:
-            raise Ros2Error(
-                f"{self.GetName()}: timeout is {seconds} s; expected more than 0, at most 1e6"
-            )
-        self._timeout_s = seconds
-        self.save_state()
-
-    def settings(self) -> dict[str, Any]:
-        """The timeout."""
-        return {"timeout_s": self._timeout_s}
-
-    def apply_settings(self, settings: dict[str, Any]) -> None:
-        """Set the timeout."""
-        self.SetTimeoutSeconds(float(settings["timeout_s"]))
-
     def status(self) -> str:
         """Type and outcome of the last goal."""
         return f"{self.GetROSType()}, {self._error or 'reached'}"
-
-    @classmethod
-    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """The resolved name of the action."""
-        return (owner.resolve(names[0]),)
 
     def spin(self) -> None:
         """Transfer feedback and result into the node."""

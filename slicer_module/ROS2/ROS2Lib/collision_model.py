@@ -9,7 +9,7 @@ from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 from app.bridge.convert import collision_object, removed_object
 from app.geometry import Transform, TransformError
 from app.scene.convert import numpy_array, world_matrix
-from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Ros2Error
 from ROS2Lib.ros_message import message_of
 
 _WORLD, _MODEL = "world", "model"

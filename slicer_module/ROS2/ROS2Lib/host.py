@@ -14,10 +14,7 @@ from app.bridge.ros_errors import reason_of
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf_topics import TfBroadcaster, TfListener
 from app.geometry import MarginGuardError, Stamp
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Kind, Member
-from ROS2Lib.mrml_class import MrmlClass
-from ROS2Lib.saved_state import SavedState
+from ROS2Lib.member import Kind, Member, MrmlClass, Ros2Error, SavedState
 
 MemberKey = tuple[str, tuple[str, ...]]
 

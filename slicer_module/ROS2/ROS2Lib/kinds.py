@@ -7,8 +7,9 @@ any installed type.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +34,16 @@ from app.bridge.convert import (
 from app.bridge.convert.plain import SHORT_NAMES
 from app.geometry import Stamp
 from ROS2Lib import vtk_values
-from ROS2Lib.bool_string import BoolStringResponse, vtkBoolString
 from ROS2Lib.collision_model import message_of_model
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.ros_message import RosMessage, message_class, message_of, value_of
+from ROS2Lib.member import Ros2Error
+from ROS2Lib.ros_message import (
+    BoolStringResponse,
+    RosMessage,
+    message_class,
+    message_of,
+    value_of,
+    vtkBoolString,
+)
 
 _OF_ROSBAG2 = (
     "Burst",
@@ -237,3 +244,36 @@ _SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Calla
     "CollisionObject": (value_of, message_of_model, lambda: _blank("CollisionObject")),
 }
 """Conversions of short names with a Slicer value of their own: read, write, blank value."""
+
+
+Node = TypeVar("Node")
+
+_special: dict[tuple[type, str], type] = {}
+
+
+def special_class(base: type, ros_type: str, made: type) -> None:
+    """Let `kind_class` return ``made``, a class with methods of its own, for this kind."""
+    package, _, name = ros_type.split("/")
+    for each in (name, ros_type, f"{package}/{name}"):
+        _special[base, each] = made
+
+
+@cache
+def kind_class(base: type[Node], name: str) -> type[Node]:
+    """Subclass of ``base`` for a kind, e.g. ``vtkMRMLROS2PublisherPoseNode`` for ``Pose``.
+
+    ``name`` is a short name, a class name or a ROS type. An unknown kind raises when a node of the
+    class is created.
+    """
+    prefix = base.__name__.removesuffix("Node")
+    if name.startswith(prefix) and name.endswith("Node"):
+        name = name.removeprefix(prefix).removesuffix("Node")
+    found = _special.get((base, name))
+    if found is not None:
+        return found
+    return type(kind_class_name(base, name), (base,), {"KIND": name, "__doc__": base.__doc__})
+
+
+def kind_class_name(base: type, short: str) -> str:
+    """Class name of a kind: ``vtkMRMLROS2PublisherPoseNode`` for ``Pose``."""
+    return f"{base.__name__.removesuffix('Node')}{short.rpartition('/')[2]}Node"

@@ -7,13 +7,11 @@ from typing import Any
 from slicer import vtkMRMLScene
 
 from app.geometry import MarginGuardError
-from ROS2Lib.class_names import node_class
+from ROS2Lib.class_names import ScenePatch, node_class
 from ROS2Lib.node import vtkMRMLROS2NodeNode
-from ROS2Lib.robot import vtkMRMLROS2RobotNode
-from ROS2Lib.robot_sources import PARAMETER
+from ROS2Lib.robot import PARAMETER, vtkMRMLROS2RobotNode
 from ROS2Lib.scene_loader import SceneLoader
-from ROS2Lib.scene_patch import ScenePatch
-from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
+from ROS2Lib.service_nodes import vtkMRMLROS2ServiceClientNode
 
 DEFAULT_NODE = "slicer"
 _POLL_S = 0.02

@@ -1,7 +1,10 @@
 """Base of all MRML nodes that belong to a ROS node."""
 
+import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from slicer import vtkMRMLScriptedModuleNode
@@ -10,13 +13,104 @@ from app.bridge import RosNode
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf_topics import TfBroadcaster
 from app.geometry import MarginGuardError
-from ROS2Lib.mrml_class import MrmlClass
-from ROS2Lib.saved_state import SavedState, without_events
 
 if TYPE_CHECKING:
     from slicer import vtkMRMLNode as _Node
 else:
     _Node = object  # at run time the MRML class beside it in the bases is the node
+
+USER_EVENT = 1000
+"""VTK's first event number for applications."""
+
+
+class MrmlClass(_Node):
+    """Class names and type tests as of SlicerROS2's compiled classes.
+
+    The scene's C++ code uses the name of the MRML base class instead.
+    """
+
+    def GetClassName(self) -> str:
+        """Class name as in SlicerROS2."""
+        return type(self).__name__
+
+    def GetNodeTagName(self) -> str:
+        """Tag of the node in a scene saved by SlicerROS2."""
+        return tag_name(type(self).__name__)
+
+    def IsA(self, name: str) -> bool:
+        """True for the class name of SlicerROS2, and for those of all base classes."""
+        return any(each.__name__ == name for each in type(self).__mro__) or bool(super().IsA(name))
+
+    @classmethod
+    def SafeDownCast(cls, node: Any) -> Any:
+        """``node`` if it is of this class; otherwise None."""
+        return node if isinstance(node, cls) else None
+
+
+def tag_name(class_name: str) -> str:
+    """``vtkMRMLROS2PublisherPoseNode`` as ``ROS2PublisherPose``."""
+    short = class_name.removeprefix("vtkMRML").removesuffix("Node")
+    return {"ROS2Node": "ROS2Node", "ROS2Robot": "ROS2RobotNode"}.get(short, short)
+
+
+_CLASS, _KIND, _NAMES, _SETTINGS = "ros2.class", "ros2.kind", "ros2.names", "ros2.settings"
+
+
+@contextmanager
+def without_events(node: Any) -> Iterator[None]:
+    """Change ``node`` without ``ModifiedEvent``, which means a message or a response to scripts."""
+    before = node.GetDisableModifiedEvent()
+    node.SetDisableModifiedEvent(1)
+    try:
+        yield
+    finally:
+        node.SetDisableModifiedEvent(before)
+
+
+@dataclass(frozen=True, slots=True)
+class SavedState:
+    """Class, kind, names on the ROS graph and settings of a ROS node or of one of its members.
+
+    A saved scene holds them in attributes of the MRML node.
+    """
+
+    family: str
+    kind: str
+    names: tuple[str, ...]
+    settings: dict[str, Any]
+
+    def store(self, node: Any) -> None:
+        """Write the attributes of ``node``."""
+        with without_events(node):
+            node.SetAttribute(_CLASS, self.family)
+            node.SetAttribute(_KIND, self.kind)
+            node.SetAttribute(_NAMES, json.dumps(self.names))
+            node.SetAttribute(_SETTINGS, json.dumps(self.settings))
+
+    @staticmethod
+    def forget(node: Any) -> None:
+        """Remove the attributes, so that a loaded scene does not create the node again."""
+        with without_events(node):
+            for name in (_CLASS, _KIND, _NAMES, _SETTINGS):
+                node.RemoveAttribute(name)
+
+    @classmethod
+    def load(cls, node: Any) -> "SavedState | None":
+        """State in the attributes of ``node``; None without one.
+
+        Raises ValueError for attributes of another form.
+        """
+        family = node.GetAttribute(_CLASS)
+        if family is None:
+            return None
+        names = json.loads(node.GetAttribute(_NAMES) or "[]")
+        settings = json.loads(node.GetAttribute(_SETTINGS) or "{}")
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"{_NAMES} is {names!r}; expected a list of strings")
+        if not isinstance(settings, dict):
+            raise ValueError(f"{_SETTINGS} is {settings!r}; expected an object")
+        return cls(family, node.GetAttribute(_KIND) or "", tuple(names), settings)
+
 
 Kind = TypeVar("Kind", bound="Member")
 
@@ -173,11 +267,38 @@ class Member(MrmlClass, _Node):
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """Key that is unique among the members of one role on a ROS node."""
-        raise NotImplementedError
+        """Key that is unique among the members of one role on a ROS node: the resolved name."""
+        return (owner.resolve(names[0]),)
 
     def _start(self, owner: Owner, *names: Any) -> None:
         raise NotImplementedError
 
     def _stop(self) -> None:
         raise NotImplementedError
+
+
+class Ros2Error(MarginGuardError):
+    """Invalid call: a name in use, a node outside the ROS graph, a value of another type."""
+
+
+class ClientMember(Member):
+    """Base of clients of services and actions: the timeout of their requests."""
+
+    _timeout_s = 0.0
+
+    def SetTimeoutSeconds(self, seconds: float) -> None:
+        """Set the timeout of later requests or goals in s, including discovery of the server."""
+        if not 0.0 < seconds <= 1e6:
+            raise Ros2Error(
+                f"{self.GetName()}: timeout is {seconds} s; expected more than 0, at most 1e6"
+            )
+        self._timeout_s = seconds
+        self.save_state()
+
+    def settings(self) -> dict[str, Any]:
+        """The timeout."""
+        return {"timeout_s": self._timeout_s}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set the timeout."""
+        self.SetTimeoutSeconds(float(settings["timeout_s"]))

@@ -2,21 +2,23 @@
 
 from app.bridge.world_client import SIMULATION
 from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
-from ROS2Lib.classes import kind_class, kind_class_name, special_class
-from ROS2Lib.collision_publisher import vtkMRMLROS2PublisherCollisionObjectNode
 from ROS2Lib.host import RosHost
-from ROS2Lib.kinds import SERVICES, TOPICS
+from ROS2Lib.kinds import SERVICES, TOPICS, kind_class, kind_class_name, special_class
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
-from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
-from ROS2Lib.robot import vtkMRMLROS2RobotNode
-from ROS2Lib.robot_sources import PARAMETER
-from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
-from ROS2Lib.service_server import Handler, vtkMRMLROS2ServiceServerNode
+from ROS2Lib.robot import PARAMETER, vtkMRMLROS2RobotNode
+from ROS2Lib.service_nodes import (
+    Handler,
+    vtkMRMLROS2ServiceClientNode,
+    vtkMRMLROS2ServiceServerNode,
+)
 from ROS2Lib.simulated_world import vtkMRMLROS2SimulatedWorldNode
-from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
-from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
 from ROS2Lib.tf2_hierarchy import vtkMRMLROS2Tf2HierarchyNode
-from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+from ROS2Lib.tf2_nodes import vtkMRMLROS2Tf2BroadcasterNode, vtkMRMLROS2Tf2LookupNode
+from ROS2Lib.topic_nodes import (
+    vtkMRMLROS2PublisherCollisionObjectNode,
+    vtkMRMLROS2PublisherNode,
+    vtkMRMLROS2SubscriberNode,
+)
 
 special_class(
     vtkMRMLROS2PublisherNode,

@@ -1,22 +1,35 @@
-"""Links of a displayed robot that follow tf: one lookup and one model per link."""
+"""Links of a displayed robot, by tf or joint states, and their translucent copy at a goal pose."""
 
+import logging
 from typing import Any
 
+import numpy as np
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelDisplayNode, vtkMRMLModelNode
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
 from app.bridge.robot_description import RobotSettings
+from app.bridge.robots import MAX_JOINT_STATE_BYTES, JointFollower
+from app.bridge.topics import Topic
+from app.geometry import NS_PER_S, Transform
 from app.robot import Robot
 from app.scene import RobotModel, SceneError
 from app.scene.convert import vtk_matrix
 from app.scene.scene_nodes import NodeIntegrity
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Owner
-from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
+from ROS2Lib.member import Owner, Ros2Error
+from ROS2Lib.tf2_nodes import MISSING, vtkMRMLROS2Tf2LookupNode
 
 ROBOT_ATTRIBUTE = "ros2.robot"
 """Attribute of the lookups that a robot has created: the robot's name."""
 
 
 class TfLinks:
-    """Made for one ``robot``; `remove` removes what it has made. Raises `Ros2Error`."""
+    """Links of one ``robot`` that follow tf: one lookup and one model per link.
+
+    `remove` removes what it has made. Raises `Ros2Error`.
+    """
 
     def __init__(self, scene: Any, owner: Owner, settings: RobotSettings, robot: Robot) -> None:
         self.nodes: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
@@ -120,3 +133,173 @@ class TfLinks:
         made.SetAttribute(ROBOT_ATTRIBUTE, self._name)
         self._own.append((parent, child))
         return made
+
+
+class JointLinks:
+    """Links that follow the joint states on ``topic``: one transform and one model per link.
+
+    The interface is that of `TfLinks`. A fixed frame other than the root link is looked up in tf.
+    """
+
+    def __init__(
+        self, scene: Any, owner: Owner, settings: RobotSettings, robot: Robot, topic: str
+    ) -> None:
+        self._scene = scene
+        self._owner = owner
+        self._robot = robot
+        self._problem = "no joint state yet"
+        buffer = owner.buffer if settings.fixed_frame else None
+        self._follower = JointFollower(robot, settings, buffer)
+        self._last_ns: int | None = None
+        self._base = vtkMRMLLinearTransformNode()
+        self._base.SetName(f"ros2:joints:{settings.name}")
+        scene.AddNode(self._base)
+        self._model = RobotModel(scene, robot, self._base, robot.root_link)
+        self._integrity = NodeIntegrity()
+        moving = [node for node in self._model.transforms.values() if node is not self._base]
+        self._integrity.record((*moving, *self.models))
+        self._subscription: Any = owner.ros.subscribe(
+            Topic(settings.topic(topic), JointState, qos_profile_sensor_data), self._take, raw=True
+        )
+
+    @property
+    def nodes(self) -> dict[str, vtkMRMLLinearTransformNode]:
+        """Transform of each link: the root's in the fixed frame, the others' in the root's."""
+        return dict(self._model.transforms)
+
+    @property
+    def models(self) -> list[Any]:
+        """The models of the links."""
+        return list(self._model.models.values())
+
+    def is_whole(self) -> bool:
+        """False if a node was removed or hardened. Restores the parents of moved links."""
+        try:
+            self._integrity.restore((*self._model.transforms.values(), *self.models))
+        except SceneError:
+            return False
+        return True
+
+    def problem(self) -> str:
+        """The reason why the poses are not valid; empty if they are."""
+        return self._problem
+
+    def spin(self) -> bool:
+        """Move the links to their newest poses; True if these are not valid."""
+        state = self._follower.state(self._owner.now_ns())
+        self._problem = state.problems[0] if state.is_stale and state.problems else ""
+        if state.poses is not None and state.stamp_ns != self._last_ns:
+            self._last_ns = state.stamp_ns
+            root = self._robot.root_link
+            base = Transform.from_matrix(
+                state.poses[state.links.index(root)], target="fixed", source=root
+            )
+            self._base.SetMatrixTransformToParent(vtk_matrix(base))
+            root_from_fixed = np.linalg.inv(base.matrix)
+            self._model.set_links(
+                {
+                    link: Transform.from_matrix(root_from_fixed @ pose, target=root, source=link)
+                    for link, pose in zip(state.links, state.poses, strict=True)
+                    if link != root
+                }
+            )
+        return state.is_stale
+
+    def set_known(self, known: bool) -> None:
+        """Show the links in their colours, or in grey."""
+        self._model.set_known(known)
+
+    def remove(self) -> None:
+        """Stop following, and remove models and transforms. Idempotent."""
+        subscription, self._subscription = self._subscription, None
+        if subscription is None:
+            return
+        ros = self._owner.ros
+        ros.call(lambda: ros.destroy_subscription(subscription))
+        self._model.remove()
+        self._scene.RemoveNode(self._base)
+
+    def _take(self, raw: bytes) -> None:
+        """Take one message. Runs in the node's thread."""
+        if len(raw) <= MAX_JOINT_STATE_BYTES:
+            message: JointState = deserialize_message(raw, JointState)
+            stamp = message.header.stamp
+            stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
+            self._follower.take(message.name, message.position, stamp_ns)
+            self._owner.wake()
+
+
+COLOUR = (0.0, 1.0, 1.0)
+OPACITY = 0.3
+MODEL_ROLE, TRANSFORM_ROLE = "goal_model", "goal_transform"
+
+
+def create_goal(robot: Any, source: Any) -> bool:
+    """Copy the links of ``source`` at their present poses; False, with a log line, without links.
+
+    The copies are references of ``robot``, of roles ``goal_model`` and ``goal_transform``. They
+    stay where they are until a script moves the transforms. If there are some, nothing is done.
+    """
+    scene = robot.GetScene()
+    if scene is None or source is None or source.GetScene() is None:
+        logging.error("CreateGoalStateRobot: both robots must be in a scene")
+        return False
+    if robot.GetNumberOfNodeReferences(MODEL_ROLE):
+        return True
+    nodes = source.link_nodes()
+    if not nodes:
+        logging.error(f"CreateGoalStateRobot: {source.GetName()} has no links yet")
+        return False
+    transforms = {}
+    for link, node in nodes.items():
+        made = vtkMRMLLinearTransformNode()
+        made.SetName(f"{link}_goal_transform")
+        scene.AddNode(made)
+        matrix = vtkMatrix4x4()
+        node.GetMatrixTransformToParent(matrix)
+        made.SetMatrixTransformToParent(matrix)
+        transforms[node.GetID()] = made
+        robot.AddNodeReferenceID(TRANSFORM_ROLE, made.GetID())
+    for node in nodes.values():
+        parent = transforms.get(node.GetTransformNodeID() or "")
+        if parent is not None:
+            transforms[node.GetID()].SetAndObserveTransformNodeID(parent.GetID())
+    for model in _references(source, "model"):
+        _copy_model(robot, model, transforms[model.GetTransformNodeID()])
+    return True
+
+
+def remove_goal(robot: Any) -> bool:
+    """Remove the copies that `create_goal` has made; False if the robot is in no scene."""
+    scene = robot.GetScene()
+    if scene is None:
+        logging.error("RemoveGoalStateRobot: the robot must be in a scene")
+        return False
+    for model in _references(robot, MODEL_ROLE):
+        scene.RemoveNode(model.GetDisplayNode())
+        scene.RemoveNode(model)
+    for transform in _references(robot, TRANSFORM_ROLE):
+        scene.RemoveNode(transform)
+    robot.RemoveNodeReferenceIDs(MODEL_ROLE)
+    robot.RemoveNodeReferenceIDs(TRANSFORM_ROLE)
+    return True
+
+
+def _copy_model(robot: Any, model: Any, transform: Any) -> None:
+    scene = robot.GetScene()
+    display = vtkMRMLModelDisplayNode()
+    display.SetColor(*COLOUR)
+    display.SetOpacity(OPACITY)
+    scene.AddNode(display)
+    made = vtkMRMLModelNode()
+    made.SetName(f"{model.GetName()}_goal")
+    made.SetAndObservePolyData(model.GetPolyData())
+    scene.AddNode(made)
+    made.SetAndObserveDisplayNodeID(display.GetID())
+    made.SetAndObserveTransformNodeID(transform.GetID())
+    robot.AddNodeReferenceID(MODEL_ROLE, made.GetID())
+
+
+def _references(node: Any, role: str) -> list[Any]:
+    each = (node.GetNthNodeReference(role, n) for n in range(node.GetNumberOfNodeReferences(role)))
+    return [found for found in each if found is not None]

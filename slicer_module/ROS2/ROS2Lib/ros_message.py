@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 from rosidl_parser.definition import AbstractNestedType, AbstractType, NamespacedType
+from std_srvs.srv import SetBool
 from vtkmodules.vtkCommonTransforms import vtkTransform, vtkTransformCollection
 
 from app.bridge.convert import from_plain, to_plain, type_name
 from ROS2Lib import vtk_values
-from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Ros2Error
 
 Plain = Mapping[str, Any]
 
@@ -229,3 +230,46 @@ def _slots(kind: Any) -> list[tuple[str, AbstractType]]:
 
 def _class(slot: NamespacedType) -> Any:
     return getattr(import_module(".".join(slot.namespaces)), slot.name)
+
+
+class vtkBoolString(message_class(SetBool.Request)):  # type: ignore[misc]  # made at run time
+    """Request: ``SetResult(True)`` is the field ``data``; the message stays in the scene."""
+
+    _message = ""
+
+    def GetResult(self) -> bool:
+        """The value to send."""
+        return bool(self.GetData())
+
+    def SetResult(self, result: bool) -> None:
+        """Set the value to send."""
+        self.SetData(result)
+
+    def GetMessage(self) -> str:
+        """Text of the script; it is not sent."""
+        return self._message
+
+    def SetMessage(self, message: str) -> None:
+        """Keep a text, which is not sent."""
+        self._message = message
+
+
+class BoolStringResponse(message_class(SetBool.Response)):  # type: ignore[misc]  # as above
+    """Response: ``GetResult`` is the field ``success``; ``GetMessage`` is a field already."""
+
+    @classmethod
+    def GetClassName(cls) -> str:
+        """The class name of the request."""
+        return "vtkBoolString"
+
+    def IsA(self, name: str) -> bool:
+        """True also for SlicerROS2's name."""
+        return name == "vtkBoolString" or bool(super().IsA(name))
+
+    def GetResult(self) -> bool:
+        """True if the server reports success."""
+        return bool(self.GetSuccess())
+
+    def SetResult(self, result: bool) -> None:
+        """Set the field ``success``."""
+        self.SetSuccess(result)

@@ -14,8 +14,7 @@ from app.scene.convert import world_matrix
 from app.scene.models import add_model, remove_displayed, smooth_surface
 from app.scene.simulated_bodies import COLOR, EditedWorld
 from ROS2Lib.collision_model import placed_surface
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member, Owner
+from ROS2Lib.member import Member, Owner, Ros2Error
 
 GONE_NS = NS_PER_S
 """A body whose pose is as much older than those of the others has been removed."""

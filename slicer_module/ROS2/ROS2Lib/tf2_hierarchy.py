@@ -16,9 +16,8 @@ from app.geometry import (
     split_transform_name,
 )
 from app.scene.scene_nodes import is_marked
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member, Owner
-from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+from ROS2Lib.member import Member, Owner, Ros2Error
+from ROS2Lib.tf2_nodes import vtkMRMLROS2Tf2LookupNode
 from ROS2Lib.vtk_values import transform
 
 LISTEN_NS = NS_PER_S

@@ -12,7 +12,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import Transform
 from app.scene.convert import vtk_matrix
-from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Ros2Error
 
 Plain = Mapping[str, Any]
 Array = TypeVar("Array", bound=vtkDataArray)
@@ -178,3 +178,23 @@ def cloud(positions: NDArray[np.float64]) -> vtkPolyData:
     found.SetPoints(points(finite))
     found.SetVerts(vertices)
     return found
+
+
+def set_output(target: Any, value: Any) -> bool:
+    """Copy ``value`` into ``target``; False, and nothing is copied, if ``value`` is None.
+
+    ``target`` is a `vtk.reference` for a number or a string, or a VTK object of the class of
+    ``value``. Raises `Ros2Error` for any other.
+    """
+    if value is None:
+        return False
+    if hasattr(target, "set") and hasattr(target, "get"):
+        target.set(value)
+    elif hasattr(target, "DeepCopy") and target.IsA(value.GetClassName()):
+        target.DeepCopy(value)
+    else:
+        raise Ros2Error(
+            f"output argument is {type(target).__name__}; expected a vtk.reference or "
+            f"{type(value).__name__}"
+        )
+    return True

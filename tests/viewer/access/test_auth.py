@@ -8,11 +8,17 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from app.viewer import new_token
-from app.viewer.access.auth import ROLE, UNGUESSABLE_CHARS, RequestAuthenticator
-from app.viewer.access.connections import ConnectionLimits
-from app.viewer.access.guesses import GUESSES, GuessLimit
-from app.viewer.access.hosts import AllowedHosts, is_same_origin
-from app.viewer.access.role import Role
+from app.viewer.access_control import (
+    GUESSES,
+    ROLE,
+    UNGUESSABLE_CHARS,
+    AllowedHosts,
+    ConnectionLimits,
+    GuessLimit,
+    RequestAuthenticator,
+    is_same_origin,
+)
+from app.viewer.address import Role
 
 
 def run(tokens, scenario):

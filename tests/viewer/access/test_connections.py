@@ -4,9 +4,9 @@ import asyncio
 
 import pytest
 
-from app.viewer.access import connections
-from app.viewer.access.connections import MAX_ADMITTED, MAX_PENDING, ConnectionLimits
-from app.viewer.access.role import Role
+from app.viewer import access_control
+from app.viewer.access_control import MAX_ADMITTED, MAX_PENDING, ConnectionLimits
+from app.viewer.address import Role
 
 
 class Sender(asyncio.Protocol):
@@ -53,7 +53,7 @@ async def opened(port):
 
 
 def test_connection_without_an_admitted_request_is_closed_in_time(monkeypatch):
-    monkeypatch.setattr(connections, "PENDING_S", 0.05)
+    monkeypatch.setattr(access_control, "PENDING_S", 0.05)
 
     async def scenario(limits, port):
         reader, _ = await opened(port)
@@ -69,7 +69,7 @@ def test_connection_without_an_admitted_request_is_closed_in_time(monkeypatch):
 
 
 def test_client_that_reads_nothing_is_disconnected_in_time(monkeypatch):
-    monkeypatch.setattr(connections, "STALL_S", 0.05)
+    monkeypatch.setattr(access_control, "STALL_S", 0.05)
 
     async def scenario(limits, port):
         _, writer = await opened(port)

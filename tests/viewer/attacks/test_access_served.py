@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from app.viewer.access.connections import MAX_PENDING
+from app.viewer.access_control import MAX_PENDING
 from tests.viewer.attacks.raw_page import connected, raw_page, response, status_of
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN
 

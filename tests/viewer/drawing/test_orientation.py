@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from vtkmodules.vtkRenderingCore import vtkCamera, vtkRenderer, vtkRenderWindow
 
-from app.viewer.drawing.orientation import axis_letters, camera_axes, scale_bar
+from app.viewer.drawing.camera_controller import axis_letters, camera_axes, scale_bar
 
 pytestmark = pytest.mark.slow
 

@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.viewer.drawing.client_acks import ClientAcks
-from app.viewer.drawing.frame_rate import FrameRate
-from app.viewer.drawing.pictures import RenderLoop
+from app.viewer.drawing.render_loop import ClientAcks, FrameRate, RenderLoop
 
 pytestmark = pytest.mark.slow
 

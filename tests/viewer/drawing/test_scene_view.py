@@ -14,10 +14,10 @@ from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
 from app.session import RobotSetup
 from app.viewer import SceneView
-from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.cameras import CameraController, CameraPreset
+from app.viewer.address import ViewerError
+from app.viewer.drawing.camera_controller import CameraController, CameraPreset
+from app.viewer.drawing.render_loop import PictureArea
 from app.viewer.drawing.scene_view import Part
-from app.viewer.errors import ViewerError
 from tests.viewer.viewed_case import BREACH_FRAME
 
 pytestmark = pytest.mark.slow

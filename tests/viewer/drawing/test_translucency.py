@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from app.viewer import SceneView
-from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.cameras import CameraController, CameraPreset
+from app.viewer.drawing.camera_controller import CameraController, CameraPreset
+from app.viewer.drawing.render_loop import PictureArea
 from app.viewer.drawing.scene_view import Part
 
 pytestmark = pytest.mark.slow

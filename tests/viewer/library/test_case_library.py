@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from app.geometry import InputError
-from app.viewer.library.case_library import CaseLibrary, CaseResult
+from app.viewer.case_library import CaseLibrary, CaseResult
 from tests.waiting import DEADLINE_S, wait_until
 
 

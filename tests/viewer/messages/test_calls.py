@@ -11,13 +11,12 @@ from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
 
 from app.geometry import MarginGuardError
-from app.viewer.access.role import Role
+from app.viewer.address import Role
 from app.viewer.controls import ReplayControls
-from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import RefusedError
+from app.viewer.feeds import RATES, ReplayControl
+from app.viewer.messages.checks import Commands, RefusedError
 from app.viewer.messages.methods import HELLO, Methods
 from app.viewer.messages.open_pages import MAX_PAGES, OPENED_BURST, OpenPage, OpenPages
-from app.viewer.steps.replay import RATES, ReplayControl
 
 pytestmark = pytest.mark.slow
 

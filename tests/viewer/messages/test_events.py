@@ -2,8 +2,8 @@
 
 import pytest
 
-from app.viewer.messages.errors import RefusedError
-from app.viewer.messages.events import area_size, pointer_event
+from app.viewer.messages.checks import RefusedError
+from app.viewer.messages.methods import area_size, pointer_event
 
 AREA = {"w": 930.25, "h": 519.0}
 MOUSE = {**AREA, "x": 300, "y": 268.1}

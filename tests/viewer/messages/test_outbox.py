@@ -3,8 +3,8 @@
 import msgpack
 import pytest
 
-from app.viewer.messages.errors import MessageError
-from app.viewer.messages.outbox import MAX_ANSWERS, Outbox
+from app.viewer.messages.checks import MessageError
+from app.viewer.messages.open_pages import MAX_ANSWERS, Outbox
 
 
 def contents(frames):

@@ -7,10 +7,10 @@ import pytest
 from aiohttp import WSMsgType, web
 from aiohttp.test_utils import TestServer
 
-from app.viewer.access.auth import ROLE
-from app.viewer.access.role import Role
+from app.viewer.access_control import ROLE
+from app.viewer.address import Role
 from app.viewer.messages import page_socket
-from app.viewer.messages.commands import Commands
+from app.viewer.messages.checks import Commands
 from app.viewer.messages.methods import Methods
 from app.viewer.messages.open_pages import OpenPages
 from app.viewer.messages.page_socket import PageSocket

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wslink.chunking import UnChunker
 
-from app.viewer.messages.errors import MessageError
-from app.viewer.messages.wire import (
+from app.viewer.messages.checks import MessageError
+from app.viewer.messages.open_pages import (
     MAX_MESSAGE_BYTES,
     Request,
     decode_request,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.fixture import MarginState
-from app.viewer.readout.plot import WIDTH, Point, plot
+from app.viewer.timeline import WIDTH, Point, plot
 from tests.doubles import PARAMETERS
 
 S = 1_000_000_000

@@ -12,8 +12,7 @@ from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
 from app.session import RobotSetup
 from app.synthetic.motion import TOUCH_URDF
-from app.viewer.readout.readout import readout
-from app.viewer.readout.reason_text import distance_text, reason_text
+from app.viewer.page_values import distance_text, readout, reason_text
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.fixture import MarginState
-from app.viewer.readout.state_style import band_patterns, state_css
+from app.viewer.timeline import band_patterns, state_css
 
 WEB = Path("app/viewer/web")
 

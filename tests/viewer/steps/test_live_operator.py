@@ -10,10 +10,9 @@ from app.geometry import Transform
 from app.hold import RearmRefusedError
 from app.runtime import ChooseDepth, ImageDepth, LengthenNeedle, Rearm, Record, SetMargins, SetTip
 from app.viewer import LiveOperator
-from app.viewer.access.role import Role
+from app.viewer.address import Role
 from app.viewer.controls import LiveControls
-from app.viewer.messages.commands import Commands
-from app.viewer.messages.errors import NotDoneError, RefusedError
+from app.viewer.messages.checks import Commands, NotDoneError, RefusedError
 from tests.doubles import PARAMETERS
 
 PAGE = "the page"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.fixture import MarginState
-from app.viewer.steps.mouse_hand import (
+from app.viewer.pointer_parts import (
     MAX_FORCE_N,
     MAX_RISE_N_S,
     MAX_SILENCE_NS,

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.viewer.errors import ViewerError
-from app.viewer.steps.replay import RATES, ReplayControl
+from app.viewer.address import ViewerError
+from app.viewer.feeds import RATES, ReplayControl
 from tests.manual_clock import ManualClock
 
 MS = 1_000_000

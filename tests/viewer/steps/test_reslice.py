@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from app.files.volume_file import Volume
 from app.geometry import Transform
-from app.viewer.steps.reslice import PIXEL_MM, SIDE, Reslice, ReslicePlane, edges, plane_matrix
+from app.viewer.image_cuts import PIXEL_MM, SIDE, Reslice, ReslicePlane, edges, plane_matrix
 
 pytestmark = pytest.mark.slow
 

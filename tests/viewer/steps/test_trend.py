@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.viewer.steps.trend import Trend, TrendMeter
+from app.viewer.view_state import Trend, TrendMeter
 
 MS = 1_000_000
 

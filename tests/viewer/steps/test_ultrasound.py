@@ -10,9 +10,8 @@ from app.cli.replay_page import replay_parts
 from app.cli.signals import SignalState
 from app.geometry import Transform
 from app.runtime import Needle
-from app.runtime.needle import thin_needle
-from app.viewer.readout.ultrasound import eight_bits, ultrasound_values
-from app.viewer.steps.ultrasound import Ultrasound
+from app.runtime.display_content import thin_needle
+from app.viewer.image_part import Ultrasound, eight_bits, ultrasound_values
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import (
     COLUMNS,

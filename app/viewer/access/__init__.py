@@ -1,1 +1,0 @@
-"""Who may open the page: addresses, tokens, roles, and limits on connections."""

@@ -1,0 +1,280 @@
+"""Values of the page beside the picture."""
+
+from typing import Any
+
+from app.case import CauteryState
+from app.fixture import FixtureDecision, MarginState, Reason
+from app.geometry import ANATOMICAL_WORDS, NS_PER_MS, Freshness
+from app.hold import SeenHold
+from app.runtime import OperatorRequest, RecordingStatus, SessionContent, TrackedTool, stylus_text
+from app.scene.shown_margin import TransformHealth
+from app.session import (
+    SHOWN_STATES,
+    SINGLE_SOURCE,
+    BreachList,
+    ShownState,
+    StepResult,
+    advice_text,
+    shown_state,
+)
+from app.viewer.view_state import ViewState
+from app.workflow import TipDirections
+
+
+def reason_text(state: MarginState, reasons: tuple[Reason, ...]) -> str:
+    """Text of the worst reason for ``state``; of all faults while it is UNKNOWN.
+
+    `Reason.LATCHED` is left out: the page shows the hold separately.
+    """
+    listed = [reason for reason in reasons if reason is not Reason.LATCHED]
+    listed = [r for r in listed if r.is_fault] if state is MarginState.UNKNOWN else listed[:1]
+    return "; ".join(reason.text for reason in listed)
+
+
+def distance_text(signed_distance_mm: float | None) -> str:
+    """The distance in mm with one decimal and a minus sign; a dash for None."""
+    if signed_distance_mm is None:
+        return "\N{EN DASH}"
+    return f"{signed_distance_mm:.1f}".replace("-", "\N{MINUS SIGN}")
+
+
+_SILENT = "Look at the terminal in which this page was started, and start it again"
+"""Advice for a session that has ended or sends nothing."""
+
+
+def readout(shown: ViewState | None) -> dict[str, Any]:
+    """Return label, reasons, distance, trend, breaches, margins, lamps, playback and hold.
+
+    Of a hold also its causes; the last request to change a live session, with its outcome.
+    """
+    if shown is None:
+        unknown = SHOWN_STATES[MarginState.UNKNOWN.name]
+        return _values(MarginState.UNKNOWN, unknown, "nothing has been measured yet")
+    decision = shown.step.decision
+    return _values(
+        decision.state,
+        shown_state(decision),
+        shown.silent or _reasons(shown.step),
+        todo=_SILENT if shown.silent else _todo(decision),
+        distance=distance_text(shown.distance_mm),
+        trend=str(shown.trend),
+        hold=Reason.LATCHED in decision.reasons,
+        rearm=_rearm(shown.seen, decision.state),
+        breaches=shown.breaches,
+        history=_history(decision.state, shown.breach_list),
+        margins=(shown.content.margins.stop_mm, shown.content.margins.warn_mm),
+        **_margins(decision, shown.content),
+        registration=_registration(shown.content),
+        lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
+        playback=shown.step.playback,
+        single=SINGLE_SOURCE if shown.step.single_source else "",
+        causes=list(shown.step.hold_causes) if decision.hold else [],
+        request=_request(shown.request),
+        cautery=_cautery(shown),
+    )
+
+
+def _reasons(step: StepResult) -> str:
+    """The reasons of ``step``; while the state is UNKNOWN with the frames that cause it."""
+    decision = step.decision
+    text = reason_text(decision.state, decision.reasons)
+    is_unknown = decision.state is MarginState.UNKNOWN
+    return f"{text} ({step.frames_problem})" if is_unknown and step.frames_problem else text
+
+
+def _todo(decision: FixtureDecision) -> str:
+    """Advice for a state that is UNKNOWN; empty while it is known."""
+    return advice_text(decision.reasons) if decision.state is MarginState.UNKNOWN else ""
+
+
+def _values(
+    state: MarginState,
+    display: ShownState,
+    reason: str,
+    *,
+    todo: str = "",
+    distance: str = distance_text(None),
+    trend: str = "",
+    hold: bool = False,
+    rearm: dict[str, int | str] | None = None,
+    breaches: int = 0,
+    history: str = "",
+    margins: tuple[float, float] | None = None,
+    stop: str = "",
+    warn: str = "",
+    tre: str = "",
+    registration: dict[str, str | bool] | None = None,
+    lamps: list[dict[str, str]] | None = None,
+    playback: str = "",
+    single: str = "",
+    causes: list[str] | None = None,
+    request: dict[str, str | bool] | None = None,
+    cautery: dict[str, str] | None = None,
+) -> dict[str, Any]:
+    return {
+        "state": state.name,
+        "shown": display.key,
+        "symbol": display.symbol,
+        "label": display.label,
+        "why": reason,
+        "todo": todo,
+        "distance": distance,
+        "trend": trend,
+        "hold": hold,
+        "rearm": rearm,
+        "breaches": breaches,
+        "history": history,
+        "margins": None if margins is None else list(margins),
+        "stop": stop,
+        "warn": warn,
+        "tre": tre,
+        "registration": registration or {"verdict": "", "ok": False, "numbers": ""},
+        "lamps": lamps or [],
+        "playback": playback,
+        "single": single,
+        "causes": causes or [],
+        "request": request,
+        "cautery": cautery,
+    }
+
+
+def _history(state: MarginState, breaches: BreachList) -> str:
+    """The breaches so far, which stay after the tool has left the tumour; empty without one."""
+    if not breaches.count:
+        return ""
+    now = "clear now, " if state is MarginState.NEGATIVE else ""
+    return f"{now}{breaches.text}"
+
+
+def _rearm(seen: SeenHold | None, state: MarginState) -> dict[str, int | str] | None:
+    """Arguments of the command that ends the displayed hold; None if it would be refused."""
+    if seen is None or seen.nonce == 0 or state is MarginState.UNKNOWN:
+        return None
+    return {"seq": seen.seq, "nonce": str(seen.nonce)}  # JavaScript's numbers have 53 bits
+
+
+def _request(request: OperatorRequest | None) -> dict[str, str | bool] | None:
+    return None if request is None else {"line": request.line, "accepted": request.accepted}
+
+
+def _cautery(shown: ViewState) -> dict[str, str] | None:
+    """The state of the cautery; unknown while the session is silent, None where it is not told."""
+    told = shown.step.frame.cautery
+    if told is None:
+        return None
+    state = CauteryState.UNKNOWN if shown.silent else told
+    return {"state": state.value, "symbol": state.symbol, "label": state.label}
+
+
+def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:
+    """The applied margins; empty while there is no distance."""
+    margin = decision.margin
+    if margin is None or decision.state is MarginState.UNKNOWN:
+        return {}
+    return {
+        "stop": f"{margin.total_mm:.1f}",
+        "warn": f"{margin.warn_total_mm:.1f}",
+        "tre": _tre(margin.tre_mm, content),
+    }
+
+
+def _tre(tre_mm: float, content: SessionContent) -> str:
+    """The terms of the margins from registration, tumour and tip; only known uncertainties."""
+    sigmas = {"tumour": content.tumor_sigma_mm, "calibration": content.tip_sigma_mm}
+    stated = [
+        f"{name} \N{GREEK SMALL LETTER SIGMA} {sigma:.2f} mm"
+        for name, sigma in sigmas.items()
+        if sigma > 0.0
+    ]
+    if stated:
+        sigma_at_tip = f"k\N{MIDDLE DOT}\N{GREEK SMALL LETTER SIGMA} at the tip {tre_mm:.2f} mm"
+        return f"{sigma_at_tip} ({', '.join(stated)})"
+    if content.registration is None:
+        return ""
+    if content.registration.covariance is None:
+        return "adds nothing to the margins"
+    return f"k\N{MIDDLE DOT}TRE at the tip {tre_mm:.2f} mm"
+
+
+def _registration(content: SessionContent) -> dict[str, str | bool]:
+    """The verdict on the registration, and its numbers."""
+    result = content.registration
+    if content.robot is None:
+        return {"ok": True, "verdict": "no robot", "numbers": ""}
+    if result is None:
+        return {"ok": False, "verdict": "missing", "numbers": ""}
+    numbers = [f"{len(result.used)} points"] if len(result.used) else []
+    numbers += [] if result.fre_mm is None else [f"FRE {result.fre_mm:.2f} mm"]
+    numbers += ["uncertainty not known"] if result.covariance is None else []
+    verdict = "accepted" if result.accepted else "refused"
+    return {"ok": result.accepted, "verdict": verdict, "numbers": ", ".join(numbers)}
+
+
+def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:
+    # Without new data the ages do not advance: no lamp may stay "valid".
+    stopped = silent and lamp.freshness is Freshness.VALID
+    light = Freshness.STALE if stopped else lamp.freshness
+    age = "" if silent else _age(lamp.age_ns)
+    return {"name": lamp.name, "light": light.value, "age": age}
+
+
+def _age(age_ns: int | None) -> str:
+    if age_ns is None:
+        return "never"
+    milliseconds = age_ns / NS_PER_MS
+    return f"{milliseconds:.0f} ms" if milliseconds < 1000.0 else f"{milliseconds / 1000.0:.1f} s"
+
+
+def recording_values(status: RecordingStatus | None) -> dict[str, object] | None:
+    """Values of the last recording; None before the first."""
+    if status is None:
+        return None
+    minutes, seconds = divmod(int(status.duration_s), 60)
+    return {
+        "active": status.active,
+        "time": f"{minutes}:{seconds:02d}",
+        "messages": f"{status.messages} messages",
+        "lost": status.lost_text,
+        "is_lossy": bool(status.lost),
+        "folder": str(status.folder),
+        "waiting": ", ".join(status.waiting),
+        "problem": status.problem,
+    }
+
+
+def needle_values(shown: ViewState | None) -> dict[str, str] | None:
+    """Length of the needle as text in mm; None without a needle."""
+    needle = None if shown is None else shown.content.needle
+    return None if needle is None else {"length": f"{needle.length_mm:g}"}
+
+
+def stylus_values(shown: ViewState | None) -> dict[str, Any] | None:
+    """Its tip as text, and the tools that a page lets its user choose from; None without one."""
+    text = None if shown is None else stylus_text(shown.content)
+    return None if not text else {"text": text, "tools": [each.value for each in TrackedTool]}
+
+
+_PAIRS = ("R", "L", "A", "P", "S", "I")
+
+
+class Directions:
+    """Distances of the tip to the stop margin in the six anatomical directions."""
+
+    def __init__(self) -> None:
+        self._directions = TipDirections()
+
+    def values(self, shown: ViewState | None) -> list[dict[str, str]]:
+        """One entry for each direction; empty while the state is UNKNOWN or there is no surface."""
+        if shown is None:
+            return []
+        found = self._directions.at(shown.step, shown.content, shown.margin_surface)
+        return [
+            {
+                "letter": letter,
+                "word": ANATOMICAL_WORDS[letter],
+                "mm": distance_text(found[letter]),
+                "inside": "inside" if (found[letter] or 0.0) < 0.0 else "",
+            }
+            for letter in _PAIRS
+            if found
+        ]

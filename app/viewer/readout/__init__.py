@@ -1,1 +1,0 @@
-"""Values of the page beside the picture: state, reasons, numbers, the distance over time."""

@@ -1,1 +1,0 @@
-"""The steps to be shown: of a live session, or of a recording."""

@@ -1,0 +1,78 @@
+"""Widgets that the panel's parts share."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import qt
+
+from app.runtime import TrackedTool
+from app.workflow import Coverage
+
+_SIZE = 150
+_RANGE_DEG = 50.0
+_COVERED, _OPEN, _LINE, _POSE = "#4c9f70", "#d8dee3", "#5b6a75", "#10202c"
+_FULL_TURN = 16 * 360
+"""Qt counts angles in sixteenths of a degree, counterclockwise from +x."""
+
+OnClick = Callable[[Any, Callable[[Any], object]], None]
+"""``on_click(button, command)``: ``command(panel_logic)`` is called at each click."""
+
+
+def fill_table(table: Any, rows: Sequence[Sequence[str]]) -> None:
+    """Show ``rows``; cells that have not changed are kept, and so is the selection."""
+    has_changed = False
+    table.setRowCount(len(rows))
+    for row, texts in enumerate(rows):
+        for column, text in enumerate(texts):
+            item = table.item(row, column)
+            if item is None:
+                table.setItem(row, column, qt.QTableWidgetItem(text))
+                has_changed = True
+            elif item.text() != text:
+                item.setText(text)
+                has_changed = True
+    if has_changed:
+        table.resizeColumnsToContents()
+
+
+class ToolChoice:
+    """Fills ``combo_box`` with the tools. Without a stylus the choice is the tool of the guard."""
+
+    def __init__(self, combo_box: Any) -> None:
+        self._combo_box = combo_box
+        combo_box.addItems([each.value for each in TrackedTool])
+
+    @property
+    def tool(self) -> TrackedTool:
+        """The chosen tool."""
+        return TrackedTool(self._combo_box.property("currentText"))
+
+    def show(self, stylus: str) -> None:
+        """Let the user choose in a session with a stylus; ``stylus`` is empty without one."""
+        self._combo_box.setEnabled(bool(stylus))
+        if not stylus:
+            self._combo_box.setCurrentIndex(0)
+
+
+def coverage_picture(coverage: Coverage) -> Any:
+    """A `QPixmap`: covered sectors are dark green, circles at 15 and 30 degrees, poses are dots."""
+    pixmap = qt.QPixmap(_SIZE, _SIZE)
+    pixmap.fill(qt.QColor("#ffffff"))
+    painter = qt.QPainter(pixmap)
+    painter.setPen(qt.QPen(qt.QColor(_LINE)))
+    count = len(coverage.sectors)
+    for number, is_covered in enumerate(coverage.sectors):
+        painter.setBrush(qt.QBrush(qt.QColor(_COVERED if is_covered else _OPEN)))
+        begin = number * _FULL_TURN // count
+        painter.drawPie(1, 1, _SIZE - 2, _SIZE - 2, begin, _FULL_TURN // count)
+    for radius_deg in (15.0, 30.0):
+        radius = round(radius_deg / _RANGE_DEG * _SIZE / 2)
+        for turn in range(0, _FULL_TURN, _FULL_TURN // 4):
+            corner = _SIZE // 2 - radius
+            painter.drawArc(corner, corner, 2 * radius, 2 * radius, turn, _FULL_TURN // 4)
+    painter.setBrush(qt.QBrush(qt.QColor(_POSE)))
+    for x_deg, y_deg in coverage.points_deg.clip(-_RANGE_DEG, _RANGE_DEG).tolist():
+        x, y = (round((1.0 + s / _RANGE_DEG) * _SIZE / 2) for s in (x_deg, -y_deg))
+        painter.drawEllipse(x - 1, y - 1, 2, 2)
+    painter.end()
+    return pixmap
