@@ -6,7 +6,7 @@ import importlib
 import re
 import shlex
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -15,6 +15,7 @@ import marginguard
 from app.case import open_case
 from app.cli.commands.bench import BENCHMARKS
 from app.cli.main import build_parser
+from app.cli.parsing import CommandParser
 from app.fixture import MarginState
 from app.session import Session, setup_from_case
 
@@ -193,7 +194,7 @@ def _problem_of(arguments: list[str], root: Path) -> str:
     if arguments[0] == "bench" and len(arguments) > 1 and arguments[1] in BENCHMARKS:
         known = _benchmark_options(arguments[1], root)
     else:
-        while arguments and (chosen := _subparser(parser, arguments[0])) is not None:
+        while arguments and (chosen := _subparsers(parser).get(arguments[0])) is not None:
             parser, arguments = chosen, arguments[1:]
         if parser.prog == "marginguard" and not arguments[0].startswith("--"):
             return f"no command {arguments[0]}"
@@ -202,19 +203,17 @@ def _problem_of(arguments: list[str], root: Path) -> str:
     return f"no options {unknown}" if unknown else ""
 
 
-def _subparser(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser | None:
-    for action in parser._actions:
+def _subparsers(parser: CommandParser) -> Mapping[str, CommandParser]:
+    for action in (*parser._actions, parser.subcommands):
         if isinstance(action, argparse._SubParsersAction):
-            return action.choices.get(name)
-    return None
+            return action.choices
+    return {}
 
 
-def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+def _parsers(parser: CommandParser) -> Iterator[CommandParser]:
     yield parser
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for chosen in action.choices.values():
-                yield from _parsers(chosen)
+    for chosen in _subparsers(parser).values():
+        yield from _parsers(chosen)
 
 
 def _options(parser: argparse.ArgumentParser) -> set[str]:

@@ -370,5 +370,5 @@ def _check_recorded_only(document: Section, manifest: CaseManifest) -> None:
     if manifest.registration is not None and manifest.registration.dwells:
         raise InputError(
             f"{document.place('registration')}.dwells needs a recording: register one with "
-            "'marginguard register' and give the result as method: given"
+            "'marginguard calibrate robot-base' and give the result as method: given"
         )

@@ -1,20 +1,63 @@
-"""Lines of ``marginguard live``: text, coloured on a terminal, or one JSON object per line."""
+"""Lines of ``marginguard live``: which steps are printed, as text or JSON, and a queue before the
+reader.
+"""
 
 import json
 import math
 import os
+import queue
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
-from app.cli.line_queue import LineQueue
+from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_S
+from app.session import StepResult
 
 if TYPE_CHECKING:
-    from app.fixture import MarginState
     from app.runtime import SessionContent
-    from app.session import StepResult
+
+
+MAX_LINES = 1000
+"""Lines that may wait for the reader; later ones are dropped and counted."""
+
+_CLOSE_S = 1.0
+
+MIN_DURATION_NS = 2 * NS_PER_S
+"""Better reasons are printed after this duration, by the stamps of the frames."""
+
+_RANK = {reason: rank for rank, reason in enumerate(Reason)}
+
+
+def state_changes(steps: Iterable[StepResult]) -> Iterator[StepResult]:
+    """Yield steps with another state or hold, or worse reasons, at once; better reasons late.
+
+    Close to a threshold the reasons change at every other frame while state and hold stay. The
+    last printed line is therefore correct, or too severe for at most `MIN_DURATION_NS`.
+    """
+    printed: FixtureDecision | None = None
+    better_since_ns: int | None = None
+    for step in steps:
+        decision, now_ns = step.decision, step.frame.stamp.ns
+        if printed is not None and (decision.state, decision.hold) == (printed.state, printed.hold):
+            severity, severity_printed = _severity(decision), _severity(printed)
+            if severity == severity_printed:
+                better_since_ns = None
+                continue
+            if severity < severity_printed:
+                if better_since_ns is None or now_ns < better_since_ns:  # the clock jumped back
+                    better_since_ns = now_ns
+                if now_ns - better_since_ns < MIN_DURATION_NS:
+                    continue
+        printed, better_since_ns = decision, None
+        yield step
+
+
+def _severity(decision: FixtureDecision) -> tuple[int, ...]:
+    """Larger for worse reasons: compares the worst reason first, then the number of reasons."""
+    return tuple(-_RANK[reason] for reason in decision.reasons)
 
 
 def local_time(stamp_ns: int, *, stamps_of_host: bool, now_ns: int) -> str:
@@ -38,7 +81,7 @@ def uses_color(stream: TextIO, environment: Mapping[str, str]) -> bool:
     return environment.get("TERM") != "dumb" and stream.isatty()
 
 
-def as_line(step: "StepResult", time_text: str = "", *, color: bool = False) -> str:
+def as_line(step: StepResult, time_text: str = "", *, color: bool = False) -> str:
     """One line with time, state, distance and reasons of a step, marked if a recording is played.
 
     With ``color`` the state has its symbol, its label and its colour.
@@ -55,7 +98,7 @@ def as_line(step: "StepResult", time_text: str = "", *, color: bool = False) -> 
 
 
 def as_json_line(
-    step: "StepResult", time_text: str, content: "SessionContent", *, dropped_lines: int = 0
+    step: StepResult, time_text: str, content: "SessionContent", *, dropped_lines: int = 0
 ) -> str:
     """One JSON object with the keys that ``docs/command_line.md`` lists; unknown values are null.
 
@@ -105,7 +148,7 @@ class LinePrinter:
         self._stamps_of_host = stamps_of_host
         self._color = not as_json and uses_color(stream, os.environ)
 
-    def print(self, step: "StepResult", content: "SessionContent") -> None:
+    def print(self, step: StepResult, content: "SessionContent") -> None:
         """Print one line; raises the `OSError` of an earlier one."""
         stamp_ns = step.frame.stamp.ns
         text = local_time(stamp_ns, stamps_of_host=self._stamps_of_host, now_ns=time.time_ns())
@@ -125,7 +168,7 @@ class LinePrinter:
         self._lines.close()
 
 
-def _colored(state: "MarginState") -> str:
+def _colored(state: MarginState) -> str:
     display = state.display
     foreground = ";".join(str(round(255 * part)) for part in display.text_color)
     background = ";".join(str(round(255 * part)) for part in display.color)
@@ -135,3 +178,67 @@ def _colored(state: "MarginState") -> str:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+class LineQueue:
+    """Writes lines to ``stream`` in their order.
+
+    `put` returns at once. When `MAX_LINES` lines wait for a reader, it drops the new one and counts
+    it in ``dropped``. An error of the stream, such as `BrokenPipeError`, is raised by the next
+    `put` and by `close`.
+    """
+
+    def __init__(self, stream: TextIO, max_lines: int = MAX_LINES) -> None:
+        self.dropped = 0
+        self._stream = stream
+        self._lines: queue.Queue[str | None] = queue.Queue(max_lines)
+        self._error: OSError | None = None
+        self._thread = threading.Thread(target=self._work, name="lines", daemon=True)
+        self._thread.start()
+
+    def put(self, line: str) -> bool:
+        """Write ``line`` soon; False if it was dropped."""
+        self._raise_error()
+        try:
+            self._lines.put_nowait(line)
+        except queue.Full:
+            self.dropped += 1
+            return False
+        return True
+
+    def close(self) -> None:
+        """Wait until the reader has taken all lines, 1 s at most; the rest is lost."""
+        try:
+            self._lines.put(None, timeout=_CLOSE_S)
+        except queue.Full:
+            return
+        self._thread.join(_CLOSE_S)
+        self._raise_error()
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _work(self) -> None:
+        try:
+            while (line := self._lines.get()) is not None:
+                self._write(f"{line}\n")
+        except OSError as error:
+            self._error = error
+
+    def _write(self, text: str) -> None:
+        """Write all of ``text`` past the buffer of the stream.
+
+        A thread that waits for a reader would keep the buffer's lock, for which the interpreter
+        waits at its end.
+        """
+        try:
+            descriptor = self._stream.fileno()
+        except (OSError, ValueError):  # a stream in memory
+            self._stream.write(text)
+            return
+        encoding = self._stream.encoding or "utf-8"
+        left = memoryview(text.encode(encoding, self._stream.errors or "strict"))
+        while left:
+            left = left[os.write(descriptor, left) :]

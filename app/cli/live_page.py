@@ -11,7 +11,7 @@ from itertools import chain
 from secrets import token_hex
 from typing import TYPE_CHECKING
 
-from app.cli.prompt_process import prompt_process
+from app.cli.gc_control import prompt_process
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState
 

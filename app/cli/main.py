@@ -16,28 +16,17 @@ from app.cli.commands import (
     analyse,
     bench,
     calibrate,
-    clean,
     cohort,
-    completion,
     control,
     convert,
     doctor,
-    export_dicom,
-    igtl,
-    images,
     info,
     init,
-    library,
     live,
     make_case,
-    make_cohort,
-    operation,
     rearm,
     record,
-    recover,
-    register,
     replay,
-    schema,
     serve,
     simulate,
     slicer,
@@ -45,43 +34,46 @@ from app.cli.commands import (
     tumor,
     view,
 )
-from app.cli.errors import BAD_INPUT, print_error, wants_json
-from app.cli.parsing import CommandParser, UsageError
+from app.cli.parsing import BAD_INPUT, CommandParser, UsageError, add_debug, print_error, wants_json
 from app.cli.signals import Terminated, raise_signals
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
     "analyse": analyse,
-    "export-dicom": export_dicom,
     "serve": serve,
     "view": view,
-    "library": library,
     "live": live,
     "rearm": rearm,
     "tracker": tracker,
-    "operation": operation,
     "record": record,
-    "register": register,
     "calibrate": calibrate,
     "init": init,
     "info": info,
-    "images": images,
     "convert": convert,
-    "recover": recover,
     "tumor": tumor,
     "make-case": make_case,
-    "make-cohort": make_cohort,
     "cohort": cohort,
-    "schema": schema,
-    "igtl": igtl,
     "simulate": simulate,
     "control": control,
     "slicer": slicer,
     "bench": bench,
     "doctor": doctor,
-    "clean": clean,
-    "completion": completion,
 }
+MOVED = {
+    "register": "calibrate robot-base CASE",
+    "recover": "convert recover RECORDING FILE",
+    "export-dicom": "convert dicom CASE --out DIR",
+    "library": "view FOLDER",
+    "make-cohort": "make-case cohort -n N --out DIR",
+    "operation": "simulate operation DIR",
+    "igtl": "tracker igtl --host HOST --port PORT",
+    "schema": "doctor schema DOCUMENT",
+    "completion": "doctor completion SHELL",
+    "clean": "doctor clean",
+    "images": "info images SEQUENCE",
+}
+"""Commands of earlier versions, with what replaces each."""
+
 INTERRUPTED, TERMINATED = 130, 143
 NO_READER = 141
 
@@ -95,7 +87,7 @@ def build_parser() -> CommandParser:
         prog="marginguard",
         description="Margin guard for image-guided robotic intervention. "
         "A research tool, not a medical device.",
-        epilog="'marginguard COMMAND --help' lists the options of a command.",
+        epilog="'marginguard COMMAND --help' lists the options of a command, and its sub-commands.",
     )
     parser.add_argument(
         "--json",
@@ -108,10 +100,10 @@ def build_parser() -> CommandParser:
     for name, module in COMMANDS.items():
         subparser = subparsers.add_parser(name, help=module.SUMMARY, description=module.__doc__)
         module.add_arguments(subparser)
-        subparser.add_argument(
-            "--debug", action="store_true", help="show the traceback of an error"
-        )
-    parser.set_defaults(parser=parser)  # 'completion' describes it
+        add_debug(subparser)
+        subparser.set_defaults(run=module.run)
+    parser.moved = MOVED
+    parser.set_defaults(parser=parser, debug=False)  # 'doctor completion' describes it
     return parser
 
 
@@ -136,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     as_json = options.json = getattr(options, "json", False) or options.all_json
     try:
         with raise_signals():
-            status: int = COMMANDS[options.command].run(options)
+            status: int = options.run(options)
         if sys.stdout is not None:  # None if the caller has closed it
             sys.stdout.flush()
     except KeyboardInterrupt as end:

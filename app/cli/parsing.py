@@ -1,11 +1,40 @@
-"""Argument parser that reports a usage error in one line, with a suggestion for a misspelt word."""
+"""Argument parser that reports a usage error in one line, and errors on standard error."""
 
 import argparse
-from collections.abc import Iterable, Sequence
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from app.cli.errors import BAD_INPUT
 from app.files.keys import did_you_mean
+
+BAD_INPUT = 2
+
+
+def wants_json(arguments: Sequence[str]) -> bool:
+    """True if ``--json`` is given; behind the command ``bench`` it is an option of the benchmark.
+
+    For usage errors only: the parsed options also know abbreviations.
+    """
+    before_end = list(arguments)
+    if "--" in before_end:
+        before_end = before_end[: before_end.index("--")]
+    command = next((word for word in before_end if not word.startswith("-")), None)
+    if command == "bench":
+        before_end = before_end[: before_end.index(command)]
+    return "--json" in before_end
+
+
+def print_error(message: str, kind: str, *, as_json: bool) -> None:
+    """Print an error that ends the command with exit status 2.
+
+    ``kind`` is ``usage`` (of the command line), ``input`` (a file, a value, the machine) or
+    ``unexpected`` (an error of the program).
+    """
+    if as_json:
+        error = {"message": message, "kind": kind, "exit_status": BAD_INPUT}
+        message = json.dumps({"error": error}, allow_nan=False)
+    print(message, file=sys.stderr)
 
 
 class UsageError(SystemExit):
@@ -16,16 +45,51 @@ class UsageError(SystemExit):
         self.message = message
 
 
+def add_debug(parser: argparse.ArgumentParser) -> None:
+    """Add the option that every command has; where it is not given, it keeps its value."""
+    parser.add_argument(
+        "--debug",
+        action="store_true",
+        default=argparse.SUPPRESS,
+        help="show the traceback of an error",
+    )
+
+
 class CommandParser(argparse.ArgumentParser):
     """`argparse.ArgumentParser` that raises `UsageError` and suggests similar words."""
 
+    moved: Mapping[str, str] = {}
+    """Commands of earlier versions, with what replaces each."""
+    subcommands: "argparse._SubParsersAction[CommandParser] | None" = None
     _received: Sequence[str] = ()
+
+    def add_subcommand(
+        self, name: str, run: Callable[[argparse.Namespace], int], summary: str
+    ) -> "CommandParser":
+        """Add a sub-command, which stands first, in place of the arguments of this parser.
+
+        Its description is the docstring of ``run``.
+        """
+        if self.subcommands is None:
+            self.subcommands = self.add_subparsers(
+                title="sub-commands",
+                description=f"in place of the arguments above; see '{self.prog} SUBCOMMAND --help'",
+                metavar="SUBCOMMAND",
+                prog=self.prog,
+            )
+            self._remove_action(self.subcommands)  # else a positional argument of every call
+        parser = self.subcommands.add_parser(name, help=summary, description=run.__doc__)
+        add_debug(parser)
+        parser.set_defaults(run=run)
+        return parser
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
         """Parse as argparse does; each parser refuses its own unknown arguments."""
         self._received = () if args is None else tuple(args)
+        if self.subcommands is not None and args and args[0] in self.subcommands.choices:
+            return self.subcommands.choices[args[0]].parse_known_args(args[1:], namespace)
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
@@ -37,6 +101,12 @@ class CommandParser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
+            if value in self.moved:
+                new = self.moved[value]
+                raise UsageError(
+                    f"{self.prog}: error: {value}: is part of {new.split()[0]}; "
+                    f"expected {self.prog} {new}"
+                )
             choices = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(
                 action,

@@ -94,7 +94,7 @@ class ReplayParts:
 
     def _pdf(self) -> bytes:
         from app.analysis import case_insertion
-        from app.cli.report_pdf import pdf_of
+        from app.cli.replay_report import pdf_of
         from app.report import summarise
         from app.report.methods import input_digests
 
@@ -124,8 +124,7 @@ def replay_parts(
     """Step through the case in ``folder``; None when a signal came before its last step."""
     with received.ends_at_once():
         from app.analysis import find_breaches
-        from app.cli.keyframes import PICTURES_PER_S
-        from app.cli.scene_log import SceneLog
+        from app.cli.scene_log import PICTURES_PER_S, SceneLog
         from app.report import ReplayLog
         from app.runtime import ReplayRun, prepare_case
         from app.viewer import (

@@ -1,24 +1,50 @@
-"""Writes the reports of a replay, with the processes that make their parts."""
+"""Reports of a replay: files, with the processes that make their parts, and a text."""
 
 import argparse
+import sys
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from app.cli.complete_report import MODULES, CompleteReport
-from app.cli.report_pdf import pdf_of
-from app.cli.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
+    from app.analysis import Insertion
     from app.cli.bag_writing import BagProcess
     from app.report import ReplayLog, ReplayRecord
     from app.runtime import ReplayRun
 
+
 _PLOT_MODULES = ("app.report.margin_plot",)
 _PDF_MODULES = (*_PLOT_MODULES, "app.report.pdf")
+
+
+class Stopwatch:
+    """Consecutive laps, starting at construction."""
+
+    def __init__(self) -> None:
+        self._laps: dict[str, float] = {}
+        self._last_s = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """Add the time since the last lap to ``name``."""
+        now_s = time.perf_counter()
+        self._laps[name] = self._laps.get(name, 0.0) + now_s - self._last_s
+        self._last_s = now_s
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add a time that was measured elsewhere."""
+        self._laps[name] = self._laps.get(name, 0.0) + seconds
+
+    def print_laps(self) -> None:
+        """Print seconds and name of each lap to standard error."""
+        for name, seconds in self._laps.items():
+            print(f"{seconds:9.3f} s  {name}", file=sys.stderr)
 
 
 class ReplayReport:
@@ -143,3 +169,70 @@ class _Once:
             if not self._made:
                 self._made.append(self._make())
             return self._made[0]
+
+
+def pdf_of(
+    record: "ReplayRecord",
+    summary: dict[str, Any],
+    scene: bytes | None,
+    digests: Mapping[str, str],
+    insertion: "Insertion | None",
+) -> bytes:
+    """The report as PDF.
+
+    ``scene`` is a PNG, ``digests`` are those of the case's files by `input_digests`. ``insertion``
+    as of `case_insertion`, None for a replay without frames.
+    """
+    from app import __version__
+    from app.report.pdf import report_pdf
+
+    return report_pdf(
+        record, summary, scene, version=__version__, inputs_sha256=digests, insertion=insertion
+    )
+
+
+def summary_text(summary: dict[str, Any], report: Path | None) -> str:
+    """Format ``summary`` (as in ``summary.json``) in a few lines."""
+    from app.session import SINGLE_SOURCE
+
+    lines = [
+        summary["case"],
+        f"  frames        {summary['frames']} ({summary['valid_frames']} valid) "
+        f"in {summary['duration_s']:.3f} s",
+        "  states        "
+        + ", ".join(
+            f"{name} {seconds:.2f} s" for name, seconds in summary["state_seconds"].items()
+        ),
+    ]
+    nearest = summary["min_signed_distance_mm"]
+    lines.append(f"  nearest       {'not known' if nearest is None else f'{nearest:.3f} mm'}")
+    for number, breach in enumerate(summary["breaches"], start=1):
+        lines.append(
+            f"  breach {number:<6} {breach['start_s']:.3f} to {breach['end_s']:.3f} s, "
+            f"deepest {breach['min_signed_distance_mm']:.3f} mm{_on_path(breach)}"
+        )
+    if not summary["breaches"]:
+        lines.append("  breaches      none")
+    if summary["single_source"]:
+        lines.append(f"  checked by    {SINGLE_SOURCE}")
+    if summary["registration"] is not None:
+        lines.append(f"  registration  {summary['registration']['reason']}")
+    lines += [
+        f"  {check['result']:<13} {check['check']}: {check['detail']}"
+        for check in summary["expected"] or ()
+    ]
+    lines += [f"  note          {note}" for note in summary["notes"]]
+    if report is not None:
+        lines.append(f"  report        {report / 'report.html'}")
+    return "\n".join(lines)
+
+
+def _on_path(breach: dict[str, Any]) -> str:
+    """Where the tool is deepest between frames; empty if it is not known."""
+    if breach["deepest_s"] is None:
+        return ""
+    seen = "; seen in no frame" if breach["between_frames"] else ""
+    return (
+        f"; on the path {breach['path_min_signed_distance_mm']:.3f} mm at "
+        f"{breach['deepest_s']:.3f} s, not below {breach['path_lower_bound_mm']:.3f} mm{seen}"
+    )

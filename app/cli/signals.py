@@ -1,4 +1,4 @@
-"""Handling of SIGINT and SIGTERM by commands.
+"""SIGINT and SIGTERM of a command, and standard input that does not hinder its end.
 
 A command that writes files lets them raise, so that half-written files are removed
 (`raise_signals`).
@@ -12,9 +12,11 @@ An exception during an import may be lost: trimesh takes any exception for a mis
 command that runs until a signal therefore imports its libraries while signals are recorded.
 """
 
+import io
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -135,3 +137,12 @@ def _raise(number: int, frame: FrameType | None) -> None:
 
 def _only_recorded(number: int, frame: FrameType | None) -> None:
     """Do nothing: the interpreter has written the number to the watching thread already."""
+
+
+def standard_input() -> io.BufferedReader:
+    """A reader of the bytes of standard input; nothing else may read it.
+
+    Python aborts at its end when a thread waits in the reader of ``sys.stdin``, whose lock it
+    needs to close it. This reader stays open.
+    """
+    return io.BufferedReader(io.FileIO(sys.stdin.fileno(), closefd=False))

@@ -1,10 +1,15 @@
-"""Hands that a person moves, for ``marginguard simulate --hand``."""
+"""Hands that a person moves, for ``marginguard simulate --hand``, and the keys of the terminal."""
 
+import contextlib
+import os
+import select
+import sys
+import termios
+import threading
 import time
-from contextlib import nullcontext
+import tty
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
-
-from app.cli.key_reader import check_terminal, pressed_keys
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -13,7 +18,48 @@ if TYPE_CHECKING:
     from app.bridge.simulation import Hand
     from app.simulation import WorldDescription
 
+
 KINDS = ("keyboard", "joy", "device")
+
+_POLL_S = 0.1
+
+
+def check_terminal() -> None:
+    """Raise `InputError` where the standard input is no terminal."""
+    if not sys.stdin.isatty():
+        from app.geometry import InputError
+
+        raise InputError("--hand keyboard: the standard input is no terminal; expected one")
+
+
+@contextlib.contextmanager
+def pressed_keys(press: Callable[[str], None]) -> Iterator[None]:
+    """Call ``press`` for each key until the context ends, which restores the terminal.
+
+    Ctrl-C stays a signal. Raises `InputError` where the standard input is no terminal.
+    """
+    check_terminal()
+    number = sys.stdin.fileno()
+    before = termios.tcgetattr(number)
+    stop = threading.Event()
+
+    def read() -> None:
+        while not stop.is_set():
+            if select.select([number], [], [], _POLL_S)[0]:
+                data = os.read(number, 1)
+                if not data:
+                    return
+                press(data.decode("ascii", "replace"))
+
+    reader = threading.Thread(target=read, name="keys", daemon=True)
+    tty.setcbreak(number)
+    try:
+        reader.start()
+        yield
+    finally:
+        stop.set()
+        reader.join()
+        termios.tcsetattr(number, termios.TCSADRAIN, before)
 
 
 def check_hand(kind: str, description: "WorldDescription") -> None:
@@ -52,4 +98,4 @@ def keys_to(hand: "Hand | None") -> "AbstractContextManager[None]":
     """Pass the keys of the terminal to a `KeyHand`, as long as the context lasts."""
     from app.simulation import KeyHand
 
-    return pressed_keys(hand.press) if isinstance(hand, KeyHand) else nullcontext()
+    return pressed_keys(hand.press) if isinstance(hand, KeyHand) else contextlib.nullcontext()

@@ -57,7 +57,7 @@ ADVICE: Mapping[Reason, str] = MappingProxyType(
     {
         Reason.MESH_MISSING: "give both a mesh in the configuration, then start again",
         Reason.MESH_NOT_CLOSED: "close the mesh: 'marginguard info' names the place",
-        Reason.REGISTRATION_MISSING: "register the robot: 'marginguard register'",
+        Reason.REGISTRATION_MISSING: "register the robot: 'marginguard calibrate robot-base'",
         Reason.REGISTRATION_REFUSED: (
             "register again, with landmarks that are further apart and dwells that are steady"
         ),

@@ -2,7 +2,7 @@
 
 The robot's tip and the tracked tip are the same point, so every place where the tool rests gives a
 pair: no landmark has to be known. A stylus touches the robot's tip with its own. Means, fit and
-checks are those of ``marginguard register``.
+checks are those of ``marginguard calibrate robot-base``.
 """
 
 from collections.abc import Sequence

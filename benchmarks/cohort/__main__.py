@@ -191,10 +191,10 @@ def _run_parts(folder: Path, options: Any, figures: dict[str, Any]) -> list[str]
     """Do the runs that are left; returns those for which the time does not suffice."""
     study, begin = folder / "study", time.monotonic()
     if not study.is_dir():
-        made = ["make-cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
+        made = ["make-case", "cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
         made += ["--tracker", "aurora", "--duration", options.duration]
         if subprocess.run(command_of(*made), stdout=subprocess.DEVNULL).returncode:
-            raise SystemExit("no cohort was made; expected options of marginguard make-cohort")
+            raise SystemExit("no cohort was made; expected options of marginguard make-case cohort")
     left = []
     for name, (workers, kills) in _parts(options).items():
         out = folder / name

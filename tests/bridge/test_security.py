@@ -82,10 +82,10 @@ def test_loaded_middleware_agrees_with_an_attempt_to_start_a_node(keystore):
         ["rearm", "--yes"],
         ["tracker", "package://marginguard/recorded_case"],
         ["record", "-o", "OUTPUT"],
-        ["igtl", "--host", "localhost"],
+        ["tracker", "igtl", "--host", "localhost"],
         ["serve", "--cases", "."],
     ],
-    ids=lambda command: command[0],
+    ids=lambda command: " ".join(command[:2]),
 )
 def test_every_ros_command_refuses_to_start(monkeypatch, capsys, tmp_path, command):
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")

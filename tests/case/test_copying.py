@@ -123,7 +123,7 @@ def test_cut_recording_is_recovered_and_not_changed(case, tmp_path, capsys):
     whole = content(source)[1]
     source.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
-    assert main(["recover", str(source), str(target)]) == 0
+    assert main(["convert", "recover", str(source), str(target)]) == 0
     printed = capsys.readouterr().out
     assert "note: tracking.mcap is cut or damaged at byte" in printed
     found = content(target)[1]
@@ -149,7 +149,7 @@ def test_cut_recording_is_recovered_and_not_changed(case, tmp_path, capsys):
 def test_recover_refuses_and_writes_nothing(case, source, target, problem, capsys):
     (case / "empty.mcap").touch()
     before = sorted(path.name for path in case.iterdir())
-    assert main(["recover", str(case / source), str(case / target)]) == 2
+    assert main(["convert", "recover", str(case / source), str(case / target)]) == 2
     assert problem in capsys.readouterr().err
     assert sorted(path.name for path in case.iterdir()) == before
 

@@ -17,7 +17,7 @@ from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOUR
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.margins import SESSION_LIMITS
 from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
-from app.cli.commands.schema import NAMES
+from app.cli.commands.doctor import SCHEMA_NAMES
 from app.cli.main import main
 from app.files.document_text import GENERAL_RULES
 from app.files.keys import Block, Key, ListOf
@@ -77,20 +77,20 @@ def _keywords(schema: Any) -> Iterator[str]:
 def test_committed_schema_is_the_generated_one(document):
     committed = ROOT / "docs/schemas" / f"{document}.schema.json"
     assert committed.read_text() == schema_text(document), (
-        f"run: marginguard schema {document} -o docs/schemas/{document}.schema.json"
+        f"run: marginguard doctor schema {document} -o docs/schemas/{document}.schema.json"
     )
 
 
 def test_command_prints_and_writes_the_schema(tmp_path, capsys):
-    assert (*DOCUMENTS, "world", "control", "cohort") == NAMES
-    assert main(["schema", "live"]) == 0
+    assert (*DOCUMENTS, "world", "control", "cohort") == SCHEMA_NAMES
+    assert main(["doctor", "schema", "live"]) == 0
     assert capsys.readouterr().out == schema_text("live")
-    assert main(["schema", "case", "-o", str(tmp_path / "case.schema.json")]) == 0
+    assert main(["doctor", "schema", "case", "-o", str(tmp_path / "case.schema.json")]) == 0
     assert (tmp_path / "case.schema.json").read_text() == schema_text("case")
     case = tmp_path / "case.yaml"
     case.write_text("schema: 1\n")
     with pytest.raises(SystemExit) as stop:
-        main(["schema", "case", "-o", str(case)])
+        main(["doctor", "schema", "case", "-o", str(case)])
     assert stop.value.code == 2
     expected = "case.yaml'; expected a file name that ends with .json\n"
     assert capsys.readouterr().err.endswith(expected)

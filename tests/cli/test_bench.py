@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.cli import benchmark
+from app.cli.commands import bench
 from tests.cli.command import refused
 from tests.cli.small_case import write_small_case
 
@@ -43,7 +43,7 @@ def started(monkeypatch, capsys):
     def run(name, *options):
         monkeypatch.setattr(sys, "argv", ["benchmark", f"benchmarks.{name}", *options])
         with pytest.raises(SystemExit) as end:
-            benchmark.main()
+            bench.main()
         return end.value.code, *capsys.readouterr()
 
     return run

@@ -1,4 +1,4 @@
-"""``marginguard clean`` removes the caches of this installation and nothing else."""
+"""``marginguard doctor clean`` removes the caches of this installation and nothing else."""
 
 import os
 import shutil
@@ -30,16 +30,16 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("option", [[], ["--dry-run"]])
 def test_nothing_is_removed_without_yes(folder, option):
-    (found,) = run_json("clean", *option)
+    (found,) = run_json("doctor", "clean", *option)
     sizes = {"files": 2, "bytes": 1010, "problem": ""}
     assert found == {"kind": "distance fields", "folder": str(folder), **sizes}
     assert len(list(folder.iterdir())) == 2
 
 
 def test_yes_removes_the_files_and_the_empty_folder(folder):
-    assert run("clean", "--yes").out.splitlines()[-1].endswith(" 2 files  removed")
+    assert run("doctor", "clean", "--yes").out.splitlines()[-1].endswith(" 2 files  removed")
     assert not folder.exists()
-    assert run("clean").out.split()[:3] == ["0.0", "MB", "0"]
+    assert run("doctor", "clean").out.split()[:3] == ["0.0", "MB", "0"]
 
 
 def test_other_files_folders_and_links_stay(folder, tmp_path):
@@ -49,7 +49,7 @@ def test_other_files_folders_and_links_stay(folder, tmp_path):
     (folder / "link.field").symlink_to(outside)
     (folder / "deep.field").mkdir()
     (folder / "deep.field" / FIELD).write_text("below a folder")
-    assert [found["files"] for found in run_json("clean", "--yes")] == [2]
+    assert [found["files"] for found in run_json("doctor", "clean", "--yes")] == [2]
     assert {path.name for path in folder.iterdir()} == {"notes.txt", "link.field", "deep.field"}
     assert outside.read_text() == "not ours"
     assert (folder / "deep.field" / FIELD).exists()
@@ -59,7 +59,7 @@ def test_linked_cache_folder_is_reported_and_not_followed(folder, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     shutil.move(folder, elsewhere)
     folder.symlink_to(elsewhere)
-    (found,) = run_json("clean", "--yes", status=1)
+    (found,) = run_json("doctor", "clean", "--yes", status=1)
     assert (found["files"], found["problem"]) == (0, "a symbolic link, which is not followed")
     assert (elsewhere / FIELD).exists()
     assert folder.is_symlink()
@@ -68,12 +68,12 @@ def test_linked_cache_folder_is_reported_and_not_followed(folder, tmp_path):
 def test_folder_that_cannot_be_read_is_a_problem(folder):
     shutil.rmtree(folder)
     folder.write_text("a file instead of the folder")
-    assert run_json("clean", "--yes", status=1)[0]["problem"] == "Not a directory"
+    assert run_json("doctor", "clean", "--yes", status=1)[0]["problem"] == "Not a directory"
     assert folder.exists()
 
 
 def test_yes_and_dry_run_contradict_each_other():
-    assert "not allowed with" in refused("clean", "--yes", "--dry-run")
+    assert "not allowed with" in refused("doctor", "clean", "--yes", "--dry-run")
 
 
 PROGRAM = """

@@ -26,7 +26,7 @@ def script(tmp_path):
 
     def write(shell):
         path = tmp_path / f"completion.{shell}"
-        path.write_text(run("completion", shell).out)
+        path.write_text(run("doctor", "completion", shell).out)
         return path
 
     return write
@@ -42,11 +42,15 @@ def test_bash_completes(script, tmp_path):
         "replay --rep": {"--report"},
         "calibrate piv": {"pivot"},
         "bench lat": {"latency"},
+        "convert mo": {"movies", "movie.gif"},
+        "convert recover x mo": {"movies", "movie.gif"},
+        "tracker igtl --por": {"--port"},
+        "doctor cl": {"clean"},
         "info ca": {"cases"},
         "live --config live": {"live.yaml"},
         "replay x --package-dir mo": {"movies"},
         "replay x --movie mo": {"movies", "movie.gif"},
-        "schema case --output mo": {"movies", "movie.gif"},
+        "doctor schema case --output mo": {"movies", "movie.gif"},
     }
     done = subprocess.run(
         ["bash", "-c", COMPLETE, "bash", str(script("bash"))],

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from app.cli import doctor
+from app.cli import installation_checks
 
 pytestmark = pytest.mark.slow
 
 
 def test_each_remedy_belongs_to_something_missing():
-    checks = doctor.check_environment(probe=lambda code: (True, sys.prefix))
+    checks = installation_checks.check_environment(probe=lambda code: (True, sys.prefix))
     names = [check.name for check in checks]
     assert len(names) == len(set(names))
     assert {"python", "compiler", "egl", "ROS interfaces", "3D Slicer scene"} <= set(names)
@@ -23,7 +23,9 @@ def test_each_remedy_belongs_to_something_missing():
 
 
 def test_failed_probe_is_reported_with_its_output():
-    checks = doctor.check_environment(probe=lambda code: (False, "ImportError: no such thing"))
+    checks = installation_checks.check_environment(
+        probe=lambda code: (False, "ImportError: no such thing")
+    )
     failed = {check.name: check for check in checks if check.found == "ImportError: no such thing"}
     assert set(failed) == {"rclpy imports", "ROS interfaces", "3D Slicer scene"}
     assert "apt" not in failed["rclpy imports"].remedy
@@ -39,11 +41,11 @@ def test_failed_probe_is_reported_with_its_output():
     ],
 )
 def test_failed_or_crashed_probe_is_a_result(code, found):
-    assert doctor.run_probe(code) == (False, found)
+    assert installation_checks.run_probe(code) == (False, found)
 
 
 def test_missing_distribution_is_named():
-    (check,) = doctor.check_packages("no-such-distribution")
+    (check,) = installation_checks.check_packages("no-such-distribution")
     assert not check.ok
     assert check.name == "no-such-distribution"
 
@@ -51,8 +53,8 @@ def test_missing_distribution_is_named():
 def test_requirements_are_checked_without_those_of_tests(monkeypatch):
     required = ["numpy", "no-such-core", 'no-such-ros[extra]==1; extra == "ros"']
     required.append('no-such-test<5; extra == "test"')
-    monkeypatch.setattr(doctor.metadata, "requires", lambda name: required)
-    checks = {check.name: check for check in doctor.check_packages()}
+    monkeypatch.setattr(installation_checks.metadata, "requires", lambda name: required)
+    checks = {check.name: check for check in installation_checks.check_packages()}
     assert set(checks) == {"numpy", "no-such-core", "no-such-ros"}
     assert checks["numpy"].ok
     assert "'.'" in checks["no-such-core"].remedy
@@ -61,12 +63,14 @@ def test_requirements_are_checked_without_those_of_tests(monkeypatch):
 
 def test_tf2_msgs_that_is_earlier_on_path_is_named(tmp_path, monkeypatch):
     tf2_msgs = pytest.importorskip("tf2_msgs", reason="the ROS interfaces are not installed")
-    assert doctor.check_interfaces(doctor.run_probe).found.endswith("by marginguard-interfaces")
+    assert installation_checks.check_interfaces(installation_checks.run_probe).found.endswith(
+        "by marginguard-interfaces"
+    )
     # As after sourcing a ROS 2 installation: a folder on PYTHONPATH with a tf2_msgs that works.
     sourced = tmp_path / "tf2_msgs"
     shutil.copytree(Path(tf2_msgs.__file__).parent, sourced)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    check = doctor.check_interfaces(doctor.run_probe)
+    check = installation_checks.check_interfaces(installation_checks.run_probe)
     assert check.ok
     assert str(sourced) in check.found
     assert "ahead of" in check.found

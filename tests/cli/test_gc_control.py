@@ -10,8 +10,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from app.cli.gc_control import GcPause
-from app.cli.prompt_process import prompt_process
+from app.cli.gc_control import GcPause, prompt_process
 from tests.conftest import unfreeze
 
 pytestmark = pytest.mark.long

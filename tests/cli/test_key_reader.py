@@ -8,7 +8,7 @@ import termios
 
 import pytest
 
-from app.cli.key_reader import pressed_keys
+from app.cli.simulated_hand import pressed_keys
 from app.geometry import InputError
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.cli.keyframes import KeyframeSelector
+from app.cli.scene_log import KeyframeSelector
 from app.fixture import MarginState
 
 STATES = st.lists(st.sampled_from(MarginState), min_size=1, max_size=400)

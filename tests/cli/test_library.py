@@ -1,4 +1,4 @@
-"""``marginguard library`` in a browser and over HTTP: list, compare, upload, open."""
+"""``marginguard view FOLDER`` in a browser and over HTTP: list, compare, upload, open."""
 
 import http.client
 import json
@@ -19,7 +19,6 @@ from tests.cli.small_case import write_small_case
 from tests.page_rules import violations
 from tests.viewer.attacks.raw_page import cookie
 from tests.viewer.conftest import TOKEN, VIEW_TOKEN, Server
-from tests.viewer.conftest import can_draw as can_draw
 
 pytestmark = pytest.mark.long
 
@@ -41,7 +40,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def server(can_draw: None, root: Path) -> Iterator[Server]:
     log = root.parent / "log.txt"
-    started = Server([str(root), "--max-upload-mb", "1"], log, "library")
+    started = Server([str(root), "--max-upload-mb", "1"], log)
     yield started
     started.close()
 

@@ -11,8 +11,15 @@ from dataclasses import replace
 
 import pytest
 
-from app.cli.line_queue import MAX_LINES, LineQueue
-from app.cli.live_lines import LinePrinter, as_json_line, as_line, local_time, uses_color
+from app.cli.live_lines import (
+    MAX_LINES,
+    LinePrinter,
+    LineQueue,
+    as_json_line,
+    as_line,
+    local_time,
+    uses_color,
+)
 from app.fixture import MarginState
 from tests.bridge.conftest import content as content
 from tests.bridge.conftest import make_step as make_step

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from app.cli.main import COMMANDS
+from app.cli.main import COMMANDS, MOVED
 from tests.cli.command import margin_table, refused, run, run_json
 from tests.cli.small_case import write_small_case
 from tests.forking import run_forked
@@ -40,7 +40,8 @@ def case(tmp_path):
 
 def test_help_and_replay_import_no_package_that_they_do_not_need(project_root, case):
     """Help loads no heavy package; a replay without ROS neither rclpy nor slow parts of scipy."""
-    commands = [[], *[[name] for name in COMMANDS]]
+    replaced = [new.split()[:2] for new in MOVED.values() if new.split()[1].islower()]
+    commands = [[], *[[name] for name in COMMANDS], *replaced]
     done = subprocess.run(
         [sys.executable, "-c", LOADED, json.dumps(commands), str(case)],
         capture_output=True,
@@ -54,6 +55,15 @@ def test_help_and_replay_import_no_package_that_they_do_not_need(project_root, c
     errors = done.stderr.partition("after help\n")[2].splitlines()
     printed = [line for line in errors if not line.startswith("compiling for")]
     assert printed == [], "expected no progress bar without a terminal"
+
+
+@pytest.mark.parametrize(("old", "new"), MOVED.items())
+def test_command_of_earlier_version_names_its_replacement(old, new):
+    problem = f"{old}: is part of {new.split()[0]}; expected marginguard {new}"
+    assert refused(old, "--any", "argument") == f"marginguard: error: {problem}"
+    assert json.loads(refused("--json", old))["error"]["message"].endswith(problem)
+    words = [word for word in new.split() if word.islower() and not word.startswith("-")]
+    assert f"usage: marginguard {' '.join(words)} " in run(*words, "--help").out
 
 
 def test_closed_standard_output_gives_status_141(case):
@@ -160,3 +170,24 @@ def test_long_error_is_shortened():
 def test_invalid_rate_is_reported_before_case_is_opened():
     error = refused("replay", "nowhere", "--no-ros", "--rate", "nan")
     assert "rate of a replay is nan; expected 0.001 to 1000" in error
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--tip-only"], "--tip-only is given; expected one CASE"),
+        (["--volume", "x.nrrd"], "--volume is given; expected one CASE, or --live"),
+        (["--render", "client"], "--render is given; expected one CASE, or --live"),
+        (["--audit", "x"], "--audit is given; expected --config"),
+        (["--max-upload-mb", "4097"], "'4097' MB; expected 0 to 4096"),
+    ],
+)
+def test_view_refuses_option_that_a_folder_of_cases_does_not_have(tmp_path, options, problem):
+    assert problem in refused("view", tmp_path, *options)
+
+
+def test_view_refuses_folder_that_is_neither_case_nor_library(tmp_path):
+    (tmp_path / "notes.txt").touch()
+    expected = "--max-upload-mb is given; expected a folder of cases"
+    assert expected in refused("view", tmp_path, "--max-upload-mb", "0")
+    assert "is not a case" in refused("view", tmp_path)

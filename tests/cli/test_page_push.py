@@ -20,7 +20,6 @@ from app.fixture import ProximityEngine
 from app.geometry import Transform
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.truth import Surfaces
-from tests.viewer.conftest import can_draw as can_draw
 
 pytestmark = pytest.mark.long
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from app.case import open_case
-from app.cli.render_warmup import warmup_step
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter, SceneRequest
+from app.cli.scene_process import warmup_step
 from app.fixture import MarginState
 from app.geometry import InputError
 from app.runtime import content_of

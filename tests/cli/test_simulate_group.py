@@ -38,7 +38,7 @@ def children_of(pid):
             words = (stat.parent / "cmdline").read_bytes().split(b"\0")
         except OSError:  # it has ended meanwhile
             continue
-        if parent == pid and b"app.cli.child_of_command" in words:
+        if parent == pid and b"app.cli.child_commands" in words:
             found[words[4].decode()] = int(stat.parent.name)
     return found
 

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 WAITS = """
 import sys, threading
-from app.cli.standard_input import standard_input
+from app.cli.signals import standard_input
 
 reached = threading.Event()
 
@@ -35,11 +35,10 @@ def test_process_ends_while_a_thread_waits_for_standard_input():
         assert process.stderr.read() == ""
 
 
-@pytest.mark.parametrize("command", ["record", "operation"])
+@pytest.mark.parametrize("command", ["record --until-eof --json -o", "simulate operation"])
 def test_signal_ends_a_command_whose_input_is_open(domain_id, tmp_path, command):
     new = str(tmp_path / "new")
-    arguments = {"record": ["-o", new, "--until-eof", "--json"], "operation": [new]}[command]
-    with forked("-m", "app.cli", command, *arguments, modules=COMMAND) as process:
+    with forked("-m", "app.cli", *command.split(), new, modules=COMMAND) as process:
         while "status" not in (line := process.stdout.readline()) and new not in line:
             assert line
         process.send_signal(signal.SIGINT)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.case import TrackingFrame
-from app.cli.state_changes import state_changes
+from app.cli.live_lines import state_changes
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 from app.session import StepResult

@@ -1,12 +1,12 @@
-"""`marginguard doctor` on the folder of the holds, which `marginguard clean` does not touch."""
+"""`marginguard doctor` on the folder of the holds, which `doctor clean` does not touch."""
 
 import os
 import time
 
 import pytest
 
+from app.cli.installation_checks import check_state
 from app.cli.main import main
-from app.cli.state_checks import check_state
 from app.files.paths import state_folder
 from app.hold import InstanceKey, live_state
 
@@ -63,7 +63,7 @@ def test_folder_that_cannot_be_written_has_a_remedy(folder):
 def test_clean_leaves_the_hold(folder, capsys):
     run(folder, held=True)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert main(["clean"]) == 0
+    assert main(["doctor", "clean"]) == 0
     assert str(folder) not in capsys.readouterr().out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 

@@ -18,7 +18,6 @@ from tests.bridge.live.conftest import Start
 from tests.viewer.attacks.raw_page import cookie, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
 from tests.viewer.conftest import TOKEN, Server, Watched
-from tests.viewer.conftest import can_draw as can_draw
 from tests.viewer.conftest import viewed_case as viewed_case
 from tests.viewer.page_actions import accepted as accepted_by_page
 from tests.viewer.test_server_gone import check_lost

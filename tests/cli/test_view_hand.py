@@ -9,7 +9,6 @@ from app.bridge.topics import STREAM, Topic
 from app.cli.main import main
 from tests.cli.test_view import SENDER
 from tests.viewer.conftest import Server
-from tests.viewer.conftest import can_draw as can_draw
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long

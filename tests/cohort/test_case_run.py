@@ -9,8 +9,7 @@ from dataclasses import replace
 import pytest
 
 from app import __version__
-from app.cli.cohort.case_run import Job, run_job
-from app.cli.cohort.run import CohortRun
+from app.cli.cohort_run import CohortRun, Job, run_job
 from app.cohort import Cohort, CohortCase, Dataset, finished, identity_of, input_hash
 from app.cohort.columns import ANALYSIS, COLUMNS, INSERTION
 from app.geometry import InputError
@@ -158,7 +157,7 @@ def test_worker_without_space_is_a_lost_case(cohort, tmp_path, monkeypatch):
     def full(folder):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("app.cli.cohort.case_run._results", full)
+    monkeypatch.setattr("app.cli.cohort_run._results", full)
     case = cohort.recorded[0]
     outcome = run_job(Job(case, input_hash(case), __version__))
     assert (outcome.row["status"], outcome.row["reason"]) == (

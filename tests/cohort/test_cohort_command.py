@@ -12,7 +12,7 @@ import psutil
 import pytest
 from distributed import default_client
 
-from app.cli.cohort.dask_pool import DaskPool
+from app.cli.dask_pool import DaskPool
 from app.cohort import Dataset
 from tests.cli.command import refused, run
 from tests.cli.small_case import write_small_case

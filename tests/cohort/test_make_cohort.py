@@ -1,4 +1,4 @@
-"""`marginguard make-cohort`, and `make-case --cohort`."""
+"""`marginguard make-case cohort`, and `make-case --cohort`."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def test_same_seed_writes_the_same_manifest(tmp_path, capsys):
     for name in ("one", "two"):
         status, _ = run(
             capsys,
-            *("make-cohort", "-n", "6", "--seed", "3", "--out", str(tmp_path / name)),
+            *("make-case", "cohort", "-n", "6", "--seed", "3", "--out", str(tmp_path / name)),
             *("--tracker", "aurora", "--tracker", "white", "--surgeons", "3", "--duration", "60"),
         )
         assert status == 0
@@ -39,7 +39,7 @@ def test_same_seed_writes_the_same_manifest(tmp_path, capsys):
     ],
 )
 def test_bad_option_is_one_line_and_writes_nothing(tmp_path, capsys, words, message):
-    status, captured = run(capsys, "make-cohort", "--out", str(tmp_path / "new"), *words)
+    status, captured = run(capsys, "make-case", "cohort", "--out", str(tmp_path / "new"), *words)
     assert status == 2 and message in captured.err and captured.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
@@ -54,7 +54,7 @@ def test_bad_option_is_one_line_and_writes_nothing(tmp_path, capsys, words, mess
     ],
 )
 def test_case_of_a_cohort_needs_manifest_and_name_alone(tmp_path, capsys, words, message):
-    assert run(capsys, "make-cohort", "-n", "2", "--out", str(tmp_path / "cohort"))[0] == 0
+    assert run(capsys, "make-case", "cohort", "-n", "2", "--out", str(tmp_path / "cohort"))[0] == 0
     words = [word.replace("COHORT", str(tmp_path / "cohort")) for word in words]
     status, captured = run(capsys, "make-case", str(tmp_path / "case"), *words)
     assert status == 2 and message in captured.err

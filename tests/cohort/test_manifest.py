@@ -104,9 +104,9 @@ def test_bad_manifest_is_one_clear_line(tmp_path, document, message):
 
 
 def test_committed_schema_is_the_generated_one(capsys):
-    assert main(["schema", "cohort"]) == 0
+    assert main(["doctor", "schema", "cohort"]) == 0
     assert capsys.readouterr().out == cohort_schema_text()
     committed = ROOT / "docs" / "schemas" / "cohort.schema.json"
     assert committed.read_text() == cohort_schema_text(), (
-        "run: marginguard schema cohort -o docs/schemas/cohort.schema.json"
+        "run: marginguard doctor schema cohort -o docs/schemas/cohort.schema.json"
     )

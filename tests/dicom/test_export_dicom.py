@@ -33,7 +33,7 @@ def test_tumour_and_another_surface_are_written(case, tmp_path, capsys):
     specimen.export(tmp_path / "specimen.stl")
     out = tmp_path / "out"
     given = ["--out", str(out), "--structure", f"specimen={tmp_path / 'specimen.stl'}"]
-    assert main(["export-dicom", str(case), *given, "--voxel-mm", "0.4", "--json"]) == 0
+    assert main(["convert", "dicom", str(case), *given, "--voxel-mm", "0.4", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert sorted(document["files"]) == sorted(path.name for path in out.iterdir())
     tumor, box = document["structures"]
@@ -65,7 +65,7 @@ def test_axes_of_the_patient_turn_the_structures(case, tmp_path):
     box.export(tmp_path / "box.stl")
     turned = ["0", "-1", "0", "1", "0", "0", "0", "0", "1"]  # x is anterior
     options = ["--structure", f"box={tmp_path / 'box.stl'}", "--ras-from-tumor", *turned]
-    assert main(["export-dicom", str(case), "--out", str(tmp_path / "out"), *options]) == 0
+    assert main(["convert", "dicom", str(case), "--out", str(tmp_path / "out"), *options]) == 0
     assert centre(tmp_path / "out", 1) == pytest.approx([0.0, -20.0, 0.0], abs=0.3)
 
 
@@ -83,7 +83,7 @@ def test_axes_of_the_patient_turn_the_structures(case, tmp_path):
 def test_bad_options_leave_no_folder(case, options, problem, tmp_path, capsys):
     out = tmp_path / "out"
     try:
-        status = main(["export-dicom", str(case), "--out", str(out), *options])
+        status = main(["convert", "dicom", str(case), "--out", str(out), *options])
     except SystemExit as ended:
         status = ended.code
     assert status == 2
@@ -95,6 +95,6 @@ def test_bad_options_leave_no_folder(case, options, problem, tmp_path, capsys):
 
 def test_an_existing_folder_is_not_overwritten(case, tmp_path, capsys):
     (tmp_path / "mine").write_text("kept")
-    assert main(["export-dicom", str(case), "--out", str(tmp_path)]) == 2
+    assert main(["convert", "dicom", str(case), "--out", str(tmp_path)]) == 2
     assert "already exists" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]

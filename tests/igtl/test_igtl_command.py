@@ -1,4 +1,4 @@
-"""``marginguard igtl`` between a pyigtl server and a ROS receiver in separate processes."""
+"""``marginguard tracker igtl`` between a pyigtl server and a ROS receiver in separate processes."""
 
 import math
 import queue
@@ -28,7 +28,7 @@ OUT_OF_VIEW = {"TransformStatus": "OUT_OF_VIEW"}
 def start_command(start: Start) -> Callable[..., Child]:
     """``start_command(port, *options)``."""
     return lambda port, *options: start(
-        "-m", "app.cli", "igtl", "--host", "127.0.0.1", "--port", port, *options
+        "-m", "app.cli", "tracker", "igtl", "--host", "127.0.0.1", "--port", port, *options
     )
 
 
@@ -90,7 +90,7 @@ def test_received_transforms_are_published_on_ros(
 
 
 def test_invalid_address_is_a_one_line_error(start: Start) -> None:
-    ended = start("-m", "app.cli", "igtl", "--port", "0")
+    ended = start("-m", "app.cli", "tracker", "igtl", "--port", "0")
     assert ended.wait() == 2
     assert (
         ended.log.read_text()

@@ -9,7 +9,6 @@ import numpy as np
 import pyigtl
 import pytest
 
-from app.cli.commands import images as images_command
 from app.cli.main import build_parser, main
 from app.igtl.image_messages import receive_images, send_images
 from app.igtl.wire import IgtlError, Refusals
@@ -61,17 +60,16 @@ def test_command_sends_a_recording_that_the_command_receives(
     path = write_metafile(tmp_path / "x.igs.mha", some_pixels(4), fields=fields)
     matrix = np.vstack([CALIBRATION, (0, 0, 0, 1)])
     (tmp_path / "c.txt").write_text(" ".join(map(str, matrix.ravel())))
-    shown = ["images", str(path), "--calibration", str(tmp_path / "c.txt")]
+    shown = ["info", "images", str(path), "--calibration", str(tmp_path / "c.txt")]
     assert main([*shown, "--json"]) == 0
     expected = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     port = free_port()
-    sending = threading.Thread(
-        target=images_command.run, args=(build_parser().parse_args([*shown, "--serve", str(port)]),)
-    )
+    options = build_parser().parse_args([*shown, "--serve", str(port)])
+    sending = threading.Thread(target=options.run, args=(options,))
     sending.start()
     status = 2
     while status == 2:  # until the server listens
-        status = main(["images", f"igtl://127.0.0.1:{port}", "--json"])
+        status = main(["info", "images", f"igtl://127.0.0.1:{port}", "--json"])
     sending.join()
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("{")]
     found = [json.loads(line) for line in lines]

@@ -61,11 +61,11 @@ def test_committed_mesh_is_that_of_its_script(tmp_path, monkeypatch):
 
 
 def test_committed_schema_is_the_generated_one(capsys):
-    assert main(["schema", "world"]) == 0
+    assert main(["doctor", "schema", "world"]) == 0
     assert capsys.readouterr().out == world_schema_text()
     committed = ROOT / "docs" / "schemas" / "world.schema.json"
     assert committed.read_text() == world_schema_text(), (
-        "run: marginguard schema world -o docs/schemas/world.schema.json"
+        "run: marginguard doctor schema world -o docs/schemas/world.schema.json"
     )
 
 

@@ -237,7 +237,7 @@ def test_module_called_app_is_refused(complete: Installation) -> None:
 def test_clean_and_uninstall_leave_nothing(complete: Installation) -> None:
     cache = complete.home / ".cache" / "marginguard"
     assert list(cache.glob("*.field"))
-    complete.marginguard("clean", "--yes")
+    complete.marginguard("doctor", "clean", "--yes")
     complete.pip("uninstall", "--yes", "marginguard", "marginguard-interfaces")
     left = {"app", "marginguard", "marginguard_msgs", "tf2_msgs"}
     assert not [name for name in left if (complete.packages / name).exists()]

@@ -31,13 +31,13 @@ DEADLINE_S = 600.0
 
 
 class Server:
-    """``marginguard view``, or another command, in a process; constructed when it serves."""
+    """``marginguard view`` in a process; constructed when it serves."""
 
-    def __init__(self, arguments: list[str], log: Path, command: str = "view") -> None:
+    def __init__(self, arguments: list[str], log: Path) -> None:
         self.log = log
         with log.open("w") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", command, *arguments, *TOKENS],
+                [sys.executable, "-m", "app.cli", "view", *arguments, *TOKENS],
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 text=True,

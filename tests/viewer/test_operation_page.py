@@ -41,7 +41,7 @@ CLICKS = 10
 @pytest.fixture
 def operation(start, tmp_path):
     """The simulated operation, with its folder written."""
-    child = start("-m", "app.cli", "operation", str(tmp_path / "operation"))
+    child = start("-m", "app.cli", "simulate", "operation", str(tmp_path / "operation"))
     child.line(lambda line: line.startswith("simulated operation"))
     return child
 

@@ -1,6 +1,6 @@
 """Declaration of one method of ``marginguard calibrate``.
 
-Imports nothing heavy: the methods are loaded whenever the command line is parsed.
+The files of the methods are loaded whenever a command line is parsed: they import nothing heavy.
 """
 
 import argparse

@@ -5,11 +5,13 @@ Exit status: that of the benchmark; 1 when a figure misses its goal.
 
 import argparse
 import os
+import runpy
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from app.cli.parsing import BAD_INPUT
 from app.files.packages import shipped
 
 SUMMARY = "run a benchmark and compare its figures with those of peers"
@@ -64,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         check_output_path(path)
     code = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
-        [sys.executable, "-m", "app.cli.benchmark", _module(options.name), *options.options],
+        [sys.executable, "-m", "app.cli.commands.bench", _module(options.name), *options.options],
         env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
         check=False,
     ).returncode
@@ -80,3 +82,27 @@ def _output_paths(options: Sequence[str]) -> list[Path]:
     for name in ("--json", "--plot"):
         parser.add_argument(name, type=Path, nargs="?")
     return [path for path in vars(parser.parse_known_args(options)[0]).values() if path]
+
+
+def main() -> None:
+    """Run the module that the first argument names; a peer that is missing is one line of error.
+
+    Peers come with the extra ``test``.
+    """
+    module = sys.argv.pop(1)
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except ModuleNotFoundError as error:
+        from app.files.extras import extra_with, install_command, install_hint
+
+        missing = f"this benchmark needs {error.name}, which is not installed"
+        if extra_with(error.name or ""):
+            remedy = install_hint(error)
+        else:
+            remedy = f"run `{install_command('test')}`, which installs what benchmarks need"
+        print(f"marginguard: error: {missing}: {remedy}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
+
+if __name__ == "__main__":
+    main()

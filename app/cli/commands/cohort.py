@@ -1,8 +1,8 @@
 """Replay many cases on the workers of Dask distributed; write one Parquet dataset and a report.
 
-COHORT is a folder of cases, a list of paths and URLs, a URL, or the manifest of 'make-cohort'. A
-finished case is not done again unless its input or the version has changed. A case that fails is a
-row with its reason. Exit status: 0; 1 when a case failed; 2 on bad input.
+COHORT is a folder of cases, a list of paths and URLs, a URL, or the manifest of 'make-case cohort'.
+A finished case is not done again unless its input or the version has changed. A case that fails is
+a row with its reason. Exit status: 0; 1 when a case failed; 2 on bad input.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from app.cli.progress import progress_with_total
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from app.cli.cohort.case_run import Job, Outcome
+    from app.cli.cohort_run import Job, Outcome
     from app.cohort import Dataset
 
 SUMMARY = "replay many cases at once, write a dataset and a report"
@@ -54,8 +54,8 @@ def run(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from app import __version__
-    from app.cli.cohort.dask_pool import DaskPool
-    from app.cli.cohort.run import CohortRun
+    from app.cli.cohort_run import CohortRun
+    from app.cli.dask_pool import DaskPool
     from app.cohort import Dataset, open_cohort
     from app.geometry import InputError
 

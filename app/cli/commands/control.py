@@ -68,7 +68,7 @@ def _control(file: Path) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.arm_control import NODE_NAME, ControlNode
-            from app.cli.prompt_process import prompt_process
+            from app.cli.gc_control import prompt_process
             from app.control import open_control
 
             description = open_control(file)

@@ -145,7 +145,7 @@ def _opened(
 ) -> Iterator["LiveNode"]:
     with received.ends_at_once():
         from app.bridge.live import live_node
-        from app.cli.prompt_process import prompt_process
+        from app.cli.gc_control import prompt_process
         from app.runtime import prepare_live
 
         prepared = prepare_live(options.config, package_dirs=options.package_dirs)
@@ -168,7 +168,7 @@ def _opened(
 
 
 def _print_changes(steps: "Iterator[StepResult]", shown: "_StepOutput") -> None:
-    from app.cli.state_changes import state_changes
+    from app.cli.live_lines import state_changes
 
     for step in state_changes(steps):
         shown.print(step)

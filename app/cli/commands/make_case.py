@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import folder_path, input_argument
+from app.cli.parsing import CommandParser
 from app.cli.progress import progress_with_total
 from app.cli.simulated_case_options import (
+    TRACKERS,
     add_simulated_case,
     simulated_case_arguments,
     simulated_case_options,
@@ -15,11 +17,12 @@ from app.cli.simulated_case_options import (
 if TYPE_CHECKING:
     from app.synthetic import CaseOptions
 
-SUMMARY = "write a simulated case with ground truth"
+
+SUMMARY = "write a simulated case with ground truth, or the manifest of many"
 DEFAULT_SEED = 1
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: CommandParser) -> None:
     """Declare the options of ``marginguard make-case``."""
     parser.add_argument("folder", type=folder_path, metavar="DIR", help="new folder for the case")
     parser.add_argument(
@@ -32,9 +35,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_simulated_case(parser)
     of_cohort = parser.add_argument_group("case of a cohort", "Instead of the options above.")
     of_cohort.add_argument(
-        "--cohort", type=input_argument, metavar="MANIFEST", help="cohort.yaml of 'make-cohort'"
+        "--cohort",
+        type=input_argument,
+        metavar="MANIFEST",
+        help="cohort.yaml of 'make-case cohort'",
     )
     of_cohort.add_argument("--case", metavar="NAME", help="name of one of its cases")
+    _add_cohort_arguments(
+        parser.add_subcommand("cohort", _run_cohort, "write the manifest of a simulated cohort")
+    )
 
 
 def _seed(text: str) -> int:
@@ -86,3 +95,99 @@ def _of_cohort(options: argparse.Namespace) -> "tuple[int, CaseOptions]":
     if case.synthetic is None:
         raise InputError(f"case {case.name!r} is recorded: {case.source}; expected a simulated one")
     return case.synthetic.seed, case.synthetic.options()
+
+
+DEFAULT_RANGES = {
+    "tumor_mm": (22.0, 36.0),
+    "elongation": (1.0, 1.6),
+    "irregularity": (0.5, 1.25),
+    "tumor_x_mm": (-8.0, 8.0),
+    "tumor_y_mm": (-8.0, 8.0),
+    "tumor_z_mm": (-8.0, 8.0),
+    "breath_mm": (2.0, 8.0),
+    "breath_hz": (0.18, 0.33),
+    "skill": (0.0, 1.0),
+}
+"""Assumed spread of patients and surgeons; every key of the manifest can be edited."""
+
+
+def _add_cohort_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard make-case cohort``."""
+    parser.add_argument(
+        "-n", "--count", type=_positive, required=True, metavar="N", help="number of cases"
+    )
+    parser.add_argument(
+        "--seed",
+        type=_integer,
+        default=1,
+        metavar="S",
+        help="seed of all random values, 0 or more (%(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=folder_path, required=True, metavar="DIR", help="new folder for cohort.yaml"
+    )
+    parser.add_argument(
+        "--tracker",
+        choices=TRACKERS,
+        action="append",
+        dest="trackers",
+        help="preset that a case may have; may be repeated (default: white)",
+    )
+    parser.add_argument(
+        "--surgeons",
+        type=_positive,
+        default=8,
+        metavar="K",
+        help="number of surgeons, each with a skill (%(default)s)",
+    )
+    parser.add_argument(
+        "--fixture",
+        choices=("paired", "alternate", "off", "on"),
+        default="paired",
+        help="virtual fixture: paired makes two cases of every draw, without and with it; "
+        "alternate gives it to every second case (%(default)s)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="length of every case, 50 to 5400 s (default: 75 to 95 s, by skill)",
+    )
+
+
+def _run_cohort(options: argparse.Namespace) -> int:
+    """Write the manifest of a simulated cohort: seeds and ranges of options, but no recordings.
+
+    'marginguard cohort' makes each case from it on a worker and keeps only the results.
+    'marginguard make-case DIR --cohort MANIFEST --case NAME' writes the recording of one of its
+    cases.
+    """
+    from app.cohort import MANIFEST_FILE, Design, write_manifest
+
+    ranges = dict(DEFAULT_RANGES)
+    if options.duration is not None:
+        ranges["duration_s"] = (options.duration, options.duration)
+    design = Design(
+        options.count,
+        options.seed,
+        tuple(dict.fromkeys(options.trackers or TRACKERS[:1])),
+        options.surgeons,
+        options.fixture,
+        ranges,
+    )
+    write_manifest(options.out, f"simulated cohort {options.seed}", design)
+    print(f"wrote {options.out / MANIFEST_FILE}")
+    return 0
+
+
+def _integer(text: str) -> int:
+    if not text.isdecimal() or len(text) > 18:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected an integer of 0 or more")
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    number = _integer(text)
+    if not 1 <= number <= 10_000_000:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected 1 to 10000000")
+    return number

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals
-from app.cli.standard_input import standard_input
+from app.cli.signals import note_signals, standard_input
 
 if TYPE_CHECKING:
     from io import BufferedReader

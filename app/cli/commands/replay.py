@@ -17,11 +17,10 @@ from app.cli.bag_writing import BagProcess, bag_of
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
+from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
 from app.cli.ros import published
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO, ScenePainter
 from app.cli.signals import SignalState, note_signals
-from app.cli.stopwatch import Stopwatch
-from app.cli.summary_text import as_text
 
 if TYPE_CHECKING:
     from app.runtime import ReplayRun
@@ -119,9 +118,7 @@ def _replay(
     watch = Stopwatch()
     with ExitStack() as contexts:
         with received.ends_at_once():
-            from app.cli.keyframes import PICTURES_PER_S
-            from app.cli.replay_report import ReplayReport
-            from app.cli.scene_log import SceneLog
+            from app.cli.scene_log import PICTURES_PER_S, SceneLog
             from app.files import write_file
             from app.report import ReplayLog, all_passed, record_of, summarise
             from app.runtime import ReplayRun, prepare_case
@@ -189,7 +186,7 @@ def _replay(
         watch.lap("wait for the bag")
     if options.timing:
         watch.print_laps()
-    print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
+    print(json.dumps(summary, indent=2) if options.json else summary_text(summary, options.report))
     if report is not None and report.incomplete:
         return 2
     return 0 if all_passed(summary) else 1

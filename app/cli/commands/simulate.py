@@ -16,22 +16,34 @@ ends.
 """
 
 import argparse
+import sys
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
+from app.cli.options import folder_path
+from app.cli.parsing import CommandParser
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals
+from app.cli.signals import note_signals, standard_input
 from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
-from app.cli.simulated_tracker_server import check_names, pose_server
 
-SUMMARY = "simulate robots, tissue and a tracker with physics, on the ROS graph"
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from app.igtl import PoseServer
+    from app.simulation import WorldDescription
+
+
+SUMMARY = "simulate robots, tissue and a tracker, or an operation, on the ROS graph"
 
 CONSTRAINT_HZ = "200"
 """Rate of the constraint that the session repeats: that of the controller, for two cores."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: CommandParser) -> None:
     """Declare the options of ``marginguard simulate``."""
     parser.add_argument("world", type=Path, metavar="WORLD", help="world.yaml or its folder")
     parser.add_argument(
@@ -67,6 +79,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="start the guard ('live') and a page that shows it ('view --live --node')",
     )
+    _add_operation_arguments(
+        parser.add_subcommand(
+            "operation",
+            _run_operation,
+            "play a simulated operation with ultrasound, for a live session",
+        )
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -79,9 +98,9 @@ def run(options: argparse.Namespace) -> int:
         print_reach()
         with received.ends_at_once():
             from app.bridge import RosNode
-            from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
-            from app.cli.command_group import CommandGroup
-            from app.cli.prompt_process import prompt_process
+            from app.bridge.simulation import RealTime, SimulationNode
+            from app.cli.child_commands import CommandGroup
+            from app.cli.gc_control import prompt_process
             from app.geometry import InputError
             from app.simulation import World, open_world
 
@@ -95,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
                 )
             description = open_world(options.world)
             check_hand(_hand(options), description)
-            check_names(options.igtl, description)
+            _check_names(options.igtl, description)
             world = World(description)
         stop = threading.Event()
         failed: list[str] = []
@@ -108,7 +127,7 @@ def run(options: argparse.Namespace) -> int:
         with (
             CommandGroup(ended) as others,
             RosNode(NODE_NAME) as ros,
-            pose_server(options.igtl) as server,
+            _pose_server(options.igtl) as server,
         ):
             for command in commands:
                 others.start(*command)
@@ -185,3 +204,104 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
                 f"{file}: no such file; expected it beside the world, for {command[0]}"
             )
     return found
+
+
+def _check_names(port: int | None, description: "WorldDescription") -> None:
+    """Raise `InputError` for a world whose tracker cannot be sent over OpenIGTLink."""
+    from app.geometry import InputError, join_transform_name
+    from app.igtl.tracked_poses import MAX_NAME_BYTES
+    from app.simulation import TRACKER_FRAME
+
+    if port is None:
+        return
+    if not 0 <= port < 1 << 16:
+        raise InputError(f"--igtl is {port}; expected a port from 0 to 65535")
+    if description.tracker is None:
+        raise InputError("--igtl: the world has no tracker; expected one")
+    for body in description.tracker.tracked:
+        name = join_transform_name(body, TRACKER_FRAME)
+        if len(name) > MAX_NAME_BYTES:
+            raise InputError(
+                f"--igtl: the name {name!r} has {len(name)} characters; expected at most "
+                f"{MAX_NAME_BYTES}, as the protocol allows"
+            )
+
+
+def _pose_server(port: int | None) -> "AbstractContextManager[PoseServer | None]":
+    """The server on ``port``; None without one."""
+    from app.igtl import PoseServer
+
+    return nullcontext() if port is None else PoseServer(port)
+
+
+_MAX_LINE = 80
+
+
+def _add_operation_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard simulate operation``."""
+    parser.add_argument("folder", type=folder_path, metavar="DIR", help="new folder")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=1,
+        metavar="N",
+        help="seed of tumour, places and noise, 0 or more (%(default)s)",
+    )
+
+
+def _run_operation(options: argparse.Namespace) -> int:
+    """Play a simulated operation with tracked ultrasound on the ROS graph, phase by phase on
+    request.
+
+    Writes the new folder DIR: live.yaml with a tip, a tumour and a registration that are not the
+    true ones, and truth/ with those that are. Then start 'view --live --config DIR/live.yaml' in
+    another terminal. It sends poses, joints and images in real time, and goes through the phases
+    that standard input names, one on a line, in any order: pivot, spin, sweep N (the probe rests in
+    image plane N, 0 to 8), touch (eight points), approach, breach, retreat, rest. It prints the
+    phase when its motion has come to its end; a pivot and a spin go on. Exit status 0 when standard
+    input ends, 2 on bad input, 130 or 143 after a signal.
+    """
+    with note_signals() as received:
+        from app.geometry import InputError
+
+        if options.seed < 0:
+            raise InputError(f"--seed is {options.seed}; expected 0 or more")
+        load_bridge("which 'simulate operation' needs")
+        print_reach()
+        with received.ends_at_once():
+            from app.bridge import RosNode
+            from app.bridge.tracker_publisher import OPERATION_NODE, OperationNode
+            from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
+            from app.synthetic.motion import TouchArm
+            from app.synthetic.operation import RATE_HZ, Operation, operation_truth
+            from app.synthetic.operation_files import CONFIG_NAME, IMAGE_TOPIC, write_operation
+
+            truth = operation_truth(options.seed)
+            write_operation(options.folder, truth)
+            arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
+            operation = Operation(truth, arm, options.seed, lambda phase: print(phase, flush=True))
+        stop, lines = threading.Event(), SimpleQueue[str]()
+        received.stops(stop.set)
+        threading.Thread(target=_read_input, args=(stop, lines), daemon=True).start()
+
+        def requests() -> None:
+            while not lines.empty():
+                try:
+                    operation.request(lines.get())
+                except InputError as error:
+                    print(error, file=sys.stderr, flush=True)
+
+        with RosNode(OPERATION_NODE) as ros:
+            node = OperationNode(ros, operation.step, RATE_HZ, IMAGE_TOPIC)
+            print(f"simulated operation: {options.folder / CONFIG_NAME}", flush=True)
+            node.run(stop, requests)
+    return received.exit_status
+
+
+def _read_input(stop: threading.Event, lines: "SimpleQueue[str]") -> None:
+    """Pass on the lines of standard input, until its end."""
+    given = standard_input()
+    while line := given.readline(_MAX_LINE):
+        if line.strip():
+            lines.put(line.decode(errors="replace"))
+    stop.set()

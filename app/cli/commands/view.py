@@ -1,8 +1,11 @@
 """Watch a margin in the browser: a recorded case, or, with --live, samples as they arrive.
 
+A folder of cases is listed: open one, compare two, upload more. Each case is replayed once, in a
+process of its own.
+
 Prints two URLs of a page on this machine, each with a token. Open the first one; the second one
-('view only:') has no controls. Runs until SIGINT (exit status 130) or SIGTERM (143); exit status 2
-on bad input.
+('view only:') has no controls and uploads nothing. Runs until SIGINT (exit status 130) or SIGTERM
+(143); exit status 2 on bad input.
 
 A live session runs in a process of its own. --config starts it, as 'live' does, and ends it with
 this command; if this command is killed, it goes on and guards, and --node shows it again. --node
@@ -13,6 +16,7 @@ import argparse
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import (
@@ -24,19 +28,28 @@ from app.cli.options import (
     add_package_dirs,
     input_argument,
 )
-from app.cli.page_address import add_address, checked_address, print_urls
 from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
     from app.files.volume_file import Volume
-    from app.viewer import Viewer
+    from app.viewer import Address, Viewer
+    from app.viewer.library_server import LibraryServer
 
-SUMMARY = "watch a replay or a live session in the browser"
+
+SUMMARY = "watch a replay, a live session or a folder of cases in the browser"
+
+_MAX_UPLOAD_MB = 4096
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard view``."""
-    parser.add_argument("case", type=input_argument, nargs="?", metavar="CASE", help=CASE_HELP)
+    parser.add_argument(
+        "case",
+        type=input_argument,
+        nargs="?",
+        metavar="CASE",
+        help=f"{CASE_HELP}; or a folder whose folders are cases, such as --cases of a live session",
+    )
     parser.add_argument(
         "--live", action="store_true", help="watch a live session, instead of a CASE"
     )
@@ -61,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="of a CASE: check the tool's tip instead of its whole mesh",
     )
-    add_address(parser)
+    _add_address(parser)
     parser.add_argument(
         "--render",
         choices=("server", "client"),
@@ -90,6 +103,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --live: show the bodies that the node NODE of 'marginguard simulate' simulates, "
         "and let operators move, add and remove them",
     )
+    parser.add_argument(
+        "--max-upload-mb",
+        type=_megabytes,
+        metavar="N",
+        help="of a folder of cases: largest zip file that may be uploaded, up to "
+        f"{_MAX_UPLOAD_MB}; 0: none; default: 512",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -108,18 +128,24 @@ def run(options: argparse.Namespace) -> int:
     if options.live and options.tip_only:
         raise InputError("view: --tip-only: a guard measures the whole tool; expected a CASE")
     in_browser = _in_browser(options)
+    is_library = options.case is not None and _is_library(options.case)
     for name, needed, is_there in (
         ("audit", "--config", options.config is not None),
         ("cases", "--config", options.config is not None),
         ("world", "--live", options.live),
         ("hand", "--live with it, and no --render client", options.live and not in_browser),
+        ("volume", "one CASE, or --live", not is_library),
+        ("tip_only", "one CASE", not is_library),
+        ("render", "one CASE, or --live", not is_library or not in_browser),
+        ("max_upload_mb", "a folder of cases", is_library),
     ):
-        if getattr(options, name) is not None and not is_there:
-            raise InputError(f"view: --{name} is given; expected {needed}")
+        given = getattr(options, name)
+        if given is not None and given is not False and not is_there:
+            raise InputError(f"view: --{name.replace('_', '-')} is given; expected {needed}")
     with note_signals() as received:
         from app.files.extras import check_installed
 
-        address = checked_address(options)
+        address = _checked_address(options)
         # Before the case is stepped through, which takes a while.
         check_installed("slicer", "trame_slicer")
         volume = None
@@ -127,28 +153,37 @@ def run(options: argparse.Namespace) -> int:
             from app.files.volume_file import read_volume
 
             volume = read_volume(options.volume)
-        with _viewer(options, received, volume) as viewer:
-            if viewer is None:
+        with _served_page(options, received, volume, is_library=is_library) as page:
+            if page is None:
                 return received.exit_status
 
             def ready(port: int) -> None:
-                received.stops(viewer.stop)
-                print_urls(options, address, port)
+                received.stops(page.stop)
+                _print_urls(options, address, port)
 
-            asyncio.run(viewer.serve(address, ready))
+            asyncio.run(page.serve(address, ready))
     return received.exit_status
 
 
 @contextmanager
-def _viewer(
-    options: argparse.Namespace, received: SignalState, volume: "Volume | None"
-) -> Iterator["Viewer | None"]:
+def _served_page(
+    options: argparse.Namespace,
+    received: SignalState,
+    volume: "Volume | None",
+    *,
+    is_library: bool,
+) -> Iterator["Viewer | LibraryServer | None"]:
     """The page to be served; None if a signal arrived before there was one."""
     if options.live:
         from app.cli.live_page import live_page
 
         with live_page(options, received, client=_in_browser(options), volume=volume) as viewer:
             yield viewer
+    elif is_library:
+        from app.cli.library_page import library_page
+
+        with library_page(options) as server:
+            yield server
     else:
         from app.cli.replay_page import replay_page, replay_parts
 
@@ -159,6 +194,15 @@ def _viewer(
         yield None if parts is None else replay_page(parts, client=client, volume=volume)
 
 
+def _is_library(folder: Path) -> bool:
+    """True for a folder of cases, and for an empty folder, to which cases can be uploaded."""
+    from app.files.bounded_io import is_file, is_folder
+
+    if is_file(folder / "case.yaml") or not is_folder(folder):
+        return False
+    return any(folder.glob("*/case.yaml")) or not any(folder.iterdir())
+
+
 def _in_browser(options: argparse.Namespace) -> bool:
     return bool(options.render == "client")
 
@@ -167,3 +211,77 @@ def _node_name(text: str) -> str:
     if not re.fullmatch(r"(/?[A-Za-z_][A-Za-z0-9_]*)+", text):
         raise argparse.ArgumentTypeError(f"{text!r}; expected the name of a node: /marginguard")
     return text
+
+
+def _megabytes(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > _MAX_UPLOAD_MB:
+        raise argparse.ArgumentTypeError(f"{text!r} MB; expected 0 to {_MAX_UPLOAD_MB}")
+    return int(text)
+
+
+def _add_address(parser: argparse.ArgumentParser) -> None:
+    """Add host, port, tokens and whether a browser is opened."""
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to serve at; default: this machine only"
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=0,
+        metavar="N",
+        help="port to serve at; default: 0, a free one",
+    )
+    parser.add_argument(
+        "--token", help="token that opens the page with its controls; default: a random one"
+    )
+    parser.add_argument(
+        "--view-token", help="token that opens the page without controls; default: a random one"
+    )
+    parser.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="host name under which the page may be opened, besides localhost and addresses in "
+        "digits; once for each name, e.g. that of a proxy",
+    )
+    parser.add_argument(
+        "--browser",
+        action=argparse.BooleanOptionalAction,
+        default=False,
+        help="open the page at once",
+    )
+
+
+def _checked_address(options: argparse.Namespace) -> "Address":
+    """The address of ``options``, which can be bound now. Raises `MarginGuardError`."""
+    from app.geometry import InputError
+    from app.viewer import Address, new_token
+
+    for name in ("token", "view_token"):
+        if getattr(options, name) == "":
+            raise InputError(
+                f"--{name.replace('_', '-')} is empty; "
+                "expected a text, because anybody could open the page"
+            )
+    address = Address(
+        options.host,
+        options.port,
+        options.token or new_token(),
+        options.view_token or new_token(),
+        tuple(options.allow_host),
+    )
+    address.check()
+    return address
+
+
+def _print_urls(options: argparse.Namespace, address: "Address", port: int) -> None:
+    """Print the URL of each role, and open the first one if the options say so."""
+    from app.viewer import Role
+
+    url = address.url(port)
+    print(url, f"view only: {address.url(port, Role.VIEW)}", sep="\n", flush=True)
+    if options.browser:
+        import webbrowser
+
+        webbrowser.open(url)

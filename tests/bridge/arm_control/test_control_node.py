@@ -249,11 +249,11 @@ def test_second_sender_of_a_measurement_stops_the_arm(controlled, domain_id):
 
 
 def test_shipped_file_agrees_with_the_committed_schema(project_root, capsys):
-    assert main(["schema", "control"]) == 0
+    assert main(["doctor", "schema", "control"]) == 0
     assert capsys.readouterr().out == control_schema_text()
     committed = project_root / "docs" / "schemas" / "control.schema.json"
     assert committed.read_text() == control_schema_text(), (
-        "run: marginguard schema control -o docs/schemas/control.schema.json"
+        "run: marginguard doctor schema control -o docs/schemas/control.schema.json"
     )
     shipped = project_root / "data" / "worlds" / "lumpectomy" / "control.yaml"
     jsonschema.Draft202012Validator(json.loads(committed.read_text())).validate(

@@ -220,7 +220,7 @@ def test_file_is_complete_after_each_flush(tmp_path):
         bag.flush()
         theirs, ours, (note,) = read(path)
         assert theirs == ours == expected
-        assert "has no index, as after a crash" in note and "marginguard recover" in note
+        assert "has no index, as after a crash" in note and "marginguard convert recover" in note
     bag.close()
     assert read(path) == (expected, expected, [])
 

@@ -1,4 +1,4 @@
-"""``calibrate hand-eye``, ``calibrate time`` and ``register`` on the recorded case.
+"""``calibrate hand-eye``, ``calibrate time`` and ``calibrate robot-base`` on the recorded case.
 
 The joints of the case come from the kinematics of the arm, its poses from a simulated tracker. The
 ground truth in `expected.yaml` was written before noise and other errors were added.
@@ -139,7 +139,7 @@ def test_time_does_not_accept_slow_motion(case: Path, tmp_path: Path, capsys):
 def test_register_follows_the_manifest(case: Path, true_base, tmp_path, capsys):
     saved, plot = tmp_path / "base.tfm", tmp_path / "base.png"
     outputs = ["--save", str(saved), "--plot", str(plot)]
-    assert main(["register", str(case), "--json", *outputs]) == 0
+    assert main(["calibrate", "robot-base", str(case), "--json", *outputs]) == 0
     found = json.loads(capsys.readouterr().out)
     base = transform_of(found)
     assert base.distance_mm_to(true_base) < 1.0
@@ -177,7 +177,7 @@ def test_incomplete_joints_are_rejected(case: Path, tmp_path: Path, capsys):
             yield JointSample(tuple(others), tuple(others.values()), sample.stamp)
 
     partial = with_joints(case, tmp_path / "partial", without_roll)
-    for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
+    for command in (["calibrate", "robot-base"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
         assert main([*command, partial]) == 2
         assert "joint 'roll', which moves 'stylus', has no position" in capsys.readouterr().err
 
@@ -204,7 +204,7 @@ def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSampl
 
 def test_case_without_robot_is_rejected(tmp_path: Path, capsys):
     small = str(write_small_case(tmp_path / "small"))
-    for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
+    for command in (["calibrate", "robot-base"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
         assert main([*command, small]) == 2
         assert re.search(r"has no (robot|joints)", capsys.readouterr().err)
     assert main(["calibrate", "time", small, "--save", str(tmp_path / "lag.tfm")]) == 2

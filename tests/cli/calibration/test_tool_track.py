@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.cli.calibration.recording import Recording, extract_tool_track
-from app.cli.calibration.tip import read_tip
+from app.cli.calibration.calibration_inputs import Recording, extract_tool_track, read_tip
 from app.geometry import InputError
 from tests.cli.calibration.recordings import TIP_MM, frames, pivoting
 

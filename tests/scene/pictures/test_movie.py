@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.cli.keyframes import PICTURES_PER_S
+from app.cli.scene_log import PICTURES_PER_S
 from app.fixture import MarginState
 from app.geometry import InputError, Transform
 from app.scene import StepScene, movie_gif, movie_mp4

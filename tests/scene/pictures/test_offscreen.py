@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from app.cli.render_warmup import warmup_step
+from app.cli.scene_process import warmup_step
 from app.scene import OffscreenError, step_png, use_offscreen_rendering
 
 pytestmark = pytest.mark.slow
@@ -43,7 +43,7 @@ def test_egl_rendering_works_on_this_machine(can_draw):
 
 DRAW_ALONE = """
 import hashlib, sys
-from app.cli.render_warmup import warmup_step
+from app.cli.scene_process import warmup_step
 from app.scene import load_3d_view_only, step_png
 load_3d_view_only()
 print(hashlib.sha256(step_png(*warmup_step(), (320, 240))).hexdigest())

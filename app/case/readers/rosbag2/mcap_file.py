@@ -89,7 +89,7 @@ def read_records_from(file: IO[bytes], name: str, note: Callable[[str], None]) -
             if opcode == Opcode.DATA_END and not _has_index(file):
                 note(
                     f"{name} has no index, as after a crash of its recorder: its last messages may "
-                    "be missing; 'marginguard recover' adds an index"
+                    "be missing; 'marginguard convert recover' adds an index"
                 )
             return
         if len(head) < _HEAD.size or offset + _HEAD.size + length > size:

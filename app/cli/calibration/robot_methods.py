@@ -1,5 +1,6 @@
-"""``marginguard calibrate hand-eye``: a robot's base from its poses and those of a held sensor."""
+"""Methods of ``marginguard calibrate`` for the base of a robot: hand-eye, and that of its case."""
 
+import argparse
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -9,17 +10,18 @@ from app.cli.calibration.calibration_method import CalibrationMethod, Input
 
 if TYPE_CHECKING:
     from app.case import Case, JointSample
-    from app.cli.calibration.calibration_inputs import CalibrationInputs
+    from app.cli.calibration.calibration_inputs import CalibrationInputs, Recording
     from app.cli.calibration.calibration_result import CalibrationResult
-    from app.cli.calibration.recording import Recording
     from app.geometry import Stamp, Transform
+    from app.registration import RegistrationResult
     from app.robot import Robot
+
 
 MAX_JOINT_GAP_NS = 100_000_000
 """Largest interval between two joint samples within which joints are interpolated."""
 
 
-def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
     """Compute ``reference_from_<base>`` and the mount of the sensor on the robot's tool link."""
     import numpy as np
 
@@ -119,9 +121,56 @@ def _link_pose_at(
     return first.interpolate(second, (stamp.ns - before.stamp.ns) / gap_ns)
 
 
-METHOD = CalibrationMethod(
-    name="hand-eye",
-    summary="the base of a robot that held a tracked sensor in many poses",
-    inputs=frozenset({Input.TOOL_TRACK, Input.JOINTS}),
-    run=calibrate,
+def robot_base_of_case(options: argparse.Namespace) -> "CalibrationResult":
+    """Register the robot of a case as its manifest specifies."""
+    from app.runtime import register_case
+
+    registered = register_case(options.case, package_dirs=options.package_dirs)
+    offset = registered.clock
+    notes = () if offset is None else (f"clock offset estimated: {offset.reason}",)
+    return _as_calibration_result(registered.registration, (*registered.case.notes(), *notes))
+
+
+def _as_calibration_result(
+    registration: "RegistrationResult", notes: tuple[str, ...]
+) -> "CalibrationResult":
+    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
+
+    residuals = None
+    numbers: dict[str, float] = {}
+    if len(registration.residuals_mm):
+        residuals = Residuals(
+            "distance of the moved point from its partner",
+            "mm",
+            "number of the pair",
+            registration.residuals_mm,
+            labels=tuple(str(number) for number in range(1, len(registration.residuals_mm) + 1)),
+            outliers=registration.outliers,
+            leave_one_out=registration.leave_one_out_mm,
+        )
+        numbers = {
+            "points": len(registration.residuals_mm),
+            "outliers": len(registration.outliers),
+            "rms_mm": residuals.rms,
+            "max_mm": residuals.largest,
+            "condition": registration.condition,
+        }
+    return CalibrationResult(
+        kind=registration.method.replace("_", " "),
+        transform=registration.transform,
+        accepted=registration.accepted,
+        reason=registration.reason,
+        numbers=numbers,
+        residuals=residuals,
+        notes=notes,
+    )
+
+
+METHODS = (
+    CalibrationMethod(
+        name="hand-eye",
+        summary="the base of a robot that held a tracked sensor in many poses",
+        inputs=frozenset({Input.TOOL_TRACK, Input.JOINTS}),
+        run=find_robot_base,
+    ),
 )

@@ -16,7 +16,7 @@ from typing import Any, Self
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
 
-from app.cli.cohort.case_run import Job, Outcome, run_job
+from app.cli.cohort_run import Job, Outcome, run_job
 from app.cohort import failed, identity_of
 from app.cohort.columns import LOST
 from app.geometry import InputError

@@ -1,11 +1,12 @@
-"""``marginguard calibrate lag``: the offset between the clocks of two signals of one motion."""
+"""Methods of ``marginguard calibrate`` for the offset between two clocks: lag and time."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.calibration.argument_types import clock_offset_ms, frame_name
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
+from app.cli.options import clock_offset_ms, frame_name
 
 if TYPE_CHECKING:
     from app.cli.calibration.calibration_inputs import CalibrationInputs
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from app.registration import TimedSignal
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_other_signal(parser: argparse.ArgumentParser) -> None:
     """Declare the other signal and the first guess of the offset."""
     parser.add_argument(
         "--other", type=Path, metavar="FILE", required=True,
@@ -23,13 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--other-tool", type=frame_name, metavar="FRAME",
         help="the tracked frame of the other recording; default: the only one",
     )  # fmt: skip
-    parser.add_argument(
-        "--around-ms", type=clock_offset_ms, default=0.0, metavar="MS",
-        help="first guess of the offset, for clocks that started at different times",
-    )  # fmt: skip
+    _add_first_guess(parser)
 
 
-def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_lag(inputs: "CalibrationInputs") -> "CalibrationResult":
     """Estimate how much more the clock of the other signal reads than the recording's.
 
     One signal is fitted as a linear function of the one with more values. So positions by a tracker
@@ -41,7 +39,7 @@ def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
 
     track = inputs.tool_track
     first = TimedSignal.from_positions(track.samples)
-    second, notes = _other(inputs)
+    second, notes = _other_signal(inputs)
     around_ns = round(inputs.options.around_ms * NS_PER_MS)
     is_swapped = first.values.shape[1] < second.values.shape[1]
     a, b, sign = (second, first, -1) if is_swapped else (first, second, 1)
@@ -64,10 +62,10 @@ def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
     )
 
 
-def _other(inputs: "CalibrationInputs") -> "tuple[TimedSignal, tuple[str, ...]]":
+def _other_signal(inputs: "CalibrationInputs") -> "tuple[TimedSignal, tuple[str, ...]]":
     import numpy as np
 
-    from app.cli.calibration.recording import TimeSpan, extract_tool_track, open_recording
+    from app.cli.calibration.calibration_inputs import TimeSpan, extract_tool_track, open_recording
     from app.files.signal_file import SIGNAL_ENDING, read_signal
     from app.registration import TimedSignal
 
@@ -85,11 +83,63 @@ def _other(inputs: "CalibrationInputs") -> "tuple[TimedSignal, tuple[str, ...]]"
     return TimedSignal.from_positions(track.samples), track.notes
 
 
-METHOD = CalibrationMethod(
-    name="lag",
-    summary="how much the clock of another signal of the same motion reads more",
-    inputs=frozenset({Input.TOOL_TRACK}),
-    run=calibrate,
-    add_arguments=add_arguments,
-    finds_clock_offset=True,
+def _add_first_guess(parser: argparse.ArgumentParser) -> None:
+    """Declare the first guess of the offset."""
+    parser.add_argument(
+        "--around-ms", type=clock_offset_ms, default=0.0, metavar="MS",
+        help="first guess of the offset, for clocks that started at different times",
+    )  # fmt: skip
+
+
+def find_time_offset(inputs: "CalibrationInputs") -> "CalibrationResult":
+    """Estimate what to add to the robot's time, from the tip's motion as both measured it.
+
+    The offset that the case states is not used.
+    """
+    from app.cli.calibration.calibration_result import CalibrationResult
+    from app.geometry import NS_PER_MS
+    from app.registration import estimate_time_offset
+    from app.session import tip_signals
+
+    # Apply the guess while reading, so that frames pair joints with poses of the same time.
+    around_ns = round(inputs.options.around_ms * NS_PER_MS)
+    shifted = inputs.case.with_joint_offset(around_ns)
+    by_robot, by_tracker = tip_signals(inputs.case, inputs.span.select(shifted.frames()))
+    by_robot = replace(by_robot, times_ns=by_robot.times_ns - around_ns)
+    offset = estimate_time_offset(by_robot, by_tracker, around_ns=around_ns)
+    low_ns, high_ns = offset.interval_ns
+    return CalibrationResult(
+        kind="time",
+        transform=None,
+        accepted=offset.accepted,
+        reason=offset.reason,
+        numbers={
+            "joint_samples": len(by_robot.times_ns),
+            "poses": len(by_tracker.times_ns),
+            "offset_robot_to_tracker_ms": offset.offset_ns / NS_PER_MS,
+            "interval_low_ms": low_ns / NS_PER_MS,
+            "interval_high_ms": high_ns / NS_PER_MS,
+            "explained": offset.explained,
+        },
+        notes=shifted.notes(),
+    )
+
+
+METHODS = (
+    CalibrationMethod(
+        name="lag",
+        summary="how much the clock of another signal of the same motion reads more",
+        inputs=frozenset({Input.TOOL_TRACK}),
+        run=find_lag,
+        add_arguments=_add_other_signal,
+        finds_clock_offset=True,
+    ),
+    CalibrationMethod(
+        name="time",
+        summary="how much the tracker's clock reads more than the robot's",
+        inputs=frozenset({Input.JOINTS}),
+        run=find_time_offset,
+        add_arguments=_add_first_guess,
+        finds_clock_offset=True,
+    ),
 )

@@ -1,31 +1,59 @@
-"""Results and replay pages of cases for the library, each in a process of its own."""
+"""The page of a folder of cases, with their results and replay pages in other processes."""
 
+import argparse
 import asyncio
 import io
 import json
 import os
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from app.cli.child_of_command import child_of_command
+from app.cli.child_commands import child_of_command
 from app.files.bounded_io import read_bounded
 from app.files.child_process import reported_error
 from app.geometry import InputError
+from app.viewer.library_server import LibraryServer
 
 if TYPE_CHECKING:
     from app.viewer import Role
     from app.viewer.case_library import CaseResult
 
+
+_DEFAULT_UPLOAD_MB = 512
 _TIMEOUT_S = 1800.0
 _PICTURE_SIZE = (480, 300)
 _MAX_PICTURE_BYTES = 64 << 20
 _NICE = 10
 _MAX_ERROR_BYTES = 1 << 16
+
+
+@contextmanager
+def library_page(options: argparse.Namespace) -> Iterator["LibraryServer"]:
+    """The page of ``marginguard view FOLDER``."""
+    from app import __version__
+    from app.cli.caches import RESULTS_FOLDER
+    from app.fixture.proximity.field_cache import cache_folder
+    from app.viewer.case_library import CaseLibrary
+    from app.viewer.library_server import LibraryServer
+
+    replays = CaseReplays(options.package_dirs)
+    page = OpenedPage(options.host, options.allow_host, options.package_dirs)
+    library = CaseLibrary(
+        options.case.absolute(), cache_folder() / RESULTS_FOLDER, replays.result, __version__
+    )
+    library.start()
+    max_mb = _DEFAULT_UPLOAD_MB if options.max_upload_mb is None else options.max_upload_mb
+    try:
+        yield LibraryServer(library, page.open, max_mb << 20)
+    finally:
+        library.close()
+        replays.close()
+        page.close()
 
 
 class CaseReplays:

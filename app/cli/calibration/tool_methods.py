@@ -1,12 +1,13 @@
-"""``marginguard calibrate landmarks``: the pose of a phantom from dwells on its landmarks."""
+"""Methods of ``marginguard calibrate`` with a tracked tool: pivot, spin, landmarks of a phantom."""
 
 import argparse
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.calibration.argument_types import frame_name
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
+from app.cli.options import frame_name
 
 if TYPE_CHECKING:
     from app.cli.calibration.calibration_inputs import CalibrationInputs
@@ -15,7 +16,85 @@ if TYPE_CHECKING:
     from app.registration import LandmarkDetection
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def find_tip(inputs: "CalibrationInputs") -> "CalibrationResult":
+    """Compute ``tool_from_tip``, with +z along the line from the sensor to the tip."""
+    from app.cli.calibration.calibration_inputs import tip_frame_of
+    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
+    from app.registration import calibrate_pivot, select_pivot_poses
+
+    track = inputs.tool_track
+    poses = track.poses
+    selected = select_pivot_poses(poses)
+    pivot = calibrate_pivot([poses[index] for index in selected])
+    residuals = Residuals(
+        "distance of the tip from the pivot",
+        "mm",
+        "number of the pose",
+        pivot.residuals_mm,
+        outliers=pivot.outliers,
+    )
+    return CalibrationResult(
+        kind="pivot",
+        transform=pivot.tool_from_tip(tip_frame_of(track.tool)),
+        accepted=pivot.accepted,
+        reason=pivot.reason,
+        numbers={
+            "samples": len(track.samples),
+            "poses": len(selected),
+            "outliers": len(pivot.outliers),
+            "rms_mm": residuals.rms,
+            "max_mm": residuals.largest,
+            "sigma_of_tip_mm": pivot.tip_sigma_mm,
+            "condition": pivot.condition,
+            "swing_deg": math.degrees(pivot.swing_rad),
+        },
+        residuals=residuals,
+        notes=track.notes,
+    )
+
+
+def find_shaft(inputs: "CalibrationInputs") -> "CalibrationResult":
+    """Compute ``tool_from_tip`` with +z along the shaft; the origin is that of the known tip."""
+    import numpy as np
+
+    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
+    from app.registration import calibrate_spin, select_poses, tip_transform
+
+    track, tool_from_tip = inputs.tool_track, inputs.tool_from_tip
+    poses = track.poses
+    # By angle only: a sensor close to the shaft hardly moves during a spin.
+    selected = select_poses(poses, min_distance_mm=0.0)
+    tip_mm = tool_from_tip.translation_mm
+    spin = calibrate_spin([poses[index] for index in selected], tip_mm=tip_mm)
+    residuals = Residuals(
+        "angle of the shaft from its mean direction",
+        "deg",
+        "number of the pose",
+        np.degrees(spin.residuals_rad),
+        outliers=spin.outliers,
+    )
+    return CalibrationResult(
+        kind="spin",
+        transform=tip_transform(
+            tip_mm, spin.shaft, tool_frame=track.tool, tip_frame=tool_from_tip.source
+        ),
+        accepted=spin.accepted,
+        reason=spin.reason,
+        numbers={
+            "samples": len(track.samples),
+            "poses": len(selected),
+            "outliers": len(spin.outliers),
+            "rms_deg": residuals.rms,
+            "max_deg": residuals.largest,
+            "sigma_of_shaft_deg": math.degrees(spin.sigma_rad),
+            "turn_deg": math.degrees(spin.turn_rad),
+        },
+        residuals=residuals,
+        notes=track.notes,
+    )
+
+
+def _add_phantom(parser: argparse.ArgumentParser) -> None:
     """Declare the options that describe the phantom."""
     parser.add_argument(
         "--landmarks", type=Path, metavar="FILE",
@@ -27,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_phantom(inputs: "CalibrationInputs") -> "CalibrationResult":
     """Compute ``reference_from_<phantom>`` from dwells in any order."""
     import numpy as np
 
@@ -110,10 +189,24 @@ def _match_notes(detection: "LandmarkDetection") -> list[str]:
     return notes
 
 
-METHOD = CalibrationMethod(
-    name="landmarks",
-    summary="a phantom whose landmarks a stylus dwelt on, in any order",
-    inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
-    run=calibrate,
-    add_arguments=add_arguments,
+METHODS = (
+    CalibrationMethod(
+        name="pivot",
+        summary="the tip of a tool that was turned about it",
+        inputs=frozenset({Input.TOOL_TRACK}),
+        run=find_tip,
+    ),
+    CalibrationMethod(
+        name="spin",
+        summary="the shaft of a tool that was turned about it",
+        inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
+        run=find_shaft,
+    ),
+    CalibrationMethod(
+        name="landmarks",
+        summary="a phantom whose landmarks a stylus dwelt on, in any order",
+        inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
+        run=find_phantom,
+        add_arguments=_add_phantom,
+    ),
 )

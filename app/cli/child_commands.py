@@ -1,15 +1,35 @@
-"""Commands that run beside another command, each a process of its own, and end with it."""
+"""Run commands as children of another one: ``python -m app.cli.child_commands PID COMMAND ...``.
 
+A child ends with its parent: on Linux the system sends it SIGTERM when the parent has died, also by
+SIGKILL.
+"""
+
+import ctypes
+import os
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Callable
 
-from app.cli.child_of_command import child_of_command
-from app.geometry import InputError
-
 END_TIMEOUT_S = 15.0
 """Time in which a command ends after SIGINT; then it is killed."""
+
+_PR_SET_PDEATHSIG = 1
+
+
+def child_of_command(*arguments: str) -> list[str]:
+    """The command line of ``marginguard ARGUMENTS`` as a child of this process."""
+    return [sys.executable, "-m", "app.cli.child_commands", str(os.getpid()), *arguments]
+
+
+def end_with_parent(parent: int) -> None:
+    """Request SIGTERM for the death of ``parent``; exit at once if it has died already."""
+    if not sys.platform.startswith("linux"):
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        sys.exit(128 + signal.SIGTERM)
 
 
 class CommandGroup:
@@ -51,6 +71,8 @@ class CommandGroup:
         for name, process, _ in self._children:
             while not self._ready[name].wait(0.1) and not stop.is_set():
                 if process.poll() is not None:
+                    from app.geometry import InputError  # which a child need not load
+
                     raise InputError(
                         f"'marginguard {name}' ended with status {process.returncode} before it "
                         "was ready; expected it to run: its error is above"
@@ -86,3 +108,10 @@ class CommandGroup:
         status = process.wait()
         if not self._closing.is_set():
             self._ended(name, status)
+
+
+if __name__ == "__main__":
+    end_with_parent(int(sys.argv.pop(1)))
+    from app.cli.main import main
+
+    sys.exit(main())

@@ -4,6 +4,7 @@ Nothing heavy is imported into this process: packages are looked up in their met
 are tried in another process, so that a crash is a result like any other.
 """
 
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -12,7 +13,6 @@ from importlib import metadata
 from pathlib import Path
 
 from app.cli.shipped_checks import check_shipped
-from app.cli.state_checks import check_state
 from app.cli.system_checks import Check, check_building, check_machine, checked
 from app.files.child_process import ChildError, run_to_end
 from app.files.extras import DISTRIBUTION, install_command, install_interfaces
@@ -21,6 +21,9 @@ from app.files.paths import state_folder
 
 PROBE_TIMEOUT_S = 60.0
 EXTRAS = ("", "ros", "scene")
+
+_STATE = "live sessions"
+_STATE_REMEDY = "a live session cannot start: make the folder writable, or set XDG_STATE_HOME"
 
 RCLPY = "import rclpy; print(rclpy.__file__)"
 INTERFACES = """\
@@ -115,6 +118,44 @@ def check_mrml(probe: Probe) -> Check:
     ok, output = probe(MRML)
     remedy = f"run `{install_command('scene')}`"
     return checked("3D Slicer scene", ok, "MRML" if ok else output, remedy)
+
+
+def check_state(folder: Path) -> Check:
+    """Check that records can be written to ``folder``; list its holds and sessions.
+
+    A hold is no error: it is there to be seen by the next session and its operator.
+    """
+    if not _is_writable(folder):
+        return checked(_STATE, False, f"{folder} cannot be written", _STATE_REMEDY)
+    texts = [_record_text(path) for path in sorted(folder.glob("domain*.json"))]
+    found = [text for text in texts if text]
+    return checked(_STATE, True, "; ".join([str(folder), *found]), "")
+
+
+def _is_writable(folder: Path) -> bool:
+    existing = next((each for each in (folder, *folder.parents) if os.path.lexists(each)), None)
+    return existing is not None and existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
+
+
+def _record_text(path: Path) -> str:
+    """The effect of this record on the next session; empty if it may start without hold."""
+    from app.hold import SecondInstanceError, StateFileError
+    from app.hold.on_disk import check_no_guard
+    from app.hold.record import causes_of_record, read_any_record
+
+    try:
+        record = read_any_record(path)
+    except StateFileError as error:
+        return f"{error}: the next session begins on hold"
+    slot = next((slot for slot in record.key.slots if slot.stem == path.stem), None)
+    if slot is None:
+        return f"{path.name}: not the record of its name: the next session begins on hold"
+    try:
+        check_no_guard(path.with_suffix(".lock"), slot)
+    except SecondInstanceError:
+        return f"{slot}: a session runs (process {record.pid})"
+    causes = causes_of_record(record, None)
+    return f"{slot}: the next session begins on hold ({causes[0]})" if causes else ""
 
 
 def _origin(module: Path) -> str:

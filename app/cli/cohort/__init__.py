@@ -1,1 +1,0 @@
-"""The command ``marginguard cohort``: cases on the workers of Dask distributed."""

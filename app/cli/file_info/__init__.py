@@ -1,1 +1,0 @@
-"""Descriptions of single files for ``marginguard info``: what it is, its use, what is missing."""
