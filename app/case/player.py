@@ -210,6 +210,9 @@ def checked_rate(rate: float | None) -> float | None:
     return rate
 
 
+# The clocks are passed in, as for the `Player`, which times the samples.
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayedSamples:
     """Samples that are due. ``poses``: all of one acquisition stamp, on the host's clock.

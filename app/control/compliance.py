@@ -74,6 +74,10 @@ def _above(vector: FloatArray, dead: float) -> FloatArray:
     return np.asarray(vector) * (max(length - dead, 0.0) / length if length > 0.0 else 0.0)
 
 
+# The arm (dVRK: ``servo_ci``) pulls its tip back where it is beyond the plane, with ``K`` times
+# the depth and ``B`` times the speed, and leaves all other motion free.
+
+
 @dataclass(frozen=True, slots=True)
 class ImpedanceParameters:
     """The half-axis, and the loop of the arm that renders it.

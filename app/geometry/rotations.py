@@ -61,6 +61,10 @@ def quaternions_of_rotations(rotations: FloatArray) -> FloatArray:
     return np.asarray(found / norms[:, None])
 
 
+# `scipy.spatial.transform.Rotation` does the same with the same formulas, to the same digits, in
+# 20 to 50 us for a single rotation, most of it for the choice of an array library. These take 3
+# us.
+
 _SMALL_RAD = 1e-3
 """Below it, series of Taylor are more exact than the formulas with sines."""
 

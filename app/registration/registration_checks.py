@@ -142,6 +142,10 @@ def _at_points(covariance: FloatArray, points_mm: FloatArray) -> FloatArray:
     return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
 
 
+# The criteria are the predicted error at the targets, with a confidence bound for few points, and
+# the leave-one-out errors.
+
+
 @dataclass(frozen=True, slots=True)
 class AcceptanceLimits:
     """Limits in mm of the 95 % upper bound of sigma TRE and of every leave-one-out error.
@@ -202,6 +206,9 @@ def evaluate_acceptance(
     else:
         details.append("leave-one-out error is not available")
     return replace(result, accepted=not faults, reason="; ".join(faults or details))
+
+
+# Detects a robot base that was moved, a reference sensor that slipped, and metal in the EM field.
 
 
 @dataclass(frozen=True, slots=True)

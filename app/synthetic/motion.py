@@ -222,6 +222,10 @@ def _same(one: Transform, other: Transform) -> bool:
     return bool(np.abs(one.matrix - other.matrix).max() < _HELD_MM)
 
 
+# The patient is ventilated. During registration the breath is held at end expiration, where every
+# body is at its rest pose; then breathing starts.
+
+
 @dataclass(frozen=True, slots=True)
 class Breathing:
     """Depth of breath over time: 0 at end expiration, 1 at full inspiration.

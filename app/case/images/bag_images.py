@@ -143,6 +143,9 @@ def _parts(path: Path) -> list[Path]:
     return parts
 
 
+# Each is a ``sensor_msgs/Range``: ``range`` is the depth in m, ``header.stamp`` the time on the
+# clock of the tracker after which it holds.
+
 IMAGE_DEPTH_TOPIC = "/marginguard/image_depth"
 
 

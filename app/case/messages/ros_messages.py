@@ -27,6 +27,9 @@ from app.geometry import (
     quaternion_of_rotation,
 )
 
+# A general serialiser converts a message field by field; a recording has thousands of messages
+# whose names are the same.
+
 _ENCAPSULATION = b"\0\1\0\0"
 _STAMP = struct.Struct("<iI")
 _SEC_LIMIT = 2**31

@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
         print_reach()
         with received.ends_at_once():
             from app.bridge import RosNode
-            from app.bridge.simulation import RealTime, SimulationNode
+            from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
             from app.cli.child_commands import CommandGroup
             from app.cli.gc_control import prompt_process
             from app.geometry import InputError
