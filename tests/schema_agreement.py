@@ -13,13 +13,14 @@ from typing import Any
 
 import jsonschema
 
-from app.case import DOCUMENTS, schema_text
+from app.case import DOCUMENTS
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
 from app.case.manifest.expected import read_expected
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
+from app.files import schema_text
 from app.files.document import Section
 from app.files.document_text import GENERAL_RULES
 from app.geometry import MarginGuardError
@@ -58,7 +59,7 @@ READERS: dict[str, Callable[[Section], object]] = {
 @cache
 def validator(document: str) -> Any:
     """The validator of a document by the independent library ``jsonschema``."""
-    return jsonschema.Draft202012Validator(json.loads(schema_text(document)))
+    return jsonschema.Draft202012Validator(json.loads(schema_text(DOCUMENTS[document], document)))
 
 
 def refusal(document: str, values: object) -> str | None:

@@ -107,12 +107,6 @@ SUB_PACKAGES_MAY_IMPORT = {
         "proximity": {"surfaces", "meshes"},
         "control": {"proximity"},
     },
-    "scene": {
-        "nodes": set(),
-        "frames": {"nodes"},
-        "margin": {"nodes", "frames"},
-        "pictures": {"nodes", "frames"},
-    },
     "viewer": {
         "drawing": set(),
         "messages": set(),

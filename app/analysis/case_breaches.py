@@ -31,8 +31,8 @@ from app.geometry import FloatArray, InputError, anatomical_words
 from app.session import is_tip, place_letters
 
 # Here the distance is a smooth function of time plus the jitter of the tracker, with the
-# autocorrelation that `app.analysis.smoothing` estimates, and the depth is the minimum of the smooth
-# function.
+# autocorrelation that `app.analysis.smoothing` estimates, and the depth is the minimum of the
+# smooth function.
 
 DRAWS = 4000
 MAX_SAMPLES = 200

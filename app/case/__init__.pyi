@@ -57,7 +57,7 @@ from .manifest.robot import Dwell, RegistrationEntry, RobotEntry
 from .messages.decoder import values_reader
 from .messages.message_values import message_definition, read_image_message
 from .new_case import RECORDING_FOLDER, TrackedBody, begin_case, write_case
-from .new_manifest import write_case_manifest, write_live_manifest
+from .new_manifest import DOCUMENTS, write_case_manifest, write_live_manifest
 from .player import Playback, PlayedSamples, Player
 from .readers.igsio.igsio_header import read_igsio
 from .readers.mrml.mrml_recording import read_mrml
@@ -70,7 +70,6 @@ from .readers.recording_format import (
     recording_kinds,
 )
 from .readers.rosbag2.bag_frames import read_mcap
-from .schemas import DOCUMENTS, schema_text
 from .session_values import RegistrationValues, SessionValues, received_values, sent_values
 from .tracking_frames import CauteryState, CauteryTrail, JointSample, TrackingFrame
 from .tumor import (
@@ -176,7 +175,6 @@ __all__ = [
     "recording_formats",
     "recording_kinds",
     "recover_recording",
-    "schema_text",
     "sent_values",
     "stale_after_ns",
     "standard_image",

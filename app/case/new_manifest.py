@@ -1,4 +1,4 @@
-"""Writes a commented ``case.yaml`` or ``live.yaml`` that can be opened."""
+"""The declared documents of a case, and the writer of a commented one that can be opened."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -8,10 +8,14 @@ from typing import Any
 from app.case.case import open_case
 from app.case.live_file import LIVE, open_live
 from app.case.manifest.case_file import CASE, MANIFEST_NAME
+from app.case.manifest.expected import EXPECTED
 from app.files.atomic_io import write_file
 from app.files.document_text import commented_yaml
 from app.files.keys import Block
 from app.geometry import InputError, MarginGuardError
+
+DOCUMENTS = {"case": CASE, "live": LIVE, "expected": EXPECTED}
+"""Name of a document -> the declaration of its keys."""
 
 
 def write_case_manifest(folder: Path, values: Mapping[str, Any]) -> Path:

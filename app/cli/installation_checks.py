@@ -16,8 +16,8 @@ from app.cli.shipped_checks import check_shipped
 from app.cli.system_checks import Check, check_building, check_machine, checked
 from app.files.child_process import ChildError, run_to_end
 from app.files.extras import DISTRIBUTION, install_command, install_interfaces
-from app.files.packages import checkout
 from app.files.paths import state_folder
+from app.files.shipped import checkout
 
 PROBE_TIMEOUT_S = 60.0
 EXTRAS = ("", "ros", "scene")

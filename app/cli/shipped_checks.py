@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.cli.system_checks import Check, checked
 from app.files.extras import DISTRIBUTION, GUIDE
-from app.files.packages import checkout, shipped
+from app.files.shipped import checkout, shipped
 
 CASE = Path("data", "recorded_case")
 TOUCH = Path("data", "robots", "touch")

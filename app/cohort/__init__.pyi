@@ -16,7 +16,6 @@ from .manifest import (
     COHORT,
     MANIFEST_FILE,
     Cohort,
-    cohort_schema_text,
     open_manifest,
     write_manifest,
 )
@@ -33,7 +32,6 @@ __all__ = [
     "Design",
     "Outlier",
     "SyntheticCase",
-    "cohort_schema_text",
     "compare",
     "comparison_csv",
     "failed",

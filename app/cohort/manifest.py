@@ -1,6 +1,5 @@
 """``cohort.yaml``: the cases of a cohort. Its keys, values, reader and writer."""
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from app.cohort.cases import CohortCase
 from app.cohort.design import FIXTURES, OPTION_RANGES, Design, Fixture
 from app.files.atomic_io import new_folder
 from app.files.document import Section
-from app.files.document_text import json_schema
 from app.files.keys import Block, Choice, Integer, ListOf, Numbers, Text, Variant
 from app.geometry import InputError
 from app.synthetic.tracker_model import PRESETS, tracker_preset
@@ -76,12 +74,6 @@ COHORT = Block(
     variants=(Variant("simulated", ("simulated",)), Variant("recorded", ("cases",))),
     rules=(UNIQUE_NAMES,),
 )
-
-
-def cohort_schema_text() -> str:
-    """Return the JSON Schema of ``cohort.yaml``, as indented JSON."""
-    schema = json_schema(COHORT, "cohort.yaml of MarginGuard, schema 1")
-    return json.dumps(schema, indent=2) + "\n"
 
 
 @dataclass(frozen=True, slots=True)

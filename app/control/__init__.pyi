@@ -4,7 +4,6 @@ from .control_file import (
     CONTROL,
     RULE_FRAME,
     ControlDescription,
-    control_schema_text,
     open_control,
 )
 from .controller import (
@@ -36,7 +35,6 @@ __all__ = [
     "PoseMeasurement",
     "ToolKinematics",
     "WrenchMeasurement",
-    "control_schema_text",
     "half_axis",
     "open_control",
     "warm_up",

@@ -1,6 +1,5 @@
 """``control.yaml``: the arm, its tool, and where its base is. Its keys, values and reader."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,6 @@ from app.control.compliance import AdmittanceGains, ImpedanceParameters
 from app.control.controller import ControllerParameters, CooperativeController, ToolKinematics
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
-from app.files.document_text import json_schema
 from app.files.keys import (
     ROBOT_FILE,
     XACRO_ARGS,
@@ -128,12 +126,6 @@ CONTROL = Block(
     },
     rules=(FILES,),
 )
-
-
-def control_schema_text() -> str:
-    """Return the JSON Schema of ``control.yaml``, as indented JSON."""
-    schema = json_schema(CONTROL, "control.yaml of MarginGuard, schema 1")
-    return json.dumps(schema, indent=2) + "\n"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,5 @@
 from .atomic_io import check_output_path, write_file
+from .document_text import schema_text
 from .landmarks import POINT_ENDINGS, read_landmarks
 from .meshes import MESH_ENDINGS, UNITS_MM, check_mesh_path, load_mesh, write_mesh
 from .plus_config import PlusConfiguration, read_plus_config
@@ -22,6 +23,7 @@ __all__ = [
     "read_landmarks",
     "read_plus_config",
     "read_transform",
+    "schema_text",
     "write_file",
     "write_mesh",
     "write_transform",

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, NoReturn
 
-from app.files.packages import checkout
+from app.files.shipped import checkout
 
 Ask = Callable[[bytes], tuple[int, bytes]]
 """Sends a request to a new process; returns its exit status and its answer."""

@@ -4,6 +4,7 @@ The schema is of draft 2020-12 and uses only keywords that draft 7 has as well, 
 know no later draft.
 """
 
+import json
 import math
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -39,6 +40,12 @@ GENERAL_RULES = (
 """Rules of `load_yaml` and `Section` for every document that a schema cannot state."""
 
 Schema = dict[str, Any]
+
+
+def schema_text(block: Block, document: str) -> str:
+    """Return the JSON Schema of ``document``, which has the keys of ``block``, as indented JSON."""
+    schema = json_schema(block, f"{document}.yaml of MarginGuard, schema 1")
+    return json.dumps(schema, indent=2) + "\n"
 
 
 def json_schema(block: Block, title: str) -> Schema:

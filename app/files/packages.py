@@ -12,33 +12,13 @@ The folders of a package, in this order:
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.resources import files
 from itertools import islice
 from pathlib import Path
 
 from app.files.bounded_io import is_file, is_folder
+from app.files.shipped import shipped
 from app.files.xml_guard import parse_xml, read_xml
 from app.geometry import InputError
-
-# What is shipped beside the code (data, Slicer modules, RViz, Foxglove, benchmarks) is below the
-# root in a checkout and in an editable installation. A wheel has it in app/share, where
-# tools/build_py.py copies it.
-_PACKAGE = Path(str(files("app")))
-_SHARE = _PACKAGE / "share"
-
-
-def checkout() -> Path | None:
-    """Root of the checkout that contains this code; None if it was installed from a wheel.
-
-    An editable installation (``pip install -e``) runs the code of its checkout.
-    """
-    return None if _SHARE.is_dir() else _PACKAGE.parent
-
-
-def shipped(*parts: str) -> Path:
-    """Path of a shipped file or folder: ``shipped("data", "recorded_case")``. May not exist."""
-    return (checkout() or _SHARE).joinpath(*parts)
-
 
 PACKAGE_SCHEME = "package://"
 OWN_PACKAGE = "marginguard"

@@ -1,7 +1,7 @@
 """Setup of a session from a case, and distance engines for many cases with one tool."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -59,17 +59,7 @@ def robot_from_case(case: Case) -> RobotSetup | None:
 
 def margin_parameters(case: Case) -> MarginParameters:
     """The manifest's margins as checked `MarginParameters`."""
-    entry = case.manifest.margins
-    return MarginParameters(
-        stop_mm=entry.stop_mm,
-        warn_mm=entry.warn_mm,
-        k_tre=entry.k_tre,
-        v_max_mm_s=entry.v_max_mm_s,
-        stale_after_ns=entry.stale_after_ns,
-        release_samples=entry.release_samples,
-        release_band_mm=entry.release_band_mm,
-        frozen_after_ns=entry.frozen_after_ns,
-    )
+    return MarginParameters(**asdict(case.manifest.margins))
 
 
 def _robot_setup(case: Case, margins: MarginParameters) -> RobotSetup | None:

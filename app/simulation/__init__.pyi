@@ -23,7 +23,7 @@ from .world_entries import (
     TrackerEntry,
     WorldDescription,
 )
-from .world_file import WORLD, open_world, world_schema_text
+from .world_file import WORLD, open_world
 from .world_hand import DeviceEntry, HandEntry, JoyEntry, Push
 
 __all__ = [
@@ -68,5 +68,4 @@ __all__ = [
     "WorldTracker",
     "Wrench",
     "open_world",
-    "world_schema_text",
 ]

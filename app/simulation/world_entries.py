@@ -1,4 +1,4 @@
-"""What is in a world: the keys of ``world.yaml``, and their values in mm, rad, kg, N and ns."""
+"""Contents of a world: the keys of ``world.yaml``, and their values in mm, rad, kg, N and ns."""
 
 import math
 from collections.abc import Mapping

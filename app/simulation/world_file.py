@@ -1,12 +1,10 @@
 """Reads ``world.yaml`` and loads the robots and meshes that it names."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
-from app.files.document_text import json_schema
 from app.files.keys import Block, Integer, Number, Text
 from app.geometry import NS_PER_MS, MarginGuardError
 from app.simulation.errors import WorldError
@@ -43,12 +41,6 @@ WORLD = Block(
     },
     rules=(FILES, UNIQUE_NAMES, KNOWN_NAMES),
 )
-
-
-def world_schema_text() -> str:
-    """Return the JSON Schema of ``world.yaml``, as indented JSON."""
-    schema = json_schema(WORLD, "world.yaml of MarginGuard, schema 1")
-    return json.dumps(schema, indent=2) + "\n"
 
 
 def open_world(path: Path) -> WorldDescription:

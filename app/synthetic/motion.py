@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from app.files.packages import shipped
+from app.files.shipped import shipped
 from app.geometry import FloatArray, InputError, Transform, mismatched_frames
 from app.geometry.rotations import rotation_of_vector
 from app.robot import load_robot

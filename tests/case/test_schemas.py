@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 import yaml
 
-from app.case import DOCUMENTS, open_live, schema_text
+from app.case import DOCUMENTS, open_live
 from app.case.live_file import ABOVE_0, NEEDS_ROBOT, PASSIVE
 from app.case.manifest.case_file import FILES, OWN_BASE_FRAME
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
@@ -19,6 +19,7 @@ from app.case.manifest.margins import SESSION_LIMITS
 from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.cli.commands.doctor import SCHEMA_NAMES
 from app.cli.main import main
+from app.files import schema_text
 from app.files.document_text import GENERAL_RULES
 from app.files.keys import Block, Key, ListOf
 from app.fixture import LimiterParameters
@@ -49,7 +50,7 @@ FREE_NAMES = ("robot.xacro_args.", "package_dirs.")
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_schema_is_valid_and_uses_keywords_of_draft_7_only(document):
-    schema = json.loads(schema_text(document))
+    schema = json.loads(schema_text(DOCUMENTS[document], document))
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.Draft7Validator.check_schema(schema)
     known = set(jsonschema.Draft7Validator.VALIDATORS) | {
@@ -76,7 +77,7 @@ def _keywords(schema: Any) -> Iterator[str]:
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_committed_schema_is_the_generated_one(document):
     committed = ROOT / "docs/schemas" / f"{document}.schema.json"
-    assert committed.read_text() == schema_text(document), (
+    assert committed.read_text() == schema_text(DOCUMENTS[document], document), (
         f"run: marginguard doctor schema {document} -o docs/schemas/{document}.schema.json"
     )
 
@@ -84,9 +85,9 @@ def test_committed_schema_is_the_generated_one(document):
 def test_command_prints_and_writes_the_schema(tmp_path, capsys):
     assert (*DOCUMENTS, "world", "control", "cohort") == SCHEMA_NAMES
     assert main(["doctor", "schema", "live"]) == 0
-    assert capsys.readouterr().out == schema_text("live")
+    assert capsys.readouterr().out == schema_text(DOCUMENTS["live"], "live")
     assert main(["doctor", "schema", "case", "-o", str(tmp_path / "case.schema.json")]) == 0
-    assert (tmp_path / "case.schema.json").read_text() == schema_text("case")
+    assert (tmp_path / "case.schema.json").read_text() == schema_text(DOCUMENTS["case"], "case")
     case = tmp_path / "case.yaml"
     case.write_text("schema: 1\n")
     with pytest.raises(SystemExit) as stop:

@@ -8,11 +8,12 @@ import pytest
 import yaml
 
 from app.cli.main import main
-from app.cohort import OPTION_RANGES, Design, cohort_schema_text, open_manifest, write_manifest
+from app.cohort import COHORT, OPTION_RANGES, Design, open_manifest, write_manifest
+from app.files import schema_text
 from app.geometry import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
-CHECK = jsonschema.Draft202012Validator(json.loads(cohort_schema_text()))
+CHECK = jsonschema.Draft202012Validator(json.loads(schema_text(COHORT, "cohort")))
 SIMULATED = {
     "schema": 1,
     "name": "all keys",
@@ -105,8 +106,8 @@ def test_bad_manifest_is_one_clear_line(tmp_path, document, message):
 
 def test_committed_schema_is_the_generated_one(capsys):
     assert main(["doctor", "schema", "cohort"]) == 0
-    assert capsys.readouterr().out == cohort_schema_text()
+    assert capsys.readouterr().out == schema_text(COHORT, "cohort")
     committed = ROOT / "docs" / "schemas" / "cohort.schema.json"
-    assert committed.read_text() == cohort_schema_text(), (
+    assert committed.read_text() == schema_text(COHORT, "cohort"), (
         "run: marginguard doctor schema cohort -o docs/schemas/cohort.schema.json"
     )

@@ -43,10 +43,9 @@ PARSED_IN = {
 READS_OWN_FILES = {
     "bridge/session_bag.py": "definitions of messages, as installed",
     "bridge/message_definitions.py": "definitions of this project's messages, as installed",
-    "bridge/open_ports.py": "a table of the kernel",
-    "bridge/security.py": "a loaded library, and a table of the kernel",
+    "bridge/environment.py": "a loaded library, and a table of the kernel",
     "case/messages/message_values.py": "message definitions of this project",
-    "cli/cohort/case_run.py": "a table of the kernel",
+    "cli/cohort_run.py": "a table of the kernel",
     "cli/replay_page.py": "the report that this process wrote",
     "cli/scene_process.py": "a picture that a child process wrote",
     "files/video_file.py": "the video that this process wrote",
@@ -83,7 +82,7 @@ OPENS_FILES = {
     # An archive that a page has received under a limit, and its members under another.
     "files/zip_folder.py": {"archive.open", "zipfile.ZipFile", "opened.open", "target.open"},
     # Writers.
-    "viewer/library/library_server.py": {"archive.open"},
+    "viewer/library_server.py": {"archive.open"},
     "case/conversion.py": {"path.open"},
     "case/bag_writer.py": {"os.open"},
     "cohort/dataset.py": {"self._journal.open"},
@@ -93,7 +92,7 @@ OPENS_FILES = {
     "fixture/proximity/field_cache.py": {"os.fdopen"},
     "scene/scene_file.py": {"zipfile.ZipFile"},
     # Bytes of a picture, from the bounded read.
-    "cli/case_result.py": {"Image.open"},
+    "cli/library_page.py": {"Image.open"},
     # Bytes that were read from the cache and whose hash was checked.
     "simulation/rigid_body.py": {"np.load"},
     # A database, which SQLite opens by name after it was found to be a regular file.
@@ -103,7 +102,7 @@ OPENS_FILES = {
     # A source file, locked while its functions are compiled.
     "fixture/jit.py": {"os.open"},
     # The lock of a cohort's results.
-    "cli/cohort/run.py": {"(folder / LOCK_FILE).open"},
+    "cli/cohort_run.py": {"(folder / LOCK_FILE).open"},
     # A video in a temporary folder of its own.
     "files/video_file.py": {"av.open"},
     # Pipes between processes, and the folder of own caches.

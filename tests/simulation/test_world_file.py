@@ -13,16 +13,17 @@ import pytest
 import yaml
 
 from app.cli.main import main
+from app.files import schema_text
 from app.files.meshes import write_mesh
 from app.geometry import InputError
-from app.simulation import WORLD, World, WorldError, open_world, world_schema_text
+from app.simulation import WORLD, World, WorldError, open_world
 from tests.case.test_schemas import _paths
 from tests.simulation.conftest import LUMPECTOMY, ROOT, flat_sheet
 
 pytestmark = pytest.mark.slow
 
 Edit = Callable[[dict[str, Any]], object]
-CHECK = jsonschema.Draft202012Validator(json.loads(world_schema_text()))
+CHECK = jsonschema.Draft202012Validator(json.loads(schema_text(WORLD, "world")))
 
 
 def shipped() -> dict[str, Any]:
@@ -62,9 +63,9 @@ def test_committed_mesh_is_that_of_its_script(tmp_path, monkeypatch):
 
 def test_committed_schema_is_the_generated_one(capsys):
     assert main(["doctor", "schema", "world"]) == 0
-    assert capsys.readouterr().out == world_schema_text()
+    assert capsys.readouterr().out == schema_text(WORLD, "world")
     committed = ROOT / "docs" / "schemas" / "world.schema.json"
-    assert committed.read_text() == world_schema_text(), (
+    assert committed.read_text() == schema_text(WORLD, "world"), (
         "run: marginguard doctor schema world -o docs/schemas/world.schema.json"
     )
 

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer, Plain
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
+from app.case.manifest.margins import MARGINS
 from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import NS_PER_MS, MarginGuardError
 from app.hold import loosened_margins
@@ -21,16 +22,6 @@ from app.runtime import OperatorRequest, RequestKind, RequestLog
 OVER_ROS = "ROS"
 """Origin of a request of another process."""
 
-_TEXTS = {
-    "stop_mm": "distance at which the approach stops; must be less than warn_mm",
-    "warn_mm": "distance below which the state is WARNING; must be more than stop_mm",
-    "k_tre": "multiple of the registration's sigma that is added to both distances",
-    "v_max_mm_s": "maximum speed of approach; times the age of the data, added to both distances",
-    "stale_after_ns": "age above which data are stale",
-    "release_samples": "number of consecutive better samples that end a worse state",
-    "release_band_mm": "by how much the distance must exceed the threshold to count as better",
-    "frozen_after_ns": "time after which a pose that does not change counts as frozen",
-}
 
 MAX_NAMED = 5
 """Nodes that a message names."""
@@ -227,7 +218,7 @@ def _declarations(margins: MarginParameters) -> list[ParameterDeclaration]:
             ParameterDeclaration(
                 name=_ros_name(name),
                 value=int(value) if is_integer else float(value),
-                text=_TEXTS[name],
+                text=MARGINS.keys[_ros_name(name)].description,
                 unit=unit,
                 lowest=lowest,
                 highest=highest,

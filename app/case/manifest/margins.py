@@ -24,25 +24,43 @@ class MarginEntry:
     beyond the boundary. A pose that is constant for ``frozen_after_ns`` is frozen.
     """
 
-    stop_mm: Annotated[float, Number("the constraint acts from here", minimum=0.0)]
-    warn_mm: Annotated[float, Number("WARNING from here; more than stop_mm", minimum=0.0)]
+    stop_mm: Annotated[
+        float,
+        Number("distance at which the approach stops; must be less than warn_mm", minimum=0.0),
+    ]
+    warn_mm: Annotated[
+        float,
+        Number("distance below which the state is WARNING; must be more than stop_mm", minimum=0.0),
+    ]
     k_tre: Annotated[
-        float, Number("multiples of the registration's sigma that are added to both", minimum=0.0)
+        float,
+        Number("multiple of the registration's sigma that is added to both distances", minimum=0.0),
     ]
     v_max_mm_s: Annotated[
-        float, Number("multiplied by the age of the oldest sample and added to both", minimum=0.0)
+        float,
+        Number(
+            "maximum speed of approach; times the age of the data, added to both distances",
+            minimum=0.0,
+        ),
     ]
-    stale_after_ns: Annotated[int, Number("maximum age of a sample", above=0.0, maximum=YEAR_MS)]
+    stale_after_ns: Annotated[
+        int, Number("age above which data are stale", above=0.0, maximum=YEAR_MS)
+    ]
     release_samples: Annotated[
-        int, Integer("number of better samples before a better state is entered", 1, default=3)
+        int, Integer("number of consecutive better samples that end a worse state", 1, default=3)
     ]
     release_band_mm: Annotated[
-        float, Number("by how much these must be beyond the boundary", default=0.5, minimum=0.0)
+        float,
+        Number(
+            "by how much the distance must exceed the threshold to count as better",
+            default=0.5,
+            minimum=0.0,
+        ),
     ]
     frozen_after_ns: Annotated[
         int,
         Number(
-            "a pose that is constant for longer is frozen",
+            "time after which a pose that does not change counts as frozen",
             default=1000.0,
             above=0.0,
             maximum=YEAR_MS,

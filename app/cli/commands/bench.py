@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.cli.parsing import BAD_INPUT
-from app.files.packages import shipped
+from app.files.shipped import shipped
 
 SUMMARY = "run a benchmark and compare its figures with those of peers"
 BENCHMARKS = {

@@ -82,19 +82,14 @@ def _run_schema(options: argparse.Namespace) -> int:
     errors. The schema is generated from the declarations that the reader of the file uses. A few
     rules cannot be stated in JSON Schema: it lists them as comments.
     """
-    from app.case import schema_text
-    from app.cohort import cohort_schema_text
-    from app.control import control_schema_text
-    from app.files import write_file
-    from app.simulation import world_schema_text
+    from app.case import DOCUMENTS
+    from app.cohort import COHORT
+    from app.control import CONTROL
+    from app.files import schema_text, write_file
+    from app.simulation import WORLD
 
-    others = {
-        "world": world_schema_text,
-        "control": control_schema_text,
-        "cohort": cohort_schema_text,
-    }
-    make = others.get(options.document)
-    text = schema_text(options.document) if make is None else make()
+    blocks = {**DOCUMENTS, "world": WORLD, "control": CONTROL, "cohort": COHORT}
+    text = schema_text(blocks[options.document], options.document)
     if options.output is None:
         print(text, end="")
         return 0

@@ -14,7 +14,7 @@ import sysconfig
 from collections.abc import Mapping
 from pathlib import Path
 
-from app.files.packages import checkout, shipped
+from app.files.shipped import checkout, shipped
 
 SUMMARY = "start desktop 3D Slicer with MarginGuard's modules"
 MODULES = ("MarginGuard", "ROS2")

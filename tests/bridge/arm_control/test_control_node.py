@@ -18,7 +18,8 @@ from app.bridge import RosNode
 from app.bridge.arm_control import ControlNode
 from app.bridge.topics import NEWEST, STREAM, Topic
 from app.cli.main import main
-from app.control import control_schema_text, open_control
+from app.control import CONTROL, open_control
+from app.files import schema_text
 from app.geometry import NS_PER_S, InputError
 
 pytestmark = pytest.mark.slow
@@ -250,9 +251,9 @@ def test_second_sender_of_a_measurement_stops_the_arm(controlled, domain_id):
 
 def test_shipped_file_agrees_with_the_committed_schema(project_root, capsys):
     assert main(["doctor", "schema", "control"]) == 0
-    assert capsys.readouterr().out == control_schema_text()
+    assert capsys.readouterr().out == schema_text(CONTROL, "control")
     committed = project_root / "docs" / "schemas" / "control.schema.json"
-    assert committed.read_text() == control_schema_text(), (
+    assert committed.read_text() == schema_text(CONTROL, "control"), (
         "run: marginguard doctor schema control -o docs/schemas/control.schema.json"
     )
     shipped = project_root / "data" / "worlds" / "lumpectomy" / "control.yaml"
