@@ -15,4 +15,5 @@ def without_scene(tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("without_scene")
     (folder / "slicer.py").write_text("raise ImportError('no slicer here')\n")
     monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.syspath_prepend(folder)  # what a child process of this one imports
     return folder

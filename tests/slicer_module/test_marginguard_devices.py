@@ -38,13 +38,13 @@ def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, t
     with pytest.raises(InputError, match=r"^stylus: it is not calibrated; expected a pivot"):
         panel_logic.contour.add_tip(stylus)
     with pytest.raises(InputError, match=r"^spin: the tip of 'pointer' is at the sensor's origin"):
-        panel_logic.calibration().start(CalibrationKind.SPIN, stylus)
-    panel_logic.calibration().start(CalibrationKind.PIVOT, stylus)
+        panel_logic.calibration().start(status.calibration.revision, CalibrationKind.SPIN, stylus)
+    panel_logic.calibration().start(status.calibration.revision, CalibrationKind.PIVOT, stylus)
     status = spin_until(panel_logic, lambda now: "Good enough" in now.calibration.text)
     assert status.calibration.text.startswith("pivot of the stylus: recording")
-    panel_logic.calibration().stop()
-    spin_until(panel_logic, lambda now: now.calibration.can_use)
-    panel_logic.calibration().use()
+    panel_logic.calibration().stop(status.calibration.revision)
+    status = spin_until(panel_logic, lambda now: now.calibration.can_use)
+    panel_logic.calibration().accept(status.calibration.revision)
     status = spin_until(panel_logic, lambda now: "mm from the sensor, sigma" in now.stylus)
     found = panel_logic.session.started().content.stylus.tip
     assert np.linalg.norm(found.translation_mm - STYLUS_TIP_MM) < 0.5

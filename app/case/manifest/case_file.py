@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from app.case.manifest.images import (
     CAUTERY,
@@ -200,17 +200,18 @@ def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
     tracker.
     """
     document.integer("schema")
-    values: dict[str, Any] = {
-        key: document.value(key)
-        for key in ("name", "provenance", "tool", "tumor", "robot", "margins", "needle", "stylus")
-    }
-    check_frames(document, *(values[key] for key in ("tool", "tumor", "needle", "stylus")))
+    parts = {key: document.value(key) for key in ("robot", "tool", "tumor", "needle", "stylus")}
+    robot: RobotEntry | None = parts["robot"]
+    check_frames(document, *(parts[key] for key in ("tool", "tumor", "needle", "stylus")))
     return CaseManifest(
         file=file,
-        **values,
+        **parts,
+        name=document.text("name"),
+        provenance=document.value("provenance"),
         recording=document.value("recording") if "recording" in document else None,
         clock=document.value("clock") or ClockEntry(),
-        registration=read_registration(document, values["robot"]),
+        registration=read_registration(document, robot),
+        margins=document.value("margins"),
         expected=document.text("expected") if "expected" in document else None,
         plausibility=document.value("plausibility") or PlausibilityEntry(),
         package_dirs=document.value("package_dirs") or {},
