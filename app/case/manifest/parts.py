@@ -171,6 +171,10 @@ def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
     return tumor.value("contour") or _tumor_mesh(tumor.section("mesh"))
 
 
+def _tumor_pose(tumor: Section) -> Transform:
+    return read_pose(tumor, "pose", target=tumor.frame("frame"), source=TUMOR_MESH_FRAME)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TumorEntry:
     """The tumour's shape, rigidly attached to the tracked ``frame``.
@@ -184,7 +188,7 @@ class TumorEntry:
         Transform,
         "pose",
         pose_block("pose of the tumour's coordinates in its frame"),
-        By(lambda tumor: read_pose(tumor, "pose", target=tumor.frame("frame"), source="tumor")),
+        By(_tumor_pose),
     ]
     sigma_mm: Annotated[
         float,
