@@ -18,7 +18,7 @@ from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.case.manifest.robot import BY_MATRIX, BY_POINTS, REGISTRATION
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.files.bounded_io import is_file, is_folder
-from app.files.declared import By, block_of
+from app.files.declared import By, block_of, value_as
 from app.files.document import Section
 from app.files.keys import (
     Block,
@@ -32,7 +32,7 @@ from app.files.keys import (
     Text,
     Variant,
 )
-from app.geometry import NS_PER_MS, InputError
+from app.geometry import InputError
 
 ABOVE_0 = "every value is more than 0"
 PASSIVE = "the force is passive with its period, delay and damping"
@@ -276,9 +276,9 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
 
 def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) -> LiveCase:
     """Read a document with the keys of `LIVE`, of the file ``path``; check no other files."""
+    manifest = read_manifest(document, path.name)
     tracker = document.section("source")
     source = _source(tracker)
-    manifest = read_manifest(document, path.name)
     _check_recorded_only(document, manifest)
     image_device = _image_device(document, source)
     _check_cautery(document, manifest, source)
@@ -299,9 +299,9 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
         operators=document.value("operators"),
         needs_security=document.choice("security") == "required",
         motion_frame=None if motion is None else motion.value("frame"),
-        latency_ns=round(tracker.number("latency_ms") * NS_PER_MS),
+        latency_ns=value_as(tracker, "latency_ns"),
         sigma_mm=tracker.number("sigma_mm"),
-        sigma_rad=math.radians(tracker.number("sigma_deg")),
+        sigma_rad=value_as(tracker, "sigma_rad"),
         image_device=image_device,
     )
 

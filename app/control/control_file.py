@@ -24,7 +24,7 @@ from app.files.keys import (
 )
 from app.files.paths import resolve_file
 from app.fixture import FixtureRule, LimiterParameters, PassivityError
-from app.geometry import InputError, MarginGuardError, Transform
+from app.geometry import InputError, Transform
 from app.robot import load_robot
 
 CONTROL_FILE = "control.yaml"
@@ -185,6 +185,7 @@ def read_control(document: Section) -> ControlDescription:
         require_meshes=False,
     )
     hand: Section | None = document.value("hand")
+    base: Section | None = document.value("base")
     tool = ToolKinematics(robot, _link_from_tip(document.section("tool")))
     found = ControlDescription(
         document.text("name"),
@@ -192,7 +193,9 @@ def read_control(document: Section) -> ControlDescription:
         tool,
         _topic(document, "tracked_transforms", "/tracked_transforms"),
         _topic(document, "constraint", "/marginguard/constraint"),
-        _base_pose(document.section("base")) if "base" in document else None,
+        None
+        if base is None
+        else base.section("pose").matrix("matrix", target=base.frame("frame"), source=BASE),
         f"{arm}/body/measured_cf"
         if hand is None
         else _topic(hand, "topic", f"{arm}/body/measured_cf"),
@@ -253,11 +256,3 @@ def _link_from_tip(block: Section) -> Transform:
         target=block.frame("link"),
         source="tip",
     )
-
-
-def _base_pose(block: Section) -> Transform:
-    frame, pose = block.frame("frame"), block.section("pose")
-    try:
-        return Transform.from_matrix(pose.numbers("matrix"), target=frame, source=BASE)
-    except MarginGuardError as error:
-        raise InputError(f"{pose.place('matrix')}: {error}") from error

@@ -14,6 +14,7 @@ the function that makes the value, a mapping the keys that belong to the field.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields
+from functools import partial
 from typing import Any, TypeVar, get_type_hints
 
 from app.files.document import Section
@@ -46,10 +47,12 @@ def block_of(
 
     Where another mapping has this block, its value is read as an ``entry``.
     """
+    declared = _declared_fields(entry)
     keys: dict[str, Key] = {}
-    for each in _declared_fields(entry):
+    for each in declared:
         keys |= each.keys
-    return Block(description, keys | dict(more or {}), read=_reader(entry), **options)
+    read = partial(_read, entry, declared)
+    return Block(description, keys | dict(more or {}), read=read, **options)
 
 
 def read_as(entry: type[_Entry], section: Section) -> _Entry:
@@ -58,8 +61,22 @@ def read_as(entry: type[_Entry], section: Section) -> _Entry:
     A missing optional key gives the default of its field, None without one. The rules of several
     keys are those of the method ``check(section)`` of the class, if it has one.
     """
+    return _read(entry, _declared_fields(entry), section)
+
+
+def value_as(section: Section, field: str, key: str = "") -> Any:
+    """Return the value of ``key``, by default that of ``field``, in the unit of ``field``.
+
+    None for a missing optional key.
+    """
+    key = key or _key_name(field)
+    value, convert = section.value(key), _conversion(field, key)
+    return value if value is None or convert is None else convert(value)
+
+
+def _read(entry: type[_Entry], declared: "tuple[_DeclaredField, ...]", section: Section) -> _Entry:
     values = {}
-    for each in _declared_fields(entry):
+    for each in declared:
         value = each.read(section)
         if value is not None or not each.has_default:
             values[each.name] = value
@@ -78,10 +95,6 @@ class _DeclaredField:
     has_default: bool
 
 
-def _reader(entry: type[Any]) -> Callable[[Section], Any]:
-    return lambda section: read_as(entry, section)
-
-
 def _declared_fields(entry: type[Any]) -> tuple[_DeclaredField, ...]:
     hints = get_type_hints(entry, include_extras=True)
     found = (
@@ -97,16 +110,10 @@ def _declared(field: "Field[Any]", metadata: tuple[Any, ...]) -> _DeclaredField 
     by = next((each for each in metadata if isinstance(each, By)), None)
     if key is None and several is None and by is None:
         return None
-    convert = _conversion(field.name, name)
-
-    def read(section: Section) -> Any:
-        value = section.value(name)
-        return value if value is None or convert is None else convert(value)
-
     return _DeclaredField(
         field.name,
         {name: key} if key is not None else several or {},
-        read if by is None else by.read,
+        partial(value_as, field=field.name, key=name) if by is None else by.read,
         field.default is not MISSING or field.default_factory is not MISSING,
     )
 

@@ -6,7 +6,7 @@ A misspelt key of a safety setting must not fall back to a default. So every map
 
 import math
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,11 +22,11 @@ from app.files.keys import (
     Numbers,
     Text,
     Texts,
-    did_you_mean,
     unit_of,
 )
+from app.files.suggestions import did_you_mean
 from app.files.yaml_file import load_yaml
-from app.geometry import FrameError, InputError, check_frame
+from app.geometry import FrameError, InputError, MarginGuardError, Transform, check_frame
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 1, 60, 60
@@ -83,6 +83,12 @@ class Section:
     def __contains__(self, key: str) -> bool:
         """True if ``key`` is given, with a value or with null."""
         return key in self._values
+
+    def require(self, keys: Iterable[str]) -> None:
+        """Raise `InputError` for the first of ``keys`` that is missing."""
+        for key in keys:
+            if key not in self:
+                raise InputError(f"{self.place(key)} is missing")
 
     def value(self, key: str) -> Any:
         """Return the value under ``key`` by its declaration; None for a missing optional key."""
@@ -204,6 +210,13 @@ class Section:
     def numbers(self, key: str) -> tuple[float, ...]:
         """Return the list of finite numbers under ``key``, which has its declared length."""
         return _row(self._get(key), self._declared(key, Numbers).count, self.place(key))
+
+    def matrix(self, key: str, *, target: str, source: str) -> Transform:
+        """Return 16 numbers under ``key`` as ``target_from_source``, which is rigid."""
+        try:
+            return Transform.from_matrix(self.numbers(key), target=target, source=source)
+        except MarginGuardError as error:
+            raise InputError(f"{self.place(key)}: {error}") from error
 
     def points(self, key: str) -> tuple[tuple[float, ...], ...]:
         """Return the list of points [x, y, z] under ``key``."""

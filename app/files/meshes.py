@@ -10,11 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from app.files.atomic_io import check_output_path, write_file
+from app.files.keys import Choice
 from app.files.mesh_file import MeshOptions, read_mesh_file
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Millimetres per unit of a mesh file."""
+
+MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
+MESH_UNITS = Choice("unit of the file's coordinates", tuple(UNITS_MM))
+"""Path and unit of a mesh, the same in ``case.yaml`` and ``world.yaml``."""
 
 MESH_ENDINGS = (".stl", ".ply", ".obj")
 """Endings of the files that can be read."""

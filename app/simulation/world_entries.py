@@ -23,7 +23,7 @@ from app.files.keys import (
     Numbers,
     Text,
 )
-from app.files.meshes import UNITS_MM, load_mesh
+from app.files.meshes import MESH_PATH, MESH_UNITS, load_mesh
 from app.files.paths import resolve_file
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.robot import Robot, load_robot
@@ -33,8 +33,6 @@ from app.synthetic.tracker_model import PRESETS, Jitter, TrackerModel, tracker_p
 
 Collision = Literal["hull", "parts", "none"]
 WORLD_FRAME = "world"
-
-_MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
 
 
 def _mesh(entry: Section) -> SurfaceMesh:
@@ -60,8 +58,8 @@ _POSE: dict[str, Key] = {
 _MESH = Block(
     "closed surface in the body's own frame",
     {
-        "path": Text(_MESH_PATH),
-        "units": Choice("unit of the file's coordinates", tuple(UNITS_MM)),
+        "path": Text(MESH_PATH),
+        "units": MESH_UNITS,
     },
 )
 

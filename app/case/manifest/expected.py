@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import yaml
 
-from app.case.manifest.key_rules import MATRIX, RIGID, read_matrix
+from app.case.manifest.key_rules import MATRIX, RIGID
 from app.files.atomic_io import write_file
 from app.files.declared import block_of
 from app.files.document import Section
@@ -130,7 +130,7 @@ def read_expected(document: Section, *, reference: str, robot_base: str) -> Expe
     block: Section | None = document.value("registration")
     if block is not None:
         registration = ExpectedRegistration(
-            read_matrix(block, "reference_from_base", target=reference, source=robot_base),
+            block.matrix("reference_from_base", target=reference, source=robot_base),
             block.number("tolerance_mm"),
             block.number("tolerance_deg"),
         )

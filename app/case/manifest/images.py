@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED, YEAR_MS
-from app.files.declared import block_of
+from app.files.declared import block_of, value_as
 from app.files.document import Section
 from app.files.keys import Block, Choice, Frame, ListOf, Number, Numbers, Text, Variant
-from app.geometry import NS_PER_MS, InputError
+from app.geometry import InputError
 
 ORIENTATIONS = ("MF", "MN", "UF", "UN", "FM", "NM", "FU", "NU")
 """Directions of columns and rows: M marked, U unmarked side of the probe, F far from it, N near."""
@@ -159,7 +159,6 @@ def read_images(document: Section) -> ImagesEntry | None:
     if "images" not in document:
         return None
     block = document.section("images")
-    stale_ms = block.value("stale_after_ms")
     if "path" in block and "topic" in block:
         raise InputError(f"{block.where} has path and topic; expected one of them or none")
     calibrations, depth_mm = _calibrations(block)
@@ -168,7 +167,7 @@ def read_images(document: Section) -> ImagesEntry | None:
         block.frame("probe"),
         calibrations,
         block.value("orientation"),
-        None if stale_ms is None else round(stale_ms * NS_PER_MS),
+        value_as(block, "stale_after_ns"),
         block.value("topic"),
         depth_mm,
     )
@@ -266,4 +265,4 @@ def read_cautery(document: Section) -> CauteryEntry | None:
     if (topic is None) == (device is None):
         found = "neither topic nor device" if topic is None else "topic and device"
         raise InputError(f"{block.where} has {found}; expected one of them")
-    return CauteryEntry(topic, device, round(block.number("stale_after_ms") * NS_PER_MS))
+    return CauteryEntry(topic, device, value_as(block, "stale_after_ns"))

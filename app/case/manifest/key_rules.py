@@ -5,14 +5,13 @@ import re
 
 from app.files.document import Section
 from app.files.keys import Block, Numbers
-from app.geometry import InputError, MarginGuardError, Transform
+from app.geometry import InputError, Transform
 
 RIGID = "a matrix is rigid: orthonormal without reflection, last row 0 0 0 1"
 MATRIX = "16 numbers row by row, in mm"
 TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 TOPIC_EXPECTED = "a topic that begins with '/', of letters, digits and underscores"
 NO_DIRECTION = "a direction and an axis have a length above 0"
-MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
 
 REFERENCE_FRAME = "reference"
 YEAR_MS = 365 * 86_400_000
@@ -35,15 +34,7 @@ def pose_block(description: str, *, optional: bool = False) -> Block:
 
 def read_pose(block: Section, key: str, *, target: str, source: str) -> Transform:
     """Read the pose ``key`` of ``block`` as ``target_from_source``; `InputError` if not rigid."""
-    return read_matrix(block.section(key), "matrix", target=target, source=source)
-
-
-def read_matrix(block: Section, key: str, *, target: str, source: str) -> Transform:
-    """Read 16 numbers as ``target_from_source``; `InputError` unless they are rigid."""
-    try:
-        return Transform.from_matrix(block.numbers(key), target=target, source=source)
-    except MarginGuardError as error:
-        raise InputError(f"{block.place(key)}: {error}") from error
+    return block.section(key).matrix("matrix", target=target, source=source)
 
 
 def read_direction(block: Section, key: str) -> Triple:

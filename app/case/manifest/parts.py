@@ -7,7 +7,6 @@ from typing import Annotated
 import numpy as np
 
 from app.case.manifest.key_rules import (
-    MESH_PATH,
     NO_DIRECTION,
     REFERENCE_FRAME,
     Triple,
@@ -19,7 +18,7 @@ from app.case.tumor import SEGMENTATION_ENDING
 from app.files.declared import By, block_of
 from app.files.document import Section
 from app.files.keys import Block, Boolean, Choice, Frame, Number, Numbers, Text, Variant
-from app.files.meshes import UNITS_MM
+from app.files.meshes import MESH_PATH, MESH_UNITS, UNITS_MM
 from app.geometry import InputError, Transform
 
 TUMOR_MESH_FRAME = "tumor"
@@ -46,7 +45,7 @@ class MeshEntry:
     """
 
     path: Annotated[str, Text(MESH_PATH)]
-    units: Annotated[str, Choice("unit of the file's coordinates", tuple(UNITS_MM))]
+    units: Annotated[str, MESH_UNITS]
     repair: Annotated[
         bool,
         Boolean(
@@ -238,7 +237,7 @@ class NeedleEntry:
             "needle of that length",
             {
                 "path": Text("mesh file (.stl, .ply, .obj), relative, absolute or package://..."),
-                "units": Choice("unit of the file's coordinates", tuple(UNITS_MM)),
+                "units": MESH_UNITS,
             },
             optional=True,
             read=lambda model: MeshEntry(model.text("path"), model.choice("units")),

@@ -148,9 +148,7 @@ def _one_of(
             found = " and ".join(each.name for each in given.values()) or "neither"
             raise InputError(f"{block.where} has keys of {found}; expected {choices}")
         entry, variant = given.popitem()
-        for key in variant.required:
-            if key not in block:
-                raise InputError(f"{block.place(key)} is missing")
+        block.require(variant.required)
         return read_as(entry, block)
 
     keys: dict[str, Key] = {}

@@ -12,7 +12,6 @@ from app.case.manifest.key_rules import (
     RIGID,
     TOPIC,
     TOPIC_EXPECTED,
-    read_matrix,
 )
 from app.files.declared import By, block_of, read_as
 from app.files.document import Section
@@ -244,7 +243,7 @@ def read_registration(document: Section, robot: RobotEntry | None) -> Registrati
     if "matrix" not in block:
         return entry
     base = DEFAULT_BASE_FRAME if robot is None else robot.base_frame
-    pose = read_matrix(block, "matrix", target=REFERENCE_FRAME, source=base)
+    pose = block.matrix("matrix", target=REFERENCE_FRAME, source=base)
     return replace(entry, reference_from_base=pose)
 
 
@@ -260,6 +259,4 @@ def _check_method(block: Section) -> None:
                 f"{block.place(key)} does not belong to {variant.name}; "
                 f"expected {', '.join(variant.required)}"
             )
-    for key in variant.required:
-        if key not in block:
-            raise InputError(f"{block.place(key)} is missing")
+    block.require(variant.required)
