@@ -36,7 +36,6 @@ from .pose_tree import MeasuredPose, PoseTree
 from .session import Session
 from .setup import (
     REFERENCE,
-    ProximityModel,
     RobotSetup,
     SessionSetup,
     TrackingError,
@@ -47,6 +46,8 @@ from .setup import (
 from .setup_doubts import SetupDoubts
 from .shown_state import ADVICE, SHOWN_STATES, STOP, ShownState, advice_text, shown_state
 from .step_result import NO_EDGES, KnownEdges, StepResult
+from .structure import ProximityModel, Role, Structure
+from .structure_guard import StructureStep
 from .tumor_replacement import (
     TumorChange,
     TumorReplacement,
@@ -82,6 +83,7 @@ __all__ = [
     "PoseTree",
     "ProximityModel",
     "RobotSetup",
+    "Role",
     "Sample",
     "SenderConflict",
     "SenderTrail",
@@ -91,6 +93,8 @@ __all__ = [
     "SetupDoubts",
     "ShownState",
     "StepResult",
+    "Structure",
+    "StructureStep",
     "ToolEngines",
     "TrackingError",
     "TumorChange",

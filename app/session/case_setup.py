@@ -12,7 +12,8 @@ from app.geometry import SurfaceMesh
 from app.registration import DriftBound
 from app.session.case_preparation import load_case_robot, register_robot
 from app.session.named_frames import check_frames
-from app.session.setup import ProximityModel, RobotSetup, SessionSetup
+from app.session.setup import RobotSetup, SessionSetup
+from app.session.structure import ProximityModel
 
 MakeEngine = Callable[[SurfaceMesh, SurfaceMesh], ProximityEngine]
 

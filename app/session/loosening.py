@@ -44,7 +44,7 @@ class AcknowledgedSetup:
 def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = "") -> list[str]:
     """Texts of all that ``after`` loosens against ``before``; empty if it only tightens.
 
-    One text each for margins, tool, tumour, robot, expected motion and tracker, so 6 at most.
+    One text each for margins, tool, tumour, further structures, robot, expected motion and tracker.
     Every change of the tumour, the tool, the registration, the robot, the expected motion of the
     tumour or the errors of the tracker counts. ``tumor_change`` describes that of the tumour.
     """
@@ -61,12 +61,35 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
             f"uncertainty of the tumour lowered from {before.tumor_sigma_mm:.2f} to "
             f"{after.tumor_sigma_mm:.2f} mm"
         )
+    found += _structure_changes(before, after)
     if before.robot is not after.robot:
         found.append(_robot_change(before.robot, after.robot))
     if (before.tumor_motion, before.motion_frame) != (after.tumor_motion, after.motion_frame):
         found.append("expected motion of the tumour replaced")
     if before.tracking != after.tracking:
         found.append("latency or errors of the tracker replaced")
+    return found
+
+
+def _structure_changes(before: SessionSetup, after: SessionSetup) -> list[str]:
+    """One text each for a further structure that is gone, replaced or guarded by less."""
+    kept = {each.name: each for each in after.structures}
+    found = []
+    for old in before.structures:
+        new = kept.get(old.name)
+        if new is None:
+            found.append(f"structure {old.name!r} removed")
+            continue
+        names = ("stop_mm", "warn_mm", "sigma_mm")
+        less = [
+            f"{name} lowered from {getattr(old, name):g} to {getattr(new, name):g}"
+            for name in names
+            if getattr(new, name) < getattr(old, name)
+        ]
+        if (old.proximity, old.frame_from_structure) != (new.proximity, new.frame_from_structure):
+            found.append(f"structure {old.name!r} replaced")
+        elif less:
+            found.append(f"structure {old.name!r}: {', '.join(less)}")
     return found
 
 

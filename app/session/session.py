@@ -1,47 +1,31 @@
 """Session: one pure step from a tracker frame to a decision with its constraint."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-import numpy as np
-
 from app.case import TrackingFrame
 from app.fixture import (
-    MarginMonitor,
-    MarginObservation,
-    Proximity,
     Reason,
-    RecentWitnesses,
-    path_mm,
 )
 from app.geometry import (
     Edge,
-    FloatArray,
     FrameError,
-    Freshness,
-    Stamp,
     Transform,
-    freshness_of_stamp,
 )
 from app.hold import Hold, tightest_margins
-from app.registration import predict_tre
 from app.session.link_poses import RobotLinks
 from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
-from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.pose_plausibility import Plausibility
-from app.session.pose_tree import PoseTree, TumorVelocity
+from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult, known_edges
+from app.session.structure import Structure
+from app.session.structure_guard import CombinedDecision, StructureGuard
 
 NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
-
-_DEPTH_TOLERANCE_MM = 0.1
-_DEPTH_EVALUATIONS = 16
-"""Accuracy of the depth of a breach between two frames, and its limit, which bounds a step."""
 
 
 class Session:
@@ -53,19 +37,17 @@ class Session:
     def __init__(self, setup: SessionSetup, *, free_motion: bool = False) -> None:
         self.setup = self.requested = setup
         self._free_motion = free_motion
-        self._tumor_from_frame = setup.frame_from_tumor.inverse()
+        self._static_edges = setup.static_edges
         self._poses = PoseTree(
             limits=setup.margins.freshness_limits,
             moving_frames=_moving_frames(setup),
         )
-        self._recent = RecentWitnesses()
-        self._monitor = MarginMonitor(setup.margins, frame=setup.frame_from_tumor.source)
+        self._guards = [self._guard(each) for each in setup.guarded]
+        self._combined = CombinedDecision()
         self._links = RobotLinks(setup.robot)
-        self._velocity = _velocity(setup)
         self._plausibility = Plausibility(setup)
         self._checked_edges: tuple[Edge, ...] = ()
         self._frames_problem = ""
-        self._last: PathPoint | None = None
         self._virtual_fixture: Transform | None = None
         self._hold = Hold()
         self._acknowledged = AcknowledgedSetup(setup)
@@ -85,13 +67,9 @@ class Session:
         """
         self._index += 1
         problems = self._poses.insert(self._plausibility.remove_implausible(frame, self._poses))
-        if problems:  # the clock went back: no sweep from the pose before the jump
-            self._last = None
-        tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
-        tumor_from_tool = tumor_from_tip = None
-        if tool.transform is not None:
-            tumor_from_tool = self._tumor_from_frame @ tool.transform
-            tumor_from_tip = tumor_from_tool @ self.setup.tool_from_tip
+        if problems:  # the clock went back
+            for guard in self._guards:
+                guard.forget_path()
         in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
         reference_from_tip = None
         if in_reference.transform is not None:
@@ -101,34 +79,21 @@ class Session:
         found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
-        # The constraint reaches the robot through the reference frame.
-        used = (tool,) if self.setup.robot is None else (tool, in_reference)
-        proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
-        sigma_tre_mm, registration_problems = self._registration_at_tool(
-            reference_from_tip, in_reference.problems, proximity, tumor_from_tip
-        )
-        tracking_mm = self._tracking_sigma(proximity, tumor_from_tool)
-        stated = self.setup.tumor_sigma_mm, self.setup.tip_sigma_mm
-        sigma_mm = math.hypot(sigma_tre_mm, tracking_mm, *stated)
-        observation = MarginObservation(
-            now=frame.stamp,
-            stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
-            proximity=proximity,
-            swept=None if between is None else between.proximity,
-            problems=problems | tool.problems | registration_problems | found.keys(),
-            sigma_tre_mm=sigma_mm,
-            unchanged_ns=max(pose.unchanged_ns for pose in used),
-            tumor_twist=self._tumor_twist(frame.stamp),
-        )
+        observed = [
+            guard.observe(self._poses, frame.stamp, in_reference, problems | found.keys())
+            for guard in self._guards
+        ]
         with self._hold.latched_by_error():
-            decision = self._hold.applied(self._monitor.update(observation), found)
+            structures = tuple(each.guard.decide(each) for each in observed)
+            combined = self._combined.of(structures, self.setup.proximity.radius_mm)
+            decision = self._hold.applied(combined, found)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
             index=self._index,
             frame=frame,
             decision=decision,
-            tumor_from_tip=tumor_from_tip,
+            tumor_from_tip=structures[0].structure_from_tip,
             virtual_fixture=self._virtual_fixture if decision.constraint is not None else None,
             links=links,
             joints=self._links.joints,
@@ -137,14 +102,15 @@ class Session:
             frames_problems=tuple(filter(None, [self._frames_problem, *found.values()])),
             hold_causes=self._hold.causes,
             edges=known_edges(
-                self.setup.static_edges,
+                self._static_edges,
                 self.setup.robot,
                 self._poses.usable(),
                 links,
                 self._links.joints,
             ),
             single_source=self.single_source,
-            between_frames=between,
+            between_frames=structures[0].between_frames,
+            structures=structures if len(structures) > 1 else (),
         )
 
     def hold(self, cause: str, *, doubt: bool = False) -> None:
@@ -193,35 +159,46 @@ class Session:
         margins = tightest_margins(
             self.setup.margins, setup.margins, follows_tumor=setup.tumor_motion is not None
         )
-        self._use(setup if margins == setup.margins else replace(setup, margins=margins))
+        former = {each.name: each for each in self.setup.structures}
+        structures = tuple(each.at_least(former.get(each.name, each)) for each in setup.structures)
+        unchanged = (margins, structures) == (setup.margins, setup.structures)
+        self._use(setup if unchanged else replace(setup, margins=margins, structures=structures))
         return loosened
 
     def _use(self, setup: SessionSetup) -> None:
         before, self.setup = self.setup, setup
+        self._static_edges = setup.static_edges
         self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
-        self._monitor.parameters = setup.margins
         self._plausibility.use(setup, before)
-        if (setup.tumor_motion, setup.motion_frame) != (before.tumor_motion, before.motion_frame):
-            self._velocity = _velocity(setup)
+        motion_changed = (setup.tumor_motion, setup.motion_frame) != (
+            before.tumor_motion,
+            before.motion_frame,
+        )
+        known = {guard.structure.name: guard for guard in self._guards}
+        self._guards, replaced = [], len(known) != len(setup.guarded)
+        for structure in setup.guarded:
+            guard = known.get(structure.name)
+            if guard is None:
+                guard, replaced = self._guard(structure), True
+            elif guard.use(structure, setup, motion_changed=motion_changed):
+                replaced = True
+            self._guards.append(guard)
         if setup.robot is not before.robot:
             self._links.use(setup.robot)
             self._checked_edges, self._frames_problem = (), ""
-            self._restart()
-        if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
-            before.proximity,
-            before.tool_from_tip,
-            before.frame_from_tumor,
-        ):
-            self._tumor_from_frame = setup.frame_from_tumor.inverse()
-            self._recent = RecentWitnesses()
-            self._last = None
+        if replaced:
             self._virtual_fixture = None
-            self._velocity = _velocity(setup)
+        if replaced or setup.robot is not before.robot:
             self._restart()
 
+    def _guard(self, structure: Structure) -> StructureGuard:
+        return StructureGuard(structure, self.setup, free_motion=self._free_motion)
+
     def _restart(self) -> None:
-        self._monitor.restart()
+        for guard in self._guards:
+            guard.restart()
+        self._combined.restart()
         self._hold.restart()
 
     @property
@@ -255,105 +232,14 @@ class Session:
             self._frames_problem = base_measured_problem(self.setup, edges)
         return bool(self._frames_problem)
 
-    def _is_fresh(self, stamp: Stamp, now: Stamp) -> bool:
-        return freshness_of_stamp(stamp, now, self._poses.limits) is Freshness.VALID
-
-    def _tumor_twist(self, now: Stamp) -> FloatArray | None:
-        if self._velocity is None:
-            return None
-        fixed = self.setup.motion_frame or REFERENCE
-        fixed_from_frame = self._poses.pose(fixed, self.setup.frame_from_tumor.target)
-        return self._velocity.twist(fixed_from_frame, now, self._poses.limits)
-
-    def _tracking_sigma(
-        self, proximity: Proximity | None, tumor_from_tool: Transform | None
-    ) -> float:
-        """Standard deviation in mm of the tracked tool beside the tumour; 0 without a pose."""
-        if proximity is None or tumor_from_tool is None:
-            return 0.0
-        return self.setup.tracking.sigma_of(proximity, tumor_from_tool, self._tumor_from_frame)
-
-    def _proximity(
-        self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
-    ) -> tuple[Proximity | None, PathDepth | None]:
-        """Proximity of the tool now, and its deepest pose if it passed through the tumour.
-
-        The second is None without a breach on the path from the last known pose. Frames in which
-        the tool was lost are skipped.
-        """
-        if tumor_from_tip is None or stamp is None:
-            return None, None
-        model = self.setup.proximity
-        here = self._recent.augment(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
-        if self._free_motion:
-            here = model.add_free_motion(here, tumor_from_tip)
-        end = PathPoint(now, tumor_from_tip, here)
-        last, self._last = self._last, end
-        if last is None or not self._is_fresh(last.stamp, now):
-            return here, None
-        before = last.proximity
-        outside = min(before.signed_distance_mm, here.signed_distance_mm) > 0.0
-        # To touch the tumour, a point of the tool travels at least both distances.
-        way_mm = path_mm(last.tumor_from_tip, tumor_from_tip, model.radius_mm)
-        if not outside or way_mm < before.lower_bound_mm + here.lower_bound_mm:
-            return here, None
-        swept = model.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
-        if swept.lowest.signed_distance_mm > 0.0:
-            return here, None
-        # The sweep ends at the first contact, which may be far above the deepest point.
-        contact = point_between(last, end, min(swept.fraction, 1.0), lambda _: swept.lowest)
-        return here, deepest_on_path(
-            (last, contact, end),
-            lambda pose: model.evaluate(pose, stamp),
-            radius_mm=model.radius_mm,
-            tolerance_mm=_DEPTH_TOLERANCE_MM,
-            max_evaluations=_DEPTH_EVALUATIONS,
-        )
-
-    def _registration_at_tool(
-        self,
-        tip: Transform | None,
-        problems: frozenset[Reason],
-        proximity: Proximity | None,
-        tumor_from_tip: Transform | None,
-    ) -> tuple[float, frozenset[Reason]]:
-        """Standard deviation in mm of the registration at the tool, and its problems.
-
-        It is the largest at the tip and at the witnesses of ``proximity``: a shaft that touches is
-        not where the tip is. Without a robot both are empty. With one, the tip must be known in the
-        reference frame, because the constraint reaches the robot through it. A given registration
-        has no covariance and adds nothing. ``tip`` is ``reference_from_tip``; if it is None,
-        ``problems`` holds why.
-        """
-        robot = self.setup.robot
-        if robot is None:
-            return 0.0, frozenset()
-        registration = robot.registration
-        if registration is None:
-            return 0.0, frozenset({Reason.REGISTRATION_MISSING})
-        if not registration.accepted:
-            problems |= {Reason.REGISTRATION_REFUSED}
-        if tip is None or registration.covariance is None:
-            return 0.0, problems
-        points_mm = tip.translation_mm[None]
-        if proximity is not None and tumor_from_tip is not None:
-            reference_from_tumor = tip @ tumor_from_tip.inverse()
-            touched_mm = reference_from_tumor.apply(proximity.witnesses.on_tool_mm)
-            points_mm = np.concatenate([points_mm, touched_mm])
-        return float(predict_tre(registration, points_mm).max()), problems
-
 
 def _places(setup: SessionSetup) -> tuple[object, ...]:
     """The values that determine the places of tool, tumour and robot."""
-    return setup.proximity, setup.tool_from_tip, setup.frame_from_tumor, setup.robot
+    shapes = [(each.proximity, each.frame_from_structure) for each in setup.guarded]
+    return setup.tool_from_tip, setup.robot, *shapes
 
 
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
-    moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
-    return moving if setup.robot is None else (*moving, REFERENCE)
-
-
-def _velocity(setup: SessionSetup) -> TumorVelocity | None:
-    if setup.tumor_motion is None:
-        return None
-    return TumorVelocity(setup.tumor_motion, setup.frame_from_tumor)
+    structures = (each.frame_from_structure.target for each in setup.guarded)
+    moving = dict.fromkeys((setup.tool_from_tip.target, *structures))
+    return tuple(moving if setup.robot is None else moving | {REFERENCE: None})

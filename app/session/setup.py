@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from app.fixture import (
     LimiterParameters,
     MarginParameters,
     Proximity,
-    SweptProximity,
     TumorMotionParameters,
 )
 from app.geometry import (
@@ -21,12 +20,12 @@ from app.geometry import (
     FrameError,
     InputError,
     MarginGuardError,
-    Stamp,
     TrackedTransform,
     Transform,
 )
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot
+from app.session.structure import ProximityModel, Role, Structure
 
 if TYPE_CHECKING:
     from app.case import LiveCase  # slow
@@ -117,30 +116,6 @@ def _lever_mm(points: FloatArray, frame: Transform) -> float:
     return float(np.linalg.norm(points - frame.translation_mm, axis=1).max())
 
 
-class ProximityModel(Protocol):
-    """Measures the distance of a tool from a tumour: the whole mesh, or its tip alone.
-
-    No part of the tool is further than ``radius_mm`` from its origin.
-    """
-
-    radius_mm: float
-
-    @property
-    def frames(self) -> tuple[str, str | None]:
-        """Frames of the tumour and of the tool; None for a tool that is valid in any frame."""
-
-    def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
-        """Signed distance in mm of the tool at this pose, negative inside the tumour."""
-
-    def sweep(
-        self, previous: Transform, current: Transform, stamp: Stamp | None = None
-    ) -> SweptProximity:
-        """Lowest signed distance in mm on the path from one pose to the next."""
-
-    def add_free_motion(self, proximity: Proximity, tumor_from_tool: Transform) -> Proximity:
-        """``proximity``, which is that of the pose, with its free motion."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSetup:
     """A robot whose base frame ``base_frame`` is the root link of ``robot``.
@@ -204,11 +179,12 @@ class SessionSetup:
     errors of the tracker, for the margin. ``tumor_sigma_mm``: standard deviation of the tumour's
     surface along its normal, ``tip_sigma_mm`` that of the calibrated tip in its worst direction; 0
     where they are not stated. ``shown_frames``: tracked frames of needle and stylus, which no
-    decision uses.
+    decision uses. ``structures``: further structures; the tumour is the first of `guarded`, and
+    its frame is that of the constraint.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
-    with that of a shown frame. Raises `InputError` for a
+    with that of a shown frame, and for two structures of one name. Raises `InputError` for a
     moving tumour without a robot or a ``motion_frame``: nothing would use the velocity.
     """
 
@@ -224,6 +200,7 @@ class SessionSetup:
     tumor_sigma_mm: float = 0.0
     tip_sigma_mm: float = 0.0
     shown_frames: tuple[str, ...] = ()
+    structures: tuple[Structure, ...] = ()
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:
@@ -231,9 +208,12 @@ class SessionSetup:
                 "tumor_motion is given without a robot: nothing uses the velocity; expected a "
                 "robot, or the frame that is at rest beside the controller's"
             )
-        tumor, tool = self.proximity.frames
+        tool = self.proximity.frames[1]
         for what, frame, edge in (
-            ("tumour", tumor, self.frame_from_tumor),
+            *(
+                (_called(each, self.guarded), each.proximity.frames[0], each.frame_from_structure)
+                for each in self.guarded
+            ),
             ("tool", tool, self.tool_from_tip),
         ):
             if frame is not None and frame != edge.source:
@@ -241,7 +221,14 @@ class SessionSetup:
                     f"the {what}'s shape is in {frame!r}; expected {edge.source!r}, which is "
                     f"placed in {edge.target!r}"
                 )
-        edges = (self.tool_from_tip, self.frame_from_tumor)
+        edges = (self.tool_from_tip, *(each.frame_from_structure for each in self.guarded))
+        names = [edge.source for edge in edges]
+        for name in names:
+            if names.count(name) > 1:
+                raise FrameError(
+                    f"structures: {names.count(name)} shapes are named {name!r}; expected a name "
+                    "of its own for each"
+                )
         others = {REFERENCE, *(name for edge in edges for name in (edge.target, edge.source))}
         if self.robot is not None and self.robot.base_frame in others:
             raise FrameError(
@@ -256,6 +243,19 @@ class SessionSetup:
             )
 
     @property
+    def guarded(self) -> tuple[Structure, ...]:
+        """The tumour, which is the first target, and the further structures."""
+        tumor = Structure(
+            self.frame_from_tumor,
+            self.proximity,
+            self.margins.stop_mm,
+            self.margins.warn_mm,
+            self.tumor_sigma_mm,
+            Role.TARGET,
+        )
+        return (tumor, *self.structures)
+
+    @property
     def static_edges(self) -> tuple[Transform, ...]:
         """Transforms that do not change during the session, as static tf edges."""
         registered = (
@@ -263,21 +263,27 @@ class SessionSetup:
             if self.robot is not None and self.robot.registration is not None
             else ()
         )
-        return (self.tool_from_tip, self.frame_from_tumor, *registered)
+        placed = (each.frame_from_structure for each in self.guarded)
+        return (self.tool_from_tip, *placed, *registered)
 
     @property
     def measured_ends(self) -> tuple[tuple[str, str], ...]:
         """Pairs of frames whose relative poses the session needs from the tracker."""
         tool = self.tool_from_tip.target
-        ends = [(self.frame_from_tumor.target, tool)]
+        ends = [(each.frame_from_structure.target, tool) for each in self.guarded]
         if self.robot is not None:
             ends.append((REFERENCE, tool))
         if self.tumor_motion is not None and self.motion_frame is not None:
-            ends.append((self.motion_frame, self.frame_from_tumor.target))
+            frames = (each.frame_from_structure.target for each in self.guarded)
+            ends += [(self.motion_frame, frame) for frame in frames if frame != self.motion_frame]
         base = None if self.robot is None else self.robot.base_frame
         for target, source in self.plausibility.ends(tool):
             ends.append((REFERENCE if target == base else target, source))
         return tuple(dict.fromkeys(ends))
+
+
+def _called(structure: Structure, guarded: tuple[Structure, ...]) -> str:
+    return "tumour" if structure.name == guarded[0].name else f"structure {structure.name!r}"
 
 
 def guidance_parameters(live: "LiveCase") -> GuidanceParameters | None:

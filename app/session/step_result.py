@@ -3,7 +3,7 @@
 import io
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from operator import attrgetter
 from typing import Any
@@ -28,6 +28,7 @@ from app.robot import Robot
 from app.robot.kinematic_tree import LinkPoses
 from app.session.path_depth import PathDepth
 from app.session.setup import RobotSetup
+from app.session.structure_guard import StructureStep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +140,8 @@ class StepResult:
     ``edges`` are those that the step used, for twists in other frames. ``between_frames`` is the
     deepest point on the path from the last known pose if the tool passed through the tumour there
     and is outside at both ends; the decision's proximity is then that of this point.
+    ``structures`` are the decisions on each structure, the tumour first; empty for the tumour
+    alone. ``decision`` is then that on all of them (`app.session.structure_guard`).
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -162,6 +165,23 @@ class StepResult:
     single_source: bool = False
     edges: KnownEdges = NO_EDGES
     between_frames: PathDepth | None = None
+    structures: tuple[StructureStep, ...] = ()
+
+    def of(self, name: str) -> "StepResult":
+        """The step as that of a session with the structure ``name`` alone, without its hold.
+
+        The step itself where the session has one structure. Raises `KeyError` for another name.
+        """
+        if not self.structures:
+            return self
+        one = {each.name: each for each in self.structures}[name]
+        return replace(
+            self,
+            decision=one.decision,
+            tumor_from_tip=one.structure_from_tip,
+            between_frames=one.between_frames,
+            structures=(),
+        )
 
     @property
     def frames_problem(self) -> str:
@@ -172,7 +192,15 @@ class StepResult:
 _Reduced = tuple[Callable[..., Any], tuple[Any, ...]]
 
 _VALUES: tuple[type, ...] = (
-    *(StepResult, TrackingFrame, TrackedTransform, JointSample, Stamp, FixtureDecision),
+    *(
+        StepResult,
+        StructureStep,
+        TrackingFrame,
+        TrackedTransform,
+        JointSample,
+        Stamp,
+        FixtureDecision,
+    ),
     *(AppliedMargin, Proximity, RegistrationDrift, LinkPoses),
 )
 """Classes with slots for all of their values."""

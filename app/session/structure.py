@@ -1,0 +1,76 @@
+"""A structure that a session guards: a target or a forbidden one, with its shape and margins."""
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Protocol
+
+from app.fixture import MarginParameters, Proximity, SweptProximity
+from app.geometry import Stamp, Transform
+
+
+class Role(StrEnum):
+    """A ``TARGET`` is to be removed with a margin around it, a ``FORBIDDEN`` one not touched.
+
+    Both are kept out of in the same way; they are named and coloured differently.
+    """
+
+    TARGET = "target"
+    FORBIDDEN = "forbidden"
+
+
+class ProximityModel(Protocol):
+    """Measures the distance of a tool from a structure: the whole mesh, or its tip alone.
+
+    No part of the tool is further than ``radius_mm`` from its origin.
+    """
+
+    radius_mm: float
+
+    @property
+    def frames(self) -> tuple[str, str | None]:
+        """Frames of the structure and the tool; None for a tool that is valid in any frame."""
+
+    def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
+        """Signed distance in mm of the tool at this pose, negative inside the structure."""
+
+    def sweep(
+        self, previous: Transform, current: Transform, stamp: Stamp | None = None
+    ) -> SweptProximity:
+        """Lowest signed distance in mm on the path from one pose to the next."""
+
+    def add_free_motion(self, proximity: Proximity, tumor_from_tool: Transform) -> Proximity:
+        """``proximity``, which is that of the pose, with its free motion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Structure:
+    """A structure in the tracked frame that it moves with.
+
+    ``frame_from_structure``: its pose there; the source is its name. ``proximity``: distance model
+    of the tool and the structure. ``stop_mm`` and ``warn_mm`` replace those of the session's
+    margins, which give the rest. ``sigma_mm``: standard deviation of its surface along the normal,
+    0 where it is not stated.
+    """
+
+    frame_from_structure: Transform
+    proximity: ProximityModel
+    stop_mm: float
+    warn_mm: float
+    sigma_mm: float = 0.0
+    role: Role = Role.FORBIDDEN
+
+    @property
+    def name(self) -> str:
+        """Its name, which is that of the frame of its shape."""
+        return self.frame_from_structure.source
+
+    def margins(self, of_session: MarginParameters) -> MarginParameters:
+        """Its margins in a session with the margins ``of_session``."""
+        return of_session.replaced(stop_mm=self.stop_mm, warn_mm=self.warn_mm)
+
+    def at_least(self, before: "Structure") -> "Structure":
+        """The structure with the distances of ``before`` where those are larger."""
+        stop_mm, warn_mm = max(self.stop_mm, before.stop_mm), max(self.warn_mm, before.warn_mm)
+        if (stop_mm, warn_mm) == (self.stop_mm, self.warn_mm):
+            return self
+        return replace(self, stop_mm=stop_mm, warn_mm=warn_mm)
