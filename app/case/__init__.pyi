@@ -1,5 +1,5 @@
 from .bag_writer import BagTopic, BagWriter
-from .case import Case, MeshOwner, open_case
+from .case import Case, open_case
 from .case_images import CaseImages, image_depths, open_case_images, stale_after_ns
 from .conversion import convert_case, recover_recording
 from .frame_streams import EdgeCount, RecordingInventory, agreed_sample, with_watchdog
@@ -54,6 +54,7 @@ from .manifest.plausibility import (
     SphereEntry,
 )
 from .manifest.robot import Dwell, RegistrationEntry, RobotEntry
+from .manifest.structures import ArmEntry, StructureEntry, StructureMargins
 from .messages.decoder import values_reader
 from .messages.message_values import message_definition, read_image_message
 from .new_case import RECORDING_FOLDER, TrackedBody, begin_case, write_case
@@ -91,6 +92,7 @@ __all__ = [
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
     "ApproachEntry",
+    "ArmEntry",
     "BagTopic",
     "BagWriter",
     "BoxEntry",
@@ -125,7 +127,6 @@ __all__ = [
     "LiveSourceEntry",
     "MarginEntry",
     "MeshEntry",
-    "MeshOwner",
     "MotionEntry",
     "NeedleEntry",
     "PlausibilityEntry",
@@ -145,6 +146,8 @@ __all__ = [
     "SessionValues",
     "SideTopics",
     "SphereEntry",
+    "StructureEntry",
+    "StructureMargins",
     "StylusEntry",
     "TfSourceEntry",
     "ToolEntry",

@@ -4,13 +4,18 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 from app.case.frame_streams import read_ahead, with_watchdog
-from app.case.manifest.case_file import CaseManifest, ClockEntry, load_manifest
+from app.case.manifest.case_file import CaseManifest, ClockEntry, RecordingEntry, load_manifest
 from app.case.manifest.expected import Expected, load_expected
 from app.case.manifest.key_rules import REFERENCE_FRAME
-from app.case.manifest.parts import TUMOR_MESH_FRAME, ContourEntry, MeshEntry, SegmentationEntry
+from app.case.manifest.parts import (
+    ContourEntry,
+    MeshEntry,
+    SegmentationEntry,
+    ToolEntry,
+    TumorEntry,
+)
 from app.case.manifest.robot import DEFAULT_BASE_FRAME
 from app.case.readers.recording_format import (
     RecordingFormat,
@@ -28,8 +33,6 @@ from app.files.meshes import load_mesh
 from app.files.packages import PACKAGE_SCHEME
 from app.files.paths import resolve_file, resolve_inside, resolve_package_folder, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
-
-MeshOwner = Literal["tumor", "tool"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,15 +143,23 @@ class Case:
         return self._mesh(tool.mesh, tool.tip_frame, "tool.mesh")
 
     def tumor_mesh(self) -> SurfaceMesh:
-        """The tumour's closed surface in the frame ``tumor``; read or built once and cached."""
-        tumor = self.manifest.tumor
-        if isinstance(tumor.shape, MeshEntry):
-            return self._mesh(tumor.shape, TUMOR_MESH_FRAME, tumor.shape_key)
-        if tumor.shape_key not in self._meshes:
-            built = self._built(tumor.shape, tumor.shape_key)
-            self._meshes[tumor.shape_key] = built.mesh
+        """The tumour's closed surface in its own frame; read or built once and cached."""
+        return self.structure_mesh(self.manifest.tumor)
+
+    def structure_mesh(self, structure: TumorEntry) -> SurfaceMesh:
+        """The closed surface of one structure of the manifest, as `tumor_mesh`."""
+        frame, key = structure.frame_from_tumor.source, structure.shape_key
+        if isinstance(structure.shape, MeshEntry):
+            return self._mesh(structure.shape, frame, key)
+        if key not in self._meshes:
+            built = self._built(structure.shape, frame, key)
+            self._meshes[key] = built.mesh
             self._mesh_notes.extend(built.notes)
-        return self._meshes[tumor.shape_key]
+        return self._meshes[key]
+
+    def for_tool(self, name: str) -> "Case":
+        """A copy of the case with one of its tools; raises as `CaseManifest.for_tool`."""
+        return replace(self, manifest=self.manifest.for_tool(name), _notes=[])
 
     def needle_mesh(self) -> SurfaceMesh | None:
         """The needle's model in the frame of its tip; None without one."""
@@ -158,8 +169,11 @@ class Case:
         path = self.file(needle.model.path, "needle.model.path")
         return load_mesh(path, units=needle.model.units, frame=needle.tip_frame)
 
-    def faulty_mesh(self, of: MeshOwner) -> SurfaceMesh:
-        """The surface as in its file, to be repaired and passed to `with_repaired_mesh`."""
+    def faulty_mesh(self, of: TumorEntry | ToolEntry) -> SurfaceMesh:
+        """The surface as in its file, to be repaired and passed to `with_repaired_mesh`.
+
+        ``of`` is the tool of the manifest or one of its structures.
+        """
         entry, frame, key = self._repairable(of)
         if not entry.repair:
             raise InputError(
@@ -168,14 +182,22 @@ class Case:
         path = self.file(entry.path, f"{key}.path")
         return load_mesh(path, units=entry.units, frame=frame)
 
-    def with_repaired_mesh(self, of: MeshOwner, mesh: SurfaceMesh, notes: Sequence[str]) -> "Case":
-        """A copy of the case with this mesh of its tumour or tool; ``notes`` list the repairs."""
+    def with_repaired_mesh(
+        self, of: TumorEntry | ToolEntry, mesh: SurfaceMesh, notes: Sequence[str]
+    ) -> "Case":
+        """A copy of the case with this mesh of ``of``; ``notes`` list the repairs."""
         entry, _, key = self._repairable(of)
         repaired, manifest = replace(entry, repair=False), self.manifest
-        if of == "tumor":
-            manifest = replace(manifest, tumor=replace(manifest.tumor, shape=repaired))
-        else:
+        if isinstance(of, ToolEntry):
             manifest = replace(manifest, tool=replace(manifest.tool, mesh=repaired))
+        elif of is manifest.tumor:
+            manifest = replace(manifest, tumor=replace(of, shape=repaired))
+        else:
+            structures = [
+                replace(each, shape=repaired) if each is of else each
+                for each in manifest.structures
+            ]
+            manifest = replace(manifest, structures=tuple(structures))
         return replace(
             self,
             manifest=manifest,
@@ -184,17 +206,19 @@ class Case:
             _mesh_notes=[*self._mesh_notes, *notes],
         )
 
-    def _repairable(self, of: MeshOwner) -> tuple[MeshEntry, str, str]:
+    def _repairable(self, of: TumorEntry | ToolEntry) -> tuple[MeshEntry, str, str]:
         """Entry, frame and key of a mesh file."""
-        tumor, tool = self.manifest.tumor, self.manifest.tool
-        entry = tumor.shape if of == "tumor" else tool.mesh
+        if isinstance(of, ToolEntry):
+            found: tuple[object, str, str] = of.mesh, of.tip_frame, "tool.mesh"
+        else:
+            found = of.shape, of.frame_from_tumor.source, of.shape_key
+        entry, frame, key = found
         if not isinstance(entry, MeshEntry):
+            what = key.rpartition(".")[0]
             raise InputError(
-                f"{self.manifest.file}: {of}.mesh is not a mesh file: nothing to repair"
+                f"{self.manifest.file}: {what}.mesh is not a mesh file: nothing to repair"
             )
-        if of == "tumor":
-            return entry, TUMOR_MESH_FRAME, tumor.shape_key
-        return entry, tool.tip_frame, "tool.mesh"
+        return entry, frame, key
 
     def with_own_packages(self) -> "Case":
         """A copy of the case that finds packages in the manifest's ``package_dirs``, too.
@@ -233,9 +257,10 @@ class Case:
         return path.resolve().is_relative_to(self.folder.resolve())
 
     def check_files(self) -> None:
-        """Raise `InputError` unless the files of tumour, tool, needle and robot exist."""
-        tumor, tool = self.manifest.tumor, self.manifest.tool
-        self.file(tumor.shape.path, f"{tumor.shape_key}.path")
+        """Raise `InputError` unless the files of structures, tool, needle and robot exist."""
+        tool = self.manifest.tool
+        for structure in (self.manifest.tumor, *self.manifest.structures):
+            self.file(structure.shape.path, f"{structure.shape_key}.path")
         if tool.mesh is not None:
             self.file(tool.mesh.path, "tool.mesh.path")
         needle = self.manifest.needle
@@ -276,11 +301,11 @@ class Case:
             )
         return self._meshes[key]
 
-    def _built(self, entry: SegmentationEntry | ContourEntry, key: str) -> BuiltTumor:
+    def _built(self, entry: SegmentationEntry | ContourEntry, frame: str, key: str) -> BuiltTumor:
         path = self.file(entry.path, f"{key}.path")
         if isinstance(entry, ContourEntry):
-            return tumor_from_contour(path, frame=TUMOR_MESH_FRAME)
-        return tumor_from_segmentation(path, frame=TUMOR_MESH_FRAME, segment=entry.segment)
+            return tumor_from_contour(path, frame=frame)
+        return tumor_from_segmentation(path, frame=frame, segment=entry.segment)
 
     def file(self, name: str, key: str) -> Path:
         """Path of an existing file that ``key`` of the manifest names; `InputError` for none."""
@@ -311,9 +336,8 @@ def open_case(
         raise InputError(f"{folder} is not a case: {problem}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()
-    where = "case.yaml: recording.path"
     recording = (
-        folder / entry.path if frames is not None else resolve_inside(folder, entry.path, where)
+        folder / entry.path if frames is not None else _recording_path(folder, entry, package_dirs)
     )
     case = Case(folder, manifest, recording, tuple(package_dirs), _frames=frames)
     case = case.with_own_packages()
@@ -323,6 +347,13 @@ def open_case(
         _check_topics(case, recording, recording_format)
     case.expected()
     return case
+
+
+def _recording_path(folder: Path, entry: RecordingEntry, package_dirs: Sequence[Path]) -> Path:
+    where = "case.yaml: recording.path"
+    if entry.path.startswith(PACKAGE_SCHEME):
+        return resolve_file(folder, entry.path, where, package_dirs=package_dirs)
+    return resolve_inside(folder, entry.path, where)
 
 
 def _check_topics(case: Case, recording: Path, recording_format: RecordingFormat) -> None:

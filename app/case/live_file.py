@@ -12,7 +12,15 @@ from types import MappingProxyType
 from typing import Annotated
 
 from app.case.case import Case
-from app.case.manifest.case_file import CASE, CLOCK, KNOWN_OFFSET, CaseManifest, read_manifest
+from app.case.manifest.case_file import (
+    CASE,
+    CLOCK,
+    KNOWN_OFFSET,
+    CaseManifest,
+    load_document,
+    read_manifest,
+    with_lists,
+)
 from app.case.manifest.images import LIVE_CAUTERY, LIVE_IMAGES
 from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.case.manifest.robot import BY_MATRIX, BY_POINTS, REGISTRATION
@@ -223,6 +231,7 @@ _SHARED = {
 }
 
 LIVE = replace(CASE, description="a live session", keys={**_SHARED, **ONLY_LIVE})
+LIVE_2 = with_lists(LIVE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,7 +277,7 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
     if not is_file(path):
         found = "it is a folder" if is_folder(path) else "no such file"
         raise InputError(f"{path} is not a live configuration: {found}")
-    live = read_live(Section.load(path, LIVE), path, package_dirs)
+    live = read_live(load_document(path, LIVE, LIVE_2), path, package_dirs)
     live = replace(live, case=live.case.with_own_packages())
     live.case.check_files()
     return live

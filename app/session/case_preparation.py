@@ -12,9 +12,10 @@ from app.case import (
     Dwell,
     JointSample,
     MeshEntry,
-    MeshOwner,
     RegistrationEntry,
+    ToolEntry,
     TrackingFrame,
+    TumorEntry,
 )
 from app.fixture import MarginParameters
 from app.geometry import (
@@ -46,16 +47,19 @@ def with_repaired_meshes(case: Case) -> Case:
 
     The case's notes list the changes. Raises `MeshError` for a mesh without a safe repair.
     """
-    tumor, tool = case.manifest.tumor.shape, case.manifest.tool.mesh
     # A mesh is never altered without an explicit request.
-    if isinstance(tumor, MeshEntry) and tumor.repair:
-        case = _repaired(case, "tumor", f"the tumour's mesh {tumor.path}")
-    if tool is not None and tool.repair:
-        case = _repaired(case, "tool", f"the tool's mesh {tool.path}")
+    manifest = case.manifest
+    for structure in (manifest.tumor, *manifest.structures):
+        if isinstance(structure.shape, MeshEntry) and structure.shape.repair:
+            which = "the tumour" if structure is manifest.tumor else structure.key
+            case = _repaired(case, structure, f"{which}'s mesh {structure.shape.path}")
+    tool = manifest.tool
+    if tool.mesh is not None and tool.mesh.repair:
+        case = _repaired(case, tool, f"the tool's mesh {tool.mesh.path}")
     return case
 
 
-def _repaired(case: Case, of: MeshOwner, what: str) -> Case:
+def _repaired(case: Case, of: TumorEntry | ToolEntry, what: str) -> Case:
     from app.fixture import repair_mesh  # imports scipy's sparse matrices, which is slow
 
     mesh, notes = repair_mesh(case.faulty_mesh(of), what)

@@ -13,7 +13,7 @@ from app.registration import DriftBound
 from app.session.case_preparation import load_case_robot, register_robot
 from app.session.named_frames import check_frames
 from app.session.setup import RobotSetup, SessionSetup
-from app.session.structure import ProximityModel
+from app.session.structure import ProximityModel, Role, Structure
 
 MakeEngine = Callable[[SurfaceMesh, SurfaceMesh], ProximityEngine]
 
@@ -31,9 +31,12 @@ def setup_from_case(
     manifest = case.manifest
     margins = margin_parameters(case)
     tumor = case.tumor_mesh()
-    proximity: ProximityModel = (
-        TipProximity(tumor) if tip_only else make_engine(tumor, case.tool_mesh())
-    )
+    tool = None if tip_only else case.tool_mesh()
+
+    def model(structure: SurfaceMesh) -> ProximityModel:
+        return TipProximity(structure) if tool is None else make_engine(structure, tool)
+
+    proximity = model(tumor)
     return SessionSetup(
         tool_from_tip=manifest.tool.tool_from_tip,
         frame_from_tumor=manifest.tumor.frame_from_tumor,
@@ -45,6 +48,17 @@ def setup_from_case(
         tip_sigma_mm=manifest.tool.sigma_mm,
         shown_frames=tuple(
             each.frame for each in (manifest.needle, manifest.stylus) if each is not None
+        ),
+        structures=tuple(
+            Structure(
+                each.frame_from_tumor,
+                model(case.structure_mesh(each)),
+                each.margins.stop_mm,
+                each.margins.warn_mm,
+                each.sigma_mm,
+                Role(each.role),
+            )
+            for each in manifest.structures
         ),
     )
 
@@ -82,7 +96,7 @@ def _robot_setup(case: Case, margins: MarginParameters) -> RobotSetup | None:
 class ToolEngines:
     """Makes the `ProximityEngine` of each case in turn, by one thread.
 
-    The tool of the last case is not prepared again where the next one has the same surface. The
+    The tool of the last engine is not prepared again where the next one has the same surface. The
     engines give the same results as new ones.
     """
 

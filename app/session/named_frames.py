@@ -26,7 +26,8 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     """
     manifest = case.manifest
     tool, robot = manifest.tool.frame, manifest.robot
-    required = {_TUMOR: manifest.tumor.frame} if with_tumor else {}
+    structures = (manifest.tumor, *manifest.structures) if with_tumor else ()
+    required = {f"{each.key}.frame": each.frame for each in structures}
     if robot is not None:
         required[_REGISTERED] = REFERENCE
     if case.recording_path is None or not required:
@@ -45,7 +46,7 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     placed = (
         *edges,
         (tool, manifest.tool.tip_frame),
-        (manifest.tumor.frame, manifest.tumor.frame_from_tumor.source),
+        *((each.frame, each.frame_from_tumor.source) for each in structures),
     )
     if robot is not None and shortest_path(placed, REFERENCE, robot.base_frame) is not None:
         raise FrameError(
@@ -71,6 +72,10 @@ def missing_frames_problem(
     else:
         sent = "the tracker sends so far"
     tool, required = setup.tool_from_tip.target, {_TUMOR: setup.frame_from_tumor.target}
+    required |= {
+        f"structures.{each.name}.frame": each.frame_from_structure.target
+        for each in setup.structures
+    }
     if setup.robot is not None:
         required[_REGISTERED] = REFERENCE
     if places := _unknown_frames({_TOOL: tool, **required}, edges):
@@ -85,7 +90,8 @@ def missing_frames_problem(
 
 def nothing_received_problem(setup: SessionSetup) -> str:
     """One line on a tracker that has not sent any pose so far."""
-    frames = dict.fromkeys([setup.tool_from_tip.target, setup.frame_from_tumor.target])
+    structures = (each.frame_from_structure.target for each in setup.guarded)
+    frames = dict.fromkeys([setup.tool_from_tip.target, *structures])
     return (
         f"tracker: no pose has come so far; expected poses of {', '.join(map(repr, frames))}: "
         "check that it runs and sends to the source of the configuration"
@@ -100,7 +106,7 @@ def path_to_base(setup: SessionSetup, edges: tuple[Edge, ...]) -> tuple[Edge, ..
     robot = setup.robot
     if robot is None or not any(robot.base_frame in edge for edge in edges):
         return ()
-    fixed = (setup.tool_from_tip, setup.frame_from_tumor)
+    fixed = (setup.tool_from_tip, *(each.frame_from_structure for each in setup.guarded))
     placed = (*edges, *((edge.target, edge.source) for edge in fixed))
     path = shortest_path(placed, REFERENCE, robot.base_frame) or ()
     return tuple(edge for edge in path if edge in edges)

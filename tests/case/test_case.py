@@ -218,14 +218,14 @@ def test_tumor_mesh_needs_its_repair_before_use(manifest, write_case):
     trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(case.folder / "tumor.stl")
     with refused("tumor.mesh.repair is true: repair the mesh before its use"):
         case.tumor_mesh()
-    faulty = case.faulty_mesh("tumor")
+    faulty = case.faulty_mesh(case.manifest.tumor)
     assert faulty.open_edges() == 3
-    done = case.with_repaired_mesh("tumor", faulty, ["what was done"])
+    done = case.with_repaired_mesh(case.manifest.tumor, faulty, ["what was done"])
     assert done.tumor_mesh() is faulty
     assert len(list(done.frames())) == 50
     assert done.notes() == ("what was done",)
     with pytest.raises(InputError, match=r"tumor.mesh.repair is not true"):
-        done.faulty_mesh("tumor")
+        done.faulty_mesh(done.manifest.tumor)
 
 
 @pytest.mark.parametrize("part", ["tumor", "tool"])

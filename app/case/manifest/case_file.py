@@ -5,9 +5,9 @@ Every matrix is a `Transform` in mm, every duration an integer in ns.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from app.case.manifest.images import (
     CAUTERY,
@@ -36,9 +36,21 @@ from app.case.manifest.robot import (
     RobotEntry,
     read_registration,
 )
+from app.case.manifest.structures import (
+    DIFFERENT,
+    IN_LISTS,
+    LISTS,
+    MARGINS_OF_ALL,
+    ArmEntry,
+    StructureEntry,
+    margins_of,
+    read_arms,
+    read_structures,
+)
 from app.files.declared import By, block_of
 from app.files.document import Section
 from app.files.keys import Block, Boolean, Choice, Integer, Number, Text, Variant
+from app.files.yaml_file import load_yaml
 from app.geometry import NS_PER_MS, InputError
 
 MANIFEST_NAME = "case.yaml"
@@ -70,7 +82,12 @@ class RecordingEntry:
     ``rate_hz`` is that of a recording without times, None where it has them.
     """
 
-    path: Annotated[str, Text("a file or folder in one of the formats of docs/formats.md")]
+    path: Annotated[
+        str,
+        Text(
+            "a file or folder in one of the formats of docs/formats.md, or a file package://NAME/..."
+        ),
+    ]
     sha256: Annotated[
         str | None,
         Text(
@@ -122,6 +139,9 @@ class CaseManifest:
     """A ``case.yaml``, or the sections that a ``live.yaml`` shares with it.
 
     ``file`` is the name of the file, for messages. A live case has no ``recording``.
+    ``structures`` are those beside the tumour, and ``arms`` all tools with their robots, in schema
+    2; ``tool``, ``robot`` and ``registration`` are then those of one arm, the first or that of
+    `for_tool`.
     """
 
     file: str
@@ -141,6 +161,19 @@ class CaseManifest:
     needle: NeedleEntry | None = None
     stylus: StylusEntry | None = None
     cautery: CauteryEntry | None = None
+    structures: tuple[StructureEntry, ...] = ()
+    arms: tuple[ArmEntry, ...] = ()
+
+    def for_tool(self, name: str) -> "CaseManifest":
+        """The manifest with this one of its ``arms``; `InputError` for another name."""
+        for arm in self.arms:
+            if arm.name == name:
+                return replace(self, tool=arm.tool, robot=arm.robot, registration=arm.registration)
+        names = ", ".join(arm.name for arm in self.arms)
+        raise InputError(
+            f"{self.file}: tools: none is named {name!r}; "
+            f"expected {f'one of {names}' if names else 'schema 2, which has names of tools'}"
+        )
 
     def recorded(self) -> RecordingEntry:
         """The recording; `InputError` for a live case."""
@@ -185,12 +218,36 @@ CASE = Block(
 )
 
 
+def with_lists(block: Block) -> Block:
+    """Return the block of schema 2 for that of schema 1: lists in the place of single parts."""
+    keys = {name: key for name, key in block.keys.items() if name not in IN_LISTS}
+    return replace(
+        block,
+        keys={**keys, "schema": Integer("version of the format", 2, 2), **LISTS}
+        | {"margins": MARGINS_OF_ALL},
+        needs=(),
+        rules=(FILES, DIFFERENT),
+    )
+
+
+CASE_2 = with_lists(CASE)
+
+
 def load_manifest(folder: Path) -> CaseManifest:
     """Read ``case.yaml`` of ``folder``; `InputError` for the first fault."""
     path = folder / MANIFEST_NAME
     if not path.is_file():
         raise InputError(f"{folder} is not a case: it has no {MANIFEST_NAME}")
-    return read_manifest(Section.load(path, CASE))
+    return read_manifest(load_document(path, CASE, CASE_2))
+
+
+def load_document(path: Path, schema_1: Block, schema_2: Block) -> Section:
+    """Load the mapping at ``path`` by the block of its schema; `InputError` for another one."""
+    values = load_yaml(path)
+    schema = values.get("schema", 1) if isinstance(values, dict) else 1
+    if type(schema) is int and schema not in (1, 2):
+        raise InputError(f"{path.name}: schema is {schema}; expected 1 or 2")
+    return Section.load(path, schema_2 if schema == 2 and type(schema) is int else schema_1)
 
 
 def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
@@ -199,22 +256,48 @@ def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
     ``file`` is the name of the file, for messages. Without a clock the joints are on that of the
     tracker.
     """
-    document.integer("schema")
-    parts = {key: document.value(key) for key in ("robot", "tool", "tumor", "needle", "stylus")}
-    robot: RobotEntry | None = parts["robot"]
-    check_frames(document, *(parts[key] for key in ("tool", "tumor", "needle", "stylus")))
+    lists = document.integer("schema") == 2
+    parts = _listed(document) if lists else _single(document)
+    shown = {key: document.value(key) for key in ("needle", "stylus")}
+    bodies = (parts["tumor"], *parts["structures"])
+    tumors = {document.place(each.key): each for each in bodies}
+    for tool in [arm.tool for arm in parts["arms"]] or [parts["tool"]]:
+        check_frames(document, tool, tumors, *shown.values())
+    parts |= shown
+    parts["name"] = document.text("name")
+    parts["provenance"] = document.value("provenance")
+    parts["recording"] = document.value("recording") if "recording" in document else None
+    parts["clock"] = document.value("clock") or ClockEntry()
+    if lists:
+        parts["margins"] = margins_of(document.value("margins"), parts["tumor"].margins)
+    else:
+        parts["registration"] = read_registration(document, parts["robot"])
+        parts["margins"] = document.value("margins")
     return CaseManifest(
         file=file,
         **parts,
-        name=document.text("name"),
-        provenance=document.value("provenance"),
-        recording=document.value("recording") if "recording" in document else None,
-        clock=document.value("clock") or ClockEntry(),
-        registration=read_registration(document, robot),
-        margins=document.value("margins"),
         expected=document.text("expected") if "expected" in document else None,
         plausibility=document.value("plausibility") or PlausibilityEntry(),
         package_dirs=document.value("package_dirs") or {},
         images=read_images(document),
         cautery=read_cautery(document),
     )
+
+
+def _single(document: Section) -> dict[str, Any]:
+    parts = {key: document.value(key) for key in ("robot", "tool", "tumor")}
+    return {**parts, "structures": (), "arms": ()}
+
+
+def _listed(document: Section) -> dict[str, Any]:
+    arms = read_arms(document)
+    tumor, *structures = read_structures(document)
+    first = arms[0]
+    return {
+        "robot": first.robot,
+        "tool": first.tool,
+        "tumor": tumor,
+        "registration": first.registration,
+        "structures": tuple(structures),
+        "arms": arms,
+    }

@@ -1,6 +1,7 @@
 """Tool, tumour, needle and stylus, the same in ``case.yaml`` and in ``live.yaml``."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -200,9 +201,14 @@ class TumorEntry:
     ] = 0.0
 
     @property
+    def key(self) -> str:
+        """The manifest's key of the structure, for messages."""
+        return "tumor"
+
+    @property
     def shape_key(self) -> str:
         """The manifest's key of the shape, for messages."""
-        return "tumor.contour" if isinstance(self.shape, ContourEntry) else "tumor.mesh"
+        return f"{self.key}.{'contour' if isinstance(self.shape, ContourEntry) else 'mesh'}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,23 +323,28 @@ PARTS = {
 def check_frames(
     document: Section,
     tool: ToolEntry,
-    tumor: TumorEntry,
+    structures: Mapping[str, TumorEntry],
     needle: NeedleEntry | None,
     stylus: StylusEntry | None,
 ) -> None:
-    """Raise `InputError` unless the frames differ; needle and tumour may share theirs."""
+    """Raise `InputError` unless the frames differ; needle and ``structures`` may share theirs.
+
+    ``structures`` are given by their places in the document.
+    """
     taken = {tool.frame: "the frame of the tool"}
-    if tumor.frame in taken:
-        raise InputError(
-            f"{document.place('tumor')}.frame is {tumor.frame!r}, the frame of the tool; "
-            "expected a frame that does not move with the tool"
-        )
+    for place, structure in structures.items():
+        if structure.frame in taken:
+            raise InputError(
+                f"{place}.frame is {structure.frame!r}, the frame of the tool; "
+                "expected a frame that does not move with the tool"
+            )
     if needle is not None and needle.frame in taken:
         raise InputError(
             f"{document.place('needle')}.frame is {needle.frame!r}, the frame of the tool; "
             "expected that of a sensor on the needle"
         )
-    taken |= {REFERENCE_FRAME: "the reference", tumor.frame: "the frame of the tumour"}
+    taken |= {each.frame: "the frame of the tumour" for each in structures.values()}
+    taken[REFERENCE_FRAME] = "the reference"
     if needle is not None:
         taken[needle.frame] = "the frame of the needle"
     if stylus is not None and stylus.frame in taken:

@@ -1,0 +1,200 @@
+"""Schema 2: lists of structures, tools and robots, the same in ``case.yaml`` and ``live.yaml``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, Literal
+
+from app.case.manifest.key_rules import REFERENCE_FRAME, read_pose
+from app.case.manifest.margins import MARGINS, MarginEntry
+from app.case.manifest.parts import PARTS, ToolEntry, TumorEntry
+from app.case.manifest.robot import (
+    REGISTRATION,
+    ROBOT,
+    RegistrationEntry,
+    RobotEntry,
+    read_registration,
+)
+from app.files.declared import block_of, read_as, value_as
+from app.files.document import Section
+from app.files.keys import Block, Choice, Frame, Key, ListOf, Text
+from app.geometry import InputError
+
+MAX_STRUCTURES = 100
+
+_OWN_MARGINS = ("stop_mm", "warn_mm")
+"""Margins that each structure has; the others are those of the case."""
+
+
+@dataclass(frozen=True, slots=True)
+class StructureMargins:
+    """Distances of one structure."""
+
+    stop_mm: Annotated[float, MARGINS.keys["stop_mm"]]
+    warn_mm: Annotated[float, MARGINS.keys["warn_mm"]]
+
+    def check(self, block: Section) -> None:
+        """Raise `InputError` unless the warning comes before the stop."""
+        if self.warn_mm <= self.stop_mm:
+            raise InputError(
+                f"{block.place('warn_mm')} is {self.warn_mm:g}; "
+                f"expected more than stop_mm ({self.stop_mm:g})"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StructureEntry(TumorEntry):
+    """A structure of its own name, which is also that of the frame of its shape."""
+
+    name: Annotated[str, Frame("name, which no frame has")]
+    role: Annotated[
+        Literal["target", "forbidden"],
+        Choice(
+            "target: a tumour, removed with its margin; forbidden: a vessel, a nerve, the chest "
+            "wall",
+            ("target", "forbidden"),
+        ),
+    ]
+    margins: Annotated[
+        StructureMargins,
+        block_of(StructureMargins, "distances", rules=("warn_mm is more than stop_mm",)),
+    ]
+
+    @property
+    def key(self) -> str:
+        """The manifest's key of the structure, for messages."""
+        return f"structures.{self.name}"
+
+
+def _read_structure(block: Section) -> StructureEntry:
+    pose = read_pose(block, "pose", target=block.frame("frame"), source=block.frame("name"))
+    return replace(read_as(StructureEntry, block), frame_from_tumor=pose)
+
+
+STRUCTURES = ListOf(
+    "tumours and what must not be touched; the first target is the tumour whose frame the "
+    "constraint is in",
+    replace(
+        block_of(StructureEntry, "a structure", variants=PARTS["tumor"].variants),
+        read=_read_structure,
+    ),
+    if_empty="expected at least one target",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmEntry:
+    """A tool, and the robot that holds it with its registration; None for one held by hand."""
+
+    name: str
+    tool: ToolEntry
+    robot: RobotEntry | None = None
+    registration: RegistrationEntry | None = None
+
+
+_TOOL = PARTS["tool"]
+TOOLS = ListOf(
+    "tracked tools, each with a constraint of its own",
+    replace(_TOOL, keys={"name": Text("name of the tool"), **_TOOL.keys}, read=None),
+    if_empty="expected at least one",
+)
+ROBOTS = ListOf(
+    "robots that hold tools; a tool that none holds is held by hand",
+    replace(
+        ROBOT,
+        optional=False,
+        keys={
+            "name": Text("name of the robot"),
+            "holds": Text("name of the tool that it holds"),
+            **ROBOT.keys,
+            "registration": replace(REGISTRATION, optional=False),
+        },
+        read=None,
+    ),
+    optional=True,
+)
+
+
+def _read_margins(block: Section) -> Mapping[str, Any]:
+    names = (each.name for each in fields(MarginEntry) if each.name not in _OWN_MARGINS)
+    return {name: value_as(block, name) for name in names}
+
+
+MARGINS_OF_ALL = Block(
+    "margins that all structures share, and the age at which data are stale",
+    {name: key for name, key in MARGINS.keys.items() if name not in _OWN_MARGINS},
+    rules=MARGINS.rules[1:],
+    read=_read_margins,
+)
+
+IN_LISTS = ("tool", "tumor", "robot", "registration")
+LISTS: dict[str, Key] = {"tools": TOOLS, "structures": STRUCTURES, "robots": ROBOTS}
+"""The keys of schema 2 in the place of `IN_LISTS`."""
+
+DIFFERENT = "structures, tools and robots have different names, and frames that fit them"
+
+
+def read_structures(document: Section) -> tuple[StructureEntry, ...]:
+    """Read ``structures``, the first target first; `InputError` without a target."""
+    found: tuple[StructureEntry, ...] = document.value("structures")
+    if len(found) > MAX_STRUCTURES:
+        raise InputError(
+            f"{document.place('structures')} has {len(found)}; expected at most {MAX_STRUCTURES}"
+        )
+    _check_names(document, "structures", [each.name for each in found])
+    for index, each in enumerate(found):
+        if each.name == each.frame or each.name == REFERENCE_FRAME:
+            raise InputError(
+                f"{document.place('structures')}[{index}].name is {each.name!r}, which is a "
+                "tracked frame; expected a name of its own"
+            )
+    first = next((each for each in found if each.role == "target"), None)
+    if first is None:
+        raise InputError(
+            f"{document.place('structures')} has no target; expected at least one: what is removed"
+        )
+    return (first, *(each for each in found if each is not first))
+
+
+def read_arms(document: Section) -> tuple[ArmEntry, ...]:
+    """Read ``tools`` and the ``robots`` that hold them."""
+    tools = {}
+    sections = document.sections("tools")
+    _check_names(document, "tools", [each.text("name") for each in sections])
+    for section in sections:
+        tools[section.text("name")] = ArmEntry(section.text("name"), read_as(ToolEntry, section))
+    robots = document.sections("robots") if "robots" in document else ()
+    _check_names(document, "robots", [each.text("name") for each in robots])
+    for section in robots:
+        name = section.text("holds")
+        if name not in tools:
+            raise InputError(
+                f"{section.place('holds')} is {name!r}; expected one of {', '.join(tools)}"
+            )
+        if tools[name].robot is not None:
+            raise InputError(
+                f"{section.place('holds')} is {name!r}, which another robot holds; "
+                "expected one robot for a tool"
+            )
+        robot = read_as(RobotEntry, section)
+        registration = read_registration(section, robot)
+        tools[name] = replace(tools[name], robot=robot, registration=registration)
+    arms = tuple(tools.values())
+    _check_names(
+        document, "robots", [arm.robot.base_frame for arm in arms if arm.robot], "base_frame"
+    )
+    _check_names(document, "tools", [arm.tool.frame for arm in arms], "frame")
+    return arms
+
+
+def margins_of(of_all: Mapping[str, Any], own: StructureMargins) -> MarginEntry:
+    """The margins of a structure with its ``own`` distances."""
+    return MarginEntry(stop_mm=own.stop_mm, warn_mm=own.warn_mm, **of_all)
+
+
+def _check_names(document: Section, key: str, names: Sequence[str], what: str = "name") -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                f"{document.place(key)}: {names.count(name)} have the {what} {name!r}; "
+                "expected another one for each"
+            )
