@@ -24,6 +24,7 @@ from .manifest.expected import (
     ExpectedBreaches,
     ExpectedDropout,
     ExpectedRegistration,
+    ExpectedStructure,
     load_expected,
     write_expected,
 )
@@ -115,6 +116,7 @@ __all__ = [
     "ExpectedBreaches",
     "ExpectedDropout",
     "ExpectedRegistration",
+    "ExpectedStructure",
     "IgtlSourceEntry",
     "ImageDepths",
     "ImageHeader",

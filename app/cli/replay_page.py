@@ -109,7 +109,8 @@ class ReplayParts:
     def _margin_csv(self) -> bytes:
         from app.report import margin_csv
 
-        return margin_csv(self.log.rows).encode()
+        others = {name: log.rows for name, log in self.log.structures.items()}
+        return margin_csv(self.log.rows, others).encode()
 
     def _drawn(self, output: str) -> bytes:
         with ScenePainter() as painter:

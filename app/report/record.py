@@ -11,11 +11,11 @@ from app.geometry import Freshness, FreshnessLimits, freshness_of
 from app.registration import RegistrationResult
 from app.report.rows import ReportError, ReportRow
 from app.runtime import PassiveOutput, StepTiming
-from app.session import PathDepth, PathPoint, StepResult, deepest_on_path
+from app.session import PathDepth, PathPoint, Role, StepResult, deepest_on_path
 
 if TYPE_CHECKING:
     from app.runtime import ReplayRun  # slow to load: with the compiled kernels
-    from app.session import ProximityModel
+    from app.session import ProximityModel, Structure
 
 TOLERANCE_MM = 0.02
 MAX_EVALUATIONS = 1000
@@ -92,18 +92,40 @@ def breach_depths(
 
 
 @dataclass(slots=True)
+class StructureLog:
+    """Rows of one structure, and the poses of the tool around its breaches."""
+
+    name: str
+    role: Role
+    rows: list[ReportRow] = field(default_factory=list)
+    paths: BreachPaths = field(default_factory=BreachPaths)
+
+    def add(self, step: StepResult) -> ReportRow:
+        """Keep the row of ``step``, which is that of this structure alone."""
+        row = ReportRow.from_step(step)
+        self.paths.add(len(self.rows), step, inside=row.inside)
+        self.rows.append(row)
+        return row
+
+
+@dataclass(slots=True)
 class ReplayLog(PassiveOutput):
     """`Output` that keeps a `ReportRow` of every step, and the whole of the deepest step.
 
-    ``paths`` are the poses of the tool around its breaches.
+    ``tumor`` and ``structures``, by name, are the logs of the tumour and the further structures.
     """
 
-    rows: list[ReportRow] = field(default_factory=list)
-    paths: BreachPaths = field(default_factory=BreachPaths)
+    tumor: StructureLog = field(default_factory=lambda: StructureLog("tumor", Role.TARGET))
+    structures: dict[str, StructureLog] = field(default_factory=dict)
     durations_ns: list[int] = field(default_factory=list)
     deepest: StepResult | None = None
     _deepest_mm: float | None = None
     _samples: list[SampleRow] = field(default_factory=list)
+
+    @property
+    def rows(self) -> list[ReportRow]:
+        """The rows of the tumour."""
+        return self.tumor.rows
 
     def samples(self) -> CaseSamples:
         """The steps for an analysis; raises `InputError` without a step."""
@@ -111,15 +133,28 @@ class ReplayLog(PassiveOutput):
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Keep the row of ``step`` and the time that it took to compute."""
-        row = ReportRow.from_step(step)
-        self.paths.add(len(self.rows), step, inside=row.inside)
-        self.rows.append(row)
-        self._samples.append(sample_row(step))
+        of_tumor = step.of_tumor
+        row = self.tumor.add(of_tumor)
+        self._samples.append(sample_row(of_tumor))
+        for each in step.structures[1:]:
+            log = self.structures.setdefault(each.name, StructureLog(each.name, each.role))
+            log.add(step.of(each.name))
         self.durations_ns.append(timing.duration_ns)
         distance = row.signed_distance_mm
         if distance is not None and (self._deepest_mm is None or distance < self._deepest_mm):
             self._deepest_mm, self.deepest = distance, step
         return True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StructureRecord:
+    """Rows, margins and depths of one further structure, as those of `ReplayRecord`."""
+
+    name: str
+    role: Role
+    rows: tuple[ReportRow, ...]
+    margins: MarginParameters
+    depths: Mapping[int, PathDepth]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +165,7 @@ class ReplayRecord:
     truncated file, skipped samples). ``registration`` is None for a case without a robot,
     ``expected`` is None for a case without expected results. ``single_source``: nothing independent
     could contradict the tracker. ``depths`` are the deepest points on the interpolated path, by the
-    index of the first row of a breach.
+    index of the first row of a breach. All that is of the tumour; ``structures`` are the others.
     """
 
     case: str
@@ -144,6 +179,7 @@ class ReplayRecord:
     tip_only: bool = False
     single_source: bool = True
     depths: Mapping[int, PathDepth] = field(default_factory=dict)
+    structures: tuple[StructureRecord, ...] = ()
 
     def require_frames(self) -> None:
         """Raise `ReportError` for a replay without frames."""
@@ -170,8 +206,21 @@ def record_of(run: "ReplayRun", log: ReplayLog) -> ReplayRecord:
         notes=(*estimated, *case.notes(), *_notes_of(run, log)),
         tip_only=prepared.tip_only,
         single_source=run.session.single_source,
-        depths=breach_depths(log.paths, breaches, setup.proximity, stale_after_ns),
+        depths=breach_depths(log.tumor.paths, breaches, setup.proximity, stale_after_ns),
+        structures=tuple(
+            _structure_record(structure, log.structures[structure.name], setup.margins)
+            for structure in setup.structures
+            if structure.name in log.structures
+        ),
     )
+
+
+def _structure_record(
+    structure: "Structure", log: StructureLog, margins: MarginParameters
+) -> StructureRecord:
+    own, breaches = structure.margins(margins), find_breaches(log.rows, margins.stale_after_ns)
+    depths = breach_depths(log.paths, breaches, structure.proximity, margins.stale_after_ns)
+    return StructureRecord(log.name, log.role, tuple(log.rows), own, depths)
 
 
 def _notes_of(run: "ReplayRun", log: ReplayLog) -> Iterator[str]:

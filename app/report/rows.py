@@ -4,10 +4,11 @@
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -32,6 +33,9 @@ COLUMNS = (
 )
 CAUTERY = "cautery"
 """Last column, of a case with a source of the cautery's state."""
+
+
+NO_STRUCTURES: Mapping[str, Sequence["ReportRow"]] = MappingProxyType({})
 
 
 class ReportError(MarginGuardError):
@@ -158,22 +162,28 @@ def count_reasons(rows: Sequence[ReportRow]) -> tuple[ReasonCount, ...]:
     return tuple(ReasonCount(reason, counts[reason], first_s[reason]) for reason in ordered)
 
 
-def margin_csv(rows: Sequence[ReportRow]) -> str:
+def margin_csv(
+    rows: Sequence[ReportRow], structures: Mapping[str, Sequence[ReportRow]] = NO_STRUCTURES
+) -> str:
     """Return the text of ``margin.csv``: a header and one line per row, each ended by a line feed.
 
     Times and lengths have 6 decimals, an unknown value is an empty cell, reasons are joined by
     ``;``. No cell needs quotes: the names of states and reasons have no commas. The bytes do not
-    depend on the machine or the rate of the replay.
+    depend on the machine or the rate of the replay. ``structures`` are the rows of further
+    structures by name, which add their state and distances as columns.
     """
-    if all(row.cautery is None for row in rows):
-        lines = [",".join(COLUMNS)]
-        lines.extend(",".join(_cells(row, rows[0].stamp_ns)) for row in rows)
-    else:
-        lines = [",".join((*COLUMNS, CAUTERY))]
-        lines.extend(
-            ",".join((*_cells(row, rows[0].stamp_ns), str(row.cautery or ""))) for row in rows
-        )
-    return "\n".join(lines) + "\n"
+    columns = [*COLUMNS]
+    cells = [_cells(row, rows[0].stamp_ns) for row in rows]
+    for name, others in structures.items():
+        columns += [f"{name}_{column}" for column in COLUMNS[2:5]]
+        cells = [
+            (*before, *_cells(row, rows[0].stamp_ns)[2:5])
+            for before, row in zip(cells, others, strict=True)
+        ]
+    if any(row.cautery is not None for row in rows):
+        columns.append(CAUTERY)
+        cells = [(*before, str(row.cautery or "")) for before, row in zip(cells, rows, strict=True)]
+    return "\n".join(",".join(line) for line in (columns, *cells)) + "\n"
 
 
 def _cells(row: ReportRow, first_ns: int) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,11 +15,12 @@ from app.case import (
     ExpectedBreaches,
     ExpectedDropout,
     ExpectedRegistration,
+    ExpectedStructure,
 )
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.registration import RegistrationResult
-from app.report.record import ReplayRecord
+from app.report.record import ReplayRecord, StructureRecord
 from app.report.rows import ReportRow, seconds_since
 from app.session import PathDepth
 
@@ -38,7 +39,6 @@ def summarise(record: ReplayRecord) -> dict[str, Any]:
     """
     rows = record.rows
     breaches = find_breaches(rows, record.margins.stale_after_ns)
-    distances = [d for row in rows if (d := row.signed_distance_mm) is not None]
     return {
         "case": record.case,
         "provenance": dict(record.provenance),
@@ -48,6 +48,26 @@ def summarise(record: ReplayRecord) -> dict[str, Any]:
         "valid_frames": sum(row.state is not MarginState.UNKNOWN for row in rows),
         "inside_frames": sum(row.inside for row in rows),
         "duration_s": _rounded(duration_ns(rows) / NS_PER_S),
+        **_distances(record),
+        "registration": _registration(record.registration),
+        "margins": _margins(record.margins),
+        "timing": step_timing(record.durations_ns),
+        "expected": _expected(record, breaches),
+        "notes": list(record.notes),
+        **(
+            {"structures": [_structure(each) for each in record.structures]}
+            if record.structures
+            else {}
+        ),
+    }
+
+
+def _distances(record: ReplayRecord | StructureRecord) -> dict[str, Any]:
+    """States, lowest distances and breaches of one structure."""
+    rows = record.rows
+    distances = [d for row in rows if (d := row.signed_distance_mm) is not None]
+    breaches = find_breaches(rows, record.margins.stale_after_ns)
+    return {
         "state_counts": {
             state.name: sum(row.state is state for row in rows) for state in MarginState
         },
@@ -57,11 +77,15 @@ def summarise(record: ReplayRecord) -> dict[str, Any]:
         "min_signed_distance_mm": _rounded(min(distances, default=None)),
         **_deepest(record.depths.values()),
         "breaches": [_breach(breach, record) for breach in breaches],
-        "registration": _registration(record.registration),
-        "margins": _margins(record.margins),
-        "timing": step_timing(record.durations_ns),
-        "expected": _expected(record, breaches),
-        "notes": list(record.notes),
+    }
+
+
+def _structure(record: StructureRecord) -> dict[str, Any]:
+    return {
+        "name": record.name,
+        "role": str(record.role),
+        **_distances(record),
+        "margins": {"stop_mm": record.margins.stop_mm, "warn_mm": record.margins.warn_mm},
     }
 
 
@@ -86,7 +110,7 @@ def all_passed(summary: dict[str, Any]) -> bool:
     return all(check["result"] == "pass" for check in summary["expected"] or ())
 
 
-def _breach(breach: Breach, record: ReplayRecord) -> dict[str, Any]:
+def _breach(breach: Breach, record: ReplayRecord | StructureRecord) -> dict[str, Any]:
     inside = record.rows[breach.first : breach.last + 1]
     depth = record.depths.get(breach.first)
     first_ns, cautery = record.rows[0].stamp_ns, record.rows[breach.first].cautery
@@ -160,13 +184,20 @@ def step_timing(durations_ns: Sequence[int]) -> dict[str, float | None]:
 def _expected(record: ReplayRecord, breaches: Sequence[Breach]) -> list[dict[str, str]] | None:
     if record.expected is None:
         return None
-    checks = check_expected(
-        record.expected,
-        record.rows,
-        breaches,
-        record.registration,
-        record.margins.stale_after_ns,
-    )
+    checks = [
+        *check_expected(
+            record.expected,
+            record.rows,
+            breaches,
+            record.registration,
+            record.margins.stale_after_ns,
+        ),
+        *(
+            check
+            for structure in record.expected.structures
+            for check in _check_structure(structure, record)
+        ),
+    ]
     return [
         {"check": check.name, "result": check.result, "detail": check.detail} for check in checks
     ]
@@ -210,6 +241,17 @@ def check_expected(
     for number, dropout in enumerate(expected.dropouts, start=1):
         checks.append(_check_dropout(number, dropout, rows, stale_after_ns))
     return tuple(checks)
+
+
+def _check_structure(expected: ExpectedStructure, record: ReplayRecord) -> Iterable[Check]:
+    for each in record.structures:
+        if each.name == expected.name:
+            found = find_breaches(each.rows, record.margins.stale_after_ns)
+            return [
+                replace(check, name=f"{each.name}: {check.name}")
+                for check in _check_breaches(expected.breaches, found)
+            ]
+    return [Check(f"structure {expected.name}", False, "the case has no structure of that name")]
 
 
 def _check_frames(expected: int, found: int) -> Check:

@@ -95,7 +95,8 @@ def _contents(
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
     rows, margins = record.rows, record.margins
     summary = summarise(record)
-    contents = {"summary.json": _json(summary), "margin.csv": margin_csv(rows).encode()}
+    others = {each.name: each.rows for each in record.structures}
+    contents = {"summary.json": _json(summary), "margin.csv": margin_csv(rows, others).encode()}
     sections = Markup()
     if analysed is not None:
         figures = analysed.figures()
@@ -152,6 +153,7 @@ def report_html(
         distance=picture,
         scene_png=scene_png,
         breaches=_breaches(summary["breaches"]),
+        structures=_structures(summary),
         breach_header=_breach_header(summary["breaches"]),
         analysis=analysis,
         states=_states(summary),
@@ -196,6 +198,22 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> Sequence[Sequence[Cell]]:
             *((breach[CAUTERY_AT_ENTRY],) if CAUTERY_AT_ENTRY in breach else ()),
         )
         for number, breach in enumerate(breaches, start=1)
+    ]
+
+
+def _structures(summary: dict[str, Any]) -> Sequence[Sequence[Cell]]:
+    """Rows of the further structures; empty where the tumour is the only one."""
+    return [
+        (
+            each["name"].replace("_", " "),
+            each["role"],
+            length(_lowest(each)),
+            len(each["breaches"]),
+            time_text(each["state_seconds"]["POSITIVE"]),
+            time_text(each["state_seconds"]["WARNING"]),
+            f"{each['margins']['stop_mm']:g} and {each['margins']['warn_mm']:g} mm",
+        )
+        for each in summary.get("structures", ())
     ]
 
 

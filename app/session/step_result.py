@@ -184,6 +184,11 @@ class StepResult:
         )
 
     @property
+    def of_tumor(self) -> "StepResult":
+        """The step as that of a session with the tumour alone."""
+        return self.of(self.structures[0].name) if self.structures else self
+
+    @property
     def frames_problem(self) -> str:
         """All of ``frames_problems``, joined by semicolons."""
         return "; ".join(self.frames_problems)

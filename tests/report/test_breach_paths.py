@@ -45,7 +45,7 @@ def summary_of(ball, x_mm, y_mm):
         )
         log.publish(session.step(frame(index * 20, sample)), StepTiming(duration_ns=1))
     breaches = find_breaches(log.rows, PARAMETERS.stale_after_ns)
-    depths = breach_depths(log.paths, breaches, ball, PARAMETERS.stale_after_ns)
+    depths = breach_depths(log.tumor.paths, breaches, ball, PARAMETERS.stale_after_ns)
     return summarise(ReplayRecord("a pass", {}, tuple(log.rows), PARAMETERS, depths=depths))
 
 

@@ -4,7 +4,7 @@ Every block is optional and checked only where it is given. Times are in seconds
 frame of the recording.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,7 @@ from app.case.manifest.key_rules import MATRIX, RIGID
 from app.files.atomic_io import write_file
 from app.files.declared import block_of
 from app.files.document import Section
-from app.files.keys import Block, Boolean, Choice, Integer, ListOf, Number, Numbers, Text
+from app.files.keys import Block, Boolean, Choice, Frame, Integer, ListOf, Number, Numbers, Text
 from app.geometry import InputError, Transform
 
 DropoutKind = Literal["invalid", "missing"]
@@ -69,6 +69,22 @@ class ExpectedBreaches:
     ]
 
 
+_BREACHES = block_of(
+    ExpectedBreaches, "all intervals in which the tool is in the tumour", optional=True
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedStructure:
+    """All breaches of the further structure ``name``."""
+
+    name: Annotated[str, Frame("name of the structure")]
+    breaches: Annotated[
+        ExpectedBreaches,
+        replace(_BREACHES, description="all intervals in which the tool is in it", optional=False),
+    ]
+
+
 @dataclass(frozen=True, slots=True)
 class ExpectedDropout:
     """``frame`` has no usable pose from ``start_s`` to ``end_s``."""
@@ -96,8 +112,11 @@ EXPECTED = Block(
             optional=True,
             rules=(RIGID,),
         ),
-        "breaches": block_of(
-            ExpectedBreaches, "all intervals in which the tool is in the tumour", optional=True
+        "breaches": _BREACHES,
+        "structures": ListOf(
+            "breaches of further structures",
+            block_of(ExpectedStructure, "a structure"),
+            optional=True,
         ),
         "dropouts": ListOf(
             "intervals in which the margin must be UNKNOWN",
@@ -117,6 +136,7 @@ class Expected:
     breaches: ExpectedBreaches | None = None
     dropouts: tuple[ExpectedDropout, ...] = ()
     frames: int | None = None
+    structures: tuple[ExpectedStructure, ...] = ()
 
 
 def load_expected(path: Path, *, reference: str, robot_base: str) -> Expected:
@@ -139,6 +159,7 @@ def read_expected(document: Section, *, reference: str, robot_base: str) -> Expe
         document.value("breaches"),
         document.value("dropouts") or (),
         document.value("frames"),
+        document.value("structures") or (),
     )
 
 
@@ -153,10 +174,18 @@ def write_expected(path: Path, expected: Expected) -> None:
             "tolerance_deg": expected.registration.tolerance_deg,
         }
     if expected.breaches is not None:
-        breaches = asdict(expected.breaches)
-        document["breaches"] = {**breaches, "intervals": list(breaches["intervals"])}
+        document["breaches"] = _plain(expected.breaches)
+    if expected.structures:
+        document["structures"] = [
+            {"name": each.name, "breaches": _plain(each.breaches)} for each in expected.structures
+        ]
     if expected.dropouts:
         document["dropouts"] = [asdict(each) for each in expected.dropouts]
     if expected.frames is not None:
         document["frames"] = expected.frames
     write_file(path, yaml.safe_dump(document, sort_keys=False).encode())
+
+
+def _plain(breaches: ExpectedBreaches) -> dict[str, Any]:
+    values = asdict(breaches)
+    return {**values, "intervals": list(values["intervals"])}
