@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 from app.case.case import Case
 from app.case.frames_recorder import write_recording
 from app.case.manifest.case_file import MANIFEST_NAME
+from app.case.manifest.structures import as_schema_2
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC, ros_types
 from app.case.readers.recording_format import format_of, note_to
 from app.case.readers.rosbag2.bag_messages import Connection, RawMessage
@@ -114,19 +115,19 @@ class _Channels:
 RECORDING_NAME = "tracking.mcap"
 
 
-def convert_case(case: Case, folder: Path) -> tuple[str, ...]:
+def convert_case(case: Case, folder: Path, *, schema: int = 1) -> tuple[str, ...]:
     """Write ``case`` to the new folder ``folder`` with its recording as MCAP.
 
-    Copies the files that the manifest names, except those of packages. Returns the notes of the
-    reader. Raises `InputError` when ``folder`` exists or cannot be written; no folder is left after
-    an error.
+    Copies the files that the manifest names, except those of packages. With ``schema`` 2 the
+    manifest of schema 1 is written in schema 2. Returns the notes of the reader. Raises
+    `InputError` when ``folder`` exists or cannot be written; no folder is left after an error.
     """
     with new_folder(folder) as partial:
-        _write(case, partial)
+        _write(case, partial, schema)
     return case.notes()
 
 
-def _write(case: Case, folder: Path) -> None:
+def _write(case: Case, folder: Path, schema: int) -> None:
     copy_named_files(case, folder)
     recording = folder / RECORDING_NAME
     robot = case.manifest.robot
@@ -146,6 +147,8 @@ def _write(case: Case, folder: Path) -> None:
     # Not parsed again: it was checked when the case was opened, and stays but for the recording.
     manifest = load_yaml(case.folder / MANIFEST_NAME)
     manifest["recording"] = {"path": RECORDING_NAME, "sha256": sha256_of(recording)}
+    if schema == 2 and manifest["schema"] == 1:
+        manifest = as_schema_2(manifest)
     text = yaml.safe_dump(manifest, sort_keys=False, allow_unicode=True)
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")
 
@@ -166,20 +169,23 @@ def _named_files(case: Case, *, with_tumor: bool) -> list[str]:
     """Files of the case folder other than the recording, relative to it."""
     manifest = case.manifest
     names = [manifest.tumor.shape.path] if with_tumor else []
-    if manifest.tool.mesh is not None:
-        names.append(manifest.tool.mesh.path)
+    names += [each.shape.path for each in manifest.structures]
+    arms = [(each.tool, each.robot) for each in manifest.arms] or [(manifest.tool, manifest.robot)]
+    names += [tool.mesh.path for tool, _ in arms if tool.mesh is not None]
     if manifest.needle is not None and manifest.needle.model is not None:
         names.append(manifest.needle.model.path)
     if manifest.expected is not None:
         names.append(manifest.expected)
     if manifest.images is not None:
         names += [each.path for each in manifest.images.calibrations if each.path is not None]
-    if manifest.robot is not None and not manifest.robot.urdf.startswith(PACKAGE_SCHEME):
+    for _, robot in arms:
+        if robot is None or robot.urdf.startswith(PACKAGE_SCHEME):
+            continue
         # A URDF names its meshes relative to itself, so its folder is copied.
-        parent = str(PurePosixPath(manifest.robot.urdf).parent)
+        parent = str(PurePosixPath(robot.urdf).parent)
         if parent == ".":
             raise InputError(
-                f"case.yaml: robot.urdf is {manifest.robot.urdf!r}; "
+                f"case.yaml: robot.urdf is {robot.urdf!r}; "
                 "expected a file in a folder of its own, which can be copied"
             )
         names.append(parent)

@@ -14,6 +14,7 @@ from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSource
 from app.case.manifest.case_file import MANIFEST_NAME, Provenance
 from app.case.manifest.margins import MarginEntry
 from app.case.manifest.parts import TUMOR_MESH_FRAME
+from app.case.manifest.structures import PlainParts
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.readers.rosbag2 import CHANGES_NAME
 from app.case.session_values import RegistrationValues, SessionValues, check_frames
@@ -194,7 +195,8 @@ def _write(live: LiveCase, folder: Path, in_use: SessionValues | None) -> None:
 
 def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     """Replace the keys of ``values``, those of a ``case.yaml``, by the values in use."""
-    tool, tumor = values["tool"], values["tumor"]
+    parts = PlainParts.of(values)
+    tool, tumor = parts.tool, parts.tumor
     tool["tip_from"] = {"matrix": in_use.tool_from_tip.matrix.ravel().tolist()}
     tool["sigma_mm"] = in_use.tip_sigma_mm
     tumor["pose"] = {"matrix": in_use.frame_from_tumor.matrix.ravel().tolist()}
@@ -203,7 +205,7 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
         write_exact_ply(folder / TUMOR_NAME, in_use.tumor)
         tumor.pop("contour", None)
         tumor["mesh"] = {"path": TUMOR_NAME, "units": "mm"}
-    values["margins"] = margin_values(in_use.margins)
+    parts.set_margins(margin_values(in_use.margins))
     if in_use.needle_length_mm is not None and "needle" in values:
         values["needle"]["length_mm"] = in_use.needle_length_mm
     if in_use.stylus_from_tip is not None and "stylus" in values:
@@ -212,7 +214,8 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     if in_use.image_depth_mm is not None and "calibrations" in values.get("images", {}):
         values["images"]["depth_mm"] = in_use.image_depth_mm
     if in_use.registration is not None:
-        values["registration"] = _given(in_use.registration, values["registration"])
+        placed = parts.placed
+        placed["registration"] = _given(in_use.registration, placed["registration"])
 
 
 def _given(registration: RegistrationValues, before: dict[str, Any]) -> dict[str, Any]:

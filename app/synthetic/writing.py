@@ -1,6 +1,6 @@
 """Writes a simulated case: recording, meshes, manifest, ground truth, README."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from app.case.manifest.expected import (
     ExpectedBreach,
     ExpectedBreaches,
     ExpectedRegistration,
+    ExpectedStructure,
     write_expected,
 )
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
@@ -44,6 +45,7 @@ from app.synthetic.simulation import (
     Simulation,
     simulate,
 )
+from app.synthetic.structures import SimulatedStructure, further_structures, with_structures
 from app.synthetic.tracker_model import WHITE
 from app.synthetic.truth import TrueBreach, find_breaches
 from app.synthetic.tumour_and_tool import cautery_mesh, write_stl
@@ -201,13 +203,15 @@ def simulate_case(
     urdf: str = TOUCH_URDF,
     tool_link: str = TOUCH_TOOL_LINK,
     command: str | None = None,
+    structures: bool = False,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Write a simulated lumpectomy to ``folder``, which must be new or empty.
 
     The same ``seed``, ``arm`` and ``options`` give the same bytes. ``urdf`` and ``tool_link`` are
     written to the manifest: they must describe ``arm``, and the link's origin must be the tool's
-    tip. ``command`` is what the case's README says that it was made by. Raises `InputError` when
+    tip. With ``structures`` the case has a second lesion and a chest wall, in schema 2. ``command``
+    is what the case's README says that it was made by. Raises `InputError` when
     the folder cannot be written, or the errors in ``options`` hide a breach; no folder is left
     after an error. ``on_frame(done, total)`` is called for each simulated frame, with the periods
     of the tracker so far and in all.
@@ -217,7 +221,8 @@ def simulate_case(
         recording = partial / RECORDING
         with Recorder(recording, robot_to_tracker_offset_ns=made.case.offset_ns) as recorder:
             count = _replayed(made, recorder.write, on_frame)
-        _write(partial, made, count, sha256_of(recording), command)
+        further = further_structures(made.case.simulation) if structures else ()
+        _write(partial, made, count, sha256_of(recording), command, further)
 
 
 def simulate_unrecorded_case(
@@ -261,7 +266,14 @@ def _made(
     return _Made(case, recorded)
 
 
-def _write(folder: Path, made: _Made, frames: int, sha256: str | None, command: str | None) -> None:
+def _write(
+    folder: Path,
+    made: _Made,
+    frames: int,
+    sha256: str | None,
+    command: str | None,
+    structures: tuple[SimulatedStructure, ...] = (),
+) -> None:
     """Write all files but the recording, which has been made; ``frames``: of a replay."""
     case, recorded = made.case, made.recorded
     simulation = case.simulation
@@ -273,11 +285,13 @@ def _write(folder: Path, made: _Made, frames: int, sha256: str | None, command: 
         simulation.duration_s,
         simulation.tumor_from_tips,
     )
-    write_expected(folder / "expected.yaml", _expected(case, recorded, breaches, frames))
+    further = {each.name: each.breaches(simulation) for each in structures}
+    write_expected(folder / "expected.yaml", _expected(case, recorded, breaches, frames, further))
+    manifest = _manifest(case, sha256)
+    if structures:
+        manifest = with_structures(manifest, structures, folder)
     (folder / "case.yaml").write_text(
-        yaml.safe_dump(
-            _manifest(case, sha256), sort_keys=False, default_flow_style=None, width=100
-        ),
+        yaml.safe_dump(manifest, sort_keys=False, default_flow_style=None, width=100),
         encoding="utf-8",
     )
     (folder / "README.md").write_text(
@@ -346,7 +360,11 @@ def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
 
 
 def _expected(
-    case: SimulatedCase, recorded: Recording, breaches: tuple[TrueBreach, ...], frames: int
+    case: SimulatedCase,
+    recorded: Recording,
+    breaches: tuple[TrueBreach, ...],
+    frames: int,
+    further: Mapping[str, tuple[TrueBreach, ...]],
 ) -> Expected:
     simulation = case.simulation
     allowed = tolerances(
@@ -356,11 +374,9 @@ def _expected(
         simulation.reference_from_base,
         simulation.scenario.crossing_speed_mm_s,
     )
-    return Expected(
-        registration=ExpectedRegistration(
-            simulation.reference_from_base, allowed.registration_mm, allowed.registration_deg
-        ),
-        breaches=ExpectedBreaches(
+
+    def expected(breaches: tuple[TrueBreach, ...]) -> ExpectedBreaches:
+        return ExpectedBreaches(
             allowed.breach_ms,
             allowed.depth_mm,
             tuple(
@@ -372,9 +388,18 @@ def _expected(
                 )
                 for breach in breaches
             ),
+        )
+
+    return Expected(
+        registration=ExpectedRegistration(
+            simulation.reference_from_base, allowed.registration_mm, allowed.registration_deg
         ),
+        breaches=expected(breaches),
         dropouts=recorded.dropouts(case.options.stale_after_ms / 1000.0),
         frames=frames,
+        structures=tuple(
+            ExpectedStructure(name, expected(found)) for name, found in further.items()
+        ),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from app.case.manifest.key_rules import REFERENCE_FRAME, read_pose
 from app.case.manifest.margins import MARGINS, MarginEntry
-from app.case.manifest.parts import PARTS, ToolEntry, TumorEntry
+from app.case.manifest.parts import PARTS, TUMOR_MESH_FRAME, ToolEntry, TumorEntry
 from app.case.manifest.robot import (
     REGISTRATION,
     ROBOT,
@@ -198,3 +198,64 @@ def _check_names(document: Section, key: str, names: Sequence[str], what: str = 
                 f"{document.place(key)}: {names.count(name)} have the {what} {name!r}; "
                 "expected another one for each"
             )
+
+
+def as_schema_2(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a valid document of schema 1 in schema 2, which means the same."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        match key:
+            case "schema":
+                found[key] = 2
+            case "tool":
+                found["tools"] = [{"name": value["frame"], **value}]
+            case "tumor":
+                own = {name: values["margins"][name] for name in _OWN_MARGINS}
+                found["structures"] = [
+                    {"name": TUMOR_MESH_FRAME, "role": "target", **value, "margins": own}
+                ]
+            case "robot":
+                robot = {"name": value["base_frame"], "holds": values["tool"]["frame"], **value}
+                found["robots"] = [{**robot, "registration": values["registration"]}]
+            case "margins":
+                found[key] = {
+                    name: number for name, number in value.items() if name not in _OWN_MARGINS
+                }
+            case "registration":
+                continue  # that of the robot; without one it registers nothing
+            case _:
+                found[key] = value
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class PlainParts:
+    """Mappings of the values of a valid document of either schema, to be edited in place.
+
+    ``tool`` and ``tumor`` are those of `CaseManifest`; ``placed`` has the key ``registration``.
+    """
+
+    values: dict[str, Any]
+    tool: dict[str, Any]
+    tumor: dict[str, Any]
+    placed: dict[str, Any]
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> "PlainParts":
+        """The parts of ``values``."""
+        if values["schema"] == 1:
+            return cls(values, values["tool"], values["tumor"], values)
+        tool = values["tools"][0]
+        tumor = next(each for each in values["structures"] if each["role"] == "target")
+        held = (each for each in values.get("robots", ()) if each["holds"] == tool["name"])
+        return cls(values, tool, tumor, next(held, {}))
+
+    def set_margins(self, margins: Mapping[str, Any]) -> None:
+        """Replace the margins of the tumour and those that all structures share."""
+        if self.values["schema"] == 1:
+            self.values["margins"] = dict(margins)
+            return
+        self.tumor["margins"] = {name: margins[name] for name in _OWN_MARGINS}
+        self.values["margins"] = {
+            name: number for name, number in margins.items() if name not in _OWN_MARGINS
+        }

@@ -23,6 +23,13 @@ def add_arguments(parser: CommandParser) -> None:
     parser.add_argument(
         "folder", type=folder_path, metavar="DIR", help="new folder for the MCAP case"
     )
+    parser.add_argument(
+        "--schema",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: write case.yaml in schema 2, with lists of structures, tools and robots",
+    )
     recover = parser.add_subcommand(
         "recover", _run_recover, "copy a recording that was cut to an MCAP file with an index"
     )
@@ -47,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from app.case import convert_case, open_case
 
     case = open_case(options.case, package_dirs=options.package_dirs)
-    convert_case(case, options.folder)
+    convert_case(case, options.folder, schema=options.schema)
     for note in case.notes():
         print(f"note: {note}")
     print(f"wrote {options.folder}")

@@ -32,6 +32,11 @@ def add_arguments(parser: CommandParser) -> None:
         metavar="N",
         help="seed of all random values, 0 or more (%(default)s)",
     )
+    parser.add_argument(
+        "--structures",
+        action="store_true",
+        help="with a second lesion and a chest wall, in schema 2",
+    )
     add_simulated_case(parser)
     of_cohort = parser.add_argument_group("case of a cohort", "Instead of the options above.")
     of_cohort.add_argument(
@@ -66,6 +71,8 @@ def run(options: argparse.Namespace) -> int:
         seed, case_options = _of_cohort(options)
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
     arguments = ["--seed", str(seed), *simulated_case_arguments(options)]
+    if options.structures:
+        arguments.append("--structures")
     if options.cohort is not None:
         arguments = ["--cohort", options.cohort.name, "--case", options.case]
     with progress_with_total("simulating frame") as report:
@@ -75,6 +82,7 @@ def run(options: argparse.Namespace) -> int:
             arm=arm,
             options=case_options,
             command=" ".join(["marginguard make-case DIR", *arguments]),
+            structures=options.structures,
             on_frame=report,
         )
     print(f"wrote {options.folder}")
