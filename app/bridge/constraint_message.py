@@ -27,8 +27,8 @@ from app.fixture import (
     PlainConstraint,
 )
 from app.geometry import FloatArray, InputError, Stamp
-from app.runtime import LatestValue, ReceivedConstraint, SessionContent
-from app.session import Sample, SenderTrail
+from app.runtime import LatestValue, ReceivedConstraint, ReceivedStructure, SessionContent
+from app.session import Sample, SenderTrail, StructureStep
 
 DEFAULT_TOPIC = "/marginguard/constraint"
 
@@ -66,9 +66,12 @@ class ConstraintBuilder:
         hold_causes: Sequence[str] = (),
         simulated: bool = True,
         single_source: bool = True,
+        structures: Sequence[StructureStep] = (),
+        half_spaces_of: Sequence[int] = (),
     ) -> FixtureConstraint:
         """Convert ``decision``; the publisher sets ``seq``.
 
+        ``structures`` and ``half_spaces_of`` are those of `StepResult`.
         ``simulated``: the poses are recorded or simulated. ``single_source``: nothing checks them.
         """
         known = decision.state is not MarginState.UNKNOWN
@@ -84,7 +87,6 @@ class ConstraintBuilder:
             simulated=simulated,
             planes_current=decision.constraint_is_current,
             single_source=single_source,
-            signed_distance=math.nan,
             lower_bound=math.nan,
             stop_distance=math.nan,
             warn_distance=math.nan,
@@ -96,6 +98,9 @@ class ConstraintBuilder:
             setup_id=self._setup_id,
             tumor=self._tumor,
             base=self._base,
+            structures=[each.name for each in structures],
+            structure_states=[int(each.decision.state) for each in structures],
+            structure_distances=[_known_distance(each.decision) for each in structures],
         )
         message.header.frame_id = self._frame
         if self._planes_from is not None:
@@ -103,10 +108,11 @@ class ConstraintBuilder:
             messages.set_time(message.valid_until, self._until(self._planes_from))
         if decision.constraint is not None:
             message.half_spaces = half_space_messages(decision.constraint)
+            message.half_space_structures = list(half_spaces_of) if structures else []
             message.free_distance = _metres(decision.constraint.free.distance_mm)
             message.free_turn = decision.constraint.free.turn_rad
+        message.signed_distance = _known_distance(decision)
         if known and decision.proximity is not None:
-            message.signed_distance = _metres(decision.proximity.signed_distance_mm)
             message.lower_bound = _metres(decision.proximity.lower_bound_mm)
         if decision.margin is not None:
             message.stop_distance = _metres(decision.margin.total_mm)
@@ -118,6 +124,13 @@ class ConstraintBuilder:
     def _until(self, stamp: Stamp) -> Stamp:
         """The last time at which planes of ``stamp`` are valid."""
         return stamp.shifted(self._stale_after_ns, stamp.clock)
+
+
+def _known_distance(decision: FixtureDecision) -> float:
+    """The signed distance in m, NaN if it is not known."""
+    if decision.state is MarginState.UNKNOWN or decision.proximity is None:
+        return math.nan
+    return _metres(decision.proximity.signed_distance_mm)
 
 
 def half_space_messages(constraint: Constraint) -> list[HalfSpace]:
@@ -291,7 +304,26 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
         simulated=message.simulated,
         planes_current=message.planes_current,
         single_source=message.single_source,
+        structures=_structures(message, topic),
+        half_spaces_of=tuple(message.half_space_structures),
     )
+
+
+def _structures(message: FixtureConstraint, topic: str) -> tuple[ReceivedStructure, ...]:
+    try:
+        return tuple(
+            ReceivedStructure(name, MarginState(state), _mm(distance))
+            for name, state, distance in zip(
+                message.structures,
+                message.structure_states,
+                message.structure_distances,
+                strict=True,
+            )
+        )
+    except ValueError as error:
+        raise BridgeError(
+            f"{topic}: structures: {error}; expected a state and a distance for each"
+        ) from error
 
 
 def _constraint(plain: PlainConstraint, topic: str) -> Constraint | None:

@@ -2,7 +2,7 @@ from .audit import AuditLog, AuditOutput
 from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
-from .content import SessionContent, content_of
+from .content import SessionContent, StructureContent, content_of
 from .display_content import (
     ImageDepth,
     ImageDescription,
@@ -39,7 +39,7 @@ from .operator_command import (
     SetTumor,
 )
 from .outputs import Output, PassiveOutput, StepHolds, StepTiming, SwitchContent
-from .received_constraint import ReceivedConstraint
+from .received_constraint import ReceivedConstraint, ReceivedStructure
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
 from .session_wire import DescribedSession, SessionWire, mesh_digest, text_digest
@@ -100,6 +100,7 @@ __all__ = [
     "QtSpinner",
     "Rearm",
     "ReceivedConstraint",
+    "ReceivedStructure",
     "Record",
     "RecordingExtent",
     "RecordingStatus",
@@ -122,6 +123,7 @@ __all__ = [
     "StepRun",
     "StepThread",
     "StepTiming",
+    "StructureContent",
     "Stylus",
     "SwitchContent",
     "TooManyRequestsError",

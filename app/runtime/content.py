@@ -23,7 +23,23 @@ from app.runtime.display_content import (
     needle_of,
     stylus_of,
 )
-from app.session import RobotSetup, SessionSetup
+from app.session import RobotSetup, Role, SessionSetup
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StructureContent:
+    """A structure beside the tumour, whose surface is in the frame of its name."""
+
+    surface: SurfaceMesh
+    role: Role
+    stop_mm: float
+    warn_mm: float
+    sigma_mm: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.surface.frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +57,7 @@ class SessionContent:
     is read from. ``simulated``: the poses are not a patient's. ``tumor_accepted``: an operator has
     accepted the tumour in this session. ``needle`` is shown and nothing else, ``stylus`` is
     what an operator touches points with, ``image_depth`` is None for a session without several
-    depths of its images: no decision depends on them.
+    depths of its images: no decision depends on them. ``structures`` are guarded beside the tumour.
     """
 
     name: str
@@ -61,6 +77,7 @@ class SessionContent:
     needle: Needle | None = None
     stylus: Stylus | None = None
     image_depth: ImageDepth | None = None
+    structures: tuple[StructureContent, ...] = ()
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -87,10 +104,14 @@ class SessionContent:
     @property
     def tool_from_tip(self) -> Transform:
         """The tip in the tool's tracked frame. Raises `FrameError` if no edge places it."""
+        return self.static_edge(self.tip_frame)
+
+    def static_edge(self, frame: str) -> Transform:
+        """The static transform that places ``frame``; raises `FrameError` if there is none."""
         for edge in self.static_edges:
-            if edge.source == self.tip_frame:
+            if edge.source == frame:
                 return edge
-        raise FrameError(f"static transforms: none places {self.tip_frame!r}; expected one")
+        raise FrameError(f"static transforms: none places {frame!r}; expected one")
 
     @property
     def known_stylus(self) -> Stylus:
@@ -112,20 +133,20 @@ class SessionContent:
 
     @property
     def setup_id(self) -> str:
-        """Digest that changes with the tumour, its pose and the registration."""
-        numbers = (self.model_id, self.registration_id, _digest(self.frame_from_tumor.matrix))
+        """Digest that changes with the structures, their poses and the registration."""
+        numbers = [self.model_id, self.registration_id, _digest(self.frame_from_tumor.matrix)]
+        for each in self.structures:
+            pose = self.static_edge(each.name)
+            numbers += [surface_digest(each.surface), _digest(pose.matrix)]
         return hashlib.sha256("/".join(numbers).encode()).hexdigest()[:16]
 
     @property
     def frame_from_tumor(self) -> Transform:
         """The tumour in the tracked frame that it moves with. Raises `FrameError` without one."""
-        for edge in self.static_edges:
-            if edge.source == self.tumor.frame:
-                return edge
-        raise FrameError(f"static transforms: none places {self.tumor.frame!r}; expected one")
+        return self.static_edge(self.tumor.frame)
 
     def replaced_since(self, before: "SessionContent") -> tuple[str, ...]:
-        """Names of the changed ones of tumour, registration, tip, margins, needle and stylus."""
+        """Names of the changed ones of the parts that an operator can replace."""
         if self is before:
             return ()
         tumors = [(c.model_id, c.frame_from_tumor, c.tumor_sigma_mm) for c in (self, before)]
@@ -135,6 +156,7 @@ class SessionContent:
             "registration": self.registration is not before.registration,
             "tip": tips[0] != tips[1],
             "margins": self.margins != before.margins,
+            "structures": self.structures != before.structures,
             "needle": self.needle is not before.needle,
             "stylus": self.stylus is not before.stylus,
         }
@@ -219,6 +241,12 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         needle=needle_of(case),
         stylus=stylus_of(case),
         image_depth=image_depth_of(case),
+        structures=tuple(
+            StructureContent(
+                case.structure_mesh(entry), each.role, each.stop_mm, each.warn_mm, each.sigma_mm
+            )
+            for entry, each in zip(case.manifest.structures, setup.structures, strict=True)
+        ),
     )
 
 

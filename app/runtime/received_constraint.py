@@ -5,6 +5,15 @@ from dataclasses import dataclass
 from app.fixture import Constraint, MarginState
 
 
+@dataclass(frozen=True, slots=True)
+class ReceivedStructure:
+    """One of several structures: its state, and its distance in mm, None if it is not known."""
+
+    name: str
+    state: MarginState
+    signed_distance_mm: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ReceivedConstraint:
     """A ``FixtureConstraint`` as plain values: lengths in mm, times in ns of the tracker's clock.
@@ -19,7 +28,9 @@ class ReceivedConstraint:
     ``setup_id`` changes with the tumour, its pose and the registration. ``max_tool_speed_mm_s`` and
     ``max_tool_turn_rad_s`` are what the margins assume of the tool.
     ``planes_current``: the half-spaces belong to the tool's present pose; otherwise no motion is
-    allowed. ``single_source``: nothing independent can contradict the tracker.
+    allowed. ``single_source``: nothing independent can contradict the tracker. ``structures`` are
+    empty where the tumour is the only one; ``half_spaces_of`` has the number of the structure of
+    each half-space.
 
     >>> import marginguard as mg
     >>> before_the_first_pose = mg.ReceivedConstraint(
@@ -62,3 +73,5 @@ class ReceivedConstraint:
     simulated: bool
     planes_current: bool
     single_source: bool
+    structures: tuple[ReceivedStructure, ...] = ()
+    half_spaces_of: tuple[int, ...] = ()

@@ -111,6 +111,7 @@ class Session:
             single_source=self.single_source,
             between_frames=structures[0].between_frames,
             structures=structures if len(structures) > 1 else (),
+            half_spaces_of=self._combined.half_spaces_of,
         )
 
     def hold(self, cause: str, *, doubt: bool = False) -> None:

@@ -141,7 +141,8 @@ class StepResult:
     deepest point on the path from the last known pose if the tool passed through the tumour there
     and is outside at both ends; the decision's proximity is then that of this point.
     ``structures`` are the decisions on each structure, the tumour first; empty for the tumour
-    alone. ``decision`` is then that on all of them (`app.session.structure_guard`).
+    alone. ``decision`` is then that on all of them (`app.session.structure_guard`), and
+    ``half_spaces_of`` the number of the structure of each half-space.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -166,6 +167,7 @@ class StepResult:
     edges: KnownEdges = NO_EDGES
     between_frames: PathDepth | None = None
     structures: tuple[StructureStep, ...] = ()
+    half_spaces_of: tuple[int, ...] = ()
 
     def of(self, name: str) -> "StepResult":
         """The step as that of a session with the structure ``name`` alone, without its hold.

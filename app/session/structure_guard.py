@@ -264,6 +264,8 @@ class CombinedDecision:
 
     def __init__(self) -> None:
         self._constraint: Constraint | None = None
+        self.half_spaces_of: tuple[int, ...] = ()
+        """The structure of each half-space, as its number in ``steps``; empty for one structure."""
 
     def restart(self) -> None:
         """Forget the planes: a structure, the tool or the registration has changed."""
@@ -281,7 +283,8 @@ class CombinedDecision:
         current = all(each.decision.constraint_is_current for each in steps)
         hold = any(each.decision.hold for each in steps)
         if current:
-            self._constraint = _joined(steps, governing, radius_mm, hold=hold)
+            joined = _joined(steps, governing, radius_mm, hold=hold)
+            self._constraint, self.half_spaces_of = (None, ()) if joined is None else joined
         elif self._constraint is not None:
             self._constraint = self._constraint.on_hold()
         stamps = [each.decision.stamp for each in steps]
@@ -332,20 +335,22 @@ def _in_tumor_frame(steps: Sequence[StructureStep], number: int) -> Proximity | 
 
 def _joined(
     steps: Sequence[StructureStep], governing: int, radius_mm: float, *, hold: bool
-) -> Constraint | None:
-    """The planes of all structures in the tumour's frame, `MAX_PLANES` at most.
+) -> tuple[Constraint, tuple[int, ...]] | None:
+    """The planes of all structures in the tumour's frame, `MAX_PLANES` at most, and whose they are.
 
     The governing plane is first. Of more planes the nearest are kept; the free motion then ends
     before one of the others is reached: a point of the tool at the lever ``radius_mm`` moves by the
     way of the tip and the angle times the lever at most.
     """
     placed_rows: list[FloatArray] = []
+    owners: list[int] = []
     free = FreeMotion(math.inf, math.inf)
     for number in (governing, *(each for each in range(len(steps)) if each != governing)):
         constraint, placed = steps[number].decision.constraint, _tumor_from(steps, number)
         if constraint is None or placed is None:
             return None
         placed_rows.append(constraint.rows if number == 0 else _placed_rows(constraint, placed))
+        owners += [number] * len(constraint)
         free = _smaller(free, constraint.free)
     rows = np.concatenate(placed_rows)
     if len(rows) > MAX_PLANES:
@@ -353,8 +358,9 @@ def _joined(
         order = 1 + np.argsort(clearances[1:], kind="stable")
         nearest_left_out_mm = max(float(clearances[order[MAX_PLANES - 1]]), 0.0)
         free = _smaller(free, FreeMotion(nearest_left_out_mm, nearest_left_out_mm / radius_mm))
-        rows = rows[np.concatenate(([0], np.sort(order[: MAX_PLANES - 1])))]
-    return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free)
+        kept = [0, *np.sort(order[: MAX_PLANES - 1]).tolist()]
+        rows, owners = rows[kept], [owners[number] for number in kept]
+    return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
 
 
 def _smaller(one: FreeMotion, other: FreeMotion) -> FreeMotion:

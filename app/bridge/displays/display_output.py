@@ -130,7 +130,8 @@ class DisplayOutput(PassiveOutput):
 
     def prepare(self, content: SessionContent) -> SwitchContent:
         """Find the digests of the surfaces; return the switch, which publishes the description."""
-        for mesh in (content.tumor, content.tool):
+        surfaces = [each.surface for each in content.structures]
+        for mesh in (content.tumor, content.tool, *surfaces):
             if mesh is not None:
                 mesh_digest(mesh)
         return self._use

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from marginguard_msgs.msg import SessionStep, StepPoint, StepProximity
+from marginguard_msgs.msg import StructureStep as StructureStepMessage
 
 from app.bridge.ros_errors import BridgeError
 from app.case import CauteryState, JointSample, TrackingFrame
@@ -35,7 +36,7 @@ from app.hold import SeenHold
 from app.registration import DriftBound, RegistrationDrift
 from app.robot.kinematic_tree import LinkPoses
 from app.runtime import SessionContent
-from app.session import KnownEdges, PathDepth, PathPoint, StepResult
+from app.session import KnownEdges, PathDepth, PathPoint, Role, StepResult, StructureStep
 from app.session.step_result import known_edges
 
 _NUMBERS = 12
@@ -115,10 +116,8 @@ def step_message(
     )
     if decision.proximity is not None:
         message.proximity = [_proximity_message(decision.proximity)]
-    if decision.margin is not None:
-        margin = decision.margin
-        numbers = (margin.stop_mm, margin.warn_mm, margin.tre_mm, margin.age_mm)
-        message.margin_mm = array("d", numbers)
+    message.margin_mm = _margin_numbers(decision.margin)
+    message.structures = [_structure_message(each) for each in step.structures]
     if decision.constraint is not None:
         message.half_spaces = array("d", decision.constraint.rows.tobytes())
         message.free = np.array(decision.constraint.free)
@@ -206,6 +205,7 @@ def _step(
         single_source=message.single_source,
         edges=_edges(message, content, samples, links, joints),
         between_frames=_path(message, tumor, tip),
+        structures=tuple(_structure(each, content) for each in message.structures),
     )
     others = len(set(message.known).union(range(message.new_poses)))
     return step, samples[others:]
@@ -231,6 +231,50 @@ def _decision(message: SessionStep, tumor: str) -> FixtureDecision:
         seq=message.seq,
         constraint_is_current=message.planes_current,
     )
+
+
+def _structure_message(step: StructureStep) -> StructureStepMessage:
+    decision = step.decision
+    message = StructureStepMessage(
+        name=step.name,
+        state=int(decision.state),
+        reasons=[reason.value for reason in decision.reasons],
+        hold=decision.hold,
+        margin_mm=_margin_numbers(decision.margin),
+    )
+    if decision.proximity is not None:
+        message.proximity = [_proximity_message(decision.proximity)]
+    if step.structure_from_tip is not None:
+        message.structure_from_tip = array("d", _pose_numbers(step.structure_from_tip))
+    return message
+
+
+def _structure(message: StructureStepMessage, content: SessionContent) -> StructureStep:
+    """The structure without its planes, which are those of the constraint."""
+    roles = {each.name: each.role for each in content.structures}
+    roles[content.tumor.frame] = Role.TARGET
+    if message.name not in roles:
+        raise ValueError(f"structure {message.name!r} is not in the description")
+    proximity = message.proximity
+    pose = _transforms(message.structure_from_tip)
+    decision = FixtureDecision(
+        state=MarginState(message.state),
+        reasons=tuple(map(Reason, message.reasons)),
+        proximity=_proximity(proximity[0]) if proximity else None,
+        margin=AppliedMargin(*message.margin_mm) if len(message.margin_mm) else None,
+        constraint=None,
+        hold=message.hold,
+        stamp=None,
+        seq=0,
+    )
+    placed = _placed(message.name, content.tip_frame, pose)
+    return StructureStep(message.name, roles[message.name], decision, placed, None)
+
+
+def _margin_numbers(margin: AppliedMargin | None) -> "array[float]":
+    if margin is None:
+        return array("d")
+    return array("d", (margin.stop_mm, margin.warn_mm, margin.tre_mm, margin.age_mm))
 
 
 def _edges(

@@ -337,4 +337,8 @@ def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
         setup_id=message.setup_id,
         tumor=message.tumor,
         base=message.base,
+        structures=message.structures,
+        structure_states=[FixtureConstraint.UNKNOWN] * len(message.structures),
+        structure_distances=[math.nan] * len(message.structures),
+        half_space_structures=message.half_space_structures,
     )

@@ -21,7 +21,7 @@ from app.bridge.messages import color_message, metres, point_message
 from app.bridge.ros_errors import BridgeError
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import FloatArray, SurfaceMesh
-from app.runtime import SessionContent
+from app.runtime import SessionContent, StructureContent
 
 MAX_TRIANGLES = 25_000
 """A marker with more is simplified: it is sent at each change of colour, 72 bytes a triangle."""
@@ -171,6 +171,30 @@ def _marker(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker:
     return marker
 
 
+class _StructureShape:
+    """Marker of one further structure, serialised for each of its states."""
+
+    def __init__(self, structure: StructureContent) -> None:
+        self.structure = structure
+        points_m = [corners_m(structure.surface)]
+        self.of_state = {
+            state: serialized(
+                MarkerArray(
+                    markers=[
+                        _surface(
+                            f"structure/{structure.name}",
+                            structure.name,
+                            color_message(state.color, TUMOR_ALPHA),
+                            0,
+                        )
+                    ]
+                ),
+                points_m,
+            )
+            for state in MarginState
+        }
+
+
 class PreparedShapes:
     """Surface markers of ``content``, serialised once for each margin state.
 
@@ -182,10 +206,22 @@ class PreparedShapes:
         self._markers = Markers(content)
         self._surfaces = {state: self._markers.surfaces(state) for state in MarginState}
         self._texts: dict[tuple[MarginState, str], bytes] = {}
+        self._structures = {each.name: _StructureShape(each) for each in content.structures}
 
     def match(self, content: SessionContent) -> bool:
-        """True if they were created from the tumour and the tool of ``content``."""
-        return content.tumor is self._tumor and content.tool is self._tool
+        """True if they were created from the surfaces of ``content``."""
+        mine = [each.structure.surface for each in self._structures.values()]
+        surfaces = [each.surface for each in content.structures]
+        return (content.tumor, content.tool) == (self._tumor, self._tool) and mine == surfaces
+
+    @property
+    def structures(self) -> tuple[str, ...]:
+        """Names of the further structures."""
+        return tuple(self._structures)
+
+    def structure(self, name: str, state: MarginState) -> bytes:
+        """Serialised ``MarkerArray`` of a further structure, in the colour of its ``state``."""
+        return self._structures[name].of_state[state]
 
     def surfaces(self, state: MarginState) -> bytes:
         """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool."""

@@ -32,7 +32,7 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
 from app.hold import RandomBits
 from app.runtime import SessionContent, StepTiming, SwitchContent
-from app.session import StepResult
+from app.session import StepResult, StructureStep
 
 NODE_NAME = "marginguard"
 
@@ -103,6 +103,8 @@ class SessionPublisher:
         self._simulated = content.simulated or bool(playback)
         self._created: list[Publisher] = []
         self._surfaces_state: MarginState | None = None
+        self._structure_states: dict[str, MarginState] = {}
+        self._structure_publishers: dict[str, Publisher] = {}
         with ExitStack() as opening:
             if endpoints is None:
                 self.ros = ros or opening.enter_context(
@@ -156,12 +158,14 @@ class SessionPublisher:
             hold_causes=step.hold_causes,
             simulated=self._simulated or bool(step.playback),
             single_source=step.single_source,
+            structures=step.structures,
+            half_spaces_of=step.half_spaces_of,
         )
         # Read before the time that has been spent: a stop in between shortens the validity.
         since_ns = steady_ns()
         valid_ns = self._valid_ns(step, timing.spent_now_ns())
         in_time = self.constraints.publish(message, valid_ns=valid_ns, since_ns=since_ns)
-        self._publish_margin(step.decision)
+        self._publish_margin(step.decision, step.structures)
         report = self._diagnostics.report(step, self._content.margins.stale_after_ns)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
@@ -263,26 +267,41 @@ class SessionPublisher:
                 self._edges_left_out.add(edge)
                 self._endpoints.warn(f"{edge[0]} -> {edge[1]} is not published on tf: {reason}")
 
-    def _publish_margin(self, decision: FixtureDecision) -> None:
+    def _publish_margin(
+        self, decision: FixtureDecision, structures: Sequence[StructureStep] = ()
+    ) -> None:
         distance_mm = math.nan
         if decision.state is not MarginState.UNKNOWN and decision.proximity is not None:
             distance_mm = float(decision.proximity.signed_distance_mm)
         self._send(topics.MARGIN_MM, self._margin.distance(distance_mm))
         self._send(topics.MARGIN_COLOR, self._margin.color(decision.state))
         self._send(topics.MARKERS, self._shapes.text(decision))
-        self._show_surfaces(decision.state)
+        states = {each.name: each.decision.state for each in structures}
+        of_tumor = states.pop(self._content.tumor.frame, decision.state)
+        self._show_surfaces(of_tumor, states)
 
-    def _show_surfaces(self, state: MarginState) -> None:
+    def _show_surfaces(self, state: MarginState, structures: Mapping[str, MarginState]) -> None:
+        """Colour the tumour by ``state``, and the further ``structures`` by theirs."""
         if state is not self._surfaces_state:
             self._surfaces_publisher.publish(self._shapes.surfaces(state))
             self._surfaces_state = state
+        for name in self._shapes.structures:
+            of_structure = structures.get(name, MarginState.UNKNOWN)
+            if self._structure_states.get(name) is not of_structure:
+                shape = self._shapes.structure(name, of_structure)
+                self._structure_publishers[name].publish(shape)
+                self._structure_states[name] = of_structure
 
     def _latch(self, content: SessionContent) -> None:
         """Publish the static transforms of ``content`` and its surfaces in grey."""
         self._frame_tree = FrameTree(content.tf_static_edges, self._policy)
         self.publish_static()
-        self._surfaces_state = None
-        self._show_surfaces(MarginState.UNKNOWN)
+        self._surfaces_state, self._structure_states = None, {}
+        for name in self._shapes.structures:
+            if name not in self._structure_publishers:
+                # Each its own, which keeps its last message for those who subscribe later.
+                self._structure_publishers[name] = self._publisher(topics.MARKERS)
+        self._show_surfaces(MarginState.UNKNOWN, {})
 
     def _send(self, topic: Topic, message: object) -> None:
         self._publishers[topic.name].publish(message)
