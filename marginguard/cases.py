@@ -52,12 +52,14 @@ def open_case(
     *,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     tip_only: bool = False,
+    tool: str | None = None,
 ) -> PreparedCase:
     """Open the case in ``folder``, repair its tumour, estimate its clock, register its robot.
 
     ``folder`` may be ``package://marginguard/recorded_case``, the shipped case. The packages that
-    the case names are found in ``package_dirs``. With ``tip_only`` the tool is its tip alone. Takes
-    seconds. Raises `InputError` for a case that cannot be used.
+    the case names are found in ``package_dirs``. With ``tip_only`` the tool is its tip alone.
+    ``tool`` names one of several tools. Takes seconds. Raises `InputError` for a case that cannot
+    be used.
 
     >>> import marginguard as mg
     >>> case = mg.open_case("package://marginguard/recorded_case")
@@ -67,7 +69,9 @@ def open_case(
     as_path(folder, "folder")
     checked_iterable(package_dirs, "package_dirs", "a sequence of paths")
     dirs = [as_path(each, f"package_dirs[{i}]") for i, each in enumerate(package_dirs)]
-    return prepare_case(input_path(os.fspath(folder)), package_dirs=dirs, tip_only=tip_only)
+    return prepare_case(
+        input_path(os.fspath(folder)), package_dirs=dirs, tip_only=tip_only, tool=tool
+    )
 
 
 def replay(

@@ -105,6 +105,7 @@ class CaseSamples:
 
 def sample_row(step: "StepResult") -> SampleRow:
     """The row of `CaseSamples` for one step: stamp, state, between, and 23 numbers."""
+    step = step.of_tumor
     decision, pose = step.decision, step.tumor_from_tip
     numbers = [math.nan] * 23
     if decision.margin is not None:

@@ -157,9 +157,20 @@ class Case:
             self._mesh_notes.extend(built.notes)
         return self._meshes[key]
 
-    def for_tool(self, name: str) -> "Case":
-        """A copy of the case with one of its tools; raises as `CaseManifest.for_tool`."""
-        return replace(self, manifest=self.manifest.for_tool(name), _notes=[])
+    def for_tool(self, name: str | None) -> "Case":
+        """A copy of the case with its tool ``name``, None for its only one.
+
+        Raises `InputError` for another name, and for None with several tools.
+        """
+        names = [arm.name for arm in self.manifest.arms]
+        if name is not None:
+            return replace(self, manifest=self.manifest.for_tool(name), _notes=[])
+        if len(names) > 1:
+            raise InputError(
+                f"{self.manifest.file}: tools: there are {len(names)}; expected the name of one "
+                f"of {', '.join(names)} (--tool)"
+            )
+        return self
 
     def needle_mesh(self) -> SurfaceMesh | None:
         """The needle's model in the frame of its tip; None without one."""

@@ -34,6 +34,13 @@ def add_package_dirs(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_tool(parser: argparse.ArgumentParser) -> None:
+    """Add the choice of one of several tools."""
+    parser.add_argument(
+        "--tool", metavar="NAME", help="guard this tool of a case with several (schema 2)"
+    )
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add output for programs."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")

@@ -175,6 +175,7 @@ class FramesTable(PassiveOutput):
 
     def publish(self, step: "StepResult", timing: StepTiming) -> bool:
         """Keep the row of ``step``."""
+        step = step.of_tumor
         between_frames = step.between_frames is not None
         stamp_ns, tip = step.frame.stamp.ns, step.tumor_from_tip
         self._rows.append(_Row(stamp_ns, step.decision, step.hold_causes, between_frames, tip))

@@ -133,9 +133,8 @@ class ReplayLog(PassiveOutput):
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Keep the row of ``step`` and the time that it took to compute."""
-        of_tumor = step.of_tumor
-        row = self.tumor.add(of_tumor)
-        self._samples.append(sample_row(of_tumor))
+        row = self.tumor.add(step.of_tumor)
+        self._samples.append(sample_row(step))
         for each in step.structures[1:]:
             log = self.structures.setdefault(each.name, StructureLog(each.name, each.role))
             log.add(step.of(each.name))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.case import Case, MarginEntry, RegistrationValues, SessionValues
-from app.fixture import MarginParameters
+from app.fixture import FIXTURE_FRAME, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
@@ -58,6 +58,7 @@ class SessionContent:
     accepted the tumour in this session. ``needle`` is shown and nothing else, ``stylus`` is
     what an operator touches points with, ``image_depth`` is None for a session without several
     depths of its images: no decision depends on them. ``structures`` are guarded beside the tumour.
+    ``tool_name`` is that of one of several tools, each of which has a session; else empty.
     """
 
     name: str
@@ -78,6 +79,7 @@ class SessionContent:
     stylus: Stylus | None = None
     image_depth: ImageDepth | None = None
     structures: tuple[StructureContent, ...] = ()
+    tool_name: str = ""
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -87,6 +89,11 @@ class SessionContent:
                     f"static transforms: frame {child!r} has {children.count(child)} parents; "
                     "expected 1"
                 )
+
+    @property
+    def fixture_frame(self) -> str:
+        """Name of the frame of the governing plane on tf, its own for each of several tools."""
+        return f"{FIXTURE_FRAME}_{self.tool_name}" if self.tool_name else FIXTURE_FRAME
 
     @property
     def registration(self) -> RegistrationResult | None:
@@ -247,6 +254,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
             )
             for entry, each in zip(case.manifest.structures, setup.structures, strict=True)
         ),
+        tool_name=case.manifest.name_of_tool,
     )
 
 

@@ -97,17 +97,19 @@ def prepare_case(
     *,
     package_dirs: Sequence[Path] = (),
     tip_only: bool = False,
+    tool: str | None = None,
     on_stage: OnStage = lambda stage: None,
     frames: tuple[TrackingFrame, ...] | None = None,
     make_engine: MakeEngine = ProximityEngine,
 ) -> PreparedCase:
     """Open the case in ``folder``, repair its tumour, estimate its clock, register its robot.
 
-    ``frames`` are those of a recording that was not written (`open_case`), ``make_engine`` is for
-    `setup_from_case`. Takes seconds. Raises `InputError` for a case that cannot be used, and
-    `FrameError` for a recording in which nothing connects the tool with the tumour.
+    ``tool`` names one of several tools. ``frames`` are those of a recording that was not written
+    (`open_case`), ``make_engine`` is for `setup_from_case`. Takes seconds. Raises `InputError` for
+    a case that cannot be used, and `FrameError` for a recording in which nothing connects the tool
+    with the tumour.
     """
-    case, clock = _open(folder, package_dirs, frames)
+    case, clock = _open(folder, package_dirs, frames, tool)
     on_stage("open the case")
     setup = setup_from_case(case, tip_only=tip_only, make_engine=make_engine)
     content = content_of(case, setup, tip_only=tip_only)
@@ -162,9 +164,12 @@ def playback_of(
     )
 
 
-def prepare_live(config_file: Path, *, package_dirs: Sequence[Path] = ()) -> PreparedLive:
+def prepare_live(
+    config_file: Path, *, package_dirs: Sequence[Path] = (), tool: str | None = None
+) -> PreparedLive:
     """Open a ``live.yaml`` and set up its session. Raises as `prepare_case` does."""
     config = open_live(config_file, package_dirs=package_dirs)
+    config = replace(config, case=config.case.for_tool(tool))
     case = with_repaired_meshes(config.case)
     setup = setup_from_case(case)
     setup = replace(
@@ -177,8 +182,11 @@ def prepare_live(config_file: Path, *, package_dirs: Sequence[Path] = ()) -> Pre
 
 
 def _open(
-    folder: Path, package_dirs: Sequence[Path], frames: tuple[TrackingFrame, ...] | None = None
+    folder: Path,
+    package_dirs: Sequence[Path],
+    frames: tuple[TrackingFrame, ...] | None = None,
+    tool: str | None = None,
 ) -> "tuple[Case, TimeOffset | None]":
     """Open the case, repair its tumour and estimate the offset of its joints' clock."""
-    opened = open_case(folder, package_dirs=package_dirs, frames=frames)
+    opened = open_case(folder, package_dirs=package_dirs, frames=frames).for_tool(tool)
     return with_estimated_clock(with_repaired_meshes(opened))

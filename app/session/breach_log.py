@@ -212,6 +212,7 @@ class BreachLog:
 
     def observe(self, step: StepResult) -> BreachList:
         """Add ``step``, the next one; return all breaches so far."""
+        step = step.of_tumor
         if self._first_ns is None:
             self._first_ns = step.frame.stamp.ns
         proximity = step.decision.proximity

@@ -241,7 +241,7 @@ class SenderWatch:
     def accepts_pose(self, pose: PoseValues, origin: Origin) -> bool:
         """Process a sample of the pose topic; False if it must not be used."""
         self._meet(self._poses, origin)
-        if self._poses is self._tf and pose.source == FIXTURE_FRAME:
+        if self._poses is self._tf and pose.source.startswith(FIXTURE_FRAME):
             return False  # computed by a guard, not measured
         is_accepted = self._follow(self._frames, pose, origin)
         if not is_accepted:

@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from app.bridge import messages
 from app.bridge.ros_errors import BridgeError
 from app.case.tracking_frames import JointSample
-from app.fixture import MarginState
+from app.fixture import FIXTURE_FRAME, MarginState
 from app.geometry import FrameError, Stamp, Transform, chain_to_root
 from app.session import StepResult
 
@@ -196,12 +196,13 @@ class PublishPolicy:
 
     A replay is alone on the graph and publishes all of them. ``clock``: the session's time is the
     time of the graph; ``measured``: the tracker's edges; ``robot``: its description, joints and
-    links.
+    links. ``fixture_frame`` is the name of the frame of the governing plane on tf.
     """
 
     clock: bool = True
     measured: bool = True
     robot: bool = True
+    fixture_frame: str = FIXTURE_FRAME
 
 
 PUBLISH_ALL = PublishPolicy()
@@ -231,7 +232,10 @@ def moving_edges(
         and decision.stamp is not None
         and step.virtual_fixture is not None
     ):
-        yield step.virtual_fixture, decision.stamp
+        fixture = step.virtual_fixture
+        if fixture.source != policy.fixture_frame:
+            fixture = fixture.renamed(source=policy.fixture_frame)
+        yield fixture, decision.stamp
 
 
 class FrameTree:

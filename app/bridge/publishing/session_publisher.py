@@ -5,6 +5,7 @@ import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any, Protocol, Self
 
 from rclpy.publisher import Publisher
@@ -98,7 +99,7 @@ class SessionPublisher:
         random_bits: RandomBits = secrets.randbits,
         clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._policy = policy
+        self._policy = replace(policy, fixture_frame=content.fixture_frame)
         self._content = content
         self._simulated = content.simulated or bool(playback)
         self._created: list[Publisher] = []

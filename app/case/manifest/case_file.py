@@ -164,6 +164,13 @@ class CaseManifest:
     structures: tuple[StructureEntry, ...] = ()
     arms: tuple[ArmEntry, ...] = ()
 
+    @property
+    def name_of_tool(self) -> str:
+        """The name of ``tool`` where there are several, else empty."""
+        if len(self.arms) < 2:
+            return ""
+        return next(arm.name for arm in self.arms if arm.tool.frame == self.tool.frame)
+
     def for_tool(self, name: str) -> "CaseManifest":
         """The manifest with this one of its ``arms``; `InputError` for another name."""
         for arm in self.arms:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.dicom_folder import VOXEL_MM, resected_structures, write_dicom
 from app.cli.gc_control import GcPause
-from app.cli.options import add_case, file_path, folder_path
+from app.cli.options import add_case, add_tool, file_path, folder_path
 from app.cli.progress import with_progress
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ SUMMARY = "analyse a case: breaches and their depth, motion, coverage"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard analyse``."""
     add_case(parser)
+    add_tool(parser)
     parser.add_argument(
         "--json",
         nargs="?",
@@ -135,7 +136,10 @@ def run(options: argparse.Namespace) -> int:
             check_output_path(path)
     with GcPause() as memory:
         prepared = prepare_case(
-            options.case, package_dirs=options.package_dirs, tip_only=options.tip_only
+            options.case,
+            package_dirs=options.package_dirs,
+            tip_only=options.tip_only,
+            tool=options.tool,
         )
         memory.settle()
         content = prepared.content

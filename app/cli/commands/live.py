@@ -20,6 +20,7 @@ from app.cli.options import (
     add_json,
     add_namespace,
     add_package_dirs,
+    add_tool,
     input_argument,
 )
 from app.cli.ros import load_bridge, print_reach
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"an example: {LIVE_EXAMPLE}",
     )
     add_package_dirs(parser)
+    add_tool(parser)
     add_namespace(parser)
     parser.add_argument(
         "--constraint-hz",
@@ -148,7 +150,9 @@ def _opened(
         from app.cli.gc_control import prompt_process
         from app.runtime import prepare_live
 
-        prepared = prepare_live(options.config, package_dirs=options.package_dirs)
+        prepared = prepare_live(
+            options.config, package_dirs=options.package_dirs, tool=options.tool
+        )
         for note in prepared.case.notes():
             print(note, file=sys.stderr)
     with (

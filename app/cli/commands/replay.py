@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.bag_writing import BagProcess, bag_of
 from app.cli.gc_control import GcPause
-from app.cli.options import add_case, add_json, file_path, folder_path
+from app.cli.options import add_case, add_json, add_tool, file_path, folder_path
 from app.cli.progress import with_progress
 from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
 from app.cli.ros import published
@@ -33,6 +33,7 @@ _MAX_MOVIE_S = 60.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard replay``."""
     add_case(parser)
+    add_tool(parser)
     add_json(parser)
     parser.add_argument(
         "--report",
@@ -132,6 +133,7 @@ def _replay(
                 options.case,
                 package_dirs=options.package_dirs,
                 tip_only=options.tip_only,
+                tool=options.tool,
                 on_stage=watch.lap,
             )
             memory.settle()
