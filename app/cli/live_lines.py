@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_S
@@ -93,8 +93,23 @@ def as_line(step: StepResult, time_text: str = "", *, color: bool = False) -> st
     reasons = ", ".join(str(reason) for reason in decision.reasons)
     playback = " [PLAYBACK]" if step.playback else ""
     state = _colored(decision.state) if color else decision.state.name
+    governing = step.governing
+    of_structure = "" if governing is None else f" {governing.name}"
     start = f"{time_text} " if time_text else ""
-    return f"{start}{state}{distance}: {reasons}{playback}"
+    return f"{start}{state}{of_structure}{distance}: {reasons}{playback}"
+
+
+def _structures(step: StepResult) -> dict[str, Any]:
+    """Each of several structures, the tumour first; no key without further ones."""
+    if not step.structures:
+        return {}
+    found = []
+    for each in step.structures:
+        proximity = each.decision.proximity
+        distance_mm = None if proximity is None else _finite(proximity.signed_distance_mm)
+        state = each.decision.state.name
+        found.append({"name": each.name, "state": state, "signed_distance_mm": distance_mm})
+    return {"structures": found}
 
 
 def as_json_line(
@@ -124,6 +139,7 @@ def as_json_line(
             "warn_margin_mm": None if margin is None else _finite(margin.warn_total_mm),
             "tre_mm": None if margin is None else _finite(margin.tre_mm),
             "age_mm": None if margin is None else _finite(margin.age_mm),
+            **_structures(step),
             "playback": bool(step.playback),
             "single_source": step.single_source,
             "model_id": content.model_id,

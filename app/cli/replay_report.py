@@ -204,8 +204,7 @@ def summary_text(summary: dict[str, Any], report: Path | None) -> str:
             f"{name} {seconds:.2f} s" for name, seconds in summary["state_seconds"].items()
         ),
     ]
-    nearest = summary["min_signed_distance_mm"]
-    lines.append(f"  nearest       {'not known' if nearest is None else f'{nearest:.3f} mm'}")
+    lines.append(f"  nearest       {_closest(summary)}")
     for number, breach in enumerate(summary["breaches"], start=1):
         lines.append(
             f"  breach {number:<6} {breach['start_s']:.3f} to {breach['end_s']:.3f} s, "
@@ -213,6 +212,10 @@ def summary_text(summary: dict[str, Any], report: Path | None) -> str:
         )
     if not summary["breaches"]:
         lines.append("  breaches      none")
+    lines += [
+        f"  {each['name']:<13} {_closest(each)}, breaches: {len(each['breaches'])}"
+        for each in summary.get("structures", ())
+    ]
     if summary["single_source"]:
         lines.append(f"  checked by    {SINGLE_SOURCE}")
     if summary["registration"] is not None:
@@ -225,6 +228,11 @@ def summary_text(summary: dict[str, Any], report: Path | None) -> str:
     if report is not None:
         lines.append(f"  report        {report / 'report.html'}")
     return "\n".join(lines)
+
+
+def _closest(summary: dict[str, Any]) -> str:
+    nearest = summary["min_signed_distance_mm"]
+    return "not known" if nearest is None else f"{nearest:.3f} mm"
 
 
 def _on_path(breach: dict[str, Any]) -> str:

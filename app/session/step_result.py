@@ -28,7 +28,7 @@ from app.robot import Robot
 from app.robot.kinematic_tree import LinkPoses
 from app.session.path_depth import PathDepth
 from app.session.setup import RobotSetup
-from app.session.structure_guard import StructureStep
+from app.session.structure_guard import StructureStep, governing_number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +184,11 @@ class StepResult:
             between_frames=one.between_frames,
             structures=(),
         )
+
+    @property
+    def governing(self) -> StructureStep | None:
+        """The structure whose state, distance and margin ``decision`` has; None for one alone."""
+        return self.structures[governing_number(self.structures)] if self.structures else None
 
     @property
     def of_tumor(self) -> "StepResult":

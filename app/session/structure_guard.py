@@ -278,7 +278,7 @@ class CombinedDecision:
         """
         if len(steps) == 1:
             return steps[0].decision
-        governing = min(range(len(steps)), key=lambda number: _rank(steps[number].decision))
+        governing = governing_number(steps)
         decision = steps[governing].decision
         current = all(each.decision.constraint_is_current for each in steps)
         hold = any(each.decision.hold for each in steps)
@@ -302,6 +302,11 @@ class CombinedDecision:
             stamp=min(known) if len(known) == len(stamps) else None,
             constraint_is_current=current,
         )
+
+
+def governing_number(steps: Sequence[StructureStep]) -> int:
+    """The number of the governing one of ``steps``, at least one."""
+    return min(range(len(steps)), key=lambda number: _rank(steps[number].decision))
 
 
 def _rank(decision: FixtureDecision) -> tuple[int, float]:
