@@ -110,7 +110,7 @@ def make_case(folder: str | os.PathLike[str], *, seed: int = 1) -> Path:
         ...
     app.geometry.errors.InputError: ... already exists; refusing to overwrite it
     """
-    from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
+    from app.synthetic import BASE_FRAME, TIP_FRAME, simulate_case
     from app.synthetic.motion import TouchArm
 
     path = as_path(folder, "folder")
@@ -118,7 +118,7 @@ def make_case(folder: str | os.PathLike[str], *, seed: int = 1) -> Path:
         raise InputError(f"seed: is {seed!r}; expected an integer of 0 or more")
     if path.exists():
         raise InputError(f"{path} already exists; refusing to overwrite it")
-    arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
+    arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
     command = f"marginguard make-case DIR --seed {seed}"
     simulate_case(path, seed=seed, arm=arm, command=command)
     return path
@@ -142,7 +142,7 @@ def write_case(
 
     ``poses`` yields a time in s and the poses that were measured then; a pose that is missing was
     lost. The poses must connect the tool's tracked frame with the tumour's. ``tool`` is closed, in
-    the frame of its tip: ``cautery_tip`` for a tracked ``cautery``, with ``tool_from_tip`` from the
+    the frame of its tip: ``tool_tip`` for a tracked ``tool``, with ``tool_from_tip`` from the
     one to the other. ``tumor`` is closed, in the frame ``tumor``, which ``frame_from_tumor`` places
     in a tracked frame. Surfaces are written with single precision. Raises `InputError` for a folder
     that exists and for times that do not increase, `FrameError` and `MeshError` for surfaces.
@@ -156,16 +156,16 @@ def write_case(
     >>> def pose(target, source, z_mm):
     ...     return mg.Transform(target, source, np.eye(3), [0.0, 0.0, z_mm])
     >>> margins = mg.open_case(mg.example_case()).setup.margins
-    >>> needle = pose("tracker", "needle", 0.0)
+    >>> sensor = pose("tracker", "sensor", 0.0)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     case = mg.open_case(
     ...         mg.write_case(
     ...             f"{folder}/case",
-    ...             [(0.02 * k, [needle, pose("tracker", "cautery", 30 - k)]) for k in range(9)],
-    ...             tool=ball("cautery_tip", 1.0),
-    ...             tool_from_tip=pose("cautery", "cautery_tip", 0.0),
+    ...             [(0.02 * k, [sensor, pose("tracker", "tool", 30 - k)]) for k in range(9)],
+    ...             tool=ball("tool_tip", 1.0),
+    ...             tool_from_tip=pose("tool", "tool_tip", 0.0),
     ...             tumor=ball("tumor", 10.0),
-    ...             frame_from_tumor=pose("needle", "tumor", 0.0),
+    ...             frame_from_tumor=pose("sensor", "tumor", 0.0),
     ...             margins=margins,
     ...             name="two balls",
     ...             provenance="simulated",

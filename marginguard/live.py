@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 from app.geometry import InputError
 from app.runtime import (
+    ITEM_COMMANDS,
     AddNote,
     ChooseDepth,
-    LengthenNeedle,
+    LengthenItem,
     OperatorCommand,
     Rearm,
     Record,
     SessionContent,
+    SetItemTip,
     SetMargins,
     SetRegistration,
-    SetStylusTip,
     SetTip,
     SetTumor,
 )
@@ -42,6 +43,9 @@ __all__ = [
     "SetTumor",
     "live_session",
 ]
+
+LengthenNeedle: type[LengthenItem] = ITEM_COMMANDS["needle"]
+SetStylusTip: type[SetItemTip] = ITEM_COMMANDS["stylus"]
 
 DEFAULT_NODE = "/marginguard"
 

@@ -16,15 +16,16 @@ import jsonschema
 from app.case import DOCUMENTS
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
+from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.expected import read_expected
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
-from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.files import schema_text
 from app.files.document import Section
 from app.files.document_text import GENERAL_RULES
 from app.geometry import MarginGuardError
 
+OWN_STYLUS_FRAME, STYLUS_TIP = DISPLAY_ITEMS[1].rules
 UNSTATED = {
     GENERAL_RULES[0]: r"expected a finite number",
     GENERAL_RULES[1]: r" is -?[\d.]+(e\+\d+)?; expected an integer",

@@ -26,7 +26,7 @@ _MAX_FRAMES = 4096
 
 
 class TfBroadcaster:
-    """``broadcaster.send([(reference_from_needle, stamp), ...])``; the parent is the target.
+    """``broadcaster.send([(reference_from_tool, stamp), ...])``; the parent is the target.
 
     A stamp is the time of measurement, not of sending. One message per call.
     """

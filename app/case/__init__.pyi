@@ -18,6 +18,18 @@ from .live_file import (
     open_live,
 )
 from .manifest.case_file import CaseManifest, ClockEntry, Provenance, RecordingEntry, load_manifest
+from .manifest.display_items import (
+    DISPLAY_ITEMS,
+    ENERGY_DEVICE,
+    MAX_POINTER_SIGMA_MM,
+    MAX_ROD_MM,
+    MIN_POINTER_MM,
+    MIN_ROD_MM,
+    DisplayItem,
+    ItemKind,
+    PointerEntry,
+    RodEntry,
+)
 from .manifest.expected import (
     Expected,
     ExpectedBreach,
@@ -32,16 +44,10 @@ from .manifest.images import MAX_DEPTH_MM, ImagesEntry
 from .manifest.key_rules import check_topic
 from .manifest.margins import MarginEntry
 from .manifest.parts import (
-    MAX_NEEDLE_MM,
-    MAX_STYLUS_SIGMA_MM,
-    MIN_NEEDLE_MM,
-    MIN_STYLUS_MM,
     TUMOR_MESH_FRAME,
     ContourEntry,
     MeshEntry,
-    NeedleEntry,
     SegmentationEntry,
-    StylusEntry,
     ToolEntry,
     TumorEntry,
 )
@@ -73,7 +79,7 @@ from .readers.recording_format import (
 )
 from .readers.rosbag2.bag_frames import read_mcap
 from .session_values import RegistrationValues, SessionValues, received_values, sent_values
-from .tracking_frames import CauteryState, CauteryTrail, JointSample, TrackingFrame
+from .tracking_frames import Activation, ActivationTrail, JointSample, TrackingFrame
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,
@@ -82,16 +88,20 @@ from .tumor import (
 )
 
 __all__ = [
+    "DISPLAY_ITEMS",
     "DOCUMENTS",
+    "ENERGY_DEVICE",
     "IMAGE_DEPTH_TOPIC",
     "MAX_DEPTH_MM",
-    "MAX_NEEDLE_MM",
-    "MAX_STYLUS_SIGMA_MM",
-    "MIN_NEEDLE_MM",
-    "MIN_STYLUS_MM",
+    "MAX_POINTER_SIGMA_MM",
+    "MAX_ROD_MM",
+    "MIN_POINTER_MM",
+    "MIN_ROD_MM",
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
+    "Activation",
+    "ActivationTrail",
     "ApproachEntry",
     "ArmEntry",
     "BagTopic",
@@ -101,12 +111,11 @@ __all__ = [
     "Case",
     "CaseImages",
     "CaseManifest",
-    "CauteryState",
-    "CauteryTrail",
     "ClockEntry",
     "ContourEntry",
     "CurrentImage",
     "DepthCalibration",
+    "DisplayItem",
     "DistanceEntry",
     "Dwell",
     "EdgeCount",
@@ -124,17 +133,18 @@ __all__ = [
     "ImageSequence",
     "ImageSource",
     "ImagesEntry",
+    "ItemKind",
     "JointSample",
     "LiveCase",
     "LiveSourceEntry",
     "MarginEntry",
     "MeshEntry",
     "MotionEntry",
-    "NeedleEntry",
     "PlausibilityEntry",
     "Playback",
     "PlayedSamples",
     "Player",
+    "PointerEntry",
     "PoseHistory",
     "Provenance",
     "Recorder",
@@ -144,13 +154,13 @@ __all__ = [
     "RegistrationEntry",
     "RegistrationValues",
     "RobotEntry",
+    "RodEntry",
     "SegmentationEntry",
     "SessionValues",
     "SideTopics",
     "SphereEntry",
     "StructureEntry",
     "StructureMargins",
-    "StylusEntry",
     "TfSourceEntry",
     "ToolEntry",
     "TopicSourceEntry",

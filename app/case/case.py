@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app.case.frame_streams import read_ahead, with_watchdog
 from app.case.manifest.case_file import CaseManifest, ClockEntry, RecordingEntry, load_manifest
+from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.expected import Expected, load_expected
 from app.case.manifest.key_rules import REFERENCE_FRAME
 from app.case.manifest.parts import (
@@ -101,10 +102,10 @@ class Case:
         return read_recording(path, note_to(self._notes), self._side_topics(topic))
 
     def _side_topics(self, joints: str | None, offset_ns: int = 0) -> SideTopics:
-        cautery = self.manifest.cautery
-        if cautery is None:
+        activation = self.manifest.activation
+        if activation is None:
             return SideTopics(joints, offset_ns)
-        return SideTopics(joints, offset_ns, cautery.topic, cautery.stale_after_ns)
+        return SideTopics(joints, offset_ns, activation.topic, activation.stale_after_ns)
 
     @property
     def _rate_hz(self) -> float | None:
@@ -172,13 +173,14 @@ class Case:
             )
         return self
 
-    def needle_mesh(self) -> SurfaceMesh | None:
-        """The needle's model in the frame of its tip; None without one."""
-        needle = self.manifest.needle
-        if needle is None or needle.model is None:
-            return None
-        path = self.file(needle.model.path, "needle.model.path")
-        return load_mesh(path, units=needle.model.units, frame=needle.tip_frame)
+    def item_meshes(self) -> dict[str, SurfaceMesh]:
+        """The models of display items in the frames of their tips, by name."""
+        return {
+            name: load_mesh(
+                self.file(model.path, f"{name}.model.path"), units=model.units, frame=frame
+            )
+            for name, model, frame in self.manifest.item_models
+        }
 
     def faulty_mesh(self, of: TumorEntry | ToolEntry) -> SurfaceMesh:
         """The surface as in its file, to be repaired and passed to `with_repaired_mesh`.
@@ -268,15 +270,14 @@ class Case:
         return path.resolve().is_relative_to(self.folder.resolve())
 
     def check_files(self) -> None:
-        """Raise `InputError` unless the files of structures, tool, needle and robot exist."""
+        """Raise `InputError` unless the files of structures, tool, items and robot exist."""
         tool = self.manifest.tool
         for structure in (self.manifest.tumor, *self.manifest.structures):
             self.file(structure.shape.path, f"{structure.shape_key}.path")
         if tool.mesh is not None:
             self.file(tool.mesh.path, "tool.mesh.path")
-        needle = self.manifest.needle
-        if needle is not None and needle.model is not None:
-            self.file(needle.model.path, "needle.model.path")
+        for name, model, _ in self.manifest.item_models:
+            self.file(model.path, f"{name}.model.path")
         if self.manifest.robot is not None:
             self.robot_urdf()
         if self.manifest.images is not None:
@@ -373,8 +374,10 @@ def _check_topics(case: Case, recording: Path, recording_format: RecordingFormat
         raise InputError(
             f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"
         )
-    if case.manifest.cautery is not None and recording_format.messages is None:
-        raise InputError(f"case.yaml: cautery is given: {recording.name} cannot hold topics")
+    if case.manifest.activation is not None and recording_format.messages is None:
+        raise InputError(
+            f"case.yaml: {ENERGY_DEVICE.name} is given: {recording.name} cannot hold topics"
+        )
 
 
 def _check_recording(path: Path, sha256: str | None) -> RecordingFormat:

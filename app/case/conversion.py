@@ -172,8 +172,7 @@ def _named_files(case: Case, *, with_tumor: bool) -> list[str]:
     names += [each.shape.path for each in manifest.structures]
     arms = [(each.tool, each.robot) for each in manifest.arms] or [(manifest.tool, manifest.robot)]
     names += [tool.mesh.path for tool, _ in arms if tool.mesh is not None]
-    if manifest.needle is not None and manifest.needle.model is not None:
-        names.append(manifest.needle.model.path)
+    names += [model.path for _, model, _ in manifest.item_models]
     if manifest.expected is not None:
         names.append(manifest.expected)
     if manifest.images is not None:

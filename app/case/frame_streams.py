@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from app.case.tracking_frames import CauteryState, JointSample, TrackingFrame
+from app.case.tracking_frames import Activation, JointSample, TrackingFrame
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
@@ -33,7 +33,7 @@ class _Draft:
     stamp: Stamp
     poses: dict[tuple[str, str], TrackedTransform]
     unfiltered: Stamp | None = None
-    cautery: CauteryState | None = None
+    activation: Activation | None = None
 
 
 class FrameAssembler:
@@ -42,15 +42,15 @@ class FrameAssembler:
     A sample older than that counts as a clock that jumped back: all buffered frames are returned
     and the order starts anew, so that the jump stays visible. Joints go with the first frame that
     is not older than they are; the last frame takes the rest. Two samples of an edge with one stamp
-    count once where they agree; where they differ the edge is lost. ``cautery()`` is its state at
+    count once where they agree; where they differ the edge is lost. ``activation()`` is that at
     the arrival of the first sample of a frame; None for a recording without it.
     """
 
     def __init__(
-        self, note: Callable[[str], None], cautery: Callable[[], CauteryState] | None = None
+        self, note: Callable[[str], None], activation: Callable[[], Activation] | None = None
     ) -> None:
         self._note = note
-        self._cautery = cautery
+        self._activation = activation
         self._drafts: dict[int, _Draft] = {}
         self._order: list[int] = []  # stamps of the drafts, sorted
         self._joints: list[JointSample] = []  # sorted by stamp
@@ -64,8 +64,8 @@ class FrameAssembler:
         draft = self._drafts.get(stamp.ns)
         if draft is None:
             finished = self._begin(stamp.ns)
-            cautery = None if self._cautery is None else self._cautery()
-            self._drafts[stamp.ns] = _Draft(stamp, {edge: sample}, cautery=cautery)
+            activation = None if self._activation is None else self._activation()
+            self._drafts[stamp.ns] = _Draft(stamp, {edge: sample}, activation=activation)
             insort_right(self._order, stamp.ns)
             return finished
         known = draft.poses.get(edge)
@@ -131,7 +131,7 @@ class FrameAssembler:
         joints = tuple(self._joints[:count])
         del self._joints[:count]
         poses = tuple(draft.poses.values())
-        return TrackingFrame(draft.stamp, poses, joints, draft.unfiltered, draft.cautery)
+        return TrackingFrame(draft.stamp, poses, joints, draft.unfiltered, draft.activation)
 
 
 def agreed_sample(known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
@@ -174,8 +174,8 @@ def with_watchdog(frames: Iterator[TrackingFrame], stale_after_ns: int) -> Itera
 def _watchdog(
     frame: TrackingFrame, stamp_ns: int, joints: tuple[JointSample, ...]
 ) -> TrackingFrame:
-    cautery = None if frame.cautery is None else CauteryState.UNKNOWN
-    return TrackingFrame(replace(frame.stamp, ns=stamp_ns), (), joints, cautery=cautery)
+    activation = None if frame.activation is None else Activation.UNKNOWN
+    return TrackingFrame(replace(frame.stamp, ns=stamp_ns), (), joints, activation=activation)
 
 
 def _split(

@@ -21,7 +21,8 @@ from app.case.manifest.case_file import (
     read_manifest,
     with_lists,
 )
-from app.case.manifest.images import LIVE_CAUTERY, LIVE_IMAGES
+from app.case.manifest.display_items import ENERGY_DEVICE
+from app.case.manifest.images import LIVE_ACTIVATION, LIVE_IMAGES
 from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
 from app.case.manifest.robot import BY_MATRIX, BY_POINTS, REGISTRATION
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
@@ -220,13 +221,13 @@ ONLY_LIVE: dict[str, Key] = {
 }
 """Keys that ``case.yaml`` does not have."""
 
-_ONLY_RECORDED = ("recording", "images", "cautery", "expected")
+_ONLY_RECORDED = ("recording", "images", ENERGY_DEVICE.name, "expected")
 
 _SHARED = {
     **{name: key for name, key in CASE.keys.items() if name not in _ONLY_RECORDED},
     "clock": replace(CLOCK, variants=(KNOWN_OFFSET,)),
     "images": LIVE_IMAGES,
-    "cautery": LIVE_CAUTERY,
+    ENERGY_DEVICE.name: LIVE_ACTIVATION,
     "registration": replace(REGISTRATION, variants=(BY_MATRIX, BY_POINTS)),
 }
 
@@ -290,7 +291,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
     source = _source(tracker)
     _check_recorded_only(document, manifest)
     image_device = _image_device(document, source)
-    _check_cautery(document, manifest, source)
+    _check_activation(document, manifest, source)
     case = Case(path.parent, manifest, None, tuple(package_dirs))
     limiter: Section | None = document.value("limiter")
     motion: Section | None = document.value("tumor_motion")
@@ -360,12 +361,12 @@ def _image_device(document: Section, source: LiveSourceEntry) -> str | None:
     return device
 
 
-def _check_cautery(document: Section, manifest: CaseManifest, source: LiveSourceEntry) -> None:
-    entry = manifest.cautery
+def _check_activation(document: Section, manifest: CaseManifest, source: LiveSourceEntry) -> None:
+    entry = manifest.activation
     if entry is not None and entry.device is not None and not isinstance(source, IgtlSourceEntry):
         raise InputError(
-            f"{document.place('cautery')}.device is {entry.device!r} and the source is not igtl; "
-            "expected a topic of std_msgs/Bool, or source.igtl"
+            f"{document.place(ENERGY_DEVICE.name)}.device is {entry.device!r} and the "
+            "source is not igtl; expected a topic of std_msgs/Bool, or source.igtl"
         )
 
 

@@ -12,6 +12,7 @@ from app.case.conversion import copy_named_files
 from app.case.frames_recorder import write_recording
 from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest.case_file import MANIFEST_NAME, Provenance
+from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.margins import MarginEntry
 from app.case.manifest.parts import TUMOR_MESH_FRAME
 from app.case.manifest.structures import PlainParts
@@ -124,8 +125,8 @@ IGTL_IMAGES_TOPIC = "/marginguard/images"
 """Topic in a recording of the images that came over the session's OpenIGTLink connection."""
 
 
-IGTL_CAUTERY_TOPIC = "/marginguard/cautery"
-"""Topic in a recording of the cautery's state that came over the OpenIGTLink connection."""
+IGTL_ACTIVATION_TOPIC = f"/marginguard/{ENERGY_DEVICE.name}"
+"""Topic in a recording of the activation that came over the OpenIGTLink connection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +181,9 @@ def _write(live: LiveCase, folder: Path, in_use: SessionValues | None) -> None:
         values["images"].pop("device", None)
         if isinstance(live.source, IgtlSourceEntry):
             values["images"].setdefault("topic", IGTL_IMAGES_TOPIC)
-    if live.case.manifest.cautery is not None:
-        values["cautery"].pop("device", None)
-        values["cautery"].setdefault("topic", IGTL_CAUTERY_TOPIC)
+    if live.case.manifest.activation is not None:
+        values[ENERGY_DEVICE.name].pop("device", None)
+        values[ENERGY_DEVICE.name].setdefault("topic", IGTL_ACTIVATION_TOPIC)
     robot = live.case.manifest.robot
     if live.joints_of_host and not live.stamps_of_host and robot and robot.joint_states:
         values["clock"] = {"estimate": True}  # the offset of the two clocks is unknown
@@ -206,11 +207,9 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
         tumor.pop("contour", None)
         tumor["mesh"] = {"path": TUMOR_NAME, "units": "mm"}
     parts.set_margins(margin_values(in_use.margins))
-    if in_use.needle_length_mm is not None and "needle" in values:
-        values["needle"]["length_mm"] = in_use.needle_length_mm
-    if in_use.stylus_from_tip is not None and "stylus" in values:
-        matrix = in_use.stylus_from_tip.matrix.ravel().tolist()
-        values["stylus"] |= {"tip_from": {"matrix": matrix}, "sigma_mm": in_use.stylus_sigma_mm}
+    for name, keys in in_use.items.items():
+        if name in values:
+            values[name] |= keys
     if in_use.image_depth_mm is not None and "calibrations" in values.get("images", {}):
         values["images"]["depth_mm"] = in_use.image_depth_mm
     if in_use.registration is not None:

@@ -29,7 +29,7 @@ def write_case_manifest(folder: Path, values: Mapping[str, Any]) -> Path:
         case = open_case(folder)
         case.tumor_mesh()
         case.tool_mesh()
-        case.needle_mesh()
+        case.item_meshes()
 
     path = folder / MANIFEST_NAME
     _write(path, CASE, values, "A case of MarginGuard. Every key: docs/case_format.md", check)
@@ -43,7 +43,7 @@ def write_live_manifest(path: Path, values: Mapping[str, Any]) -> None:
         case = open_live(path).case
         case.tumor_mesh()
         case.tool_mesh()
-        case.needle_mesh()
+        case.item_meshes()
 
     _write(path, LIVE, values, "A live session of MarginGuard. Every key: docs/live.md", check)
 

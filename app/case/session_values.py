@@ -5,8 +5,8 @@ tumour's surface, so that its coordinates stay exact and nothing is encoded in t
 """
 
 import json
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -35,8 +35,8 @@ class SessionValues:
     """Tips, tumour, registration and margins in force.
 
     ``tumor`` is None while it is that of ``live.yaml``, ``registration`` while none was accepted
-    in the session, ``needle_length_mm`` without a needle, ``stylus_from_tip`` while no stylus has a
-    calibrated tip, ``image_depth_mm`` without several depths of the images.
+    in the session, ``image_depth_mm`` without several depths of the images. ``items``: the keys of
+    ``case.yaml`` of each display item that an operator can change.
     """
 
     tool_from_tip: Transform
@@ -46,16 +46,13 @@ class SessionValues:
     margins: MarginEntry
     tumor: SurfaceMesh | None = None
     registration: RegistrationValues | None = None
-    needle_length_mm: float | None = None
-    stylus_from_tip: Transform | None = None
-    stylus_sigma_mm: float = 0.0
+    items: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     image_depth_mm: float | None = None
 
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:
     """Yield the bytes from which `received_values` makes ``values``."""
     tumor, registered = values.tumor, values.registration
-    stylus = values.stylus_from_tip
     shape = None if tumor is None else [tumor.frame, len(tumor.vertices_mm), len(tumor.faces)]
     yield (
         json.dumps(
@@ -67,9 +64,7 @@ def sent_values(values: SessionValues) -> Iterator[bytes]:
                 "margins": asdict(values.margins),
                 "tumor": shape,
                 "registration": None if registered is None else _plain_registration(registered),
-                "needle_length_mm": values.needle_length_mm,
-                "stylus_from_tip": None if stylus is None else _plain(stylus),
-                "stylus_sigma_mm": values.stylus_sigma_mm,
+                "items": values.items,
                 "image_depth_mm": values.image_depth_mm,
             }
         ).encode()
@@ -87,9 +82,7 @@ def received_values(stream: BinaryIO) -> SessionValues:
     """
     try:
         plain = json.loads(stream.readline(_MAX_LINE))
-        registered, needle_mm = plain["registration"], plain["needle_length_mm"]
-        stylus = plain["stylus_from_tip"]
-        depth_mm = plain["image_depth_mm"]
+        registered, depth_mm = plain["registration"], plain["image_depth_mm"]
         return SessionValues(
             _transform(plain["tool_from_tip"]),
             float(plain["tip_sigma_mm"]),
@@ -98,12 +91,10 @@ def received_values(stream: BinaryIO) -> SessionValues:
             MarginEntry(**plain["margins"]),
             None if plain["tumor"] is None else _surface(stream, *plain["tumor"]),
             None if registered is None else _registration(registered),
-            None if needle_mm is None else float(needle_mm),
-            None if stylus is None else _transform(stylus),
-            float(plain["stylus_sigma_mm"]),
+            {name: dict(keys) for name, keys in plain["items"].items()},
             None if depth_mm is None else float(depth_mm),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"values of the session: {type(error).__name__}: {str(error)[:200]}; expected those "
             "that a live session sends"

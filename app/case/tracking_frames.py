@@ -1,4 +1,4 @@
-"""Tracker frames, joint samples and cautery states, as recordings and live sources yield them."""
+"""Tracker frames, joint samples and activations, as recordings and live sources yield them."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,8 +14,8 @@ from app.geometry import (
 )
 
 
-class CauteryState(StrEnum):
-    """Known state of the cautery; a higher rank prevails in a summary of several moments."""
+class Activation(StrEnum):
+    """Known state of the energy device; a higher rank prevails in a summary of several moments."""
 
     OFF = "off"
     UNKNOWN = "unknown"
@@ -34,11 +34,11 @@ class CauteryState(StrEnum):
     @property
     def rank(self) -> int:
         """Position among the states."""
-        return list(CauteryState).index(self)
+        return list(Activation).index(self)
 
 
-class CauteryTrail:
-    """Last report of the cautery, on any clock in ns. Not older than ``stale_after_ns``.
+class ActivationTrail:
+    """Last report of the energy device, on any clock in ns. Not older than ``stale_after_ns``.
 
     A source that has said nothing, or too long ago, leaves the state unknown: never off.
     """
@@ -55,12 +55,12 @@ class CauteryTrail:
         """Take that the source cannot be understood; from any thread."""
         self._last = None
 
-    def at(self, now_ns: int) -> CauteryState:
+    def at(self, now_ns: int) -> Activation:
         """The state at ``now_ns``."""
         last = self._last
         if last is None or freshness_of(last[0], now_ns, self._limits) is not Freshness.VALID:
-            return CauteryState.UNKNOWN
-        return CauteryState.ON if last[1] else CauteryState.OFF
+            return Activation.UNKNOWN
+        return Activation.ON if last[1] else Activation.OFF
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,11 +111,11 @@ class TrackingFrame:
 
     ``poses`` holds one sample per edge, of any status. A frame without poses is a watchdog frame:
     the source sent nothing for too long. ``unfiltered_stamp`` is the time by the second clock of an
-    IGSIO recording, before its smoothing. ``cautery``: None without a source of its state.
+    IGSIO recording, before its smoothing. ``activation``: None without a source of its state.
     """
 
     stamp: Stamp
     poses: tuple[TrackedTransform, ...]
     joints: tuple[JointSample, ...] = ()
     unfiltered_stamp: Stamp | None = None
-    cautery: CauteryState | None = None
+    activation: Activation | None = None

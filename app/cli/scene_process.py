@@ -160,7 +160,7 @@ def warmup_step() -> "tuple[SessionContent, StepResult]":
         tool=_pyramid("tool_tip"),
         tip_frame="tool_tip",
         static_edges=(
-            Transform.identity("needle", "tumor"),
+            Transform.identity("sensor", "tumor"),
             Transform.identity("tool", "tool_tip"),
         ),
         margins=MarginParameters(
@@ -176,7 +176,7 @@ def warmup_step() -> "tuple[SessionContent, StepResult]":
     )
     stamp = Stamp(0)
     poses = (
-        Transform.identity("tracker", "needle"),
+        Transform.identity("tracker", "sensor"),
         Transform("tracker", "tool", np.eye(3), np.array(above)),
     )
     samples = tuple(TrackedTransform(pose, stamp, TrackingStatus.OK) for pose in poses)

@@ -42,7 +42,7 @@ class PlusConfiguration:
 
     @property
     def tool(self) -> str | None:
-        """The tool whose tip is calibrated (``StylusTipToStylus``), None unless there is one."""
+        """The tool whose tip is calibrated (``ToolTipToTool``), None unless there is one."""
         found = [target for target, source in self.matrices if source == f"{target}_tip"]
         return found[0] if len(found) == 1 else None
 

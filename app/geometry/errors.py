@@ -14,10 +14,10 @@ class MarginGuardError(Exception):
 
     >>> import marginguard as mg
     >>> try:
-    ...     mg.Transform("needle", "tumor", 2.0, [0, 0, 0])
+    ...     mg.Transform("sensor", "tumor", 2.0, [0, 0, 0])
     ... except mg.MarginGuardError as error:
     ...     print(error)
-    rotation of needle_from_tumor has shape (); expected (3, 3)
+    rotation of sensor_from_tumor has shape (); expected (3, 3)
 
     A message that contains text of a file stays one printable line: line breaks become spaces,
     other control characters their escapes, and the middle of a long message is left out.

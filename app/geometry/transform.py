@@ -37,11 +37,11 @@ class Transform:
 
     >>> import marginguard as mg
     >>> quarter_turn = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    >>> needle_from_tumor = mg.Transform("needle", "tumor", quarter_turn, [0, 0, 30])
-    >>> needle_from_tumor.apply([10, 0, 0]).tolist()
+    >>> sensor_from_tumor = mg.Transform("sensor", "tumor", quarter_turn, [0, 0, 30])
+    >>> sensor_from_tumor.apply([10, 0, 0]).tolist()
     [0.0, 10.0, 30.0]
-    >>> tracker_from_needle = mg.Transform.identity("tracker", "needle")
-    >>> tracker_from_tumor = tracker_from_needle @ needle_from_tumor
+    >>> tracker_from_sensor = mg.Transform.identity("tracker", "sensor")
+    >>> tracker_from_tumor = tracker_from_sensor @ sensor_from_tumor
     >>> tracker_from_tumor.target, tracker_from_tumor.source
     ('tracker', 'tumor')
     """

@@ -8,7 +8,7 @@ TRANSFORM device name         ``TransformStatus``; older servers    header
 TDATA     one per element     ``<name>Status``                      header, for all
 ========= =================== ===================================== =======================
 
-``StylusToTracker`` is the frame ``stylus`` in ``tracker``. Numbers are mm along the server's axes
+``ToolToTracker`` is the frame ``tool`` in ``tracker``. Numbers are mm along the server's axes
 and are not converted. A name has 20 bytes at most. PLUS truncates longer names, which then refer
 to a frame that does not exist (``...ToReferenc``).
 `wire` says why the messages of pyigtl are not used.

@@ -13,13 +13,14 @@ from matplotlib.lines import Line2D
 
 from app.analysis import Insertion
 from app.analysis.samples import find_breaches
+from app.case import ENERGY_DEVICE
 from app.report.analysis_html import insertion_rows
 from app.report.colors import INK, LINE, SOFT
 from app.report.margin_plot import margin_figure
 from app.report.page import NOT_A_DEVICE
 from app.report.record import ReplayRecord
 from app.report.rows import count_reasons
-from app.report.summary import CAUTERY_AT_ENTRY
+from app.report.summary import ACTIVATION_AT_ENTRY
 
 WIDTH_PT, HEIGHT_PT = 595.0, 842.0
 """A4, upright."""
@@ -277,7 +278,7 @@ def _results(summary: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
 def _breaches(
     breaches: Sequence[Mapping[str, Any]],
 ) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]], tuple[float, ...]]:
-    """Header, rows and widths; the cautery at entry only of a case with a source of its state."""
+    """Header, rows and widths; the activation only of a case with a source of it."""
     rows = [
         (
             str(number),
@@ -285,13 +286,13 @@ def _breaches(
             _length(breach["min_signed_distance_mm"]),
             _length(breach["path_min_signed_distance_mm"]),
             _length(breach["path_lower_bound_mm"]),
-            *((str(breach[CAUTERY_AT_ENTRY]),) if CAUTERY_AT_ENTRY in breach else ()),
+            *((str(breach[ACTIVATION_AT_ENTRY]),) if ACTIVATION_AT_ENTRY in breach else ()),
         )
         for number, breach in enumerate(breaches, start=1)
     ]
-    if CAUTERY_AT_ENTRY not in breaches[0]:
+    if ACTIVATION_AT_ENTRY not in breaches[0]:
         return _BREACH_COLUMNS, rows, (0.06, *(0.14,) * 4, 0.2, 0.18)
-    return (*_BREACH_COLUMNS, "cautery"), rows, (0.05, *(0.12,) * 4, 0.17, 0.16, 0.14)
+    return (*_BREACH_COLUMNS, ENERGY_DEVICE.name), rows, (0.05, *(0.12,) * 4, 0.17, 0.16, 0.14)
 
 
 def _registration(registration: Mapping[str, Any]) -> Sequence[tuple[str, str]]:

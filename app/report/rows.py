@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from app.case import CauteryState
+from app.case import ENERGY_DEVICE, Activation
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, FloatArray, MarginGuardError
 
@@ -31,8 +31,8 @@ COLUMNS = (
     "tip_y_mm",
     "tip_z_mm",
 )
-CAUTERY = "cautery"
-"""Last column, of a case with a source of the cautery's state."""
+ACTIVATION = ENERGY_DEVICE.name
+"""Last column, of a case with a source of the activation."""
 
 
 NO_STRUCTURES: Mapping[str, Sequence["ReportRow"]] = MappingProxyType({})
@@ -51,7 +51,7 @@ class ReportRow:
     ``stop_total_mm`` and ``warn_total_mm`` are the margins that the step applied, None where it
     applied none. ``between_frames`` is true if the tool passed through the tumour on the path from
     the last frame and is outside in both; the distance is then that of the deepest point of the
-    path. ``cautery`` is its state by the source of the case, None without one. Raises `ReportError`
+    path. ``activation`` is by the source of the case, None without one. Raises `ReportError`
     for a number that is not finite: an unknown value is None.
     """
 
@@ -64,7 +64,7 @@ class ReportRow:
     stop_total_mm: float | None = None
     warn_total_mm: float | None = None
     between_frames: bool = False
-    cautery: CauteryState | None = None
+    activation: Activation | None = None
 
     def __post_init__(self) -> None:
         numbers = (
@@ -96,7 +96,7 @@ class ReportRow:
             stop_total_mm=_finite(margin.total_mm) if margin else None,
             warn_total_mm=_finite(margin.warn_total_mm) if margin else None,
             between_frames=step.between_frames is not None,
-            cautery=step.frame.cautery,
+            activation=step.frame.activation,
         )
 
     @property
@@ -180,9 +180,11 @@ def margin_csv(
             (*before, *_cells(row, rows[0].stamp_ns)[2:5])
             for before, row in zip(cells, others, strict=True)
         ]
-    if any(row.cautery is not None for row in rows):
-        columns.append(CAUTERY)
-        cells = [(*before, str(row.cautery or "")) for before, row in zip(cells, rows, strict=True)]
+    if any(row.activation is not None for row in rows):
+        columns.append(ACTIVATION)
+        cells = [
+            (*before, str(row.activation or "")) for before, row in zip(cells, rows, strict=True)
+        ]
     return "\n".join(",".join(line) for line in (columns, *cells)) + "\n"
 
 

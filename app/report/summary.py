@@ -10,6 +10,7 @@ import numpy as np
 
 from app.analysis.samples import Breach, find_breaches
 from app.case import (
+    ENERGY_DEVICE,
     Expected,
     ExpectedBreach,
     ExpectedBreaches,
@@ -28,8 +29,8 @@ from app.session import PathDepth
 _ROUNDING = 1e-9
 _NS_PER_US = 1000.0
 _DECIMALS = 6
-CAUTERY_AT_ENTRY = "cautery_at_entry"
-"""State of the cautery in the first frame of a breach; only of a case with a source of it."""
+ACTIVATION_AT_ENTRY = f"{ENERGY_DEVICE.name}_at_entry"
+"""Activation in the first frame of a breach; only of a case with a source of it."""
 
 
 def summarise(record: ReplayRecord) -> dict[str, Any]:
@@ -113,7 +114,7 @@ def all_passed(summary: dict[str, Any]) -> bool:
 def _breach(breach: Breach, record: ReplayRecord | StructureRecord) -> dict[str, Any]:
     inside = record.rows[breach.first : breach.last + 1]
     depth = record.depths.get(breach.first)
-    first_ns, cautery = record.rows[0].stamp_ns, record.rows[breach.first].cautery
+    first_ns, activation = record.rows[0].stamp_ns, record.rows[breach.first].activation
     return {
         "start_s": _rounded(breach.start_s),
         "end_s": _rounded(breach.end_s),
@@ -124,7 +125,7 @@ def _breach(breach: Breach, record: ReplayRecord | StructureRecord) -> dict[str,
         if depth is None
         else _rounded(seconds_since(first_ns, depth.deepest.stamp.ns)),
         **_deepest(() if depth is None else (depth,)),
-        **({} if cautery is None else {CAUTERY_AT_ENTRY: str(cautery)}),
+        **({} if activation is None else {ACTIVATION_AT_ENTRY: str(activation)}),
     }
 
 

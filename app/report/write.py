@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from app.analysis.samples import find_breaches
+from app.case import ENERGY_DEVICE
 from app.files.atomic_io import write_files
 from app.fixture import MarginState
 from app.report.analysis_files import analysis_document
@@ -17,7 +18,7 @@ from app.report.page import Cell, document, length, part, text_of, time_text
 from app.report.record import ReplayRecord
 from app.report.report_process import draw_margin_plot
 from app.report.rows import ReasonCount, ReportError, count_reasons, margin_csv
-from app.report.summary import CAUTERY_AT_ENTRY, summarise
+from app.report.summary import ACTIVATION_AT_ENTRY, summarise
 from app.report.time_plot import TimePlot, distance_plot
 from app.session import SINGLE_SOURCE
 
@@ -175,11 +176,11 @@ def _tiles(summary: dict[str, Any]) -> Sequence[tuple[str, str]]:
 
 
 def _breach_header(breaches: Sequence[dict[str, Any]]) -> Sequence[str]:
-    has_cautery = bool(breaches) and CAUTERY_AT_ENTRY in breaches[0]
+    has_activation = bool(breaches) and ACTIVATION_AT_ENTRY in breaches[0]
     return (
         *("breach", "from", "to", "lasted", "deepest frame"),
         *("deepest on the path", "not below", "at", "seen"),
-        *(("cautery at entry",) if has_cautery else ()),
+        *((f"{ENERGY_DEVICE.name} at entry",) if has_activation else ()),
     )
 
 
@@ -195,7 +196,7 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> Sequence[Sequence[Cell]]:
             length(breach["path_lower_bound_mm"]),
             "-" if breach["deepest_s"] is None else time_text(breach["deepest_s"]),
             "between frames" if breach["between_frames"] else "in frames",
-            *((breach[CAUTERY_AT_ENTRY],) if CAUTERY_AT_ENTRY in breach else ()),
+            *((breach[ACTIVATION_AT_ENTRY],) if ACTIVATION_AT_ENTRY in breach else ()),
         )
         for number, breach in enumerate(breaches, start=1)
     ]

@@ -3,14 +3,8 @@ from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import BetweenSteps, OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, StructureContent, content_of
-from .display_content import (
-    ImageDepth,
-    ImageDescription,
-    Needle,
-    ShownChange,
-    Stylus,
-    described_images,
-)
+from .display_content import ImageDepth, ImageDescription, ShownChange, described_images
+from .display_items import ShownItem
 from .live_run import Deliver, HoldKeeper, LiveRun, Source, used_values
 from .opening import (
     PreparedCase,
@@ -24,17 +18,18 @@ from .opening import (
     register_case,
 )
 from .operator_command import (
+    ITEM_COMMANDS,
     AddNote,
     ChooseDepth,
-    LengthenNeedle,
+    LengthenItem,
     LocalOperator,
     Operator,
     OperatorCommand,
     Rearm,
     Record,
+    SetItemTip,
     SetMargins,
     SetRegistration,
-    SetStylusTip,
     SetTip,
     SetTumor,
 )
@@ -62,9 +57,11 @@ from .thread_handover import (
     QtSpinner,
     Wakeup,
 )
-from .tracked_tool import TrackedTool, stylus_text, tip_mm, tip_of
+from .tracked_tool import GUARDED_TOOL, tip_mm, tip_of, tool_names, tools_of
 
 __all__ = [
+    "GUARDED_TOOL",
+    "ITEM_COMMANDS",
     "MAX_BODY_TRIANGLES",
     "SWITCH_INTERVAL_S",
     "AddNote",
@@ -85,10 +82,9 @@ __all__ = [
     "ImageIntake",
     "ImageSink",
     "LatestValue",
-    "LengthenNeedle",
+    "LengthenItem",
     "LiveRun",
     "LocalOperator",
-    "Needle",
     "Operator",
     "OperatorCommand",
     "OperatorCommands",
@@ -111,12 +107,13 @@ __all__ = [
     "RequestOutcome",
     "SessionContent",
     "SessionWire",
+    "SetItemTip",
     "SetMargins",
     "SetRegistration",
-    "SetStylusTip",
     "SetTip",
     "SetTumor",
     "ShownChange",
+    "ShownItem",
     "SimulatedWorld",
     "Source",
     "StepHolds",
@@ -124,10 +121,8 @@ __all__ = [
     "StepThread",
     "StepTiming",
     "StructureContent",
-    "Stylus",
     "SwitchContent",
     "TooManyRequestsError",
-    "TrackedTool",
     "Wakeup",
     "WorldBody",
     "WorldMoment",
@@ -142,9 +137,10 @@ __all__ = [
     "prepare_case",
     "prepare_live",
     "register_case",
-    "stylus_text",
     "text_digest",
     "tip_mm",
     "tip_of",
+    "tool_names",
+    "tools_of",
     "used_values",
 ]

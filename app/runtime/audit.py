@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.case import CauteryState
+from app.case import ENERGY_DEVICE, Activation
 from app.files.json_lines import JsonLinesFile
 from app.geometry import NS_PER_S
 from app.runtime.content import SessionContent
@@ -103,7 +103,7 @@ class AuditOutput(PassiveOutput):
     """`Output` that lists in ``log`` how a live session starts, holds, is released and ends.
 
     A hold that gets one cause after another is listed once a second, 20 times at once; changes of
-    the cautery 5 times a second, 50 times at once.
+    the activation 5 times a second, 50 times at once.
     ``steady_ns`` is a steady clock.
     """
 
@@ -116,8 +116,8 @@ class AuditOutput(PassiveOutput):
         self._limit = RateLimit(per_s=1.0, burst=20.0)
         self._hold = False
         self._causes: tuple[str, ...] = ()
-        self._cautery: CauteryState | None = None
-        self._cautery_limit = RateLimit(per_s=5.0, burst=50.0)
+        self._activation: Activation | None = None
+        self._activation_limit = RateLimit(per_s=5.0, burst=50.0)
         log.add("start", _ids(content))
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
@@ -130,10 +130,10 @@ class AuditOutput(PassiveOutput):
             self._add("hold_cause", step)
             self._causes = causes
         self._hold = hold
-        cautery = step.frame.cautery
-        if cautery is not self._cautery and self._cautery_limit.take(self._steady_ns()):
-            self._log.add("cautery", _cautery_values(cautery, step))
-            self._cautery = cautery
+        activation = step.frame.activation
+        if activation is not self._activation and self._activation_limit.take(self._steady_ns()):
+            self._log.add(ENERGY_DEVICE.name, _activation_values(activation, step))
+            self._activation = activation
         return True
 
     def _add(self, event: str, step: StepResult) -> None:
@@ -160,9 +160,9 @@ class AuditOutput(PassiveOutput):
         self._log.add("content", _ids(content))
 
 
-def _cautery_values(cautery: CauteryState | None, step: StepResult) -> dict[str, object]:
-    state = None if cautery is None else str(cautery)
-    return {"cautery": state, "step": step.index, "stamp_ns": step.frame.stamp.ns}
+def _activation_values(activation: Activation | None, step: StepResult) -> dict[str, object]:
+    state = None if activation is None else str(activation)
+    return {ENERGY_DEVICE.name: state, "step": step.index, "stamp_ns": step.frame.stamp.ns}
 
 
 def _ids(content: SessionContent) -> dict[str, object]:

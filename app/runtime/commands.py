@@ -274,7 +274,7 @@ class OperatorCommands:
             change = f"{tip_change_text(known, tool_from_tip)}, sigma {sigma_mm:.2f} mm"
             done.append(change if robot is None else f"{change}; register the robot again")
 
-    def change_shown(self, kind: RequestKind, change: ShownChange, *, origin: str) -> None:
+    def change_shown(self, kind: str, change: ShownChange, *, origin: str) -> None:
         """Change what is shown (`app.runtime.display_content`); state, constraint and hold stay.
 
         Raises `InputError` for what the change refuses, and while another one is being prepared.
@@ -305,7 +305,7 @@ class OperatorCommands:
             self._changing.release()
 
     @contextmanager
-    def _listed(self, kind: RequestKind, origin: str) -> Iterator[list[str]]:
+    def _listed(self, kind: str, origin: str) -> Iterator[list[str]]:
         """List the request as accepted, with the texts added to the list, or as refused."""
         done: list[str] = []
         before = self._content

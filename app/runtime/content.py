@@ -15,14 +15,8 @@ from app.fixture import FIXTURE_FRAME, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
-from app.runtime.display_content import (
-    ImageDepth,
-    Needle,
-    Stylus,
-    image_depth_of,
-    needle_of,
-    stylus_of,
-)
+from app.runtime.display_content import ImageDepth, image_depth_of
+from app.runtime.display_items import ShownItem, items_of
 from app.session import RobotSetup, Role, SessionSetup
 
 
@@ -55,9 +49,9 @@ class SessionContent:
     the calibrated tip; 0 where they are not stated. ``robot`` is None for a tool that is held by
     hand. ``robot_file`` with ``package_dirs`` and ``xacro_args`` is where the robot's description
     is read from. ``simulated``: the poses are not a patient's. ``tumor_accepted``: an operator has
-    accepted the tumour in this session. ``needle`` is shown and nothing else, ``stylus`` is
-    what an operator touches points with, ``image_depth`` is None for a session without several
-    depths of its images: no decision depends on them. ``structures`` are guarded beside the tumour.
+    accepted the tumour in this session. ``items`` are the display items, ``image_depth`` is None
+    for a session without several depths of its images: no decision depends on them.
+    ``structures`` are guarded beside the tumour.
     ``tool_name`` is that of one of several tools, each of which has a session; else empty.
     """
 
@@ -75,8 +69,7 @@ class SessionContent:
     tumor_sigma_mm: float = 0.0
     tip_sigma_mm: float = 0.0
     tumor_accepted: bool = False
-    needle: Needle | None = None
-    stylus: Stylus | None = None
+    items: tuple[ShownItem, ...] = ()
     image_depth: ImageDepth | None = None
     structures: tuple[StructureContent, ...] = ()
     tool_name: str = ""
@@ -120,12 +113,17 @@ class SessionContent:
                 return edge
         raise FrameError(f"static transforms: none places {frame!r}; expected one")
 
-    @property
-    def known_stylus(self) -> Stylus:
-        """The stylus. Raises `InputError` without one."""
-        if self.stylus is None:
-            raise InputError("stylus: the session has none; expected 'stylus' in live.yaml")
-        return self.stylus
+    def item(self, name: str) -> ShownItem:
+        """The display item ``name``. Raises `InputError` without it."""
+        for each in self.items:
+            if each.name == name:
+                return each
+        raise InputError(f"{name}: the session has none; expected {name!r} in live.yaml")
+
+    def with_item(self, item: ShownItem) -> "SessionContent":
+        """This content with ``item`` for that of the same name."""
+        items = (item if each.name == item.name else each for each in self.items)
+        return replace(self, items=tuple(items))
 
     @property
     def model_id(self) -> str:
@@ -164,8 +162,7 @@ class SessionContent:
             "tip": tips[0] != tips[1],
             "margins": self.margins != before.margins,
             "structures": self.structures != before.structures,
-            "needle": self.needle is not before.needle,
-            "stylus": self.stylus is not before.stylus,
+            **{each.name: each not in before.items for each in self.items},
         }
         return tuple(name for name, differs in parts.items() if differs)
 
@@ -194,9 +191,7 @@ class SessionContent:
                 registration.covariance,
                 registration.degrees_of_freedom,
             ),
-            needle_length_mm=None if self.needle is None else self.needle.length_mm,
-            stylus_from_tip=None if self.stylus is None else self.stylus.frame_from_tip,
-            stylus_sigma_mm=0.0 if self.stylus is None else self.stylus.sigma_mm,
+            items={each.name: each.keys for each in self.items},
             image_depth_mm=None if self.image_depth is None else self.image_depth.depth_mm,
         )
 
@@ -245,8 +240,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         simulated=case.manifest.provenance.kind == "simulated",
         tumor_sigma_mm=setup.tumor_sigma_mm,
         tip_sigma_mm=setup.tip_sigma_mm,
-        needle=needle_of(case),
-        stylus=stylus_of(case),
+        items=items_of(case),
         image_depth=image_depth_of(case),
         structures=tuple(
             StructureContent(

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
+from app.case import DISPLAY_ITEMS, DisplayItem, ItemKind
 from app.geometry import InputError, SurfaceMesh, Transform
-from app.hold import SeenHold
+from app.hold import SeenHold, tip_change_text
 from app.registration import RegistrationResult
-from app.runtime.display_content import longer_needle, other_depth, other_stylus_tip
+from app.runtime.display_content import other_depth
 from app.runtime.requests import OperatorRequest, RequestKind
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _MAX_NOTE = 400
 class OperatorCommand(Protocol):
     """A command with its arguments. ``loosens``: it can permit what was not permitted before."""
 
-    kind: ClassVar[RequestKind]
+    kind: ClassVar[str]
     loosens: ClassVar[bool]
 
     def apply(self, commands: "OperatorCommands", origin: str) -> str:
@@ -74,7 +75,7 @@ class Operator(Protocol):
 class Rearm:
     """End the hold that the operator has seen. See `OperatorCommands.rearm`."""
 
-    kind: ClassVar = RequestKind.REARM
+    kind: ClassVar[str] = RequestKind.REARM
     loosens: ClassVar = True
     seq: int
     nonce: int
@@ -89,7 +90,7 @@ class Rearm:
 class SetMargins:
     """Use these distances in mm; looser ones wait for a re-arm."""
 
-    kind: ClassVar = RequestKind.MARGINS
+    kind: ClassVar[str] = RequestKind.MARGINS
     loosens: ClassVar = True
     stop_mm: float
     warn_mm: float
@@ -104,7 +105,7 @@ class SetMargins:
 class SetTumor:
     """Use this tumour. See `OperatorCommands.set_tumor`."""
 
-    kind: ClassVar = RequestKind.TUMOR
+    kind: ClassVar[str] = RequestKind.TUMOR
     loosens: ClassVar = True
     frame_from_tumor: Transform
     tumor: SurfaceMesh
@@ -121,7 +122,7 @@ class SetTumor:
 class SetRegistration:
     """Use this registration of the robot's base. See `OperatorCommands.set_registration`."""
 
-    kind: ClassVar = RequestKind.REGISTRATION
+    kind: ClassVar[str] = RequestKind.REGISTRATION
     loosens: ClassVar = True
     registration: RegistrationResult
 
@@ -134,7 +135,7 @@ class SetRegistration:
 class SetTip:
     """Use this calibrated tip of the tool. See `OperatorCommands.set_tip`."""
 
-    kind: ClassVar = RequestKind.TIP
+    kind: ClassVar[str] = RequestKind.TIP
     loosens: ClassVar = True
     tool_from_tip: Transform
     sigma_mm: float = 0.0
@@ -145,41 +146,68 @@ class SetTip:
         return ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SetStylusTip:
-    """Use this calibrated tip of the stylus, which no distance depends on."""
+@dataclass(frozen=True, slots=True)
+class LengthenItem:
+    """Show the rod ``item``, a display item, longer by ``by_mm``."""
 
-    kind: ClassVar = RequestKind.STYLUS
+    kind: ClassVar[str]
     loosens: ClassVar = False
-    frame_from_tip: Transform
-    sigma_mm: float = 0.0
+    item: ClassVar[str]
+    by_mm: float
 
     def apply(self, commands: "OperatorCommands", origin: str) -> str:
-        """Replace the tip."""
-        change = other_stylus_tip(self.frame_from_tip, self.sigma_mm)
+        """Change what is shown; refused without the item and for a length out of range."""
+
+        def change(content: "SessionContent") -> "tuple[SessionContent, str]":
+            known = content.item(self.item)
+            item = known.with_length(known.length_mm + self.by_mm)
+            return content.with_item(item), f"from {known.length_mm:g} to {item.length_mm:g} mm"
+
         commands.change_shown(self.kind, change, origin=origin)
         return ""
 
 
-@dataclass(frozen=True, slots=True)
-class LengthenNeedle:
-    """Show the needle longer by ``by_mm``."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SetItemTip:
+    """Use this calibrated tip of the pointer ``item``, a display item."""
 
-    kind: ClassVar = RequestKind.NEEDLE
+    kind: ClassVar[str]
     loosens: ClassVar = False
-    by_mm: float
+    item: ClassVar[str]
+    frame_from_tip: Transform
+    sigma_mm: float = 0.0
 
     def apply(self, commands: "OperatorCommands", origin: str) -> str:
-        """Change what is shown."""
-        commands.change_shown(self.kind, longer_needle(self.by_mm), origin=origin)
+        """Change what is shown; refused without the item, and as `ShownItem.with_tip`."""
+
+        def change(content: "SessionContent") -> "tuple[SessionContent, str]":
+            known = content.item(self.item)
+            item, before = known.with_tip(self.frame_from_tip, self.sigma_mm), known.frame_from_tip
+            text = "the first tip" if before is None else tip_change_text(before, item.tip)
+            return content.with_item(item), f"{text}, sigma {self.sigma_mm:.2f} mm"
+
+        commands.change_shown(self.kind, change, origin=origin)
         return ""
+
+
+def _item_command(item: DisplayItem) -> Any:
+    """The class of the command that changes the tip of ``item``."""
+    is_rod = item.kind is ItemKind.ROD
+    base: type = LengthenItem if is_rod else SetItemTip
+    name = f"Lengthen{item.title}" if is_rod else f"Set{item.title}Tip"
+    values = {"kind": item.command, "item": item.name, "__slots__": (), "__doc__": base.__doc__}
+    return type(name, (base,), values)
+
+
+ITEM_COMMANDS: dict[str, Any] = {each.name: _item_command(each) for each in DISPLAY_ITEMS}
+"""The command of each display item by its name: a subclass of `LengthenItem` or `SetItemTip`."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChooseDepth:
     """Place images from now on by the calibration of ``depth_mm``."""
 
-    kind: ClassVar = RequestKind.DEPTH
+    kind: ClassVar[str] = RequestKind.DEPTH
     loosens: ClassVar = False
     depth_mm: float
 
@@ -193,7 +221,7 @@ class ChooseDepth:
 class Record:
     """Start a recording called ``name``, or by date; or finish the one that runs."""
 
-    kind: ClassVar = RequestKind.RECORD
+    kind: ClassVar[str] = RequestKind.RECORD
     loosens: ClassVar = False
     start: bool
     name: str = ""
@@ -209,7 +237,7 @@ class Record:
 class AddNote:
     """List a note on the present; it changes nothing."""
 
-    kind: ClassVar = RequestKind.NOTE
+    kind: ClassVar[str] = RequestKind.NOTE
     loosens: ClassVar = False
     text: str
 
@@ -223,11 +251,11 @@ class AddNote:
         return ""
 
 
-COMMANDS: dict[RequestKind, type[OperatorCommand]] = {
+COMMANDS: dict[str, type[OperatorCommand]] = {
     each.kind: each
     for each in (
         *(Rearm, SetMargins, SetTumor, SetRegistration, SetTip),
-        *(SetStylusTip, LengthenNeedle, ChooseDepth, Record, AddNote),
+        *(*ITEM_COMMANDS.values(), ChooseDepth, Record, AddNote),
     )
 }
 """Every command by its kind."""

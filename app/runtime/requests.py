@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from app.case import DISPLAY_ITEMS, ItemKind
 from app.geometry import NS_PER_S, MarginGuardError
 
 
@@ -44,7 +45,7 @@ MAX_TEXT_CHARS = 1000
 
 
 class RequestKind(StrEnum):
-    """Kind of an operator's request."""
+    """Kind of an operator's request; `DisplayItem.command` has those of the display items."""
 
     REARM = "rearm"
     MARGINS = "set_margins"
@@ -53,14 +54,14 @@ class RequestKind(StrEnum):
     RECORD = "record"
     TIP = "set_tip"
     """The calibrated tip of the tool."""
-    NEEDLE = "needle_length"
-    """Length of the needle that is shown; no distance depends on it."""
-    STYLUS = "set_stylus_tip"
-    """The calibrated tip of the stylus; no distance depends on it."""
     DEPTH = "image_depth"
     """Imaging depth of the ultrasound: by which calibration images are placed."""
     NOTE = "note"
     """A text on the present, which changes nothing."""
+
+
+KINDS = (*RequestKind, *(each.command for each in DISPLAY_ITEMS))
+"""The kinds of all requests."""
 
 
 class TooManyRequestsError(MarginGuardError):
@@ -75,7 +76,7 @@ class OperatorRequest:
     requests of this kind since the last one that was listed. ``time_ns`` is the system time.
     """
 
-    kind: RequestKind
+    kind: str
     origin: str
     accepted: bool
     text: str
@@ -101,16 +102,20 @@ class Allowed:
     burst: float
 
 
-ADMITTED = {
+ADMITTED: dict[str, Allowed] = {
     RequestKind.MARGINS: Allowed(per_s=2.0, burst=20.0),
     RequestKind.TUMOR: Allowed(per_s=0.2, burst=5.0),
     RequestKind.REGISTRATION: Allowed(per_s=0.5, burst=5.0),
     RequestKind.RECORD: Allowed(per_s=0.5, burst=5.0),
     RequestKind.TIP: Allowed(per_s=0.5, burst=5.0),
-    RequestKind.STYLUS: Allowed(per_s=0.5, burst=5.0),
     RequestKind.NOTE: Allowed(per_s=2.0, burst=20.0),
-    RequestKind.NEEDLE: Allowed(per_s=10.0, burst=50.0),
     RequestKind.DEPTH: Allowed(per_s=2.0, burst=20.0),
+    **{
+        each.command: Allowed(per_s=10.0, burst=50.0)
+        if each.kind is ItemKind.ROD
+        else Allowed(per_s=0.5, burst=5.0)
+        for each in DISPLAY_ITEMS
+    },
 }
 """Requests of other processes that are processed. A re-arm is always checked, because a limit that
 others can use up would delay a valid one; the check of an invalid one costs microseconds."""
@@ -131,8 +136,8 @@ class RequestLog:
         self._steady_ns = steady_ns
         self._lock = threading.Lock()
         self._admitted = {kind: _limit(allowed) for kind, allowed in ADMITTED.items()}
-        self._listed = {kind: _limit(LISTED) for kind in RequestKind}
-        self._not_listed = dict.fromkeys(RequestKind, 0)
+        self._listed = {kind: _limit(LISTED) for kind in KINDS}
+        self._not_listed = dict.fromkeys(KINDS, 0)
         self._listeners: list[Listener] = []
         self._last: OperatorRequest | None = None
 
@@ -145,7 +150,7 @@ class RequestLog:
         """Call ``listener`` with each listed request from now on."""
         self._listeners.append(listener)
 
-    def admit(self, kind: RequestKind) -> None:
+    def admit(self, kind: str) -> None:
         """Count a request of another process. Raises `TooManyRequestsError` above the limit."""
         limit = self._admitted.get(kind)
         if limit is None:
@@ -159,11 +164,11 @@ class RequestLog:
                 f"{allowed.per_s:g} per second"
             )
 
-    def accepted(self, kind: RequestKind, origin: str, text: str) -> None:
+    def accepted(self, kind: str, origin: str, text: str) -> None:
         """List an accepted request."""
         self._list(self._request(kind, origin, True, text))
 
-    def refused(self, kind: RequestKind, origin: str, text: str) -> None:
+    def refused(self, kind: str, origin: str, text: str) -> None:
         """List a refused request, or count it in a flood."""
         with self._lock:
             if not self._listed[kind].take(self._steady_ns()):
@@ -171,9 +176,7 @@ class RequestLog:
                 return
         self._list(self._request(kind, origin, False, text))
 
-    def _request(
-        self, kind: RequestKind, origin: str, accepted: bool, text: str
-    ) -> OperatorRequest:
+    def _request(self, kind: str, origin: str, accepted: bool, text: str) -> OperatorRequest:
         line = " ".join(text.split())
         line = "".join(each if each.isprintable() else "?" for each in line)
         if len(line) > MAX_TEXT_CHARS:

@@ -19,12 +19,13 @@ from app.geometry import InputError, MarginGuardError, SurfaceMesh, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot, load_robot
 from app.runtime.content import SessionContent, surface_digest
-from app.runtime.display_content import ImageDescription, Needle, Stylus
+from app.runtime.display_content import ImageDescription
+from app.runtime.display_items import ShownItem
 from app.runtime.operator_command import COMMANDS, OperatorCommand
-from app.runtime.requests import RequestKind
+from app.runtime.requests import KINDS
 from app.session import RobotSetup
 
-VERSION = 1
+VERSION = 2
 """Version of the texts; another one is refused."""
 
 _MAX_KNOWN = 256
@@ -61,7 +62,7 @@ class SessionWire:
         self._converter = _converter()
         self._converter.register_unstructure_hook(SurfaceMesh, self._put_mesh)
         self._converter.register_structure_hook(SurfaceMesh, self._mesh)
-        for kind in (Transform, Needle, Stylus, RegistrationResult):
+        for kind in (Transform, ShownItem, RegistrationResult):
             self._remember(kind, self._converter.get_structure_hook(kind))
 
     def text(self, value: object) -> str:
@@ -170,11 +171,11 @@ class SessionWire:
         return self.meshes[digest]
 
 
-def command_kind(name: str) -> RequestKind:
-    """The kind called ``name``. Raises `InputError` for another name."""
-    if name not in set(RequestKind):
-        raise InputError(f"command: {name[:40]!r}; expected one of {', '.join(RequestKind)}")
-    return RequestKind(name)
+def command_kind(name: str) -> str:
+    """``name`` if it is a kind of request. Raises `InputError` for another name."""
+    if name not in KINDS:
+        raise InputError(f"command: {name[:40]!r}; expected one of {', '.join(KINDS)}")
+    return name
 
 
 def mesh_digest(mesh: SurfaceMesh) -> str:

@@ -1,9 +1,6 @@
 """The tools that operators calibrate, and touch points with."""
 
-from enum import StrEnum
-
-import numpy as np
-
+from app.case import DISPLAY_ITEMS, ItemKind
 from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, FrameError, InputError, Transform
 from app.runtime.content import SessionContent
@@ -13,38 +10,30 @@ REFUSED = frozenset({Reason.SECOND_SENDER, Reason.IMPLAUSIBLE})
 """Faults with which a pose may not be the tool's."""
 
 
-class TrackedTool(StrEnum):
-    """A tracked tool with a tip; the value is its name in texts."""
-
-    CAUTERY = "cautery"
-    """The tool of the session, which the margin is computed for."""
-    STYLUS = "stylus"
-    """No distance depends on it."""
+GUARDED_TOOL = "cautery"
+"""Name in texts of the tool of the session, which the margin is computed for."""
 
 
-def tip_of(content: SessionContent, tool: TrackedTool) -> Transform:
+def tool_names() -> tuple[str, ...]:
+    """Names of the tracked tools with a tip: the guarded one, and the pointers of display items."""
+    pointers = (each.name for each in DISPLAY_ITEMS if each.kind is ItemKind.POINTER)
+    return GUARDED_TOOL, *pointers
+
+
+def tools_of(content: SessionContent) -> tuple[str, ...]:
+    """Those of `tool_names` that a session has."""
+    return GUARDED_TOOL, *(each.name for each in content.items if each.is_pointer)
+
+
+def tip_of(content: SessionContent, tool: str) -> Transform:
     """The tip of ``tool`` in its tracked frame.
 
-    Raises `InputError` without a stylus, and for one that is not calibrated.
+    Raises `InputError` for a pointer that the session does not have, or that is not calibrated.
     """
-    return content.tool_from_tip if tool is TrackedTool.CAUTERY else content.known_stylus.tip
+    return content.tool_from_tip if tool == GUARDED_TOOL else content.item(tool).tip
 
 
-def stylus_text(content: SessionContent) -> str:
-    """Distance of the stylus' tip from its sensor and its uncertainty; empty without a stylus."""
-    stylus = content.stylus
-    if stylus is None:
-        return ""
-    if stylus.frame_from_tip is None:
-        return "not calibrated"
-    length_mm = float(np.linalg.norm(stylus.frame_from_tip.translation_mm))
-    sigma = f"sigma {stylus.sigma_mm:.2f} mm" if stylus.sigma_mm else "uncertainty not known"
-    return f"tip {length_mm:.1f} mm from the sensor, {sigma}"
-
-
-def tip_mm(
-    step: StepResult | None, content: SessionContent, tool: TrackedTool, frame: str
-) -> FloatArray:
+def tip_mm(step: StepResult | None, content: SessionContent, tool: str, frame: str) -> FloatArray:
     """The place (3,) of the tip of ``tool`` in ``frame``, that the tumour moves with.
 
     ``step`` is None where the present is not known. Raises `InputError` with why it is not known.
@@ -52,7 +41,7 @@ def tip_mm(
     tip = tip_of(content, tool)
     if step is None:
         raise InputError(f"{tool}: the tip's place is UNKNOWN; expected a known one")
-    if tool is TrackedTool.CAUTERY:
+    if tool == GUARDED_TOOL:
         place = step.tumor_from_tip
         if step.decision.state is MarginState.UNKNOWN or place is None:
             raise InputError(f"{tool}: the tip's place is UNKNOWN; expected a known one")

@@ -41,7 +41,7 @@ _PLANE_OPACITY = 0.25
 _INK = (0.08, 0.12, 0.16)
 _LINE_NAME = "ClosestPoints"
 _STATUS_NAME = "MarginStatus"
-_CAUTERY_NAME = "CauteryState"
+_ACTIVATION_NAME = "CauteryState"
 _TEXT_SCALE = 4.2  # percent of the view's height
 _POINT_MM = 0.9
 _LINE_MM = 0.35
@@ -291,7 +291,7 @@ class MarginDisplay:
         display.GetTextProperty().SetBackgroundOpacity(0.7)
         self.status = scene.AddNewNodeByClass("vtkMRMLTextNode", _STATUS_NAME)
 
-        self.cautery: vtkMRMLTextNode | None = None
+        self.activation: vtkMRMLTextNode | None = None
         self.plane = FixturePlane(scene, batch, tumor_pose)
         self.breaches = BreachMarkers(scene, batch, tumor_pose)
 
@@ -309,21 +309,21 @@ class MarginDisplay:
         if shown.proximity is not None and shown.proximity.signed_distance_mm < 0.0:
             self.breaches.add(shown.proximity.on_tool_mm)
 
-    def add_cautery(self) -> None:
-        """Add the text node of the cautery's state."""
-        self.cautery = self._scene.AddNewNodeByClass("vtkMRMLTextNode", _CAUTERY_NAME)
+    def add_activation(self) -> None:
+        """Add the text node of the activation."""
+        self.activation = self._scene.AddNewNodeByClass("vtkMRMLTextNode", _ACTIVATION_NAME)
 
     def nodes(self) -> tuple[vtkMRMLNode, ...]:
         """The nodes of this display, without the tumour."""
         own = (self.line, self.status, self.plane.node, self.breaches.node)
-        return own if self.cautery is None else (*own, self.cautery)
+        return own if self.activation is None else (*own, self.activation)
 
     def remove(self) -> None:
         """Remove the nodes from the scene; the tumour keeps its last colour."""
         remove_displayed(self._scene, self.line)
         remove_node(self._scene, self.status)
-        if self.cautery is not None:
-            remove_node(self._scene, self.cautery)
+        if self.activation is not None:
+            remove_node(self._scene, self.activation)
         self.plane.remove()
         self.breaches.remove()
 

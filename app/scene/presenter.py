@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from slicer import vtkMRMLApplicationLogic, vtkMRMLModelNode, vtkMRMLScene
+from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
 
 from app.geometry import (
     FloatArray,
@@ -13,12 +13,11 @@ from app.geometry import (
     join_transform_name,
     poses_in,
 )
-from app.runtime import SessionContent, Stylus
+from app.runtime import SessionContent, ShownItem
 from app.scene.margin_display import MarkerStyle
 from app.scene.offscreen import SceneError
 from app.scene.scene import MarginGuardScene
 from app.scene.shown_margin import TransformHealth
-from app.scene.workflow_models import StylusModel
 from app.session import REFERENCE, StepResult
 
 GRIP_OPACITY = 0.35
@@ -59,8 +58,6 @@ class ScenePresenter:
         self._adopt_nodes = adopt_nodes
         self._margin_surface: SurfaceMesh | None = None
         self._measured: dict[tuple[str, str], Transform] = {}
-        self._needle_surface: SurfaceMesh | None = None
-        self._stylus: StylusModel | None = None
         self._breach_count = 0
         self._deleted = 0
         self._marker_style = MarkerStyle()
@@ -69,7 +66,7 @@ class ScenePresenter:
         """Use ``content`` from the next step on.
 
         Another tumour, tool or robot: everything is removed from the scene, and the next step adds
-        the new parts. Another registration, other margins or another length of the needle change
+        the new parts. Another registration, other margins or another tip of a display item change
         the nodes that exist. The margin surface is removed if the tumour or the stop margin
         changed.
         """
@@ -131,34 +128,30 @@ class ScenePresenter:
                     scene.watchdog.observe(sample)
             poses = self._poses(scene, step, edges)
             scene.place(poses.values(), self._placed_static_edges(poses))
-            self._show_needle(scene, step, poses)
-            self._show_stylus(scene, step)
+            self._show_items(scene, step, poses)
             self._add_parts(scene, step)
             if breach_points_mm is not None:
                 self._show_breaches(scene, breach_points_mm)
             if scene.tumor is not None:
                 scene.show(step.decision, dict.fromkeys(scene.robots, step.links), now_ns)
-                if step.frame.cautery is not None:
-                    scene.show_cautery(step.frame.cautery.label)
+                if step.frame.activation is not None:
+                    scene.show_activation(step.frame.activation.label)
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Show data that are too old at ``now_ns`` as unknown; return each transform's health."""
         if self.scene is None:
             return ()
         health = self.scene.check(now_ns)
-        if self.content.stylus is not None and not self._is_fresh(self.content.stylus, health):
-            self.hide_stylus()
+        for item in self.content.items:
+            if item.is_pointer and not self._is_fresh(item, health):
+                self.scene.items.set_known(item, False)
         return health
 
-    @property
-    def stylus_node(self) -> vtkMRMLModelNode | None:
-        """The model of the stylus; None before it was tracked with a tip."""
-        return None if self._stylus is None else self._stylus.node
-
-    def hide_stylus(self) -> None:
-        """Hide the stylus until a step places it, as where the steps have ended."""
-        if self._stylus is not None:
-            self._stylus.hide()
+    def hide_pointers(self) -> None:
+        """Hide the pointers until a step places them, as where the steps have ended."""
+        for item in self.content.items:
+            if item.is_pointer and self.scene is not None:
+                self.scene.items.set_known(item, False)
 
     def health(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Freshness of each measured transform of a live scene at ``now_ns``."""
@@ -204,9 +197,6 @@ class ScenePresenter:
     def clear(self) -> None:
         """Remove all nodes of this presenter; the next step adds them again."""
         self._breach_count = 0
-        if self._stylus is not None:
-            self._stylus.remove()
-            self._stylus = None
         if self.scene is not None:
             self.scene.clear()
         self.scene = None
@@ -256,41 +246,29 @@ class ScenePresenter:
                 known.add(edge.source)
         return placed
 
-    def _show_needle(
+    def _show_items(
         self, scene: MarginGuardScene, step: StepResult, poses: Mapping[str, Transform]
     ) -> None:
-        """Place the needle once its frame is known, and draw it anew with another length.
+        """Place each display item once its frame is known, a pointer while it is tracked.
 
         A frame of the tip that is itself measured is left where it was measured.
         """
-        needle = self.content.needle
-        if needle is None or scene.tree.node(needle.frame_from_tip.target) is None:
-            return
-        scene.needle_is_known = self._is_tracked(needle.frame_from_tip.target, scene, step)
-        if needle.frame_from_tip.source not in poses:
-            scene.place((), (needle.frame_from_tip,))
-        if scene.needle is None or needle.surface is not self._needle_surface:
-            scene.show_needle(needle.surface)
-            self._needle_surface = needle.surface
+        for item in self.content.items:
+            tip, known = item.frame_from_tip, self._is_tracked(item.frame, scene, step)
+            is_placed = scene.tree.node(item.frame) is not None
+            if tip is None or not is_placed or (item.is_pointer and not known):
+                scene.items.set_known(item, False)
+                continue
+            if tip.source not in poses:
+                scene.place((), (tip,))
+            scene.show_item(item, known=known)
 
-    def _show_stylus(self, scene: MarginGuardScene, step: StepResult) -> None:
-        """Show the stylus while its pose may be used, and hide it otherwise."""
-        stylus = self.content.stylus
-        if stylus is None:
-            return
-        if self._stylus is None:
-            self._stylus = StylusModel(scene)
-        if self._is_tracked(stylus.frame, scene, step):
-            self._stylus.show(stylus)
-        else:
-            self._stylus.hide()
-
-    def _is_fresh(self, stylus: Stylus, health: Sequence[TransformHealth]) -> bool:
-        """True if no measured edge of ``stylus`` is too old."""
+    def _is_fresh(self, item: ShownItem, health: Sequence[TransformHealth]) -> bool:
+        """True if no measured edge of ``item`` is too old."""
         names = {
             join_transform_name(source, target)
             for target, source in self._measured
-            if stylus.frame in (source, target)
+            if item.frame in (source, target)
         }
         return all(each.freshness is Freshness.VALID for each in health if each.name in names)
 

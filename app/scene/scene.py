@@ -15,6 +15,8 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform, poses_in
 from app.robot import Robot
+from app.runtime import ShownItem
+from app.scene.item_models import ItemModels
 from app.scene.margin_display import MarginDisplay
 from app.scene.models import add_model, ball, remove_displayed, smooth_surface
 from app.scene.offscreen import SceneError
@@ -24,7 +26,6 @@ from app.scene.shown_margin import TransformHealth, TransformWatchdog, shown_mar
 from app.scene.transform_tree import RAS, TransformTree
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
-NEEDLE_COLOR = (0.33, 1.0, 1.0)  # that of LumpNav
 _TUMOR_OPACITY = 0.4
 _MARGIN_COLOR = (0.55, 0.62, 0.70)  # differs from the colour of each state
 _MARGIN_OPACITY = 0.15
@@ -71,9 +72,7 @@ class MarginGuardScene:
         self.tumor: vtkMRMLModelNode | None = None
         self.margin_surface: vtkMRMLModelNode | None = None
         self.tool: vtkMRMLModelNode | None = None
-        self.needle: vtkMRMLModelNode | None = None
-        self.needle_is_known = True
-        """False while the pose of the needle may not be used, whatever the margin is."""
+        self.items = ItemModels(scene, self.batch, is_live=self.watchdog is not None)
         self.margin: MarginDisplay | None = None
         self.robots: dict[str, RobotModel] = {}
         self._decision: FixtureDecision | None = None
@@ -189,22 +188,13 @@ class MarginGuardScene:
         """Add a tool without a mesh: a small ball at its tip, the origin of ``frame``."""
         return self._add_tool(ball(_TIP_RADIUS_MM), frame)
 
-    def show_needle(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
-        """Add the needle, or replace its surface; the frame of ``mesh`` is its tip's."""
-        pose, surface = self._pose_node(mesh.frame), smooth_surface(mesh)
-        with self._content():
-            if self.needle is None:
-                self.needle = add_model(
-                    self.scene,
-                    "NeedleModel",
-                    surface,
-                    NEEDLE_COLOR if self.watchdog is None else MarginState.UNKNOWN.color,
-                    parent=pose,
-                )
-            else:
-                self.batch.hold(self.needle)
-                self.needle.SetAndObservePolyData(surface)
-        return self.needle
+    def show_item(self, item: ShownItem, *, known: bool) -> None:
+        """Add ``item`` or draw it anew. ``known``: its pose may be used, whatever the margin is."""
+        if not self.items.shows(item):
+            pose = self._pose_node(item.tip_frame)
+            with self._content():
+                self.items.draw(item, pose)
+        self.items.set_known(item, known)
 
     def add_robot(self, name: str, robot: Robot, base_frame: str) -> RobotModel:
         """Add ``robot`` with its root link at ``base_frame``; each robot has a ``name`` of its own.
@@ -265,17 +255,17 @@ class MarginGuardScene:
                 self._links_known[name] = bool(poses)
             self._show_robots(known=True)
 
-    def show_cautery(self, label: str) -> None:
-        """Show ``label`` in the text node of the cautery, which the first call adds.
+    def show_activation(self, label: str) -> None:
+        """Show ``label`` in the text node of the energy device, which the first call adds.
 
         `check` replaces it by UNKNOWN when the data are too old. Display only.
         """
         if self.margin is None:
             return
-        if self.margin.cautery is None:
+        if self.margin.activation is None:
             with self._content():
-                self.margin.add_cautery()
-        node = self.margin.cautery
+                self.margin.add_activation()
+        node = self.margin.activation
         with self.update():
             if node is not None:
                 self.batch.hold(node)
@@ -299,8 +289,8 @@ class MarginGuardScene:
                 self._show_margin(self.margin, now_ns)
             is_fresh = self.watchdog.is_fresh(self._shown_ns, now_ns)
             self._show_robots(known=is_fresh)
-            if self.margin is not None and self.margin.cautery is not None and not is_fresh:
-                self.margin.cautery.SetText(MarginState.UNKNOWN.name)
+            if self.margin is not None and self.margin.activation is not None and not is_fresh:
+                self.margin.activation.SetText(MarginState.UNKNOWN.name)
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
@@ -313,13 +303,14 @@ class MarginGuardScene:
                 self.remove_robot(name)
             if self.margin is not None:
                 self.margin.remove()
-            for node in (self.tumor, self.margin_surface, self.tool, self.needle):
+            for node in (self.tumor, self.margin_surface, self.tool):
                 if node is not None:
                     remove_displayed(self.scene, node)
+            self.items.remove()
             for node in self._adopted_surfaces.values():
                 remove_displayed(self.scene, node)
             self._adopted_surfaces.clear()
-            self.tumor = self.margin_surface = self.tool = self.needle = self.margin = None
+            self.tumor = self.margin_surface = self.tool = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
             self._integrity.record(())
@@ -341,9 +332,10 @@ class MarginGuardScene:
 
     def _parts(self) -> Iterator[vtkMRMLNode]:
         """The nodes that are not frames of the tree."""
-        for node in (self.tumor, self.margin_surface, self.tool, self.needle):
+        for node in (self.tumor, self.margin_surface, self.tool):
             if node is not None:
                 yield node
+        yield from self.items.nodes.values()
         if self.margin is not None:
             yield from self.margin.nodes()
         for robot in self.robots.values():
@@ -353,14 +345,11 @@ class MarginGuardScene:
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
         margin.show(shown_margin(self._decision, self.watchdog, now_ns))
         known = margin.state is not MarginState.UNKNOWN
-        for node, color, is_known in (
-            (self.tool, TOOL_COLOR, known),
-            (self.needle, NEEDLE_COLOR, known and self.needle_is_known),
-        ):
+        for node, color, is_known in ((self.tool, TOOL_COLOR, True), *self.items.rods()):
             if node is not None:
                 display = node.GetDisplayNode()
                 self.batch.hold(display)
-                display.SetColor(*(color if is_known else MarginState.UNKNOWN.color))
+                display.SetColor(*(color if known and is_known else MarginState.UNKNOWN.color))
 
     def _show_robots(self, *, known: bool) -> None:
         for name, links_known in self._links_known.items():

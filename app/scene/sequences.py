@@ -31,7 +31,7 @@ from app.geometry import (
 from app.scene.convert import vtk_matrix
 from app.scene.models import Rgb
 from app.scene.offscreen import SceneError
-from app.scene.scene import NEEDLE_COLOR, TOOL_COLOR, MarginGuardScene
+from app.scene.scene import TOOL_COLOR, MarginGuardScene
 from app.scene.shown_margin import banner
 
 MAX_POSES = 200_000
@@ -200,7 +200,7 @@ def _margin(
     changes = _changes({ns: state for ns, state, _ in states})
     colors = {ns: state.color for ns, state in changes.items()}
     yield _displays(scene.scene, tumor, colors), tumor.GetDisplayNode()
-    for model, color in ((scene.tool, TOOL_COLOR), (scene.needle, NEEDLE_COLOR)):
+    for model, color, _ in ((scene.tool, TOOL_COLOR, True), *scene.items.rods()):
         if model is not None:
             shown = {
                 ns: state.color if state is MarginState.UNKNOWN else color

@@ -23,7 +23,7 @@ _MAX_REASONS = 3
 
 @dataclass(frozen=True, slots=True)
 class TransformHealth:
-    """Freshness of one transform at one time; ``name`` such as ``CauteryToTracker``.
+    """Freshness of one transform at one time; ``name`` such as ``ToolToTracker``.
 
     ``freshness`` is VALID, STALE (too old, or from the future) or MISSING (never seen, or the
     newest sample is a lost one). ``age_ns`` is that of its last good sample, None without one.
@@ -35,7 +35,7 @@ class TransformHealth:
 
     @property
     def text(self) -> str:
-        """Text of an indicator: ``CauteryToTracker: stale, 0.4 s``."""
+        """Text of an indicator: ``ToolToTracker: stale, 0.4 s``."""
         if self.age_ns is None:
             return f"{self.name}: {self.freshness.value}, never seen"
         ahead = " ahead" if self.age_ns < 0 else ""

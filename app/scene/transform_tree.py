@@ -83,7 +83,7 @@ def _matrix_of(node: vtkMRMLLinearTransformNode) -> tuple[float, ...]:
 
 
 class TransformTree:
-    """One transform node per frame, such as ``CauteryToReference`` for ``reference_from_cautery``.
+    """One transform node per frame, such as ``ToolToReference`` for ``reference_from_tool``.
 
     The root is the scene's world, `RAS`. Child frames follow their parent. A node that does not
     move notifies no observer. A node that a user has put under another parent is put back, except

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.case import CauteryState
+from app.case import ENERGY_DEVICE, Activation
 from app.fixture import Proximity
 from app.geometry import (
     NS_PER_S,
@@ -116,8 +116,8 @@ class BreachEntry:
     letters of the direction, in the RAS axes of the tumour's frame, from the centre of the tumour
     to the point of its surface that is nearest to the deepest point of the tool. ``from_tip_mm``:
     distance of that point of the tool from the tip, None if the tip's pose is not known.
-    ``is_open``: the tool is still inside at the last step. ``cautery``: on if it was at any step of
-    it, else unknown if it was, None without a source of its state.
+    ``is_open``: the tool is still inside at the last step. ``activation``: on if it was at any
+    step of it, else unknown if it was, None without a source of its state.
     """
 
     number: int
@@ -132,7 +132,7 @@ class BreachEntry:
     place: str
     from_tip_mm: float | None
     is_open: bool
-    cautery: CauteryState | None = None
+    activation: Activation | None = None
 
     @property
     def duration_s(self) -> float:
@@ -155,10 +155,10 @@ class BreachEntry:
 
     @property
     def tool_text(self) -> str:
-        """The part of the tool, and the state of the cautery if it has a source."""
-        if self.cautery is None:
+        """The part of the tool, and the activation if it has a source."""
+        if self.activation is None:
             return self.part_text
-        return f"{self.part_text}, cautery {self.cautery}"
+        return f"{self.part_text}, {ENERGY_DEVICE.name} {self.activation}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +251,7 @@ class BreachLog:
             place=place_letters(proximity.on_tumor_mm - self._center_mm),
             from_tip_mm=_from_tip_mm(proximity.on_tool_mm, pose),
             is_open=True,
-            cautery=step.frame.cautery,
+            activation=step.frame.activation,
         )
 
 
@@ -265,17 +265,17 @@ def _closed(breaches: BreachList) -> BreachList:
 
 def _joined(breach: BreachEntry, here: BreachEntry) -> BreachEntry:
     """``breach`` with its next step ``here``."""
-    states = [each.cautery for each in (breach, here) if each.cautery is not None]
-    cautery = max(states, key=lambda state: state.rank, default=None)
+    states = [each.activation for each in (breach, here) if each.activation is not None]
+    activation = max(states, key=lambda state: state.rank, default=None)
     if here.depth_mm <= breach.depth_mm:
-        return replace(breach, last=here.last, end_ns=here.end_ns, cautery=cautery)
+        return replace(breach, last=here.last, end_ns=here.end_ns, activation=activation)
     return replace(
         here,
         number=breach.number,
         first=breach.first,
         begin_ns=breach.begin_ns,
         begin_s=breach.begin_s,
-        cautery=cautery,
+        activation=activation,
     )
 
 

@@ -46,9 +46,7 @@ def setup_from_case(
         plausibility=manifest.plausibility,
         tumor_sigma_mm=manifest.tumor.sigma_mm,
         tip_sigma_mm=manifest.tool.sigma_mm,
-        shown_frames=tuple(
-            each.frame for each in (manifest.needle, manifest.stylus) if each is not None
-        ),
+        shown_frames=tuple(each.frame for each in manifest.items.values()),
         structures=tuple(
             Structure(
                 each.frame_from_tumor,

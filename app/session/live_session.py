@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Generator, Iterator, Mapping, 
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from app.case import CauteryState, JointSample, TrackingFrame
+from app.case import Activation, JointSample, TrackingFrame
 from app.fixture import Reason
 from app.geometry import (
     NS_PER_MS,
@@ -91,8 +91,8 @@ class LiveSession:
     ``outside`` returns the faults that are present outside the samples (a second sender, say), with
     a text for each; it is called once before each step and must be quick.
     ``source_problem`` returns why the source cannot send, such as a server that is gone; empty if
-    it can. ``cautery`` returns the present state of the cautery, which frames carry for displays
-    and records; None without such a source.
+    it can. ``activation`` returns that of the present, which frames carry for displays and
+    records; None without such a source.
     """
 
     def __init__(
@@ -106,9 +106,9 @@ class LiveSession:
         outside: Callable[[], Mapping[Reason, str]] = lambda: NOTHING_OUTSIDE,
         wait: Wait = threading.Condition.wait,
         source_problem: Callable[[], str] = lambda: "",
-        cautery: Callable[[], CauteryState] | None = None,
+        activation: Callable[[], Activation] | None = None,
     ) -> None:
-        self._cautery = cautery
+        self._activation = activation
         self._source_problem = source_problem
         self._session = session
         self._host_ns = host_ns
@@ -201,8 +201,8 @@ class LiveSession:
             with self._stepping:
                 # Taken under the lock: a frame is stamped when it is taken.
                 frame = self._take()
-                if self._cautery is not None:
-                    frame = replace(frame, cautery=self._cautery())
+                if self._activation is not None:
+                    frame = replace(frame, activation=self._activation())
                 # Checked after the samples were taken: a playback is discovered before them.
                 playback = self._playback.found()
                 checked = self._playback.checked(frame, playback, self.edges)

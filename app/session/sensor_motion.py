@@ -14,7 +14,7 @@ class MotionLimits:
     The defaults are those of a swing by hand at 2 Hz with amplitudes of 100 mm and 90 degrees:
     1257 mm/s and 15.8 m/s2, 1131 degrees/s and 14 200 degrees/s2. 98.9 % of the power of voluntary
     movements of surgeons is below 2 Hz (Riviere, Rader and Khosla, "Characteristics of hand motion
-    of eye surgeons", 1997). The fastest motion in the public recording of a stylus that is moved
+    of eye surgeons", 1997). The fastest motion in the public recording of a pointer that is moved
     from landmark to landmark is 683 mm/s, 4.8 m/s2, 639 degrees/s and 6900 degrees/s2. The speed is
     1.6 times that of the swing, because a sensor sits on a lever. A sensor on the patient has the
     same limits: a patient or a phantom is moved by hands. Raises `InputError` for a value that is

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.case import PlausibilityEntry, TrackingFrame
+from app.case import DISPLAY_ITEMS, PlausibilityEntry, TrackingFrame
 from app.fixture import (
     GuidanceParameters,
     LimiterParameters,
@@ -69,7 +69,7 @@ class TrackingError:
             frame.stamp,
             tuple(self._acquired(each, frame) for each in frame.poses),
             frame.joints,
-            cautery=frame.cautery,
+            activation=frame.activation,
         )
 
     def _acquired(self, sample: TrackedTransform, frame: TrackingFrame) -> TrackedTransform:
@@ -178,9 +178,9 @@ class SessionSetup:
     ``plausibility``: limits and relations by which a wrong pose is found. ``tracking``: latency and
     errors of the tracker, for the margin. ``tumor_sigma_mm``: standard deviation of the tumour's
     surface along its normal, ``tip_sigma_mm`` that of the calibrated tip in its worst direction; 0
-    where they are not stated. ``shown_frames``: tracked frames of needle and stylus, which no
-    decision uses. ``structures``: further structures; the tumour is the first of `guarded`, and
-    its frame is that of the constraint.
+    where they are not stated. ``shown_frames``: tracked frames of display items, which no decision
+    uses. ``structures``: further structures; the tumour is the first of `guarded`, and its frame is
+    that of the constraint.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
@@ -237,8 +237,9 @@ class SessionSetup:
             )
         links = set() if self.robot is None else {link.name for link in self.robot.robot.links}
         for frame in links.intersection(self.shown_frames):
+            items = " or ".join(each.name for each in DISPLAY_ITEMS)
             raise FrameError(
-                f"the tracked frame {frame!r} of needle or stylus is also a link of the robot; "
+                f"the tracked frame {frame!r} of {items} is also a link of the robot; "
                 "expected another name"
             )
 

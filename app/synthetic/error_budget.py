@@ -17,8 +17,8 @@ _SIGMAS = 3.0
 _TIP_LEVER_MM = 70.0
 """From the tool's sensor to its tip."""
 _TOOL_FROM_METAL_MM = 60.0
-_NEEDLE_FROM_METAL_MM = 90.0
-"""The nearest that the sensors of tool and needle come to the arm."""
+_SENSOR_FROM_METAL_MM = 90.0
+"""The nearest that the sensors of tool and tumour come to the arm."""
 _SHAFT_LEVER_MM = 15.0
 """From the tip to the part of the tool beside the tumour."""
 _MAX_DEPTH_SHARE = 0.8
@@ -54,22 +54,22 @@ class Tolerances:
     depth_mm: float
 
 
-def margin_bound_mm(options: CaseOptions, contour_mm: float, needle_lever_mm: float) -> float:
+def margin_bound_mm(options: CaseOptions, contour_mm: float, sensor_lever_mm: float) -> float:
     """Bound of the measured margin's error: three sigma, and the largest of the rest.
 
-    ``contour_mm`` is the largest error of the contour, ``needle_lever_mm`` the distance from the
-    needle's sensor to the far side of the tumour. The terms are independent, so their squares are
+    ``contour_mm`` is the largest error of the contour, ``sensor_lever_mm`` the distance from the
+    tumour's sensor to the far side of the tumour. The terms are independent, so their squares are
     added.
     """
     model, errors = options.tracker, options.errors
     jitter = model.white.position_rms_mm**2 + model.slow.position_rms_mm**2
     turn = model.white.angle_rms_rad**2 + model.slow.angle_rms_rad**2
-    levers = needle_lever_mm**2 + _TIP_LEVER_MM**2
+    levers = sensor_lever_mm**2 + _TIP_LEVER_MM**2
     noise = (2.0 * jitter + turn * levers) / 3.0 + model.position_quantum_mm**2 / 6.0
     field = model.distortion
-    near, far = field.share(_TOOL_FROM_METAL_MM), field.share(_NEEDLE_FROM_METAL_MM)
+    near, far = field.share(_TOOL_FROM_METAL_MM), field.share(_SENSOR_FROM_METAL_MM)
     bent = near * (field.shift_mm + _TIP_LEVER_MM * field.turn_rad)
-    bent += far * (field.shift_mm + needle_lever_mm * field.turn_rad)
+    bent += far * (field.shift_mm + sensor_lever_mm * field.turn_rad)
     fixed = (contour_mm, errors.tip_mm, _SHAFT_LEVER_MM * errors.tip_rad, errors.needle_mm, bent)
     return float(np.sqrt(_SIGMAS**2 * noise + sum(term**2 for term in fixed)))
 
@@ -151,7 +151,7 @@ def _landmark_error_mm(
         np.sqrt(2.0 * shift + turn * (lever**2 + _TIP_LEVER_MM**2) * 2.0 / 3.0),
         errors.tip_mm,
         field.share(_TOOL_FROM_METAL_MM) * (field.shift_mm + _TIP_LEVER_MM * field.turn_rad),
-        field.share(_NEEDLE_FROM_METAL_MM) * (field.shift_mm + lever * field.turn_rad),
+        field.share(_SENSOR_FROM_METAL_MM) * (field.shift_mm + lever * field.turn_rad),
         errors.encoder_offset_rad * robot_mm,
     )
     return float(np.sqrt(sum(term**2 for term in terms)))

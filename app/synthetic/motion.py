@@ -13,12 +13,12 @@ from app.files.shipped import shipped
 from app.geometry import FloatArray, InputError, Transform, mismatched_frames
 from app.geometry.rotations import rotation_of_vector
 from app.robot import load_robot
+from app.synthetic.frame_names import TOOL_LINK
 
 MAX_TURN_RAD = 2.5
 """Rotation vectors are smooth below pi; this leaves a margin."""
 _HELD_MM = 1e-9
 TOUCH_URDF = shipped("data", "robots", "touch", "touch.urdf")
-TOOL_LINK = "stylus"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,7 +283,7 @@ class BreathingBody:
 
 
 class TouchArm:
-    """The kinematics of ``data/robots/touch``; the tool's tip is the origin of its ``stylus``."""
+    """The kinematics of ``data/robots/touch``; the tool's tip is the origin of `TOOL_LINK`."""
 
     def __init__(self, *, base_frame: str, tip_frame: str) -> None:
         self._robot = load_robot(TOUCH_URDF)

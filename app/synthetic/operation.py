@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
 from app.geometry.rotations import rotation_of_vector
+from app.synthetic.frame_names import BASE_FRAME, TIP_FRAME, TOOL_SENSOR, TUMOR_FRAME, TUMOR_SENSOR
 from app.synthetic.motion import ArmKinematics
-from app.synthetic.simulation import BASE_FRAME
-from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour
+from app.synthetic.tumour_and_tool import Tumour
 
-TOOL, NEEDLE, PROBE, REFERENCE, TRACKER = "cautery", "needle", "probe", "reference", "tracker"
+PROBE, REFERENCE, TRACKER = "probe", "reference", "tracker"
 DIAMETER_MM = 18.0
 SUPPOSED_RADIUS_MM = 5.0
 """Radius of the ball that stands for the tumour before it is contoured."""
@@ -43,7 +43,11 @@ _LANDMARKS_MM = (
     (35, 0, 10), (25, 25, 40),
 )  # fmt: skip
 """From the tumour's centre, in an order whose straight ways stay outside of the tumour."""
-_STYLUS = ((-0.98548, 0.01639, -0.16898), (-0.01906, 0.97837, 0.20601), (0.1687, 0.20624, -0.96385))
+_LINK = (
+    (-0.98548, 0.01639, -0.16898),
+    (-0.01906, 0.97837, 0.20601),
+    (0.1687, 0.20624, -0.96385),
+)
 """Rotation of the arm's last link in its base; only its origin touches the tip of the tool."""
 
 
@@ -59,13 +63,13 @@ class OperationTruth:
     supposed_tool_from_tip: Transform
     reference_from_base: Transform
     supposed_reference_from_base: Transform
-    reference_from_needle: Transform
-    needle_from_tumor: Transform
+    reference_from_sensor: Transform
+    sensor_from_tumor: Transform
 
     @property
     def centre_mm(self) -> FloatArray:
         """Centre of the tumour in the reference."""
-        return (self.reference_from_needle @ self.needle_from_tumor).translation_mm
+        return (self.reference_from_sensor @ self.sensor_from_tumor).translation_mm
 
 
 def operation_truth(seed: int) -> OperationTruth:
@@ -75,12 +79,14 @@ def operation_truth(seed: int) -> OperationTruth:
     shaft = np.array(_SHAFT) / np.linalg.norm(_SHAFT)
     tip_mm = np.array(_TIP_MM)
     base = Transform(REFERENCE, BASE_FRAME, _turn(random, 0.5), random.uniform(-200.0, 200.0, 3))
-    needle = Transform(REFERENCE, NEEDLE, _turn(random, 0.4), base.apply(np.array(_BASE_CENTRE_MM)))
+    sensor = Transform(
+        REFERENCE, TUMOR_SENSOR, _turn(random, 0.4), base.apply(np.array(_BASE_CENTRE_MM))
+    )
     return OperationTruth(
         tumour=tumour,
-        tool_from_tip=Transform(TOOL, CAUTERY_TIP_FRAME, _onto(shaft), tip_mm),
+        tool_from_tip=Transform(TOOL_SENSOR, TIP_FRAME, _onto(shaft), tip_mm),
         supposed_tool_from_tip=Transform(
-            TOOL, CAUTERY_TIP_FRAME, np.eye(3), tip_mm + _TIP_ERROR_MM * _direction(random)
+            TOOL_SENSOR, TIP_FRAME, np.eye(3), tip_mm + _TIP_ERROR_MM * _direction(random)
         ),
         reference_from_base=base,
         supposed_reference_from_base=Transform(
@@ -89,8 +95,8 @@ def operation_truth(seed: int) -> OperationTruth:
             base.rotation,
             base.translation_mm + _BASE_ERROR_MM * _direction(random),
         ),
-        reference_from_needle=needle,
-        needle_from_tumor=Transform(NEEDLE, TUMOR_FRAME, _turn(random, 0.3), np.zeros(3)),
+        reference_from_sensor=sensor,
+        sensor_from_tumor=Transform(TUMOR_SENSOR, TUMOR_FRAME, _turn(random, 0.3), np.zeros(3)),
     )
 
 
@@ -214,13 +220,13 @@ class Operation:
         self._move(step_s)
         rotation, truth = self._rotation(step_s), self._truth
         sensor_mm = self._tip_mm - rotation @ truth.tool_from_tip.translation_mm
-        tool = Transform(REFERENCE, TOOL, rotation, sensor_mm)
+        tool = Transform(REFERENCE, TOOL_SENSOR, rotation, sensor_mm)
         probe = self._probe()
         image = None
         if self._steps % IMAGE_STEPS == 0:
-            tumor_from_reference = (truth.reference_from_needle @ truth.needle_from_tumor).inverse()
+            tumor_from_reference = (truth.reference_from_sensor @ truth.sensor_from_tumor).inverse()
             image = self._slices.image(tumor_from_reference @ probe)
-        poses = (Transform.identity(REFERENCE, REFERENCE), truth.reference_from_needle, tool, probe)
+        poses = (Transform.identity(REFERENCE, REFERENCE), truth.reference_from_sensor, tool, probe)
         measured = [self._measured(pose) for pose in poses]
         return OperationMoment(tuple(measured), self._arm_joints(), image)
 
@@ -278,7 +284,7 @@ class Operation:
         """A place at this distance above the top of the tumour, in the reference."""
         truth = self._truth
         up = np.array([0.0, 0.0, 1.0])
-        rotation = (truth.reference_from_needle @ truth.needle_from_tumor).rotation
+        rotation = (truth.reference_from_sensor @ truth.sensor_from_tumor).rotation
         radius_mm = float(truth.tumour.radius_mm((rotation.T @ up)[None])[0])
         return truth.centre_mm + (radius_mm + distance_mm) * up
 
@@ -290,8 +296,8 @@ class Operation:
     def _arm_joints(self) -> Mapping[str, float]:
         """Joints with the tip of the arm at that of the tool; the arm does not follow a tilt."""
         place_mm = self._truth.reference_from_base.inverse().apply(self._tip_mm)
-        rotation = Rotation.from_matrix(np.array(_STYLUS)).as_matrix()
-        pose = Transform(BASE_FRAME, "cautery_tip", rotation, place_mm)
+        rotation = Rotation.from_matrix(np.array(_LINK)).as_matrix()
+        pose = Transform(BASE_FRAME, TIP_FRAME, rotation, place_mm)
         self._joints = self._arm.joints_for(pose, self._joints)
         return self._joints
 

@@ -9,22 +9,26 @@ import yaml
 from app.case import write_live_manifest
 from app.files.atomic_io import new_folder
 from app.geometry import SurfaceMesh, Transform
-from app.synthetic.motion import TOOL_LINK
+from app.synthetic.frame_names import (
+    BASE_FRAME,
+    TOOL_FILE,
+    TOOL_LINK,
+    TOOL_SENSOR,
+    TUMOR_FRAME,
+    TUMOR_SENSOR,
+)
 from app.synthetic.operation import (
-    NEEDLE,
     PROBE,
     SUPPOSED_RADIUS_MM,
-    TOOL,
     OperationTruth,
     probe_from_image,
 )
-from app.synthetic.simulation import BASE_FRAME
-from app.synthetic.tumour_and_tool import TUMOR_FRAME, cautery_mesh, icosphere, write_stl
+from app.synthetic.tumour_and_tool import icosphere, tool_mesh, write_stl
 
 IMAGE_TOPIC = "/ultrasound/image"
 CONFIG_NAME, TRUTH_FOLDER = "live.yaml", "truth"
 _STALE_MS = 1000
-_NEEDLE_MM = 14.0
+_ROD_MM = 14.0
 """The sensor is in the middle of the tumour, the tip beyond it."""
 
 
@@ -36,7 +40,7 @@ def write_operation(folder: Path, truth: OperationTruth) -> None:
     directions, faces = icosphere(3)
     ball = SurfaceMesh(TUMOR_FRAME, directions * SUPPOSED_RADIUS_MM, faces.astype(np.int32))
     with new_folder(folder) as partial:
-        write_stl(partial / "cautery.stl", cautery_mesh())
+        write_stl(partial / TOOL_FILE, tool_mesh())
         write_stl(partial / "ball.stl", ball)
         numbers = (" ".join(map(repr, row)) for row in probe_from_image().tolist())
         (partial / "image_to_probe.txt").write_text("\n".join(numbers), encoding="utf-8")
@@ -47,8 +51,8 @@ def write_operation(folder: Path, truth: OperationTruth) -> None:
         values = {
             "tool_from_tip": _matrix(truth.tool_from_tip),
             "reference_from_base": _matrix(truth.reference_from_base),
-            "needle_from_tumor": _matrix(truth.needle_from_tumor),
-            "reference_from_needle": _matrix(truth.reference_from_needle),
+            f"{TUMOR_SENSOR}_from_tumor": _matrix(truth.sensor_from_tumor),
+            f"reference_from_{TUMOR_SENSOR}": _matrix(truth.reference_from_sensor),
         }
         (true_folder / "truth.yaml").write_text(
             yaml.safe_dump(values, sort_keys=False), encoding="utf-8"
@@ -73,16 +77,16 @@ def _live(truth: OperationTruth) -> dict[str, Any]:
             "stale_after_ms": _STALE_MS,
         },
         "tool": {
-            "frame": TOOL,
-            "mesh": {"path": "cautery.stl", "units": "mm"},
+            "frame": TOOL_SENSOR,
+            "mesh": {"path": TOOL_FILE, "units": "mm"},
             "tip_from": _matrix(truth.supposed_tool_from_tip),
         },
         "tumor": {
-            "frame": NEEDLE,
+            "frame": TUMOR_SENSOR,
             "mesh": {"path": "ball.stl", "units": "mm"},
-            "pose": _matrix(truth.needle_from_tumor),
+            "pose": _matrix(truth.sensor_from_tumor),
         },
-        "needle": {"frame": NEEDLE, "length_mm": _NEEDLE_MM},
+        "needle": {"frame": TUMOR_SENSOR, "length_mm": _ROD_MM},
         "robot": {
             "urdf": "package://marginguard/robots/touch/touch.urdf",
             "base_frame": BASE_FRAME,

@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 from app.geometry import FloatArray, Transform
 from app.synthetic.case_options import USUAL_SURGEON, SurgeonOptions
 from app.synthetic.error_budget import CROSSING_SPEED_MM_S, Depths
+from app.synthetic.frame_names import TIP_FRAME, TOOL_SENSOR, TUMOR_SENSOR
 from app.synthetic.motion import Path
 from app.synthetic.script import Script
 from app.synthetic.tracker_model import Dropout, DropoutKind
 from app.synthetic.truth import Clearance
-from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, Tumour
+from app.synthetic.tumour_and_tool import Tumour
 
 WORK_FRAME = "work"
 
@@ -163,12 +164,12 @@ def plan_scenario(
     def lost(frames: tuple[str, ...], kind: DropoutKind, start_s: float, for_s: float) -> Dropout:
         return Dropout(frames, kind, start_s, start_s + for_s)
 
-    all_frames = ("reference", "needle", "cautery")
+    all_frames = ("reference", TUMOR_SENSOR, TOOL_SENSOR)
     dropouts = (
-        lost(("cautery",), "invalid", first_pass_s + 2.0 * pace, 0.8),
+        lost((TOOL_SENSOR,), "invalid", first_pass_s + 2.0 * pace, 0.8),
         lost(all_frames, "missing", first_pass_s + 6.0 * pace, 0.6),
-        lost(("needle",), "missing", second_pass_s + 5.0 * pace, 0.7),
-        lost(("cautery",), "missing", third_pass_s + 5.0 * pace, 1.0),
+        lost((TUMOR_SENSOR,), "missing", second_pass_s + 5.0 * pace, 0.7),
+        lost((TOOL_SENSOR,), "missing", third_pass_s + 5.0 * pace, 1.0),
         lost(("reference",), "invalid", fourth_pass_s + 2.5 * pace, 0.5),
     )
     return Scenario(script.path, tuple(dwells), held_until_s, dropouts, min(speeds_mm_s))
@@ -250,5 +251,5 @@ class _Plan:
         horizontal = np.array([handle_towards[0], handle_towards[1], 0.0])
         axis = np.cross((0.0, 0.0, 1.0), horizontal / np.linalg.norm(horizontal))
         rotation = Rotation.from_rotvec(tilt_rad * axis).as_matrix() @ _DOWN
-        work_from_tip = Transform(WORK_FRAME, CAUTERY_TIP_FRAME, rotation, tip_mm)
+        work_from_tip = Transform(WORK_FRAME, TIP_FRAME, rotation, tip_mm)
         return self._tumor_from_work @ work_from_tip

@@ -3,11 +3,11 @@
 Assumptions:
 
 - The robot's base and the tracker are fixed in the room.
-- The chest reference breathes a little (1.2 mm), the tumour and its needle more (4.4 mm). The
+- The chest reference breathes a little (1.2 mm), the tumour and its sensor more (4.4 mm). The
   landmarks are touched in a breath-hold at end expiration, as ventilated patients are registered.
   The base's pose in the reference at end expiration is the truth of the registration; at full
   inspiration it is off by the motion of the reference.
-- The needle's sensor is rigidly attached to the tumour, and the tool does not deform the tumour.
+- The tumour's sensor is rigidly attached to the tumour, and the tool does not deform the tumour.
 - The arm has its own clock. What is measured of all this, and with which errors, is the matter of
   `app.synthetic.recording`.
 """
@@ -19,13 +19,13 @@ import numpy as np
 from app.geometry import NS_PER_S, FloatArray, Transform
 from app.synthetic.case_options import CaseOptions, contoured
 from app.synthetic.error_budget import margin_bound_mm, plan_depths
+from app.synthetic.frame_names import BASE_FRAME, TIP_FRAME, TOOL_SENSOR, TUMOR_FRAME, TUMOR_SENSOR
 from app.synthetic.motion import ArmKinematics, Breathing, BreathingBody, JointMotion, Poses
 from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
 from app.synthetic.truth import Clearance
-from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour, cautery_mesh
+from app.synthetic.tumour_and_tool import Tumour, tool_mesh
 
-TRACKED_FRAMES = ("reference", "needle", "cautery")
-BASE_FRAME = "robot_base"
+TRACKED_FRAMES = ("reference", TUMOR_SENSOR, TOOL_SENSOR)
 
 FIRST_STAMP_NS = 1000 * NS_PER_S
 KNOT_PERIOD_NS = 20_000_000
@@ -39,7 +39,7 @@ HANDLE_END_MM = 130.0
 
 WORK_IN_BASE_MM = (185.0, 0.0, 90.0)
 """The tumour's centre. An arm with links of 133 mm reaches every pose of the scenario there, with
-the tool's tip at the tip of its stylus or 70 mm (an instrument's length) ahead."""
+the tool's tip at the tip of its last link or 70 mm (an instrument's length) ahead."""
 
 REFERENCE_IN_BASE_MM = (245.0, 120.0, 105.0)
 
@@ -49,15 +49,15 @@ CHEST_SHIFT_MM = (0.0, 0.4, 1.15)
 CHEST_TURN_RAD = (0.004, 0.0, 0.002)
 """Motion at full inspiration, in the axes of the base (z up): tissue 4.4 mm, chest 1.2 mm."""
 
-CAUTERY_FROM_TIP = Transform.from_rotation_vector(
-    (0.5, -0.3, 1.1), (7.0, -3.0, 70.0), target="cautery", source=CAUTERY_TIP_FRAME
+TOOL_FROM_TIP = Transform.from_rotation_vector(
+    (0.5, -0.3, 1.1), (7.0, -3.0, 70.0), target=TOOL_SENSOR, source=TIP_FRAME
 )
-_TIP_FROM_CAUTERY = CAUTERY_FROM_TIP.inverse()
-_POSES_OF_CAUTERY = Poses.of([_TIP_FROM_CAUTERY])
-NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
-    (-0.4, 0.7, 0.2), (5.0, -4.0, 31.0), target="needle", source=TUMOR_FRAME
+_TIP_FROM_TOOL = TOOL_FROM_TIP.inverse()
+_POSES_OF_TOOL = Poses.of([_TIP_FROM_TOOL])
+SENSOR_FROM_TUMOR = Transform.from_rotation_vector(
+    (-0.4, 0.7, 0.2), (5.0, -4.0, 31.0), target=TUMOR_SENSOR, source=TUMOR_FRAME
 )
-_NEEDLE_FROM_TUMOR = Poses.of([NEEDLE_FROM_TUMOR])
+_SENSOR_FROM_TUMOR = Poses.of([SENSOR_FROM_TUMOR])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ class Simulation:
     scenario: Scenario
     breathing: Breathing
     reference: BreathingBody
-    needle: BreathingBody
+    tumor_sensor: BreathingBody
     tracker_from_base: Transform
     arm_motion: JointMotion
 
@@ -92,9 +92,9 @@ class Simulation:
 
     def tracker_from(self, frame: str, time_s: float) -> Transform:
         """The true pose of a tracked frame."""
-        if frame == "cautery":
-            return self.tracker_from_base @ self.base_from_tip(time_s) @ _TIP_FROM_CAUTERY
-        body = self.reference if frame == "reference" else self.needle
+        if frame == TOOL_SENSOR:
+            return self.tracker_from_base @ self.base_from_tip(time_s) @ _TIP_FROM_TOOL
+        body = self.reference if frame == "reference" else self.tumor_sensor
         return body.at(self.breathing.depth(time_s))
 
     def base_from_tip(self, time_s: float) -> Transform:
@@ -103,7 +103,7 @@ class Simulation:
 
     def tumor_from_tip(self, time_s: float) -> Transform:
         """The true pose of the tool in the tumour."""
-        tracker_from_tumor = self.tracker_from("needle", time_s) @ NEEDLE_FROM_TUMOR
+        tracker_from_tumor = self.tracker_from(TUMOR_SENSOR, time_s) @ SENSOR_FROM_TUMOR
         return tracker_from_tumor.inverse() @ self.tracker_from_base @ self.base_from_tip(time_s)
 
     def landmarks_in_base_mm(self) -> FloatArray:
@@ -113,8 +113,8 @@ class Simulation:
 
     def tumor_from_tips(self, times_s: FloatArray) -> Poses:
         """The true poses of the tool in the tumour at ``times_s`` (n,)."""
-        needle = self.needle.at_all(self.breathing.depths(times_s))
-        tumor_from_tracker = (needle @ _NEEDLE_FROM_TUMOR).inverse()
+        sensor = self.tumor_sensor.at_all(self.breathing.depths(times_s))
+        tumor_from_tracker = (sensor @ _SENSOR_FROM_TUMOR).inverse()
         base_from_tip = self.arm_motion.base_from_tools(times_s)
         return tumor_from_tracker @ Poses.of([self.tracker_from_base]) @ base_from_tip
 
@@ -127,11 +127,11 @@ class Simulation:
         depths = self.breathing.depths(times_s)
         base_from_tip = self.arm_motion.base_from_tools(times_s)
         tracker_from_base = Poses.of([self.tracker_from_base])
-        cautery = tracker_from_base @ base_from_tip @ _POSES_OF_CAUTERY
+        tool = tracker_from_base @ base_from_tip @ _POSES_OF_TOOL
         ends = np.zeros((len(times_s), 2, 3))
         ends[:, 1] = base_from_tip.apply(np.array([[0.0, 0.0, -HANDLE_END_MM]]))[:, 0]
-        bodies = (self.reference.at_all(depths), self.needle.at_all(depths))
-        return (*bodies, cautery), self.tracker_from_base.apply(ends)
+        bodies = (self.reference.at_all(depths), self.tumor_sensor.at_all(depths))
+        return (*bodies, tool), self.tracker_from_base.apply(ends)
 
 
 def simulate(
@@ -155,10 +155,10 @@ def simulate(
     if options.tumor_mm is not None:
         tumour = tumour.with_diameter(options.tumor_mm)
     contour, contour_mm = contoured(tumour, options.errors.contour_mm, more_random)
-    needle_lever_mm = float(np.linalg.norm(NEEDLE_FROM_TUMOR.translation_mm))
-    bound_mm = margin_bound_mm(options, contour_mm, needle_lever_mm + tumour.max_radius_mm)
+    sensor_lever_mm = float(np.linalg.norm(SENSOR_FROM_TUMOR.translation_mm))
+    bound_mm = margin_bound_mm(options, contour_mm, sensor_lever_mm + tumour.max_radius_mm)
     depths = plan_depths(bound_mm, tumour.min_radius_mm)
-    clearance = Clearance(tumour, cautery_mesh())
+    clearance = Clearance(tumour, tool_mesh())
     turn = random.normal(size=3)
     turn *= random.uniform(0.3, 1.2) / np.linalg.norm(turn)
     tracker_from_base = Transform.from_rotation_vector(
@@ -171,8 +171,8 @@ def simulate(
         random.uniform(-0.5, 0.5, size=3), np.zeros(3), target=TUMOR_FRAME, source=WORK_FRAME
     )
     tracker_from_tumor = tracker_from_base @ base_from_work @ tumor_from_work.inverse()
-    needle = BreathingBody(
-        tracker_from_tumor @ NEEDLE_FROM_TUMOR.inverse(),
+    tumor_sensor = BreathingBody(
+        tracker_from_tumor @ SENSOR_FROM_TUMOR.inverse(),
         patient.breath_scale * tracker_from_base.rotate(TISSUE_SHIFT_MM),
         patient.breath_scale * np.array(TISSUE_TURN_RAD),
     )
@@ -201,8 +201,8 @@ def simulate(
     base_from_tracker = tracker_from_base.inverse()
 
     def planned(time_s: float, tumor_from_tip: Transform) -> Transform:
-        tracker_from_needle = needle.at(breathing.depth(time_s))
-        return base_from_tracker @ tracker_from_needle @ NEEDLE_FROM_TUMOR @ tumor_from_tip
+        tracker_from_sensor = tumor_sensor.at(breathing.depth(time_s))
+        return base_from_tracker @ tracker_from_sensor @ SENSOR_FROM_TUMOR @ tumor_from_tip
 
     period_s = KNOT_PERIOD_NS / NS_PER_S
     count = int(np.ceil(scenario.path.end_s / period_s)) + 1
@@ -215,7 +215,7 @@ def simulate(
         scenario,
         breathing,
         reference,
-        needle,
+        tumor_sensor,
         tracker_from_base,
         JointMotion(arm, knots, list(map(planned, knots.tolist(), scenario.path.poses(knots)))),
     )

@@ -9,9 +9,10 @@ import numpy as np
 
 from app.case.manifest.structures import as_schema_2
 from app.geometry import FloatArray, SurfaceMesh, Transform
-from app.synthetic.simulation import NEEDLE_FROM_TUMOR, Simulation
+from app.synthetic.frame_names import TUMOR_FRAME, TUMOR_SENSOR
+from app.synthetic.simulation import SENSOR_FROM_TUMOR, Simulation
 from app.synthetic.truth import Clearance, Motion, TrueBreach, find_breaches
-from app.synthetic.tumour_and_tool import Tumour, cautery_mesh, write_stl
+from app.synthetic.tumour_and_tool import Tumour, tool_mesh, write_stl
 
 LESION_RADIUS_MM = 5.0
 LESION_GAP_MM = 6.0
@@ -57,21 +58,21 @@ class SimulatedStructure:
 
     def breaches(self, simulation: Simulation) -> tuple[TrueBreach, ...]:
         """Every interval in which the tool is in it."""
-        clearance = Clearance(self.shape, cautery_mesh())
+        clearance = Clearance(self.shape, tool_mesh())
         return find_breaches(clearance, self.structure_from_tip(simulation), simulation.duration_s)
 
 
 def further_structures(simulation: Simulation) -> tuple[SimulatedStructure, ...]:
-    """The second lesion, which moves with the needle, and the chest wall, with the reference."""
+    """The second lesion, which moves with the tumour, and the chest wall, with the reference."""
     tumour = simulation.tumour
     sideways = np.array([0.0, 1.0, 0.0])
     away_mm = float(tumour.radius_mm(sideways[None])[0]) + LESION_GAP_MM + LESION_RADIUS_MM
-    lesion_from_tumor = Transform("lesion_2", "tumor", np.eye(3), -away_mm * sideways)
-    needle_from_lesion = NEEDLE_FROM_TUMOR @ lesion_from_tumor.inverse()
+    lesion_from_tumor = Transform("lesion_2", TUMOR_FRAME, np.eye(3), -away_mm * sideways)
+    sensor_from_lesion = SENSOR_FROM_TUMOR @ lesion_from_tumor.inverse()
     reference_from_tumor = (
         simulation.tracker_from("reference", 0.0).inverse()
-        @ simulation.tracker_from("needle", 0.0)
-        @ NEEDLE_FROM_TUMOR
+        @ simulation.tracker_from(TUMOR_SENSOR, 0.0)
+        @ SENSOR_FROM_TUMOR
     )
     # Below: along -z of the robot's base, whose z axis is up.
     reference_from_base = simulation.tracker_from("reference", 0.0).inverse() @ (
@@ -90,12 +91,12 @@ def further_structures(simulation: Simulation) -> tuple[SimulatedStructure, ...]
             {
                 "name": "lesion_2",
                 "role": "target",
-                "frame": "needle",
+                "frame": TUMOR_SENSOR,
                 "margins": {"stop_mm": 1.0, "warn_mm": 4.0},
             },
             _ellipsoid((LESION_RADIUS_MM,) * 3),
-            needle_from_lesion,
-            lambda time_s: simulation.tracker_from("needle", time_s),
+            sensor_from_lesion,
+            lambda time_s: simulation.tracker_from(TUMOR_SENSOR, time_s),
         ),
         SimulatedStructure(
             {

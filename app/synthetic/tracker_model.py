@@ -10,7 +10,7 @@ assumptions, and are named as such. Sources:
   16, 2021, doi:10.1186/s13014-021-01804-7: latency 14.2 +- 1.8 ms, static error 0.045 mm RMS.
 - [Eight] the recording EightLandmarkPointsTrackedForPhantomRegistration of PlusLibData (BSD-3), as
   measured by `tests/synthetic/recorded_statistics.py`: positions in steps of 144 in / 32768
-  = 0.1116 mm; at rest a jitter of 0.11 and 0.22 mm RMS (stylus, reference), 0.18 and 0.05 degrees,
+  = 0.1116 mm; at rest a jitter of 0.11 and 0.22 mm RMS (pointer, reference), 0.18 and 0.05 degrees,
   autocorrelation time 0.05 and 0.11 s, of which a quarter to a half of the positions repeat; every
   250th frame is missing, every 200th repeats the one before.
 - [RAS] the recording ReferenceToRASCalibration of PlusLibData: positions in steps of 0.01 mm, a

@@ -1,4 +1,4 @@
-"""Surfaces of a simulated case and their STL files: an irregular tumour, a monopolar cautery."""
+"""Surfaces of a simulated case and their STL files: an irregular tumour, a monopolar tool."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray, SurfaceMesh
+from app.synthetic.frame_names import TIP_FRAME, TUMOR_FRAME
 
 IndexArray = NDArray[np.int64]
 
-TUMOR_FRAME = "tumor"
 
 SEMI_AXES_MM = (15.0, 12.5, 11.0)
 LOBE_COUNT = 14
@@ -24,7 +24,6 @@ _AT_ONCE = 2048
 
 _EXTENT_SUBDIVISIONS = 4
 """2562 directions, about 4 degrees apart."""
-CAUTERY_TIP_FRAME = "cautery_tip"
 SEGMENTS = 24
 """Points per ring around the tool's axis."""
 PROFILE_MM = (
@@ -192,8 +191,8 @@ def _subdivided(vertices: FloatArray, faces: IndexArray) -> tuple[FloatArray, In
 
 
 @cache
-def cautery_mesh() -> SurfaceMesh:
-    """The tool in ``cautery_tip``: tip at the origin, +z forward, the handle along -z."""
+def tool_mesh() -> SurfaceMesh:
+    """The tool in `TIP_FRAME`: tip at the origin, +z forward, the handle along -z."""
     behind_mm, half_x_mm, half_y_mm = _rings()
     angles = np.arange(SEGMENTS) * (2.0 * np.pi / SEGMENTS)
     rings = np.empty((len(behind_mm), SEGMENTS, 3))
@@ -213,7 +212,7 @@ def cautery_mesh() -> SurfaceMesh:
             faces.append((index(ring, s), index(ring + 1, s), index(ring, s + 1)))
             faces.append((index(ring, s + 1), index(ring + 1, s), index(ring + 1, s + 1)))
     faces += [(end, index(last, s + 1), index(last, s)) for s in range(SEGMENTS)]
-    return SurfaceMesh(CAUTERY_TIP_FRAME, vertices, np.array(faces))
+    return SurfaceMesh(TIP_FRAME, vertices, np.array(faces))
 
 
 def _rings() -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -33,26 +33,25 @@ from app.synthetic.case_options import (
     wrong_pose,
 )
 from app.synthetic.error_budget import tolerances
+from app.synthetic.frame_names import BASE_FRAME, TOOL_FILE, TOOL_LINK, TOOL_SENSOR, TUMOR_SENSOR
 from app.synthetic.motion import ArmKinematics
 from app.synthetic.recording import Recording
 from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.simulation import (
-    BASE_FRAME,
-    CAUTERY_FROM_TIP,
     FIRST_STAMP_NS,
-    NEEDLE_FROM_TUMOR,
     ROBOT_TO_TRACKER_OFFSET_NS,
+    SENSOR_FROM_TUMOR,
+    TOOL_FROM_TIP,
     Simulation,
     simulate,
 )
 from app.synthetic.structures import SimulatedStructure, further_structures, with_structures
 from app.synthetic.tracker_model import WHITE
 from app.synthetic.truth import TrueBreach, find_breaches
-from app.synthetic.tumour_and_tool import cautery_mesh, write_stl
+from app.synthetic.tumour_and_tool import tool_mesh, write_stl
 
 LICENCE = "Apache-2.0"
 TOUCH_URDF = "package://marginguard/robots/touch/touch.urdf"
-TOUCH_TOOL_LINK = "stylus"
 RECORDING = "tracking.mcap"
 MARGINS = {"stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50.0}
 
@@ -73,10 +72,10 @@ class SimulatedCase:
         return offset_ns(ROBOT_TO_TRACKER_OFFSET_NS, self.options)
 
     def calibrations(self) -> tuple[Transform, Transform]:
-        """``cautery_from_tip`` and ``needle_from_tumor`` as they were calibrated."""
+        """``tool_from_tip`` and ``sensor_from_tumor`` as they were calibrated."""
         errors, random = self.options.errors, np.random.default_rng([self.seed, 4])
-        tip = wrong_pose(CAUTERY_FROM_TIP, errors.tip_mm, errors.tip_rad, random)
-        return tip, wrong_pose(NEEDLE_FROM_TUMOR, errors.needle_mm, 0.0, random)
+        tip = wrong_pose(TOOL_FROM_TIP, errors.tip_mm, errors.tip_rad, random)
+        return tip, wrong_pose(SENSOR_FROM_TUMOR, errors.needle_mm, 0.0, random)
 
 
 def case_readme(
@@ -94,6 +93,7 @@ def case_readme(
     )
     simulation, model = case.simulation, case.options.tracker
     landmarks = len(simulation.scenario.dwells_s)
+    tool, sensor = TOOL_SENSOR, TUMOR_SENSOR
     return f"""\
 # A simulated lumpectomy
 
@@ -102,7 +102,7 @@ def case_readme(
 The same versions of it and of its libraries write the same bytes again, others the same numbers
 but for rounding.
 
-{simulation.duration_s:.1f} s from the first to the last frame. A robot holds a cautery: it dwells
+{simulation.duration_s:.1f} s from the first to the last frame. A robot holds a {tool}: it dwells
 on {landmarks} landmarks in a breath-hold at end expiration, then goes around a
 tumour that moves with the breath, and enters it {len(breaches)} times:
 
@@ -111,10 +111,10 @@ tumour that moves with the breath, and enters it {len(breaches)} times:
 {rows}
 
 - `case.yaml`: what belongs together, calibrations, margins.
-- `tracking.mcap`: `reference`, `needle` and `cautery` in `tracker` at {model.rate_hz:g} Hz from
+- `tracking.mcap`: `reference`, `{sensor}` and `{tool}` in `tracker` at {model.rate_hz:g} Hz from
   {FIRST_STAMP_NS / NS_PER_S:g} s on; joint states at 200 Hz by the robot's own clock, which is
   {case.offset_ns / NS_PER_MS:g} ms behind the tracker's.
-- `tumor.stl`, `cautery.stl`: closed surfaces in mm; the cautery's tip is its origin, +z forward.
+- `tumor.stl`, `{tool}.stl`: closed surfaces in mm; the {tool}'s tip is its origin, +z forward.
 - `expected.yaml`: the truth, from the poses before the noise was added.
 
 {_errors(case.options)}
@@ -153,7 +153,7 @@ def _errors(options: CaseOptions) -> str:
         + f", half of it at {model.distortion.reach_mm:g} mm",
         "contour of the tumour, RMS": f"{errors.contour_mm:g} mm",
         "calibration of the tip": _jitter(errors.tip_mm, errors.tip_rad),
-        "place of the tumour in the needle": f"{errors.needle_mm:g} mm",
+        f"place of the tumour in the {TUMOR_SENSOR}": f"{errors.needle_mm:g} mm",
         "joints: step, offset": f"{np.degrees(errors.encoder_step_rad):.3g}, "
         f"{np.degrees(errors.encoder_offset_rad):.3g} degrees",
         "offset of the clocks": f"{1000.0 * errors.clock_s:g} ms",
@@ -201,7 +201,7 @@ def simulate_case(
     arm: ArmKinematics,
     options: CaseOptions | None = None,
     urdf: str = TOUCH_URDF,
-    tool_link: str = TOUCH_TOOL_LINK,
+    tool_link: str = TOOL_LINK,
     command: str | None = None,
     structures: bool = False,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
@@ -235,7 +235,7 @@ def simulate_unrecorded_case(
     """
     frames: list[TrackingFrame] = []
     with new_folder(folder, may_be_empty=True) as partial:
-        made = _made(seed, arm, options, TOUCH_URDF, TOUCH_TOOL_LINK)
+        made = _made(seed, arm, options, TOUCH_URDF, TOOL_LINK)
         count = _replayed(made, frames.append, lambda done, total: None)
         _write(partial, made, count, None, None)
     return frames_as_read(frames, robot_to_tracker_offset_ns=made.case.offset_ns)
@@ -278,7 +278,7 @@ def _write(
     case, recorded = made.case, made.recorded
     simulation = case.simulation
     write_stl(folder / "tumor.stl", simulation.contour.mesh())
-    write_stl(folder / "cautery.stl", cautery_mesh())
+    write_stl(folder / TOOL_FILE, tool_mesh())
     breaches = find_breaches(
         simulation.clearance,
         simulation.tumor_from_tip,
@@ -332,12 +332,12 @@ def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
         "recording": recording,
         "clock": {"offset_robot_to_tracker_ms": case.offset_ns / NS_PER_MS},
         "tool": {
-            "frame": "cautery",
-            "mesh": {"path": "cautery.stl", "units": "mm"},
+            "frame": TOOL_SENSOR,
+            "mesh": {"path": TOOL_FILE, "units": "mm"},
             "tip_from": {"matrix": _numbers(calibrated[0])},
         },
         "tumor": {
-            "frame": "needle",
+            "frame": TUMOR_SENSOR,
             "mesh": {"path": "tumor.stl", "units": "mm"},
             "pose": {"matrix": _numbers(calibrated[1])},
         },

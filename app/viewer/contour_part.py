@@ -19,7 +19,13 @@ from app.contour import (
 from app.contour.surface import pixel_sigma
 from app.files.meshes import write_mesh
 from app.geometry import FloatArray, InputError
-from app.runtime import SessionContent, TrackedTool, compute_here, tip_mm
+from app.runtime import (
+    GUARDED_TOOL,
+    SessionContent,
+    compute_here,
+    tip_mm,
+    tool_names,
+)
 from app.scene import ContourModel, MarginGuardScene
 from app.session import StepResult
 from app.viewer.downloads import Write, operators_file
@@ -47,7 +53,7 @@ class ContourPlaces:
         self._content = content
         self._step: StepResult | None = None
 
-    def tip_mm(self, tool: TrackedTool) -> FloatArray:
+    def tip_mm(self, tool: str) -> FloatArray:
         """The tip (3,) of ``tool``. Raises `InputError` with why it is not known."""
         return tip_mm(self._step, self._content, tool, self.frame)
 
@@ -55,7 +61,7 @@ class ContourPlaces:
     def has_tip(self) -> bool:
         """True if the place of the guarded tool's tip is known."""
         try:
-            self.tip_mm(TrackedTool.CAUTERY)
+            self.tip_mm(GUARDED_TOOL)
         except InputError:
             return False
         return True
@@ -247,7 +253,7 @@ class ContourControls:
         self._changed = changed
         image = integer(0, _MAX_NUMBER)
         commands.add("contour_add", self._add, _author, image, _pixel, _pixel)
-        tool = one_of([each.value for each in TrackedTool])
+        tool = one_of(tool_names())
         commands.add("contour_tip", self._tip, _author, tool)
         commands.add("contour_move", self._move, _author, _seen, image, _pixel, _pixel)
         radius = number(0.0, MAX_ERASE_MM)
@@ -270,7 +276,7 @@ class ContourControls:
 
     def _tip(self, author: str, tool: str) -> None:
         def add() -> None:
-            place = self._part.places.tip_mm(TrackedTool(tool))
+            place = self._part.places.tip_mm(tool)
             editor.add(Change(author, editor.revision), place)
 
         editor = self._part.editor

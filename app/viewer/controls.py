@@ -1,13 +1,14 @@
 """Commands of the page, which its buttons and keys call: those that only operators may use."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from trame_server.state import State
 
-from app.case import MAX_DEPTH_MM
+from app.case import DISPLAY_ITEMS, MAX_DEPTH_MM, ItemKind
 from app.fixture import MarginParameters
 from app.geometry import InputError
-from app.runtime import ChooseDepth, LengthenNeedle, Rearm, Record, SetMargins
+from app.runtime import ITEM_COMMANDS, ChooseDepth, Rearm, Record, SetMargins
 from app.scene import MarkerStyle
 from app.scene.margin_display import (
     MAX_SIZE_MM,
@@ -16,7 +17,7 @@ from app.scene.margin_display import (
     MIN_SPACING_MM,
 )
 from app.viewer.drawing.camera_controller import CameraController, CameraPreset
-from app.viewer.drawing.scene_view import Part, SceneView
+from app.viewer.drawing.scene_view import PARTS, SceneView
 from app.viewer.feeds import RATES, ReplayControl
 from app.viewer.image_part import ImagePart
 from app.viewer.live_operator import LiveOperator
@@ -44,8 +45,8 @@ _LATER = (
     "the session has not begun, or does not answer an earlier request yet; expected the request "
     "later"
 )
-_MAX_NEEDLE_STEP = 10.0
-"""Largest change in mm of the needle's length at once."""
+_MAX_LENGTH_STEP = 10.0
+"""Largest change in mm of a rod's length at once."""
 _MAX_STOP_MM, _MAX_WARN_MM = (MarginParameters.ranges()[name][1] for name in ("stop_mm", "warn_mm"))
 
 
@@ -66,7 +67,7 @@ class SceneControls:
         self._changed = changed
         self._state.looks = [preset.value for preset in CameraPreset]
         self._publish_parts()
-        part = one_of(Part.__members__)
+        part = one_of(PARTS)
         self._state.keeps_tumor = camera.keeps_tumor
         commands.add("centre", self._keep_tumor, boolean)
         commands.add("look", self._select_camera, one_of(self._state.looks))
@@ -82,20 +83,20 @@ class SceneControls:
         self._changed()
 
     def _set_visible(self, name: str, visible: bool) -> None:
-        self._view.set_visible(Part[name], visible)
+        self._view.set_visible(name, visible)
         self._publish_parts()
         self._changed()
 
     def _set_opacity(self, name: str, opacity: float) -> None:
-        self._view.set_opacity(Part[name], opacity)
+        self._view.set_opacity(name, opacity)
         self._publish_parts()
         self._changed()
 
     def _publish_parts(self) -> None:
         self._state.parts = [
             {
-                "name": part.name,
-                "label": part.value,
+                "name": part,
+                "label": PARTS[part],
                 "visible": self._view.visible(part),
                 "opacity": self._view.opacity(part),
             }
@@ -187,7 +188,7 @@ class ImageControls:
 class LiveControls:
     """Re-arms a live session, whose hold the page shows; records it.
 
-    Changes its margins, the length of its needle and the depth of its images.
+    Changes its margins, the lengths of its display items and the depth of its images.
     """
 
     def __init__(self, commands: Commands, operator: LiveOperator) -> None:
@@ -196,7 +197,10 @@ class LiveControls:
         stop, warn = number(0.0, _MAX_STOP_MM), number(0.0, _MAX_WARN_MM)
         commands.add("margins", self._set_margins, stop, warn, stop, warn)
         commands.add("record", self._record, boolean, text(_MAX_RECORDING_NAME))
-        commands.add("needle_length", self._lengthen, number(-_MAX_NEEDLE_STEP, _MAX_NEEDLE_STEP))
+        step = number(-_MAX_LENGTH_STEP, _MAX_LENGTH_STEP)
+        for item in DISPLAY_ITEMS:
+            if item.kind is ItemKind.ROD:
+                commands.add(item.command, partial(self._lengthen, item.name), step)
         depth = number(0.0, MAX_DEPTH_MM)
         commands.add("image_depth", self._choose_depth, depth, depth)
 
@@ -204,9 +208,9 @@ class LiveControls:
         if not self._operator.request(Record(start, name.strip())):
             raise InputError("recording: " + _LATER)
 
-    def _lengthen(self, by_mm: float) -> None:
-        if not self._operator.request(LengthenNeedle(by_mm)):
-            raise InputError("needle: " + _LATER)
+    def _lengthen(self, name: str, by_mm: float) -> None:
+        if not self._operator.request(ITEM_COMMANDS[name](by_mm)):
+            raise InputError(f"{name}: {_LATER}")
 
     def _choose_depth(self, seen_mm: float, depth_mm: float) -> None:
         """Use ``depth_mm`` for new images, while the page has shown ``seen_mm`` as in use."""

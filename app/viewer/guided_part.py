@@ -9,7 +9,7 @@ from aiohttp import web
 
 from app.files import write_transform
 from app.geometry import InputError
-from app.runtime import TrackedTool
+from app.runtime import GUARDED_TOOL, tool_names
 from app.viewer.downloads import Write, operators_file
 from app.viewer.messages.checks import Commands, RefusedError, integer, one_of, text
 from app.workflow import (
@@ -47,7 +47,8 @@ def _sector_path(number: int, count: int) -> str:
     return f"M0 0L{x0:.2f} {y0:.2f}A{_RADIUS:g} {_RADIUS:g} 0 0 0 {x1:.2f} {y1:.2f}Z"
 
 
-TIP_FILE, STYLUS_FILE = "tip.yaml", "stylus.yaml"
+TIP_FILES = {"tip.yaml" if each == GUARDED_TOOL else f"{each}.yaml": each for each in tool_names()}
+"""Name of the file with a tip, and its tool."""
 _MAX_DIGITS = 20
 _seen_revision = integer(0, 2**53 - 1)
 
@@ -80,15 +81,14 @@ class GuidedPart:
     async def file(self, request: web.Request) -> web.Response:
         """The tip of a tool that the session uses, as YAML for a ``tip_from`` of ``live.yaml``.
 
-        ``tip.yaml`` is that of the guarded tool, ``stylus.yaml`` that of the stylus; 409 without.
+        ``tip.yaml`` is that of the guarded tool, others are those of pointers; 409 without one.
         """
 
         def tip() -> Write:
-            is_stylus = request.path.endswith(STYLUS_FILE)
-            tool = TrackedTool.STYLUS if is_stylus else TrackedTool.CAUTERY
+            tool = TIP_FILES[request.path.rpartition("/")[2]]
             change = self.workflow.calibration.in_use(tool)
             if change is None:
-                raise InputError("stylus: it has no calibrated tip; expected one to save")
+                raise InputError(f"{tool}: it has no calibrated tip; expected one to save")
             note = f"sigma {change.sigma_mm:.3f} mm"
             return lambda path: write_transform(path, change.tool_from_tip, note)
 
@@ -106,10 +106,10 @@ class GuidedControls:
         self._commands, self._changed = commands, changed
         calibration, registration = workflow.calibration, workflow.registration
         kind = one_of([each.value for each in CalibrationKind])
-        tool = one_of([each.value for each in TrackedTool])
+        tool = one_of(tool_names())
 
         def calibrate(seen: int, kind: str, tool: str) -> None:
-            calibration.start(seen, CalibrationKind(kind), TrackedTool(tool))
+            calibration.start(seen, CalibrationKind(kind), tool)
 
         self._add("calibration_start", calibrate, kind, tool)
         for name, guide in (("calibration", calibration), ("registration", registration)):
@@ -122,7 +122,7 @@ class GuidedControls:
             return
 
         def touch(seen: int, tool: str) -> None:
-            registration.start(seen, TrackedTool(tool))
+            registration.start(seen, tool)
 
         def remove(seen: int, point: str) -> None:
             if not (point.isascii() and point.isdecimal()):

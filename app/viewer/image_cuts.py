@@ -1,6 +1,7 @@
 """Surfaces in the plane of an image, and cuts of a volume through the tool's tip."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import pairwise
 
@@ -48,7 +49,7 @@ class ImageView:
     tumor: Lines = ()
     margin: Lines = ()
     tool: Lines = ()
-    needle: Lines = ()
+    items: Mapping[str, Lines] = field(default_factory=dict)
     tip: FloatArray | None = None
     closest: FloatArray | None = None
     edges: str = ""
@@ -90,7 +91,7 @@ class SurfaceCuts:
 
 
 class PlaneLines:
-    """Adds the lines of tumour, stop margin, tool and needle. Keeps the converted surfaces."""
+    """Adds the lines of tumour, stop margin, tool and rods. Keeps the converted surfaces."""
 
     def __init__(self) -> None:
         self._cuts = SurfaceCuts()
@@ -112,22 +113,24 @@ class PlaneLines:
             tumor=self._cuts.cut(content.tumor, to_pixels),
             margin=() if margin is None else self._cuts.cut(margin, to_pixels),
             tool=() if tool is None else self._cuts.cut(tool, to_pixels @ tip.matrix),
-            needle=self._needle(view, shown, root),
+            items=self._items(view, shown, root),
             tip=_mapped(to_pixels, tip.translation_mm[None])[0],
             closest=closest,
         )
 
-    def _needle(self, view: ImageView, shown: ViewState, root: str) -> Lines:
-        """The lines of the needle, none while its pose may not be used."""
-        needle = shown.content.needle
-        if needle is None:
-            return ()
-        try:
-            holder, _ = shown.step.edges.between(root, needle.frame_from_tip.target)
-        except FrameError:
-            return ()
-        to_pixels = pixels_from_root(view.matrix) @ (holder @ needle.frame_from_tip).matrix
-        return self._cuts.cut(needle.surface, to_pixels)
+    def _items(self, view: ImageView, shown: ViewState, root: str) -> dict[str, Lines]:
+        """The lines of each rod by its name, without those whose pose may not be used."""
+        found = {}
+        for item in shown.content.items:
+            if item.is_pointer or item.surface is None:
+                continue
+            try:
+                holder, _ = shown.step.edges.between(root, item.frame)
+            except FrameError:
+                continue
+            to_pixels = pixels_from_root(view.matrix) @ (holder @ item.tip).matrix
+            found[item.name] = self._cuts.cut(item.surface, to_pixels)
+        return found
 
 
 def root_from_tumor(shown: ViewState, root: str) -> Transform | None:

@@ -43,7 +43,7 @@ def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
         "tumor": svg_path(view.tumor),
         "margin": svg_path(view.margin),
         "tool": svg_path(view.tool),
-        "needle": svg_path(view.needle),
+        "items": {name: svg_path(lines) for name, lines in view.items.items()},
         "tip": None if tip is None else [tip[0] + 0.5, tip[1] + 0.5, tip[2]],
         "edges": view.edges,
         "closest": "" if view.closest is None else svg_path((view.closest,)),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
+from app.case import DISPLAY_ITEMS, ItemKind
 from app.geometry import MarginGuardError
 from app.runtime import (
     Operator,
@@ -21,7 +22,9 @@ _Value = TypeVar("_Value")
 THE_PAGE = "the page"
 """Origin of what its session has not listed."""
 
-_QUEUED = frozenset({RequestKind.NEEDLE, RequestKind.NOTE})
+_QUEUED = frozenset(
+    {RequestKind.NOTE, *(each.command for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD)}
+)
 """Kinds that a page sends one after the other. Another request of the others has to wait."""
 
 
@@ -40,8 +43,8 @@ class LiveOperator:
     ) -> None:
         self._refused, self._clock_ns = refused, clock_ns
         self._operator: Operator | None = None
-        self._threads: dict[RequestKind, ThreadPoolExecutor] = {}
-        self._running: dict[RequestKind, Future[None]] = {}
+        self._threads: dict[str, ThreadPoolExecutor] = {}
+        self._running: dict[str, Future[None]] = {}
 
     def connect(self, operator: Operator) -> None:
         """Send requests to this session from now on."""
@@ -90,5 +93,5 @@ class LiveOperator:
             log.exception("request %s", command.kind)
             self._tell(command.kind, f"unexpected {type(error).__name__}: see the log")
 
-    def _tell(self, kind: RequestKind, text: str) -> None:
+    def _tell(self, kind: str, text: str) -> None:
         self._refused(OperatorRequest(kind, THE_PAGE, False, text, self._clock_ns()))

@@ -18,10 +18,9 @@ from app.viewer.image_part import ImagePart, depth_values
 from app.viewer.page_lists import breach_rows, note_rows, workflow_values
 from app.viewer.page_values import (
     Directions,
-    needle_values,
+    item_values,
     readout,
     recording_values,
-    stylus_values,
 )
 from app.viewer.pointer_parts import HandPart
 from app.viewer.timeline import Timeline
@@ -77,8 +76,8 @@ class Page:
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
         self._recording = recording
-        state.recording = state.workflow = state.needle = state.image_depth = None
-        state.stylus = None
+        state.recording = state.workflow = state.image_depth = None
+        state.update(item_values(None))
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -148,9 +147,8 @@ class Page:
             state.update(self._new_lists())
             state.notes = note_rows(self._notes.entries, self._timeline)
             state.recording = recording_values(self._recording())
-            state.needle = needle_values(self._now)
+            state.update(item_values(self._now))
             state.image_depth = depth_values(self._now)
-            state.stylus = stylus_values(self._now)
             state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()

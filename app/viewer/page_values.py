@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from app.case import CauteryState
+from app.case import ENERGY_DEVICE, Activation
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import ANATOMICAL_WORDS, NS_PER_MS, Freshness
 from app.hold import SeenHold
-from app.runtime import OperatorRequest, RecordingStatus, SessionContent, TrackedTool, stylus_text
+from app.runtime import GUARDED_TOOL, OperatorRequest, RecordingStatus, SessionContent, tools_of
 from app.scene.shown_margin import TransformHealth
 from app.session import (
     SHOWN_STATES,
@@ -70,7 +70,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         single=SINGLE_SOURCE if shown.step.single_source else "",
         causes=list(shown.step.hold_causes) if decision.hold else [],
         request=_request(shown.request),
-        cautery=_cautery(shown),
+        activation=_activation(shown),
     )
 
 
@@ -109,7 +109,7 @@ def _values(
     single: str = "",
     causes: list[str] | None = None,
     request: dict[str, str | bool] | None = None,
-    cautery: dict[str, str] | None = None,
+    activation: dict[str, str] | None = None,
 ) -> dict[str, Any]:
     return {
         "state": state.name,
@@ -134,7 +134,7 @@ def _values(
         "single": single,
         "causes": causes or [],
         "request": request,
-        "cautery": cautery,
+        "activation": activation,
     }
 
 
@@ -157,13 +157,19 @@ def _request(request: OperatorRequest | None) -> dict[str, str | bool] | None:
     return None if request is None else {"line": request.line, "accepted": request.accepted}
 
 
-def _cautery(shown: ViewState) -> dict[str, str] | None:
-    """The state of the cautery; unknown while the session is silent, None where it is not told."""
-    told = shown.step.frame.cautery
+def _activation(shown: ViewState) -> dict[str, str] | None:
+    """The activation; unknown while the session is silent, None where it is not told."""
+    told = shown.step.frame.activation
     if told is None:
         return None
-    state = CauteryState.UNKNOWN if shown.silent else told
-    return {"state": state.value, "symbol": state.symbol, "label": state.label}
+    state = Activation.UNKNOWN if shown.silent else told
+    return {
+        "name": ENERGY_DEVICE.name,
+        "title": ENERGY_DEVICE.title,
+        "state": state.value,
+        "symbol": state.symbol,
+        "label": state.label,
+    }
 
 
 def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:
@@ -242,16 +248,23 @@ def recording_values(status: RecordingStatus | None) -> dict[str, object] | None
     }
 
 
-def needle_values(shown: ViewState | None) -> dict[str, str] | None:
-    """Length of the needle as text in mm; None without a needle."""
-    needle = None if shown is None else shown.content.needle
-    return None if needle is None else {"length": f"{needle.length_mm:g}"}
-
-
-def stylus_values(shown: ViewState | None) -> dict[str, Any] | None:
-    """Its tip as text, and the tools that a page lets its user choose from; None without one."""
-    text = None if shown is None else stylus_text(shown.content)
-    return None if not text else {"text": text, "tools": [each.value for each in TrackedTool]}
+def item_values(shown: ViewState | None) -> dict[str, Any]:
+    """The display items, and the tools with a tip that a page lets its user choose from."""
+    if shown is None:
+        return {"display_items": [], "tools": [GUARDED_TOOL]}
+    items = [
+        {
+            "name": each.name,
+            "title": each.declared.title,
+            "heading": each.declared.heading,
+            "length": "" if each.is_pointer else each.text,
+            "tip": each.text if each.is_pointer else "",
+            "command": each.declared.command,
+            "color": "#" + "".join(f"{round(255 * part):02x}" for part in each.declared.color),
+        }
+        for each in shown.content.items
+    ]
+    return {"display_items": items, "tools": list(tools_of(shown.content))}
 
 
 _PAIRS = ("R", "L", "A", "P", "S", "I")

@@ -39,7 +39,7 @@ from app.viewer.drawing.render_loop import (
 )
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.feeds import Feed, ReplayControl
-from app.viewer.guided_part import STYLUS_FILE, TIP_FILE, GuidedControls, GuidedPart
+from app.viewer.guided_part import TIP_FILES, GuidedControls, GuidedPart
 from app.viewer.image_part import ImagePart, image_kinds
 from app.viewer.live_operator import LiveOperator
 from app.viewer.log import limit_logs
@@ -255,7 +255,7 @@ class Viewer:
         if self._contour is not None:
             handlers |= {"/contour.stl": self._contour.file, "/contour.ply": self._contour.file}
         if self._guided is not None:
-            handlers |= {f"/{name}": self._guided.file for name in (TIP_FILE, STYLUS_FILE)}
+            handlers |= {f"/{name}": self._guided.file for name in TIP_FILES}
         posts: dict[str, Handle] = {"/paraview/": _session}
         if self._world is not None:
             posts["/body/{name}"] = BodyUpload(self._world.world).post

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.runtime.tracked_tool import TrackedTool
+from app.runtime.tracked_tool import GUARDED_TOOL
 from app.workflow.calibration_fit import CalibrationFit, CalibrationKind, Coverage
 from app.workflow.guided_recording import Phase
 from app.workflow.robot_registration import RobotRegistration
@@ -89,7 +89,7 @@ def calibration_shown(guide: ToolCalibration) -> GuidedShown:
     verdict, advice = _verdict(fit, status.phase, "Stop, then use it.")
     if fit is None and status.samples and not is_idle:
         verdict = "computing ..."
-    of = "" if status.tool is TrackedTool.CAUTERY else f" of the {status.tool}"
+    of = "" if status.tool == GUARDED_TOOL else f" of the {status.tool}"
     count = f"{status.samples} pose{'s' * (status.samples != 1)}"
     return GuidedShown(
         revision=status.revision,
@@ -122,7 +122,7 @@ def registration_shown(guide: RobotRegistration) -> GuidedShown:
         )
         for number, each in enumerate(() if fit is None else fit.points, start=1)
     )
-    by = "" if status.tool is TrackedTool.CAUTERY else f" with the {status.tool}"
+    by = "" if status.tool == GUARDED_TOOL else f" with the {status.tool}"
     count = f"{status.phase}, {len(points)} point{'s' * (len(points) != 1)}{by}"
     return GuidedShown(
         revision=status.revision,

@@ -1,7 +1,7 @@
 """Fit of a guided registration: the dwells of the tool so far, and the registration from them.
 
 The robot's tip and the tracked tip are the same point, so every place where the tool rests gives a
-pair: no landmark has to be known. A stylus touches the robot's tip with its own. Means, fit and
+pair: no landmark has to be known. A pointer touches the robot's tip with its own. Means, fit and
 checks are those of ``marginguard calibrate robot-base``.
 """
 
@@ -25,7 +25,7 @@ from app.registration import (
     detect_dwells,
     register_points,
 )
-from app.runtime.tracked_tool import TrackedTool
+from app.runtime.tracked_tool import GUARDED_TOOL
 from app.session import REFERENCE, mean_dwell_pose
 
 SETTINGS = DwellSettings(min_turn_rad=0.0)
@@ -57,7 +57,7 @@ class RegistrationTask:
     tool_link: str
     excluded: tuple[Interval, ...]
     targets_mm: FloatArray | None
-    tool: TrackedTool = TrackedTool.CAUTERY
+    tool: str = GUARDED_TOOL
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,9 +184,9 @@ def _points(
     return points, pairs
 
 
-def _advice(result: RegistrationResult | None, tool: TrackedTool) -> str:
+def _advice(result: RegistrationResult | None, tool: str) -> str:
     if result is None:
-        tip = "the tip" if tool is TrackedTool.CAUTERY else "robot and stylus, tip on tip,"
+        tip = "the tip" if tool == GUARDED_TOOL else f"robot and {tool}, tip on tip,"
         return f"hold {tip} still for 1 s at each point, around the tumour and not in one plane"
     if result.accepted:
         return ""

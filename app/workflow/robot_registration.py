@@ -9,7 +9,7 @@ from app.geometry import FloatArray, FrameError, InputError, Transform
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent
 from app.runtime.operator_command import SetRegistration
-from app.runtime.tracked_tool import REFUSED, TrackedTool, tip_of
+from app.runtime.tracked_tool import GUARDED_TOOL, REFUSED, tip_of
 from app.session import REFERENCE, RobotSetup, StepResult, box_corners
 from app.workflow.guided_recording import DisplayOperator, GuidedRecording, Phase
 from app.workflow.registration_fit import (
@@ -30,7 +30,7 @@ class RobotSamples:
     ``problem`` is why the last step gave none, empty if it did.
     """
 
-    def __init__(self, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+    def __init__(self, tool: str = GUARDED_TOOL) -> None:
         self.problem = ""
         self._touch = tool
         self._times_ns: list[int] = []
@@ -121,7 +121,7 @@ class RegistrationStatus:
     """
 
     revision: int
-    tool: TrackedTool
+    tool: str
     phase: Phase
     samples: int
     problem: str
@@ -133,7 +133,7 @@ class RegistrationStatus:
 class RobotRegistration(GuidedRecording[RegistrationResult]):
     """Detects where the tool on the robot of ``content`` rests, and registers from these points.
 
-    A stylus touches the robot's tip there with its own, where the tool on the robot is not tracked.
+    A pointer touches the robot's tip with its own, where the tool on the robot is not tracked.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
     Raises `InputError` for a content without a robot.
@@ -146,7 +146,7 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         if content.robot is None:
             raise InputError("registration: the session has no robot; expected one")
         self._robot = content.robot
-        self._tool = TrackedTool.CAUTERY
+        self._tool = GUARDED_TOOL
         self._samples = RobotSamples()
         self._fit: RegistrationFit | None = None
         self._excluded: tuple[Interval, ...] = ()
@@ -174,10 +174,10 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
                 can_restore=bool(self._excluded),
             )
 
-    def start(self, seen: int, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+    def start(self, seen: int, tool: str = GUARDED_TOOL) -> None:
         """Begin to record where ``tool`` touches; drops the points before.
 
-        Raises `InputError` without a stylus, and for one that is not calibrated.
+        Raises `InputError` without the pointer, and for one that is not calibrated.
         """
         with self._lock:
             self._check(seen)

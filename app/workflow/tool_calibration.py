@@ -7,8 +7,8 @@ import numpy as np
 
 from app.geometry import NS_PER_MS, FloatArray, FrameError, InputError, Transform
 from app.runtime.content import SessionContent
-from app.runtime.operator_command import SetStylusTip, SetTip
-from app.runtime.tracked_tool import REFUSED, TrackedTool
+from app.runtime.operator_command import ITEM_COMMANDS, SetItemTip, SetTip
+from app.runtime.tracked_tool import GUARDED_TOOL, REFUSED
 from app.session import REFERENCE, StepResult
 from app.workflow.calibration_fit import (
     CalibrationFit,
@@ -96,13 +96,16 @@ class TipChange:
 
     tool_from_tip: Transform
     sigma_mm: float
-    tool: TrackedTool = TrackedTool.CAUTERY
+    tool: str = GUARDED_TOOL
 
 
-def tip_command(change: TipChange) -> SetTip | SetStylusTip:
+def tip_command(change: TipChange) -> SetTip | SetItemTip:
     """The command that uses the tip of ``change`` for its tool, and for no other one."""
-    command = SetTip if change.tool is TrackedTool.CAUTERY else SetStylusTip
-    return command(change.tool_from_tip, change.sigma_mm)
+    tip = change.tool_from_tip, change.sigma_mm
+    if change.tool == GUARDED_TOOL:
+        return SetTip(*tip)
+    command: SetItemTip = ITEM_COMMANDS[change.tool](*tip)
+    return command
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +118,7 @@ class CalibrationStatus:
     """
 
     revision: int
-    tool: TrackedTool
+    tool: str
     kind: CalibrationKind
     phase: Phase
     samples: int
@@ -127,7 +130,7 @@ class CalibrationStatus:
 class ToolCalibration(GuidedRecording[TipChange]):
     """Records poses of a tool of ``content``, one calibration at a time, for all operators.
 
-    The tool is that of the guard or the stylus: an accepted result replaces the tip of this one.
+    The tool is the guarded one or a pointer: an accepted result replaces the tip of this one.
 
     `observe` is called with each step, in the session's thread; all other methods in any thread.
     """
@@ -136,7 +139,7 @@ class ToolCalibration(GuidedRecording[TipChange]):
         self, content: SessionContent, operator: DisplayOperator, changed: Callable[[], None]
     ) -> None:
         super().__init__("calibration", content, fit_calibration, operator, changed)
-        self._tool = TrackedTool.CAUTERY
+        self._tool = GUARDED_TOOL
         self._kind = CalibrationKind.PIVOT
         self._samples = ToolSamples(content.tool_from_tip.target)
         self._fit: CalibrationFit | None = None
@@ -166,17 +169,15 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 can_accept=self._refusal() == "",
             )
 
-    def in_use(self, tool: TrackedTool) -> TipChange | None:
+    def in_use(self, tool: str) -> TipChange | None:
         """The tip of ``tool`` that the session uses, by the last `use_content`; None without."""
         with self._lock:
             return self._in_use(tool)
 
-    def start(
-        self, seen: int, kind: CalibrationKind, tool: TrackedTool = TrackedTool.CAUTERY
-    ) -> None:
+    def start(self, seen: int, kind: CalibrationKind, tool: str = GUARDED_TOOL) -> None:
         """Begin to record poses of ``tool``; drops what was recorded before.
 
-        Raises `InputError` for a stylus that the session does not have, and for the spin of a tool
+        Raises `InputError` for a pointer that the session does not have, and for the spin of a tool
         without a tip: its axis would have no sign.
         """
         with self._lock:
@@ -213,23 +214,23 @@ class ToolCalibration(GuidedRecording[TipChange]):
             if fit.run == self._run and self._phase is not Phase.IDLE:
                 self._fit = fit
 
-    def _known(self, tool: TrackedTool) -> Transform:
-        """The tip in use; at the sensor's origin for a stylus that is not calibrated."""
-        if tool is TrackedTool.CAUTERY:
+    def _known(self, tool: str) -> Transform:
+        """The tip in use; at the sensor's origin for a pointer that is not calibrated."""
+        if tool == GUARDED_TOOL:
             return self._content.tool_from_tip
-        stylus = self._content.known_stylus
-        return stylus.frame_from_tip or Transform.identity(stylus.frame, stylus.tip_frame)
+        item = self._content.item(tool)
+        return item.frame_from_tip or Transform.identity(item.frame, item.tip_frame)
 
-    def _in_use(self, tool: TrackedTool) -> TipChange | None:
+    def _in_use(self, tool: str) -> TipChange | None:
         content = self._content
-        if tool is TrackedTool.CAUTERY:
+        if tool == GUARDED_TOOL:
             return TipChange(content.tool_from_tip, content.tip_sigma_mm)
-        stylus = content.stylus
-        if stylus is None or stylus.frame_from_tip is None:
+        item = next((each for each in content.items if each.name == tool), None)
+        if item is None or item.frame_from_tip is None:
             return None
-        return TipChange(stylus.frame_from_tip, stylus.sigma_mm, tool)
+        return TipChange(item.frame_from_tip, item.sigma_mm, tool)
 
-    def _command(self, result: TipChange) -> SetTip | SetStylusTip:
+    def _command(self, result: TipChange) -> SetTip | SetItemTip:
         return tip_command(result)
 
     def _replacement(self) -> tuple[TipChange | None, TipChange]:

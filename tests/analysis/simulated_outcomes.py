@@ -17,8 +17,9 @@ from app.analysis.breach_probability import breach_probability, smoothed_distanc
 from app.fixture.proximity.engine import ProximityEngine
 from app.geometry import FloatArray, Transform
 from app.geometry.rotations import rotation_of_vector
+from app.synthetic.frame_names import TIP_FRAME, TUMOR_FRAME
 from app.synthetic.truth import Clearance
-from app.synthetic.tumour_and_tool import CAUTERY_TIP_FRAME, TUMOR_FRAME, Tumour, cautery_mesh
+from app.synthetic.tumour_and_tool import Tumour, tool_mesh
 
 CASES_PER_TUMOUR = 100
 RATE_HZ, CASE_S, TRUE_PER_FRAME = 40.0, 4.0, 4
@@ -42,7 +43,7 @@ def predictions(
     ``jitter_mm`` is the RMS of the white and of the slow jitter along each axis; ``error_scale``
     scales the constant errors, 0.2 to 0.9 mm along each axis.
     """
-    tool = cautery_mesh()
+    tool = tool_mesh()
     for number in range(count):
         random = np.random.default_rng([seed, number])
         if number % CASES_PER_TUMOUR == 0:
@@ -102,7 +103,7 @@ def _motion(random: np.random.Generator, tumour: Tumour, count: int) -> list[Tra
         side = np.cross(out, axis)
         side /= np.linalg.norm(side)
         inward = np.stack([side, np.cross(-out, side), -out], axis=1)
-        poses.append(Transform(TUMOR_FRAME, CAUTERY_TIP_FRAME, tilt @ inward, distance * out))
+        poses.append(Transform(TUMOR_FRAME, TIP_FRAME, tilt @ inward, distance * out))
     return poses
 
 

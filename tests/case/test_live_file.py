@@ -15,7 +15,7 @@ from app.case import (
     open_case,
     open_live,
 )
-from app.case.manifest.images import CauteryEntry
+from app.case.manifest.images import ActivationEntry
 from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
 from app.geometry import InputError
 from app.session import guidance_parameters, limiter_parameters, tumor_motion_parameters
@@ -241,12 +241,12 @@ def test_cautery_has_one_source(tmp_path, values, cautery, message):
 def test_cautery_of_a_session_is_in_its_recorded_case(tmp_path, project_root):
     path = project_root / "data" / "live_example"
     live = open_live(path / "live.yaml")
-    assert live.case.manifest.cautery is None
+    assert live.case.manifest.activation is None
     text = (path / "live.yaml").read_text() + "\ncautery: {topic: /generator/active}\n"
     folder = tmp_path / "live"
     shutil.copytree(path, folder)
     (folder / "live.yaml").write_text(text)
     live = open_live(folder / "live.yaml")
-    assert live.case.manifest.cautery == CauteryEntry("/generator/active", None, 10**9)
+    assert live.case.manifest.activation == ActivationEntry("/generator/active", None, 10**9)
     written = begun(live, tmp_path)
     assert written["cautery"] == {"topic": "/generator/active"}

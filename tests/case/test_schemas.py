@@ -13,10 +13,10 @@ import yaml
 from app.case import DOCUMENTS, open_live
 from app.case.live_file import ABOVE_0, NEEDS_ROBOT, PASSIVE
 from app.case.manifest.case_file import FILES, OWN_BASE_FRAME
+from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.margins import SESSION_LIMITS
-from app.case.manifest.parts import OWN_STYLUS_FRAME, STYLUS_TIP
 from app.cli.commands.doctor import SCHEMA_NAMES
 from app.cli.main import main
 from app.files import schema_text
@@ -157,6 +157,7 @@ SOME_PAIR, _ = PLAUSIBILITY["plausibility"]["pairs"]
 SOME_APPROACH = PLAUSIBILITY["plausibility"]["approach"]
 SOME_BOX = BOX["plausibility"]["workspace"]
 
+OWN_STYLUS_FRAME, STYLUS_TIP = DISPLAY_ITEMS[1].rules
 EXAMPLES: dict[str, tuple[str, str, object]] = {
     GENERAL_RULES[0]: ("case", "margins.k_tre", math.inf),
     GENERAL_RULES[1]: ("case", "schema", 1.0),

@@ -23,6 +23,7 @@ from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 MODEL = "{path: wire.ply, units: mm}"
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=7.0)
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+STYLUS_TIP = Transform("pointer", "pointer_tip", TURN, [2.0, 1 / 3, 140.7])
 VALUES = SessionValues(
     tool_from_tip=Transform("cautery", "cautery_tip", TURN, [1 / 3, 2.0, 120.1]),
     tip_sigma_mm=0.2,
@@ -35,9 +36,10 @@ VALUES = SessionValues(
         np.diag([1e-6, 2e-6, 3e-6, 0.1, 0.2, 0.3]),
         12,
     ),
-    needle_length_mm=61.5,
-    stylus_from_tip=Transform("pointer", "pointer_tip", TURN, [2.0, 1 / 3, 140.7]),
-    stylus_sigma_mm=0.35,
+    items={
+        "needle": {"length_mm": 61.5},
+        "stylus": {"tip_from": {"matrix": STYLUS_TIP.matrix.ravel().tolist()}, "sigma_mm": 0.35},
+    },
     image_depth_mm=45.0,
 )
 
@@ -47,15 +49,13 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them():
     found = received_values(stream)
     assert stream.read() == b"next"
     assert found.margins == VALUES.margins
-    sigmas = (found.tip_sigma_mm, found.tumor_sigma_mm, found.stylus_sigma_mm)
-    assert sigmas == (0.2, 0.45, 0.35)
-    assert (found.needle_length_mm, found.image_depth_mm) == (61.5, 45.0)
+    assert (found.tip_sigma_mm, found.tumor_sigma_mm) == (0.2, 0.45)
+    assert (found.items, found.image_depth_mm) == (VALUES.items, 45.0)
     assert np.array_equal(found.tumor.vertices_mm, VALUES.tumor.vertices_mm)
     assert np.array_equal(found.tumor.faces, VALUES.tumor.faces)
     for mine, sent in (
         (found.tool_from_tip, VALUES.tool_from_tip),
         (found.frame_from_tumor, VALUES.frame_from_tumor),
-        (found.stylus_from_tip, VALUES.stylus_from_tip),
         (found.registration.reference_from_base, VALUES.registration.reference_from_base),
     ):
         assert (mine.target, mine.source) == (sent.target, sent.source)
@@ -108,18 +108,18 @@ def test_case_of_a_recording_has_the_needle_as_it_is_shown(tmp_path, live_file):
     path = live_file(f"needle: {{frame: needle, length_mm: 60, model: {MODEL}}}")
     write_exact_ply(tmp_path / "wire.ply", SurfaceMesh("a", BALL.vertices, BALL.faces))
     begin_case(open_live(path), tmp_path / "case", VALUES)
-    recorded = load_manifest(tmp_path / "case").needle
+    recorded = load_manifest(tmp_path / "case").items["needle"]
     assert (recorded.length_mm, recorded.direction) == (61.5, (0.0, 0.0, 1.0))
     assert (tmp_path / "case" / recorded.model.path).is_file()
 
 
 def test_case_of_a_recording_has_the_calibrated_tip_of_the_stylus(tmp_path, live_file):
     live = open_live(live_file("stylus: {frame: pointer}"))
-    assert live.case.manifest.stylus.frame_from_tip is None
+    assert live.case.manifest.items["stylus"].frame_from_tip is None
     begin_case(live, tmp_path / "case", VALUES)
-    recorded = load_manifest(tmp_path / "case").stylus
+    recorded = load_manifest(tmp_path / "case").items["stylus"]
     assert (recorded.frame, recorded.sigma_mm) == ("pointer", 0.35)
-    assert np.array_equal(recorded.frame_from_tip.matrix, VALUES.stylus_from_tip.matrix)
+    assert np.array_equal(recorded.frame_from_tip.matrix, STYLUS_TIP.matrix)
 
 
 def test_session_of_other_frames_than_those_of_the_file_is_refused(tmp_path, live_file):

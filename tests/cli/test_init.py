@@ -67,7 +67,7 @@ def test_live_file_opens(folder, options, source):
 
 def test_needle_is_written_with_its_direction(folder):
     needle = ("--needle-frame", "needle", "--needle-length-mm", "60")
-    found = new_case(folder, *needle, "--needle-direction", "0", "3", "-4").manifest.needle
+    found = new_case(folder, *needle, "--needle-direction", "0", "3", "-4").manifest.items["needle"]
     assert found is not None and found.model is None
     assert (found.frame, found.length_mm, found.direction) == ("needle", 60.0, (0.0, 0.6, -0.8))
 
@@ -77,7 +77,7 @@ def test_stylus_is_written_with_and_without_its_tip(folder, tip_mm):
     tip_file = folder / "pointer.txt"
     tip_file.write_text("1 0 0 2\n0 1 0 3\n0 0 1 120\n0 0 0 1\n")
     options = ["--stylus-frame", "pointer", *(["--stylus-tip", tip_file] if tip_mm else [])]
-    found = new_live(folder, "--source", "tf", *options).case.manifest.stylus
+    found = new_live(folder, "--source", "tf", *options).case.manifest.items["stylus"]
     assert found is not None and found.frame == "pointer"
     tip = found.frame_from_tip
     assert (None if tip is None else tip.translation_mm.tolist()) == tip_mm

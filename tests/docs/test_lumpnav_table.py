@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from app.case import DISPLAY_ITEMS
 from app.viewer.drawing.camera_controller import CameraPreset
-from app.viewer.drawing.scene_view import Part
+from app.viewer.drawing.scene_view import PARTS
 
 ROOT = Path(__file__).parents[2]
 WEB = ROOT / "app" / "viewer" / "web"
@@ -59,13 +60,15 @@ def page_labels():
 
 
 def python_labels():
-    return {each.value for kind in (CameraPreset, Part) for each in kind}
+    items = {each.heading for each in DISPLAY_ITEMS}
+    return {each.value for each in CameraPreset} | set(PARTS.values()) | items
 
 
 @pytest.fixture(scope="module")
 def panel_labels():
     texts = ElementTree.parse(UI).getroot().iter("property")
-    return {each.findtext("string") for each in texts if each.get("name") == "text"}
+    items = {each.heading for each in DISPLAY_ITEMS}
+    return items | {each.findtext("string") for each in texts if each.get("name") == "text"}
 
 
 def test_every_row_has_four_cells():

@@ -11,7 +11,7 @@ import pyigtl
 import pytest
 import yaml
 
-from app.case import CauteryState, open_case, open_case_images
+from app.case import Activation, open_case, open_case_images
 from app.geometry import TrackingStatus, join_transform_name
 from benchmarks.images.session import POSES_MM, TOPIC, write_session
 from tests.bridge.conftest import Start
@@ -108,7 +108,7 @@ def test_igtl_source_is_recorded_with_status_stamps_and_images(
         expected = np.array(POSES_MM[sample.source]) + round(number)
         assert sample.transform.translation_mm == pytest.approx(expected, abs=1e-9)
     # The last word is "on"; the words of one read come before its poses.
-    assert [frame.cautery for frame in opened.recorded_frames()][-1] is CauteryState.ON
+    assert [frame.activation for frame in opened.recorded_frames()][-1] is Activation.ON
     images = open_case_images(opened)
     assert images is not None and len(images) == FRAMES
     for number in range(FRAMES):

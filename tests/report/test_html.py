@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from app.case import CauteryState, Expected
+from app.case import Activation, Expected
 from app.report import summarise
 from app.report.page import NOT_A_DEVICE
 from app.report.rows import count_reasons
@@ -58,8 +58,10 @@ def test_breach_tells_the_state_of_the_cautery_at_its_entry(record_of):
     record = record_of([6.0, -1.0, -2.0, 6.0])
     plain = Page(page_of(record))
     assert "cautery at entry" not in plain.text
-    states = [CauteryState.OFF, CauteryState.ON, CauteryState.OFF, CauteryState.UNKNOWN]
-    rows = tuple(replace(row, cautery=told) for row, told in zip(record.rows, states, strict=True))
+    states = [Activation.OFF, Activation.ON, Activation.OFF, Activation.UNKNOWN]
+    rows = tuple(
+        replace(row, activation=told) for row, told in zip(record.rows, states, strict=True)
+    )
     told = record_of([], rows=rows)
     assert summarise(told)["breaches"][0]["cautery_at_entry"] == "on"
     expected = [

@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.case import CauteryState
+from app.case import Activation
 from app.fixture import MarginState
 from app.report import ReportRow, margin_csv
 from app.report.rows import COLUMNS
@@ -25,8 +25,8 @@ def test_text_is_exactly_this(rows_of):
 
 def test_state_of_the_cautery_is_a_column_of_a_case_with_a_source_only(rows_of):
     rows = rows_of([6.5, None, -1.25])
-    states = (CauteryState.OFF, CauteryState.UNKNOWN, CauteryState.ON)
-    told = [replace(row, cautery=state) for row, state in zip(rows, states, strict=True)]
+    states = (Activation.OFF, Activation.UNKNOWN, Activation.ON)
+    told = [replace(row, activation=state) for row, state in zip(rows, states, strict=True)]
     plain, text = margin_csv(rows).splitlines(), margin_csv(told).splitlines()
     assert text == [
         f"{line},{cell}"

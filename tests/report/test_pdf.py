@@ -8,7 +8,7 @@ import pytest
 from matplotlib.image import imsave
 from pypdf import PdfReader
 
-from app.case import CauteryState
+from app.case import Activation
 from app.report.pdf import PdfLayout, report_pdf
 from app.report.summary import summarise
 
@@ -45,7 +45,7 @@ def test_pdf_has_the_numbers_and_the_digests(record_of):
 
 def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record_of):
     record = record_of([8.0, -1.25, 7.0])
-    rows = tuple(replace(row, cautery=CauteryState.UNKNOWN) for row in record.rows)
+    rows = tuple(replace(row, activation=Activation.UNKNOWN) for row in record.rows)
     assert "unknown" not in text_of(pdf_of(record))
     text = text_of(pdf_of(record_of([], rows=rows)))
     assert "cautery" in text and "unknown" in text

@@ -4,14 +4,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.case import CauteryState
+from app.case import Activation
 from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import Stamp, Transform
 from app.report import ReplayLog, ReportError, ReportRow
 from app.runtime import StepTiming
 
 
-def step(distance_mm, *, ns=5, tip=True, cautery=None):
+def step(distance_mm, *, ns=5, tip=True, activation=None):
     proximity = None
     if distance_mm is not None:
         witnesses = Witnesses.single(
@@ -31,7 +31,7 @@ def step(distance_mm, *, ns=5, tip=True, cautery=None):
     )
     tip_pose = Transform("tumor", "cautery_tip", np.eye(3), np.array([1.0, 2.0, 3.0]))
     return SimpleNamespace(
-        frame=SimpleNamespace(stamp=Stamp(ns), cautery=cautery),
+        frame=SimpleNamespace(stamp=Stamp(ns), activation=activation),
         decision=decision,
         tumor_from_tip=tip_pose if tip else None,
         between_frames=None,
@@ -47,8 +47,8 @@ def test_row_of_a_step_keeps_its_numbers():
 
 
 def test_row_of_a_step_keeps_the_state_of_the_cautery():
-    assert ReportRow.from_step(step(-1.5, cautery=CauteryState.ON)).cautery is CauteryState.ON
-    assert ReportRow.from_step(step(-1.5)).cautery is None
+    assert ReportRow.from_step(step(-1.5, activation=Activation.ON)).activation is Activation.ON
+    assert ReportRow.from_step(step(-1.5)).activation is None
 
 
 def test_row_of_a_step_without_proximity_has_no_numbers():

@@ -8,8 +8,7 @@ import numpy as np
 
 from app.geometry import SurfaceMesh, Transform
 from app.registration import DriftBound
-from app.runtime import ImageDepth, Needle, OperatorCommands, StepHolds, Stylus
-from app.runtime.display_content import thin_needle
+from app.runtime import ITEM_COMMANDS, ImageDepth, OperatorCommands, ShownItem, StepHolds
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere
 from tests.session_content import FACES, TETRAHEDRON, one_link_content
@@ -24,17 +23,15 @@ PREPARED = ["prepare first", "prepare second"]
 LATCHED = ["latch first", "latch second"]
 SWITCHED = ["switch first", "switch second"]
 APPLIED = ["revoke first", "revoke second", *SWITCHED]
-STYLUS = Stylus("pointer")
+STYLUS = ShownItem("stylus", "pointer")
 STYLUS_TIP = Transform("pointer", "pointer_tip", np.eye(3), [1.0, 2.0, 140.0])
 DEPTHS = ImageDepth((40.0, 60.0), 40.0)
 MOUNTED = replace(ROBOT, link_from_tip=Transform.identity("base_link", "cautery_tip"))
 OTHER_TIP = Transform("cautery", "cautery_tip", np.eye(3), [3.0, 0.0, 124.0])
-NEEDLE = Needle(
-    60.0,
-    Transform("needle", "needle_tip", np.eye(3), [0.0, 0.0, 60.0]),
-    thin_needle(60.0, "needle_tip"),
-    is_generated=True,
+NEEDLE = ShownItem(
+    "needle", "needle", 60.0, Transform("needle", "needle_tip", np.eye(3), [0.0, 0.0, 60.0])
 )
+LengthenNeedle, SetStylusTip = ITEM_COMMANDS["needle"], ITEM_COMMANDS["stylus"]
 
 
 class OutputDouble:

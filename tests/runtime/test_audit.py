@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.case import CauteryState
+from app.case import Activation
 from app.fixture import MarginState, Reason
 from app.runtime import AuditLog, AuditOutput, OperatorRequest, RequestKind
 from tests.session_content import one_link_content
@@ -16,12 +16,12 @@ CONTENT = one_link_content()
 NOW_NS = 1_700_000_000_123_456_789
 
 
-def step(*causes, hold=True, cautery=None):
+def step(*causes, hold=True, activation=None):
     """Test double of a step: the values that the audit log reads."""
     decision = SimpleNamespace(
         hold=hold, state=MarginState.WARNING, reasons=(Reason.LATCHED,) if hold else (Reason.CLEAR,)
     )
-    frame = SimpleNamespace(stamp=SimpleNamespace(ns=5), cautery=cautery)
+    frame = SimpleNamespace(stamp=SimpleNamespace(ns=5), activation=activation)
     return SimpleNamespace(
         decision=decision, hold_causes=causes, index=3, frame=frame, playback="case"
     )
@@ -105,9 +105,9 @@ def test_stuck_or_full_disk_delays_nobody_and_is_counted(tmp_path, monkeypatch):
 
 def test_changes_of_the_cautery_are_listed(log):
     output = AuditOutput(log, CONTENT, lambda: 0)
-    unknown, off, on = CauteryState.UNKNOWN, CauteryState.OFF, CauteryState.ON
+    unknown, off, on = Activation.UNKNOWN, Activation.OFF, Activation.ON
     for state in (unknown, off, off, on, on, off, unknown):
-        output.publish(step(hold=False, cautery=state), None)
+        output.publish(step(hold=False, activation=state), None)
     found = [line for line in lines(log) if line["event"] == "cautery"]
     assert [line["cautery"] for line in found] == ["unknown", "off", "on", "off", "unknown"]
     assert {(line["step"], line["stamp_ns"]) for line in found} == {(3, 5)}

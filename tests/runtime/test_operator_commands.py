@@ -13,9 +13,9 @@ from app.fixture import MarginState, TipProximity
 from app.geometry import InputError, MarginGuardError, MeshError, SurfaceMesh, Transform
 from app.hold import NotRearmableError, RearmRefusedError, SeenHold
 from app.registration import given_registration
-from app.runtime import ChooseDepth, ImageDepth, LengthenNeedle, LocalOperator, SetStylusTip
+from app.runtime import ChooseDepth, ImageDepth, LocalOperator
 from app.runtime.operator_command import COMMANDS
-from app.runtime.requests import ADMITTED, RequestKind
+from app.runtime.requests import ADMITTED, KINDS, RequestKind
 from tests.doubles import PARAMETERS, frame, joint_sample, sample
 from tests.runtime.command_world import (
     APPLIED,
@@ -34,6 +34,8 @@ from tests.runtime.command_world import (
     STYLUS_TIP,
     TOOL_EDGE,
     TUMOR_EDGE,
+    LengthenNeedle,
+    SetStylusTip,
     World,
 )
 from tests.session_content import FACES, TETRAHEDRON
@@ -57,31 +59,35 @@ def world():
 
 
 def test_length_of_the_needle_changes_only_what_is_shown():
-    world = World(needle=NEEDLE)
+    world = World(items=(NEEDLE,))
     LocalOperator(world.commands, "a test").request(LengthenNeedle(5.0))
     world.assert_only_shown_content_changed()
     content = world.commands.content
-    assert content.needle.length_mm == 65.0
-    assert content.needle.frame_from_tip.translation_mm.tolist() == [0.0, 0.0, 65.0]
-    assert np.ptp(content.needle.surface.vertices_mm[:, 2]) == 65.0
-    assert content.values(world.content).needle_length_mm == 65.0
+    needle = content.item("needle")
+    assert needle.length_mm == 65.0
+    assert needle.frame_from_tip.translation_mm.tolist() == [0.0, 0.0, 65.0]
+    assert np.ptp(needle.surface.vertices_mm[:, 2]) == 65.0
+    assert content.values(world.content).items == {"needle": {"length_mm": 65.0}}
     assert content.replaced_since(world.content) == ("needle",)
     assert (content.model_id, content.margins) == (world.content.model_id, world.content.margins)
     assert world.commands.requests.last.line.endswith("from a test accepted: from 60 to 65 mm")
 
 
 def test_tip_of_the_stylus_changes_neither_the_tool_nor_the_session():
-    world = World(stylus=STYLUS)
+    world = World(items=(NEEDLE, STYLUS))
     LocalOperator(world.commands, "a test").request(SetStylusTip(STYLUS_TIP, 0.3))
     world.assert_only_shown_content_changed()
     content = world.commands.content
     assert content.tool_from_tip is world.content.tool_from_tip
     assert content.tip_sigma_mm == world.content.tip_sigma_mm
     assert content.margins is world.content.margins
-    assert (content.stylus.frame_from_tip, content.stylus.sigma_mm) == (STYLUS_TIP, 0.3)
-    assert np.ptp(content.stylus.surface.vertices_mm[:, 2]) == pytest.approx(140.0, abs=0.1)
-    values = content.values(world.content)
-    assert (values.stylus_from_tip, values.stylus_sigma_mm) == (STYLUS_TIP, 0.3)
+    stylus = content.item("stylus")
+    assert (stylus.frame_from_tip, stylus.sigma_mm) == (STYLUS_TIP, 0.3)
+    assert np.ptp(stylus.surface.vertices_mm[:, 2]) == pytest.approx(140.0, abs=0.1)
+    assert content.item("needle") is NEEDLE
+    values = content.values(world.content).items["stylus"]
+    matrix = STYLUS_TIP.matrix.ravel().tolist()
+    assert values == {"tip_from": {"matrix": matrix}, "sigma_mm": 0.3}
     assert content.replaced_since(world.content) == ("stylus",)
     request = world.commands.requests.last.line
     assert request == "set_stylus_tip from a test accepted: the first tip, sigma 0.30 mm"
@@ -221,8 +227,9 @@ def test_registration_changes_robot_and_static_edge(world):
 
 
 def test_every_kind_of_request_has_a_command_and_a_limit():
-    assert set(COMMANDS) == set(RequestKind)
-    assert set(ADMITTED) == set(RequestKind) - {RequestKind.REARM}
+    assert {"needle_length", "set_stylus_tip"} < set(KINDS)
+    assert set(COMMANDS) == set(KINDS)
+    assert set(ADMITTED) == set(KINDS) - {RequestKind.REARM}
 
 
 @ALL_COMMANDS

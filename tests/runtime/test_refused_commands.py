@@ -6,7 +6,7 @@ import pytest
 
 from app.geometry import FrameError, InputError, MeshError, SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import ChooseDepth, LengthenNeedle, LocalOperator, SetStylusTip
+from app.runtime import ITEM_COMMANDS, ChooseDepth, LocalOperator
 from tests.runtime.command_world import (
     DEPTHS,
     LARGER,
@@ -18,6 +18,8 @@ from tests.runtime.command_world import (
     STYLUS_TIP,
     TOOL_EDGE,
     TUMOR_EDGE,
+    LengthenNeedle,
+    SetStylusTip,
     World,
 )
 from tests.session_content import FACES, TETRAHEDRON
@@ -63,7 +65,7 @@ def registration(target, source):
     return use(given_registration(Transform.identity(target, source)))
 
 
-EVERYTHING = {"needle": NEEDLE, "stylus": STYLUS, "image_depth": DEPTHS, "robot": MOUNTED}
+EVERYTHING = {"items": (NEEDLE, STYLUS), "image_depth": DEPTHS, "robot": MOUNTED}
 LENGTH = "^needle: a length of .* mm; expected 1 to 500 mm$"
 SIGMA = "^uncertainty of the {}: is {} mm; expected 0 to 10 mm"
 WRONG = {
@@ -126,7 +128,10 @@ MISSING = {
     ("content", "row"),
     [
         *(pytest.param(EVERYTHING, row, id=f"wrong {name}") for name, row in WRONG.items()),
-        *(pytest.param({name: None}, row, id=f"no {name}") for name, row in MISSING.items()),
+        *(
+            pytest.param({} if name in ITEM_COMMANDS else {name: None}, row, id=f"no {name}")
+            for name, row in MISSING.items()
+        ),
     ],
 )
 def test_refused_command_changes_nothing_and_switches_no_output(content, row):

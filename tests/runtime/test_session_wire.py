@@ -32,7 +32,7 @@ def contents(project_root):
     case = prepare_case(project_root / "data" / "recorded_case").content
     live = prepare_live(project_root / "data" / "live_example" / "live.yaml").content
     known = STYLUS.with_tip(STYLUS_TIP, 0.3)
-    return case, replace(live, needle=NEEDLE, stylus=known, tip_sigma_mm=0.25)
+    return case, replace(live, items=(NEEDLE, known), tip_sigma_mm=0.25)
 
 
 def read(written: SessionWire, text: str) -> DescribedSession:
@@ -73,8 +73,8 @@ def test_what_has_not_changed_is_the_same_object_in_the_next_content(contents):
 def test_description_of_another_version_or_without_its_meshes_is_refused(contents):
     writer = SessionWire()
     text = writer.description(DescribedSession(contents[0]))
-    other = json.dumps({**json.loads(text), "version": 2})
-    with pytest.raises(InputError, match="not of version 1; expected a MarginGuard of the same"):
+    other = json.dumps({**json.loads(text), "version": 3})
+    with pytest.raises(InputError, match="not of version 2; expected a MarginGuard of the same"):
         read(writer, other)
     with pytest.raises(InputError, match=r"mesh .*: not sent; expected it with what names it"):
         SessionWire().described(text)

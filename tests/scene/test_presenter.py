@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.case import CauteryState
+from app.case import Activation
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import Needle
-from app.runtime.display_content import thin_needle
+from app.runtime import ShownItem
 from app.scene import ScenePresenter
 from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
-from app.scene.scene import NEEDLE_COLOR
 from app.session.step_result import KnownEdges
 from tests.scene.conftest import posed
 
@@ -216,30 +214,33 @@ def test_restart_accepts_earlier_samples_and_removes_the_breach_marks(present, m
     assert presenter.scene.margin.state is MarginState.NEGATIVE
 
 
+NEEDLE_COLOR = ShownItem("needle", "needle").declared.color
+
+
 def needle(length_mm, frame="needle"):
     tip = f"{frame}_tip"
     edge = Transform(frame, tip, np.eye(3), [0.0, 0.0, length_mm])
-    return Needle(length_mm, edge, thin_needle(length_mm, tip), is_generated=True)
+    return ShownItem("needle", frame, length_mm, edge)
 
 
 def test_needle_is_drawn_at_its_tip_and_follows_its_length(
     application, present, content, make_step
 ):
-    presenter = present(replace(content, needle=needle(60.0)))
+    presenter = present(replace(content, items=(needle(60.0),)))
     presenter.show(make_step())
     assert "NeedleTipToNeedle" in names(application, "vtkMRMLLinearTransformNode")
-    model, tumor = presenter.scene.needle, presenter.scene.tumor
+    model, tumor = presenter.scene.items.nodes["needle"], presenter.scene.tumor
     assert model is not None and model.GetName() == "NeedleModel"
     assert model.GetDisplayNode().GetColor() == NEEDLE_COLOR
     sensor = world(presenter, "needle")
     for length_mm in (60.0, 65.0):
-        presenter.set_content(replace(content, needle=needle(length_mm)))
+        presenter.set_content(replace(content, items=(needle(length_mm),)))
         presenter.show(make_step())
         tip = world(presenter, "needle_tip")
         np.testing.assert_allclose(tip, sensor @ np.array(shifted(length_mm)), atol=1e-9)
         along = (world_points(model) - tip[:3, 3]) @ tip[:3, 2]
         assert (along.min(), along.max()) == pytest.approx((-length_mm, 0.0), abs=1e-3)
-    assert presenter.scene.needle is model and presenter.scene.tumor is tumor
+    assert presenter.scene.items.nodes["needle"] is model and presenter.scene.tumor is tumor
     presenter.show(make_step(MarginState.UNKNOWN, None))
     assert model.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
     presenter.clear()
@@ -251,13 +252,13 @@ def shifted(length_mm):
 
 
 def test_needle_on_a_sensor_that_is_not_known_is_grey(present, content, make_step, edges):
-    presenter = present(replace(content, needle=needle(40.0, "wire")))
+    presenter = present(replace(content, items=(needle(40.0, "wire"),)))
     wire = Transform("tracker", "wire", np.eye(3), [1.0, 2.0, 3.0])
     step = make_step(measured=(*edges, wire))
     known = {(each.target, each.source): each for each in step.frame.poses}
     presenter.show(replace(step, edges=KnownEdges((), known)))
-    assert presenter.scene is not None and presenter.scene.needle is not None
-    display = presenter.scene.needle.GetDisplayNode()
+    assert presenter.scene is not None
+    display = presenter.scene.items.nodes["needle"].GetDisplayNode()
     assert display.GetColor() == NEEDLE_COLOR
     presenter.show(replace(step, edges=KnownEdges((), {**known, ("tracker", "wire"): None})))
     assert display.GetColor() == MarginState.UNKNOWN.color
@@ -268,8 +269,8 @@ def test_cautery_has_a_text_node_where_it_is_told(application, present, make_ste
     now_ns = step.frame.stamp.ns
     presenter.show(step, now_ns=now_ns)
     assert application.scene.GetFirstNodeByName("CauteryState") is None
-    for state in CauteryState:
-        told = replace(step, frame=replace(step.frame, cautery=state))
+    for state in Activation:
+        told = replace(step, frame=replace(step.frame, activation=state))
         presenter.show(told, now_ns=now_ns)
         node = application.scene.GetFirstNodeByName("CauteryState")
         assert node.GetText() == state.label

@@ -7,9 +7,8 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import TrackedTransform, Transform
-from app.runtime import Stylus
+from app.runtime import ShownItem
 from app.scene.convert import world_matrix, world_points
-from app.scene.workflow_models import STYLUS_COLOR
 from app.session.step_result import KnownEdges
 from tests.scene.test_presenter import names
 from tests.scene.test_presenter import present as present
@@ -31,11 +30,15 @@ def stepped(step, *, tracked=True):
 
 @pytest.fixture
 def calibrated(content):
-    return replace(content, stylus=Stylus("pointer").with_tip(TIP, 0.2))
+    return replace(content, items=(ShownItem("stylus", "pointer").with_tip(TIP, 0.2),))
+
+
+def stylus_node(presenter):
+    return None if presenter.scene is None else presenter.scene.items.nodes.get("stylus")
 
 
 def is_visible(presenter):
-    node = presenter.stylus_node
+    node = stylus_node(presenter)
     return node is not None and bool(node.GetDisplayNode().GetVisibility())
 
 
@@ -48,9 +51,9 @@ def test_stylus_points_at_its_tip_while_it_is_tracked(
     with_stylus = make_step(measured=(*edges, POSE))
     presenter.show(stepped(with_stylus))
     assert is_visible(presenter)
-    node, scene = presenter.stylus_node, presenter.scene
+    node, scene = stylus_node(presenter), presenter.scene
     assert node.GetName() == "StylusModel"
-    assert node.GetDisplayNode().GetColor() == STYLUS_COLOR
+    assert node.GetDisplayNode().GetColor() == ShownItem("stylus", "pointer").declared.color
     tip_node, sensor_node = scene.tree.node("pointer_tip"), scene.tree.node("pointer")
     tip, sensor = world_matrix(tip_node), world_matrix(sensor_node)
     np.testing.assert_allclose(tip, sensor @ TIP.matrix, atol=1e-9)
@@ -65,7 +68,7 @@ def test_stylus_points_at_its_tip_while_it_is_tracked(
     assert not is_visible(presenter)
     presenter.show(stepped(with_stylus))
     assert is_visible(presenter)
-    presenter.hide_stylus()
+    presenter.hide_pointers()
     assert not is_visible(presenter)
     presenter.clear()
     assert "StylusModel" not in names(application, "vtkMRMLModelNode")
@@ -74,17 +77,20 @@ def test_stylus_points_at_its_tip_while_it_is_tracked(
 def test_stylus_without_a_tip_is_absent_and_follows_a_new_one(
     present, content, calibrated, make_step, edges
 ):
-    presenter = present(replace(content, stylus=Stylus("pointer")))
+    content = replace(content, items=(ShownItem("stylus", "pointer"),))
+    presenter = present(content)
     step = stepped(make_step(measured=(*edges, POSE)))
     presenter.show(step)
-    assert presenter.stylus_node is None
+    assert stylus_node(presenter) is None
     presenter.set_content(calibrated)
     presenter.show(step)
-    node = presenter.stylus_node
+    node = stylus_node(presenter)
     assert is_visible(presenter)
     longer = Transform("pointer", "pointer_tip", np.eye(3), [0.0, 0.0, 130.0])
-    presenter.set_content(replace(content, stylus=Stylus("pointer").with_tip(longer, 0.2)))
+    presenter.set_content(
+        replace(content, items=(ShownItem("stylus", "pointer").with_tip(longer, 0.2),))
+    )
     presenter.show(step)
-    assert presenter.stylus_node is node and node is not None
+    assert stylus_node(presenter) is node and node is not None
     axis = world_matrix(presenter.scene.tree.node("pointer_tip"))[:3, 2]
     assert np.ptp(world_points(node) @ axis) == pytest.approx(130.0, abs=1e-3)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from app.analysis import find_breaches
-from app.case import CauteryState, TrackingFrame
+from app.case import Activation, TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import NS_PER_MS, InputError, Stamp, SurfaceMesh, Transform, anatomical_words
 from app.report import ReportRow
@@ -38,7 +38,9 @@ def tumor() -> SurfaceMesh:
     return SurfaceMesh("needle_tumor", fine.vertices + CENTER_MM, fine.faces)
 
 
-def step_of(index, distance_mm, *, ns=None, side=(0.0, 0.0, 10.0), behind_tip_mm=0.0, cautery=None):
+def step_of(
+    index, distance_mm, *, ns=None, side=(0.0, 0.0, 10.0), behind_tip_mm=0.0, activation=None
+):
     """A step whose deepest tool point lies ``behind_tip_mm`` from the tip, at ``side``."""
     on_tumor = CENTER_MM + np.array(side)
     on_tool = on_tumor + np.array([0.0, 0.0, distance_mm or 0.0])
@@ -54,7 +56,7 @@ def step_of(index, distance_mm, *, ns=None, side=(0.0, 0.0, 10.0), behind_tip_mm
     matrix[:3, 3] = on_tool - np.array([behind_tip_mm, 0.0, 0.0])
     return StepResult(
         index=index,
-        frame=TrackingFrame(stamp, (), (), cautery=cautery),
+        frame=TrackingFrame(stamp, (), (), activation=activation),
         decision=decision,
         tumor_from_tip=Transform.from_matrix(matrix, target="needle_tumor", source="tip"),
         virtual_fixture=None,
@@ -132,21 +134,21 @@ def test_tool_inside_the_stop_margin_has_a_display_of_its_own():
     ("states", "text"),
     [
         ((None, None), "tip"),
-        ((CauteryState.OFF, CauteryState.OFF), "tip, cautery off"),
-        ((CauteryState.OFF, CauteryState.UNKNOWN), "tip, cautery unknown"),
-        ((CauteryState.ON, CauteryState.UNKNOWN), "tip, cautery on"),
-        ((CauteryState.OFF, CauteryState.ON), "tip, cautery on"),
+        ((Activation.OFF, Activation.OFF), "tip, cautery off"),
+        ((Activation.OFF, Activation.UNKNOWN), "tip, cautery unknown"),
+        ((Activation.ON, Activation.UNKNOWN), "tip, cautery on"),
+        ((Activation.OFF, Activation.ON), "tip, cautery on"),
     ],
 )
 def test_breach_says_whether_the_cautery_was_on(tumor, states, text):
     """It changes neither the number nor the depth of breaches."""
     log, plain = (BreachLog(tumor, STALE_NS) for _ in range(2))
     for index, state in enumerate(states):
-        log.observe(step_of(index, -1.0 - index, cautery=state))
+        log.observe(step_of(index, -1.0 - index, activation=state))
         plain.observe(step_of(index, -1.0 - index))
     (entry,), (same,) = log.breaches.entries, plain.breaches.entries
     assert entry.tool_text == text
-    assert replace(entry, cautery=None) == same
+    assert replace(entry, activation=None) == same
 
 
 CENTRE_MM = np.array([10.0, 0.0, -3.0])

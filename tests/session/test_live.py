@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.case import CauteryState
+from app.case import Activation
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.hold import NotRearmableError
@@ -35,7 +35,7 @@ class SimulatedHost:
         edges=(),
         playback=NO_PLAYBACK,
         source_problem=lambda: "",
-        cautery=None,
+        activation=None,
         shown_frames=(),
     ) -> None:
         self.ns = HOST_MS * NS_PER_MS
@@ -57,7 +57,7 @@ class SimulatedHost:
             playback=playback,
             wait=self.wait,
             source_problem=source_problem,
-            cautery=cautery,
+            activation=activation,
         )
 
     def at(self, ms, action):
@@ -154,12 +154,12 @@ def test_frame_is_stepped_on_arrival_of_its_last_sample():
 
 
 def test_cautery_is_in_each_frame_and_changes_no_decision():
-    states = [CauteryState.UNKNOWN, CauteryState.OFF, CauteryState.ON]
+    states = [Activation.UNKNOWN, Activation.OFF, Activation.ON]
     told = iter(states * 1000)
-    hosts = tracked(0, 200, cautery=lambda: next(told)), tracked(0, 200)
+    hosts = tracked(0, 200, activation=lambda: next(told)), tracked(0, 200)
     with_cautery, without = (host.run(400) for host in hosts)
-    assert {step.frame.cautery for _, step in with_cautery} == set(states)
-    assert {step.frame.cautery for _, step in without} == {None}
+    assert {step.frame.activation for _, step in with_cautery} == set(states)
+    assert {step.frame.activation for _, step in without} == {None}
     judged = [
         [(at, s.decision.state, s.decision.reasons, s.decision.hold, s.index) for at, s in steps]
         for steps in (with_cautery, without)

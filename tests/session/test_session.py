@@ -12,7 +12,7 @@ from app.session import RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
 TOOL_FROM_TIP = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 70.0])
-NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
+SENSOR_FROM_TUMOR = Transform.from_rotation_vector(
     [0.3, -0.2, 0.5], [5.0, -4.0, 30.0], target="needle", source="tumor"
 )
 TRACKER_FROM_NEEDLE = Transform.from_rotation_vector(
@@ -21,7 +21,7 @@ TRACKER_FROM_NEEDLE = Transform.from_rotation_vector(
 
 
 def make_setup(robot: RobotSetup | None = None) -> SessionSetup:
-    return SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
+    return SessionSetup(TOOL_FROM_TIP, SENSOR_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
 
 
 def valid(pose: Transform, at_ms: float) -> TrackedTransform:
@@ -35,7 +35,7 @@ def cautery_at(distance_mm: float, at_ms: float) -> TrackedTransform:
 
 def tracker_from_cautery(tip_mm):
     tumor_from_tip = Transform("tumor", "cautery_tip", np.eye(3), tip_mm)
-    tracker_from_tumor = TRACKER_FROM_NEEDLE @ NEEDLE_FROM_TUMOR
+    tracker_from_tumor = TRACKER_FROM_NEEDLE @ SENSOR_FROM_TUMOR
     return tracker_from_tumor @ tumor_from_tip @ TOOL_FROM_TIP.inverse()
 
 
@@ -279,7 +279,7 @@ def test_registration_error_counts_where_the_shaft_touches(touch):
     ]
     at_tip, at_shaft = (step.decision.margin.tre_mm for step in steps)
     points_mm = np.array([[40.0, 0.0, 0.0], [40.0, 0.0, 130.0]])
-    in_reference_mm = (TRACKER_FROM_NEEDLE @ NEEDLE_FROM_TUMOR).apply(points_mm) - [1.0, 2.0, 3.0]
+    in_reference_mm = (TRACKER_FROM_NEEDLE @ SENSOR_FROM_TUMOR).apply(points_mm) - [1.0, 2.0, 3.0]
     expected = predict_tre(registration, in_reference_mm)
     assert (at_tip, at_shaft) == pytest.approx(PARAMETERS.k_tre * expected)
     assert at_shaft > 1.5 * at_tip
@@ -465,7 +465,7 @@ def test_base_named_like_another_frame_is_rejected(touch, base):
     with pytest.raises(
         FrameError, match=f"robot.base_frame is '{base}'; expected a name of its own"
     ):
-        SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
+        SessionSetup(TOOL_FROM_TIP, SENSOR_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
 
 
 def test_robot_setup_compiles_kinematics_before_the_first_step(touch, monkeypatch):
@@ -486,14 +486,14 @@ class Lump(AnalyticSphere):
 
 def test_shapes_in_other_frames_are_rejected():
     with pytest.raises(FrameError, match=r"the tumour's shape is in 'lump'; expected 'tumor'"):
-        SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, Lump(), PARAMETERS, None)
+        SessionSetup(TOOL_FROM_TIP, SENSOR_FROM_TUMOR, Lump(), PARAMETERS, None)
     lump = Transform.identity("needle", "lump")
     with pytest.raises(FrameError, match=r"the tool's shape is in 'cautery_tip'; expected 'knife'"):
         SessionSetup(Transform.identity("cautery", "knife"), lump, Lump(), PARAMETERS, None)
 
 
 def test_constraint_is_in_the_tumours_frame_for_any_name():
-    lump = Transform("needle", "lump", NEEDLE_FROM_TUMOR.rotation, [5.0, -4.0, 30.0])
+    lump = Transform("needle", "lump", SENSOR_FROM_TUMOR.rotation, [5.0, -4.0, 30.0])
     session = Session(SessionSetup(TOOL_FROM_TIP, lump, Lump(), PARAMETERS, None))
     (step,) = steps(session, [17.0])
     assert step.decision.constraint.frame == "lump"

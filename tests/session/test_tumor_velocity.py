@@ -29,7 +29,7 @@ EXPECTED = TumorMotionParameters(
 TOUCH = load_robot(TOUCH_URDF)
 JOINTS = TOUCH.actuated_joint_names
 PACE = 2.0 * math.pi * EXPECTED.rate_hz
-NEEDLE_FROM_TUMOR = Transform(
+SENSOR_FROM_TUMOR = Transform(
     "needle", "tumor", [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [3.0, 4.0, 5.0]
 )
 
@@ -38,7 +38,7 @@ def make_setup(motion: TumorMotionParameters | None) -> SessionSetup:
     registration = given_registration(Transform.identity("reference", "robot_base"))
     robot = RobotSetup(TOUCH, "robot_base", "stylus", registration, DriftBound(1e6, 4.0))
     tip = Transform.identity("cautery", "cautery_tip")
-    return SessionSetup(tip, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot, motion)
+    return SessionSetup(tip, SENSOR_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot, motion)
 
 
 def breath(at_ms: float, rng: np.random.Generator):

@@ -21,7 +21,7 @@ from app.simulation import (
     World,
     WorldDescription,
 )
-from app.synthetic import cautery_mesh
+from app.synthetic import tool_mesh
 
 FORCE_N = 20.0
 PRESS_S = 5.0
@@ -108,7 +108,7 @@ def press_world(folder: Path, mass_kg: float) -> World:
     turned = Transform.from_rotation_vector(
         (np.pi, 0, 0), np.zeros(3), target="slide", source="tool"
     )
-    tool = cautery_mesh()
+    tool = tool_mesh()
     surface = SurfaceMesh("tool", tool.vertices_mm, tool.faces)
     held = ToolEntry("tool", "slide", surface, turned, 0.02, 0.3, "hull")
     base = Transform("world", "base", np.eye(3), highest + np.array([0.0, 0.0, 1.0]))

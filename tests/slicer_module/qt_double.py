@@ -14,7 +14,8 @@ parts of PythonQt that MarginGuard.py uses:
 ``widget.name``                                    the object's name, for slicer.util
 ``panel.setMRMLScene(scene)``                      slots of qMRML's widgets
 ``qt.QTimer()``, ``qt.QSocketNotifier``,           classes of Qt without their modules
-``qt.QLabel(s)``, ``qt.QTableWidgetItem(s)``,
+``qt.QLabel(s)``, ``qt.QPushButton(s)``,
+``qt.QTableWidgetItem(s)``, ``qt.QHBoxLayout()``,
 ``qt.QPixmap``, ``qt.QPainter``, pens, brushes
 ``qt.QApplication.beep()``
 =================================================  =============================================
@@ -304,12 +305,14 @@ qt = SimpleNamespace(
     QApplication=QApplication,
     QBrush=QtGui.QBrush,
     QColor=QtGui.QColor,
+    QHBoxLayout=QtWidgets.QHBoxLayout,
     QFile=type("QFile", (QtCore.QFile,), {"ReadOnly": QtCore.QFile.OpenModeFlag.ReadOnly}),
     QIcon=QtGui.QIcon,
     QLabel=QtWidgets.QLabel,
     QPainter=QtGui.QPainter,
     QPen=QtGui.QPen,
     QPixmap=QtGui.QPixmap,
+    QPushButton=QtWidgets.QPushButton,
     QSocketNotifier=QtCore.QSocketNotifier,
     QTableWidgetItem=QtWidgets.QTableWidgetItem,
     QTimer=QtCore.QTimer,

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from app.geometry import InputError
-from app.runtime import TrackedTool
 from app.scene.image_nodes import VOLUME_NAME
 from app.workflow import CalibrationKind
 from benchmarks.images import session as images
@@ -32,9 +31,9 @@ def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, t
     panel_logic.connect(write_session(tmp_path / "session", stylus=True))
     start("-m", "tests.viewer.calibrated_tool", str(motion))
     status = spin_until(panel_logic, lambda now: now.calibration.can_start and now.contour.can_edit)
-    assert status.stylus == "not calibrated"
+    assert status.items[0].text == "not calibrated"
     before = tip(panel_logic)
-    stylus = TrackedTool.STYLUS
+    stylus = "stylus"
     with pytest.raises(InputError, match=r"^stylus: it is not calibrated; expected a pivot"):
         panel_logic.contour.add_tip(stylus)
     with pytest.raises(InputError, match=r"^spin: the tip of 'pointer' is at the sensor's origin"):
@@ -45,8 +44,8 @@ def test_stylus_is_calibrated_beside_the_tool(panel_logic, application, start, t
     panel_logic.calibration().stop(status.calibration.revision)
     status = spin_until(panel_logic, lambda now: now.calibration.can_use)
     panel_logic.calibration().accept(status.calibration.revision)
-    status = spin_until(panel_logic, lambda now: "mm from the sensor, sigma" in now.stylus)
-    found = panel_logic.session.started().content.stylus.tip
+    status = spin_until(panel_logic, lambda now: "mm from the sensor, sigma" in now.items[0].text)
+    found = panel_logic.session.started().content.item("stylus").tip
     assert np.linalg.norm(found.translation_mm - STYLUS_TIP_MM) < 0.5
     assert tip(panel_logic) is before
     assert "set_stylus_tip from the panel (" in status.request

@@ -188,7 +188,7 @@ TOUCHED = GuidedShown(3, "recording", points=POINTS, can_restore=True)
 
 
 def show_guided(panel, calibration, touch, coverage=None):
-    status = SimpleNamespace(calibration=calibration, touch=touch, coverage=coverage, stylus="")
+    status = SimpleNamespace(calibration=calibration, touch=touch, coverage=coverage, tools=())
     panel._sections._guided.show(status)
 
 

@@ -70,11 +70,11 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     with pytest.raises(MarginGuardError, match="no case is loaded"):
         panel_logic.events.go_to_note(0)
 
-    assert status.needle == "60"
-    panel_logic.needle.lengthen(-5.0)
+    assert status.items[0].text == "60"
+    panel_logic.items.lengthen("needle", -5.0)
     accepted = from_panel("needle_length", "accepted: from 60 to 55 mm")
     status = spin_until(panel_logic, lambda now: accepted(now.request))
-    assert status.needle == "55"
+    assert status.items[0].text == "55"
     assert node_of(application, "NeedleModel") is not None
     panel_logic.set_margins(9.0, 5.0)
     refused = "set_margins: warn_mm is 5; expected more than stop_mm 9"

@@ -6,11 +6,13 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 import slicer
 
 from app.fixture import MarginState
-from app.runtime import TrackedTool
+from app.geometry import Transform
+from app.runtime import GUARDED_TOOL, ShownItem
 from app.scene import Preset, SceneApplication
 from app.workflow import CalibrationKind
 from tests.shipped_case import DEEP, middle_s
@@ -120,13 +122,13 @@ def pressed(panel):
 EXPECTED_CALLS = {
     "connectButton": [("connect", Path("live.yaml"))],
     "disconnectButton": [("disconnect",)],
-    "startPivotButton": [("calibration.start", 0, CalibrationKind.PIVOT, TrackedTool.CAUTERY)],
-    "startSpinButton": [("calibration.start", 0, CalibrationKind.SPIN, TrackedTool.CAUTERY)],
+    "startPivotButton": [("calibration.start", 0, CalibrationKind.PIVOT, GUARDED_TOOL)],
+    "startSpinButton": [("calibration.start", 0, CalibrationKind.SPIN, GUARDED_TOOL)],
     "stopCalibrationButton": [("calibration.stop", 0)],
     "discardCalibrationButton": [("calibration.discard", 0)],
     "useCalibrationButton": [("calibration.accept", 0)],
     "undoCalibrationButton": [("calibration.undo", 0)],
-    "startTouchButton": [("touch.start", 0, TrackedTool.CAUTERY)],
+    "startTouchButton": [("touch.start", 0, GUARDED_TOOL)],
     "stopTouchButton": [("touch.stop", 0)],
     "discardTouchButton": [("touch.discard", 0)],
     "removePointButton": [],
@@ -137,7 +139,7 @@ EXPECTED_CALLS = {
     "acceptButton": [("accept_registration",)],
     "setTumorButton": [("set_tumor", None, "Tumor")],
     "placePointsButton": [("contour.place",)],
-    "tipPointButton": [("contour.add_tip", TrackedTool.CAUTERY)],
+    "tipPointButton": [("contour.add_tip", GUARDED_TOOL)],
     "undoPointButton": [("contour.undo",)],
     "eraseAtTipButton": [("contour.erase_at_tip", 2.0)],
     "deletePointsButton": [("contour.delete_all",)],
@@ -152,10 +154,6 @@ EXPECTED_CALLS = {
     "rightViewButton": [("view.look_from", Preset.RIGHT)],
     "centreButton": [("view.keep_centred", True)],
     "bullseyeButton": [("view.follow_tool", True)],
-    "needleMuchShorterButton": [("needle.lengthen", -5.0)],
-    "needleShorterButton": [("needle.lengthen", -1.0)],
-    "needleLongerButton": [("needle.lengthen", 1.0)],
-    "needleMuchLongerButton": [("needle.lengthen", 5.0)],
     "followImageButton": [("ultrasound.follow", True)],
     "freezeImageButton": [("ultrasound.freeze", True)],
     "useDepthButton": [],  # there are no depths; the choice is tested below
@@ -197,7 +195,21 @@ def test_chosen_tool_is_calibrated_and_touches_the_points(panel, pressed):
         getattr(panel.ui, name).setCurrentIndex(1)
     for button in ("startPivotButton", "startSpinButton", "startTouchButton", "tipPointButton"):
         (call,) = pressed(button)
-        assert call == (*EXPECTED_CALLS[button][0][:-1], TrackedTool.STYLUS)
+        assert call == (*EXPECTED_CALLS[button][0][:-1], "stylus")
+
+
+def test_row_of_a_rod_shows_its_length_and_changes_it(panel):
+    label, buttons = panel._sections._items._rows["needle"]
+    assert label.text() == "no needle" and not any(each.isEnabled() for each in buttons)
+    edge = Transform("needle", "needle_tip", np.eye(3), [0.0, 0.0, 60.0])
+    panel._sections._items.show((ShownItem("needle", "needle", 60.0, edge),), is_live=True)
+    assert label.text() == "60" and all(each.isEnabled() for each in buttons)
+    assert [each.text() for each in buttons] == ["-5", "-1", "+1", "+5"]
+    with recording_commands(panel):
+        for button in buttons:
+            button.click()
+        calls = panel.logic.panel_logic.calls
+    assert calls == [("items.lengthen", "needle", by_mm) for by_mm in (-5.0, -1.0, 1.0, 5.0)]
 
 
 HELD = "robot is held until an operator re-arms."
@@ -392,7 +404,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 19
+    assert len(messages) == 18
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

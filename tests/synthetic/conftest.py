@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.geometry import Transform
-from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME, simulate
+from app.synthetic import BASE_FRAME, TIP_FRAME, simulate
 
 POINTING_DOWN = np.diag([-1.0, 1.0, -1.0])
 
@@ -21,10 +21,10 @@ class GantryArm:
         turns = [joints[name] for name in ("yaw", "pitch", "roll")]
         rotation = Rotation.from_euler("ZYX", turns).as_matrix() @ POINTING_DOWN
         slides_mm = [1000.0 * joints[name] for name in "xyz"]
-        return Transform(BASE_FRAME, CAUTERY_TIP_FRAME, rotation, np.array(slides_mm))
+        return Transform(BASE_FRAME, TIP_FRAME, rotation, np.array(slides_mm))
 
     def joints_for(self, base_from_tool, seed):
-        assert (base_from_tool.target, base_from_tool.source) == (BASE_FRAME, CAUTERY_TIP_FRAME)
+        assert (base_from_tool.target, base_from_tool.source) == (BASE_FRAME, TIP_FRAME)
         turns = Rotation.from_matrix(base_from_tool.rotation @ POINTING_DOWN.T).as_euler("ZYX")
         values = [*(base_from_tool.translation_mm / 1000.0), *turns]
         return dict(zip(self.joint_names, map(float, values), strict=True))

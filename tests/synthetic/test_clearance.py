@@ -4,7 +4,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.geometry import Transform
-from app.synthetic import CAUTERY_TIP_FRAME, TUMOR_FRAME, Clearance, Tumour, cautery_mesh
+from app.synthetic import TIP_FRAME, TUMOR_FRAME, Clearance, Tumour, tool_mesh
 from app.synthetic.truth import dense_surface
 
 pytestmark = pytest.mark.slow
@@ -12,9 +12,7 @@ pytestmark = pytest.mark.slow
 
 def pose(random, spread_mm):
     rotation = Rotation.random(rng=random).as_matrix()
-    return Transform(
-        TUMOR_FRAME, CAUTERY_TIP_FRAME, rotation, random.uniform(-spread_mm, spread_mm, 3)
-    )
+    return Transform(TUMOR_FRAME, TIP_FRAME, rotation, random.uniform(-spread_mm, spread_mm, 3))
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +22,11 @@ def tumour():
 
 @pytest.fixture(scope="module")
 def clearance(tumour):
-    return Clearance(tumour, cautery_mesh())
+    return Clearance(tumour, tool_mesh())
 
 
 def test_distance_agrees_with_libigl_on_the_meshes(tumour, clearance):
-    mesh, tool = tumour.mesh(), cautery_mesh()
+    mesh, tool = tumour.mesh(), tool_mesh()
     near = tool.triangles_mm[(tool.triangles_mm[:, :, 2] > -66.1).all(axis=1)]
     tool_mm = dense_surface(near, 0.8)
     random, distances = np.random.default_rng(8), []
@@ -57,15 +55,13 @@ def test_height_and_distance_agree_in_sign_and_order(clearance):
 
 def test_distance_to_a_sphere_is_exact():
     sphere = Tumour(np.full(3, 10.0), np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.ones(1))
-    clearance = Clearance(sphere, cautery_mesh())
+    clearance = Clearance(sphere, tool_mesh())
     points = np.array([[0.0, 0.0, 13.0], [4.0, 0.0, 0.0], [0.0, -30.0, 0.0]])
     np.testing.assert_allclose(clearance.point_distances_mm(points), [3.0, -6.0, 20.0], atol=0.02)
-    above = Transform(
-        TUMOR_FRAME, CAUTERY_TIP_FRAME, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 8.5])
-    )
+    above = Transform(TUMOR_FRAME, TIP_FRAME, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 8.5]))
     assert clearance.distance_mm(above) == pytest.approx(-1.5, abs=0.01)
     beside = Transform(
-        TUMOR_FRAME, CAUTERY_TIP_FRAME, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 12.0, -30.0])
+        TUMOR_FRAME, TIP_FRAME, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 12.0, -30.0])
     )
     assert clearance.distance_mm(beside) == pytest.approx(12.0 - 1.4 - 10.0, abs=0.02)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FrameError, InputError, Transform
-from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
+from app.synthetic import BASE_FRAME, TIP_FRAME
 from app.synthetic.motion import Breathing, BreathingBody, JointMotion, Path, Poses, Waypoint
 from app.synthetic.script import PLUNGE_FROM_MM, Script
 
@@ -15,9 +15,7 @@ AT_REST = np.zeros(3)
 
 
 def pose(x, y, z, turn=(0.0, 0.0, 0.0)):
-    return Transform.from_rotation_vector(
-        turn, (x, y, z), target=BASE_FRAME, source=CAUTERY_TIP_FRAME
-    )
+    return Transform.from_rotation_vector(turn, (x, y, z), target=BASE_FRAME, source=TIP_FRAME)
 
 
 @pytest.fixture
@@ -107,7 +105,7 @@ def test_an_arm_that_holds_a_pose_keeps_its_joints(path, gantry):
 
 def test_gantry_kinematics_are_consistent(gantry):
     rotation = Rotation.from_rotvec((0.3, -0.2, 0.5)).as_matrix() @ np.diag([-1.0, 1.0, -1.0])
-    expected = Transform(BASE_FRAME, CAUTERY_TIP_FRAME, rotation, np.array([120.0, -40.0, 60.0]))
+    expected = Transform(BASE_FRAME, TIP_FRAME, rotation, np.array([120.0, -40.0, 60.0]))
     reached = gantry.base_from_tool(gantry.joints_for(expected, None))
     np.testing.assert_allclose(reached.matrix, expected.matrix, atol=1e-9)
 

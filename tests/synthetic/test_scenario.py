@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.geometry import Transform
-from app.synthetic import Clearance, Tumour, cautery_mesh
+from app.synthetic import Clearance, Tumour, tool_mesh
 from app.synthetic.error_budget import Depths
 from app.synthetic.scenario import plan_scenario
 
@@ -13,7 +13,7 @@ TUMOR_FROM_WORK = Transform.identity("tumor", "work")
 
 def plan(seed, diameter_mm, depths, duration_s):
     tumour = Tumour.generate(np.random.default_rng([seed, 0])).with_diameter(diameter_mm)
-    clearance = Clearance(tumour, cautery_mesh())
+    clearance = Clearance(tumour, tool_mesh())
     random = np.random.default_rng(1)
     return clearance, plan_scenario(tumour, clearance, TUMOR_FROM_WORK, depths, duration_s, random)
 

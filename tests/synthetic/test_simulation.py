@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from app.geometry import NS_PER_S, TrackingStatus
-from app.synthetic import Recording, SimulatedTracker, cautery_mesh, find_breaches
-from app.synthetic.simulation import CAUTERY_FROM_TIP, HANDLE_END_MM, TRACKED_FRAMES
+from app.synthetic import Recording, SimulatedTracker, find_breaches, tool_mesh
+from app.synthetic.simulation import HANDLE_END_MM, TOOL_FROM_TIP, TRACKED_FRAMES
 from app.synthetic.tracker_model import WHITE
 from app.synthetic.truth import dense_surface
 from tests.oracles.winding_number import any_point_inside
@@ -27,7 +27,7 @@ def frames(simulation):
 @pytest.fixture(scope="module")
 def inside(simulation):
     """Function of time: whether the tool is in the tumour, by an independent method."""
-    mesh, tool = simulation.tumour.mesh(), cautery_mesh()
+    mesh, tool = simulation.tumour.mesh(), tool_mesh()
     near = (tool.triangles_mm[:, :, 2] > -66.1).all(axis=1)
     points = dense_surface(tool.triangles_mm[near], 0.4)
 
@@ -98,7 +98,7 @@ def test_registration_is_exact_at_end_expiration_only(simulation):
         reference_from_tip = (
             simulation.tracker_from("reference", time_s).inverse()
             @ simulation.tracker_from("cautery", time_s)
-            @ CAUTERY_FROM_TIP
+            @ TOOL_FROM_TIP
         )
         by_arm = simulation.reference_from_base @ simulation.base_from_tip(time_s)
         return reference_from_tip.distance_mm_to(by_arm)
@@ -137,7 +137,7 @@ def test_forward_kinematics_of_joints_gives_the_true_tool_pose(frames, simulatio
         time_s = (sample.stamp.ns + 37_400_000 - frames[0].stamp.ns) / NS_PER_S
         by_joints = gantry.base_from_tool(sample.as_mapping())
         truth = simulation.tracker_from_base.inverse() @ simulation.tracker_from("cautery", time_s)
-        assert (truth @ CAUTERY_FROM_TIP).distance_mm_to(by_joints) < 1e-9
+        assert (truth @ TOOL_FROM_TIP).distance_mm_to(by_joints) < 1e-9
 
 
 def test_recorded_poses_are_the_truth_with_jitter(frames, simulation):

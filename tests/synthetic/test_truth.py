@@ -3,12 +3,12 @@ import pytest
 
 from app.geometry import Transform
 from app.synthetic import (
-    CAUTERY_TIP_FRAME,
+    TIP_FRAME,
     TUMOR_FRAME,
     Clearance,
     Tumour,
-    cautery_mesh,
     find_breaches,
+    tool_mesh,
 )
 
 RADIUS_MM = 10.0
@@ -19,11 +19,11 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 @pytest.fixture(scope="module")
 def clearance():
     sphere = Tumour(np.full(3, RADIUS_MM), np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.ones(1))
-    return Clearance(sphere, cautery_mesh())
+    return Clearance(sphere, tool_mesh())
 
 
 def at(x, y, z):
-    return Transform(TUMOR_FRAME, CAUTERY_TIP_FRAME, DOWN, np.array([x, y, z]))
+    return Transform(TUMOR_FRAME, TIP_FRAME, DOWN, np.array([x, y, z]))
 
 
 def test_oscillating_tip_enters_and_leaves_a_sphere_at_exact_times(clearance):

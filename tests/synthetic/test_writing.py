@@ -6,7 +6,7 @@ import pytest
 from app.case import open_case
 from app.geometry import InputError, MarginGuardError
 from app.synthetic import simulate_case, simulate_unrecorded_case
-from app.synthetic.simulation import CAUTERY_FROM_TIP, NEEDLE_FROM_TUMOR
+from app.synthetic.simulation import SENSOR_FROM_TUMOR, TOOL_FROM_TIP
 
 pytestmark = pytest.mark.slow
 
@@ -55,8 +55,8 @@ def test_the_reader_reads_what_was_simulated(case):
     manifest = case.manifest
     assert manifest.provenance.kind == "simulated"
     assert manifest.clock.offset_robot_to_tracker_ns == 37_400_000
-    assert manifest.tool.tool_from_tip.distance_mm_to(CAUTERY_FROM_TIP) < 1e-9
-    assert manifest.tumor.frame_from_tumor.distance_mm_to(NEEDLE_FROM_TUMOR) < 1e-9
+    assert manifest.tool.tool_from_tip.distance_mm_to(TOOL_FROM_TIP) < 1e-9
+    assert manifest.tumor.frame_from_tumor.distance_mm_to(SENSOR_FROM_TUMOR) < 1e-9
     assert len(manifest.registration.dwells) == 8
     tumor = case.tumor_mesh().require_closed("tumor.stl")
     assert len(tumor.faces) >= 20_000
@@ -72,7 +72,7 @@ def content(frame):
         for each in frame.poses
     ]
     joints = [(each.names, each.positions, each.stamp) for each in frame.joints]
-    return frame.stamp, poses, joints, frame.unfiltered_stamp, frame.cautery
+    return frame.stamp, poses, joints, frame.unfiltered_stamp, frame.activation
 
 
 def test_every_frame_can_be_read_back(case):
@@ -99,7 +99,7 @@ def test_recorded_poses_are_close_to_the_expected_registration(case, simulation)
     tips = []
     for frame in frames[3:]:
         poses = {sample.source: sample.transform for sample in frame.poses}
-        reference_from_tip = poses["reference"].inverse() @ poses["cautery"] @ CAUTERY_FROM_TIP
+        reference_from_tip = poses["reference"].inverse() @ poses["cautery"] @ TOOL_FROM_TIP
         tips.append(reference_from_tip.translation_mm)
     by_arm = simulation.reference_from_base @ simulation.base_from_tip(0.5)
     assert np.linalg.norm(np.mean(tips, axis=0) - by_arm.translation_mm) < 0.4

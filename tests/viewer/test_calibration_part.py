@@ -74,7 +74,7 @@ def test_page_without_poses_says_why():
 
 
 def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator):
-    world = World(stylus=STYLUS_CONTENT.stylus)
+    world = World(items=STYLUS_CONTENT.items)
     setup = world.setup
     connect(operator, world)
     guided, part = calibrating(operator.request, GuidedStylus())
@@ -87,7 +87,7 @@ def test_pivot_of_the_stylus_becomes_its_tip_without_a_hold(operator):
     part.run("use")
     request = requested(world).line
     content = world.commands.content
-    assert np.linalg.norm(content.stylus.tip.translation_mm - STYLUS_TIP_MM) < 0.3
+    assert np.linalg.norm(content.item("stylus").tip.translation_mm - STYLUS_TIP_MM) < 0.3
     assert content.tool_from_tip is world.content.tool_from_tip
     assert world.session.setup is setup
     assert world.session.hold_causes == ()

@@ -9,7 +9,7 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
-from app.runtime import Stylus, compute_here
+from app.runtime import ShownItem, compute_here
 from app.session import KnownEdges
 from app.viewer.address import Role
 from app.viewer.contour_part import ContourControls, ContourPart
@@ -141,7 +141,7 @@ def test_point_at_the_tip_of_the_stylus_is_that_of_the_tracker():
         decision=SimpleNamespace(reasons=(), state=MarginState.UNKNOWN),
         tumor_from_tip=None,
     )
-    content = replace(CONTENT, stylus=Stylus("stylus").with_tip(tip, 0.2))
+    content = replace(CONTENT, items=(ShownItem("stylus", "stylus").with_tip(tip, 0.2),))
     contouring = Contouring()
     shown = SimpleNamespace(step=step, content=content, silent="")
     contouring.part.places.show(shown, None, None)
@@ -153,7 +153,7 @@ def test_point_at_the_tip_of_the_stylus_is_that_of_the_tracker():
     for state, problem in (
         ({"silent": "the session has ended"}, "stylus: the tip's place is UNKNOWN"),
         (
-            {"content": replace(CONTENT, stylus=Stylus("stylus"))},
+            {"content": replace(CONTENT, items=(ShownItem("stylus", "stylus"),))},
             "stylus: it is not calibrated; expected a pivot calibration before",
         ),
         ({"content": CONTENT}, "stylus: the session has none; expected 'stylus' in live.yaml"),

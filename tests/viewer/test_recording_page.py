@@ -60,7 +60,7 @@ def test_session_is_recorded_from_the_page(browser, live_server, cases, start, f
         assert violations(page) == []
         while not any(True for _ in open_case(cases / "today").recorded_frames()):
             page.wait_for_timeout(200)
-        assert open_case(cases / "today").manifest.needle.length_mm == 64.0
+        assert open_case(cases / "today").manifest.items["needle"].length_mm == 64.0
         page.click("#record summary")
         expect(page.locator("#record-name")).to_be_hidden()
         page.click("#record-confirm")

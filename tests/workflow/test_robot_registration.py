@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FrameError, InputError, TrackedTransform, TrackingStatus, Transform
-from app.runtime import Stylus, TrackedTool
+from app.runtime import ShownItem
 from app.session import Session
 from app.workflow import Phase, RobotRegistration, fit_registration
 from app.workflow.robot_registration import RobotSamples
@@ -198,6 +198,7 @@ def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):
         replace(steps[20].edges, measured={}).between("reference", "cautery")
 
 
+POINTER = ShownItem("stylus", "pointer")
 STYLUS_TIP = Transform(
     "pointer",
     "pointer_tip",
@@ -222,11 +223,11 @@ def test_landmarks_touched_with_the_stylus_give_the_residuals_of_the_cautery(
     guided, steps, content
 ):
     by_cautery = guided.record(steps)
-    stylus = Stylus("pointer").with_tip(STYLUS_TIP, 0.3)
-    other = GuidedRobot(replace(content, stylus=stylus))
+    stylus = POINTER.with_tip(STYLUS_TIP, 0.3)
+    other = GuidedRobot(replace(content, items=(stylus,) if stylus else ()))
     touched = (touched_by_stylus(step, content) for step in steps)
-    by_stylus = other.record(touched, TrackedTool.STYLUS)
-    assert other.guide.status().tool is TrackedTool.STYLUS
+    by_stylus = other.record(touched, "stylus")
+    assert other.guide.status().tool == "stylus"
     assert len(by_stylus.points) == len(by_cautery.points) == 8
     assert by_stylus.accepted
     for mine, known in zip(by_stylus.points, by_cautery.points, strict=True):
@@ -239,17 +240,20 @@ def test_landmarks_touched_with_the_stylus_give_the_residuals_of_the_cautery(
 def test_a_stylus_without_a_tip_touches_nothing(content):
     for stylus, problem in (
         (None, "stylus: the session has none; expected 'stylus' in live.yaml"),
-        (Stylus("pointer"), "stylus: it is not calibrated; expected a pivot calibration before"),
+        (
+            ShownItem("stylus", "pointer"),
+            "stylus: it is not calibrated; expected a pivot calibration before",
+        ),
     ):
-        guided = GuidedRobot(replace(content, stylus=stylus))
+        guided = GuidedRobot(replace(content, items=(stylus,) if stylus else ()))
         with pytest.raises(InputError, match=f"^{problem}$"):
-            guided.guide.start(guided.seen, TrackedTool.STYLUS)
+            guided.guide.start(guided.seen, "stylus")
         assert guided.guide.status().phase is Phase.IDLE
 
 
 def test_advice_for_the_stylus_names_both_tips(content, steps):
-    guided = GuidedRobot(replace(content, stylus=Stylus("pointer").with_tip(STYLUS_TIP, 0.3)))
-    guided.guide.start(guided.seen, TrackedTool.STYLUS)
+    guided = GuidedRobot(replace(content, items=(POINTER.with_tip(STYLUS_TIP, 0.3),)))
+    guided.guide.start(guided.seen, "stylus")
     guided.guide.observe(steps[20])
     assert "'pointer' is not connected" in guided.guide.status().problem
     for step in steps[20:30]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.geometry import FrameError, InputError, Transform
-from app.runtime import SetStylusTip, Stylus, TrackedTool, tip_mm
+from app.runtime import SetItemTip, ShownItem, tip_mm
 from app.workflow import CalibrationKind, Phase, ToolCalibration, fit_calibration
 from tests.session_content import one_link_content
 from tests.workflow.guided import (
@@ -18,20 +18,20 @@ from tests.workflow.guided import (
     step_with,
 )
 
-CONTENT = replace(one_link_content(), stylus=Stylus("stylus"))
+CONTENT = replace(one_link_content(), items=(ShownItem("stylus", "stylus"),))
 TIP_MM, DIVOT_MM = np.array([-4.0, 9.0, 152.0]), np.array([30.0, -20.0, 15.0])
 SHAFT = TIP_MM / np.linalg.norm(TIP_MM)
 PIVOT, SPIN = CalibrationKind.PIVOT, CalibrationKind.SPIN
-STYLUS = TrackedTool.STYLUS
+STYLUS = "stylus"
 EDGE = ("reference", "stylus")
 NOISE_MM = 0.1
 
 
 def with_tip(content, command):
     """``content`` after ``command``, which is for the stylus."""
-    assert isinstance(command, SetStylusTip)
-    stylus = content.known_stylus.with_tip(command.frame_from_tip, command.sigma_mm)
-    return replace(content, stylus=stylus)
+    assert isinstance(command, SetItemTip)
+    stylus = content.item("stylus").with_tip(command.frame_from_tip, command.sigma_mm)
+    return content.with_item(stylus)
 
 
 def stylus_pose(rotation, noise_mm=0.0):
@@ -77,9 +77,9 @@ def test_pivot_finds_the_tip_of_the_motion_for_the_stylus_alone(guided):
     fit = guided.record()
     assert fit.accepted
     guided.accept()
-    tip = guided.content.stylus.frame_from_tip
+    tip = guided.content.item("stylus").frame_from_tip
     error_mm = float(np.linalg.norm(tip.translation_mm - TIP_MM))
-    assert error_mm < min(0.2, 4.0 * guided.content.stylus.sigma_mm)
+    assert error_mm < min(0.2, 4.0 * guided.content.item("stylus").sigma_mm)
     assert np.degrees(np.arccos(tip.rotation[:, 2] @ SHAFT)) < 0.1
     assert guided.content.tool_from_tip is CONTENT.tool_from_tip
     assert guided.content.tip_sigma_mm == CONTENT.tip_sigma_mm
@@ -92,13 +92,13 @@ def test_spin_follows_a_pivot_and_is_undone(guided):
         guided.guide.start(guided.seen, SPIN, STYLUS)
     guided.record()
     guided.accept()
-    pivoted = guided.content.stylus
+    pivoted = guided.content.item("stylus")
     guided.record(SPIN, lambda number: spin_rotation(number, SHAFT))
     guided.accept()
-    assert guided.content.stylus.frame_from_tip is not pivoted.frame_from_tip
-    assert guided.content.stylus.sigma_mm == pivoted.sigma_mm
+    assert guided.content.item("stylus").frame_from_tip is not pivoted.frame_from_tip
+    assert guided.content.item("stylus").sigma_mm == pivoted.sigma_mm
     guided.undo()
-    assert guided.content.stylus.frame_from_tip is pivoted.frame_from_tip
+    assert guided.content.item("stylus").frame_from_tip is pivoted.frame_from_tip
     assert not guided.guide.can_undo
 
 

@@ -91,7 +91,7 @@ class OperatorRequests:
         self._operators = operators
         log.listen(self._print)
 
-    def check(self, kind: RequestKind, *services: str) -> None:
+    def check(self, kind: str, *services: str) -> None:
         """Raise `MarginGuardError` for too many requests, or a client that is no operator."""
         self._log.admit(kind)
         self._operators.check(*services)
@@ -105,7 +105,7 @@ class OperatorRequests:
         self._operators.check(*services)
 
     @contextmanager
-    def refusals(self, kind: RequestKind, origin: str = OVER_ROS) -> Iterator[None]:
+    def refusals(self, kind: str, origin: str = OVER_ROS) -> Iterator[None]:
         """List a request that is refused within the context. Not around a command, which lists."""
         try:
             yield

@@ -130,7 +130,7 @@ class OperatorServices:
                 ros, service, name, handle, in_thread=True, check=check, received_as=received_as
             )
 
-    def _check(self, kind: RequestKind, name: str, request: object) -> None:
+    def _check(self, kind: str, name: str, request: object) -> None:
         with self._requests.refusals(kind):
             self._requests.check(kind, name)
 

@@ -211,7 +211,7 @@ class CommandService:
     def _check(self, request: Command.Request) -> None:
         """Refuse what is invalid at once, without a thread."""
         kind = command_kind(request.command)
-        limit = _MAX_REARM if kind is RequestKind.REARM else _MAX_ARGUMENTS
+        limit = _MAX_REARM if kind == RequestKind.REARM else _MAX_ARGUMENTS
         with self._requests.refusals(kind, origin_text(request.node)):
             if len(request.arguments) > limit:
                 raise BridgeError(
@@ -223,11 +223,11 @@ class CommandService:
                     "the guard was started again since the display showed it; expected the same "
                     "request again, after a look at it"
                 )
-            if kind is RequestKind.REARM:
+            if kind == RequestKind.REARM:
                 rearm = self._read(request)
                 assert isinstance(rearm, Rearm)
                 self._commands.check_rearm(SeenHold(rearm.seq, rearm.nonce))
-            if kind is not RequestKind.MARGINS:
+            if kind != RequestKind.MARGINS:
                 self._requests.check(kind, COMMAND)
                 return
             margins, in_use = self._read(request), self._commands.content.margins

@@ -136,7 +136,7 @@ class RemoteOperator:
         request = Command.Request(
             node=self._ros.node.get_fully_qualified_name(),
             instance_id=self._instance_id,
-            command=command.kind.value,
+            command=command.kind,
             arguments=arguments,
         )
         for digest, mesh in wire.meshes.items():

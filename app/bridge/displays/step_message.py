@@ -12,7 +12,7 @@ from marginguard_msgs.msg import SessionStep, StepPoint, StepProximity
 from marginguard_msgs.msg import StructureStep as StructureStepMessage
 
 from app.bridge.ros_errors import BridgeError
-from app.case import CauteryState, JointSample, TrackingFrame
+from app.case import Activation, JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
     Constraint,
@@ -109,7 +109,7 @@ def step_message(
         frames_problems=list(step.frames_problems),
         playback=step.playback,
         single_source=step.single_source,
-        cautery="" if frame.cautery is None else frame.cautery.value,
+        cautery="" if frame.activation is None else frame.activation.value,
         request=origin.request,
         recording=origin.recording,
         image_problem=origin.image_problem,
@@ -190,7 +190,7 @@ def _step(
         frame=TrackingFrame(
             Stamp(message.stamp_ns),
             tuple(samples[: message.new_poses]),
-            cautery=CauteryState(message.cautery) if message.cautery else None,
+            activation=Activation(message.cautery) if message.cautery else None,
         ),
         decision=_decision(message, tumor),
         tumor_from_tip=_placed(tumor, tip, tumor_from_tip),

@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from app.bridge import topics
 from app.bridge.live.outputs import IMAGE_TOPIC, LiveOutputs
 from app.bridge.live.sender_watch import SenderWatch, WatchedInputs, WatchedSession
-from app.bridge.live.sources import IgtlCautery, cautery_input, listen_to_joints, source_of
+from app.bridge.live.sources import IgtlActivation, activation_input, listen_to_joints, source_of
 from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
 from app.bridge.publishing.session_publisher import SessionPublisher
@@ -113,9 +113,9 @@ class PlaybackWatch:
 
 
 class LiveInputs:
-    """Pose source, joints, cautery and images of a live node, and the watches on the graph.
+    """Pose source, joints, activation and images of a live node, and the watches on the graph.
 
-    The session is made with `playback`, `cautery`, `senders` and `source_problem`. No pose and no
+    The session is made with `playback`, `activation`, `senders` and `source_problem`. No pose, no
     joints arrive before `connect`. ``publisher`` is that of the session: its node receives, and
     other publishers of its topics are faults.
     """
@@ -145,7 +145,7 @@ class LiveInputs:
             restore_static=publisher.publish_static,
             new_sender=self._playback.check,
         )
-        self.cautery = cautery_input(self._ros, prepared.config)
+        self.activation = activation_input(self._ros, prepared.config)
 
     def source_problem(self) -> str:
         """The reason why the source cannot send; empty if it can."""
@@ -181,10 +181,12 @@ class LiveInputs:
             deliver,
             self.senders,
             images=None if self._images is None else self._images.receive,
-            strings=self.cautery.receive if isinstance(self.cautery, IgtlCautery) else None,
+            strings=self.activation.receive
+            if isinstance(self.activation, IgtlActivation)
+            else None,
         )
         counts: list[Counts] = [self._source.counts, self.senders.counts]
-        counts += [each.counts for each in (self._images, self.cautery) if each is not None]
+        counts += [each.counts for each in (self._images, self.activation) if each is not None]
         if self._joint_topic is not None:
             robot = self._prepared.setup.robot
             joints = listen_to_joints(

@@ -154,7 +154,7 @@ def _live_run(
         playback=inputs.playback,
         outside=lambda: _joined(inputs.senders.outside(), instance.faults(publisher.ros)),
         source_problem=inputs.source_problem,
-        cautery=None if inputs.cautery is None else inputs.cautery.state,
+        activation=None if inputs.activation is None else inputs.activation.state,
     )
     return LiveRun(
         live,

@@ -13,15 +13,22 @@ from app.bridge.messages import header_message
 from app.bridge.session_bag import bag_topic
 from app.bridge.topics import NEWEST, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, message_of_image, tracked_message
-from app.case import IMAGE_DEPTH_TOPIC, ImageDepths, LiveCase, SessionValues, image_depths
+from app.case import (
+    ENERGY_DEVICE,
+    IMAGE_DEPTH_TOPIC,
+    ImageDepths,
+    LiveCase,
+    SessionValues,
+    image_depths,
+)
 from app.case.live_file import IgtlSourceEntry
-from app.case.new_case import IGTL_CAUTERY_TOPIC, IGTL_IMAGES_TOPIC
+from app.case.new_case import IGTL_ACTIVATION_TOPIC, IGTL_IMAGES_TOPIC
 from app.geometry import ImageSample, InputError, MarginGuardError, Stamp, TrackedTransform
 from app.igtl import DeviceImages, Header, IgtlSource
 
 _DEPTH = Topic(IMAGE_DEPTH_TOPIC, Range, NEWEST)
 _IMAGES = Topic(IGTL_IMAGES_TOPIC, Image, NEWEST)
-_CAUTERY = Topic(IGTL_CAUTERY_TOPIC, Bool, NEWEST)
+_ACTIVATION = Topic(IGTL_ACTIVATION_TOPIC, Bool, NEWEST)
 
 
 class DepthRecorder:
@@ -74,7 +81,7 @@ class IgtlRecorder:
 
     It is a client of the server of its own. Every pose is on ``/tracked_transforms``, with the
     server's stamp and status, every image of the session's device on `IGTL_IMAGES_TOPIC`, and the
-    state of the cautery on `IGTL_CAUTERY_TOPIC`. Images of another depth than that of ``depths``
+    activation on `IGTL_ACTIVATION_TOPIC`. Images of another depth than that of ``depths``
     are refused, as in the session. ``report`` takes changes of the connection, and why an image is
     refused, until the reason changes.
     """
@@ -96,12 +103,12 @@ class IgtlRecorder:
             recorder.add_own(bag_topic(_IMAGES.name, _IMAGES))
             self._images = DeviceImages(live.image_device)
             images = self._write_image
-        cautery = live.case.manifest.cautery
-        self._cautery_device = None if cautery is None else cautery.device
+        activation = live.case.manifest.activation
+        self._activation_device = None if activation is None else activation.device
         strings = None
-        if self._cautery_device is not None:
-            recorder.add_own(bag_topic(_CAUTERY.name, _CAUTERY))
-            strings = self._write_cautery
+        if self._activation_device is not None:
+            recorder.add_own(bag_topic(_ACTIVATION.name, _ACTIVATION))
+            strings = self._write_activation
         self._source = IgtlSource(
             source.host,
             source.port,
@@ -126,13 +133,13 @@ class IgtlRecorder:
             data = bytes(serialize_message(tracked_message(sample)))
             self._recorder.write_own(TRACKED_TRANSFORMS.name, data)
 
-    def _write_cautery(self, header: Header, body: bytes) -> None:
-        said = said_by(self._cautery_device or "", header, body)
+    def _write_activation(self, header: Header, body: bytes) -> None:
+        said = said_by(self._activation_device or "", header, body)
         if isinstance(said, bool):
-            self._recorder.write_own(_CAUTERY.name, bytes(serialize_message(Bool(data=said))))
+            self._recorder.write_own(_ACTIVATION.name, bytes(serialize_message(Bool(data=said))))
         elif said is not None and said != self._problem:
             self._problem = said
-            self._report(f"state of the cautery not recorded: {said}")
+            self._report(f"state of the {ENERGY_DEVICE.name} not recorded: {said}")
 
     def _write_image(self, header: Header, body: bytes) -> None:
         try:

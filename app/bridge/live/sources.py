@@ -1,4 +1,4 @@
-"""Sources of a live session over ROS: tracked transforms, joints, other messages, the cautery."""
+"""Sources of a live session over ROS: tracked transforms, joints, other messages, activations."""
 
 import time
 from collections import Counter
@@ -15,8 +15,9 @@ from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.topics import INCOMING, Topic
 from app.case import (
-    CauteryState,
-    CauteryTrail,
+    ENERGY_DEVICE,
+    Activation,
+    ActivationTrail,
     IgtlSourceEntry,
     JointSample,
     LiveCase,
@@ -24,7 +25,7 @@ from app.case import (
     TfSourceEntry,
     values_reader,
 )
-from app.case.manifest.images import CauteryEntry
+from app.case.manifest.images import ActivationEntry
 from app.case.messages.message_values import JointValues, PoseValues
 from app.case.messages.ros_messages import BOOL, JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
 from app.geometry import MarginGuardError, TrackedTransform
@@ -186,11 +187,11 @@ def listen_to_joints(
     )
 
 
-class TopicCautery:
+class TopicActivation:
     """Follows ``std_msgs/Bool`` on a topic; two publishers make the state unknown."""
 
     def __init__(
-        self, ros: RosNode, topic: str, trail: CauteryTrail, clock_ns: Callable[[], int]
+        self, ros: RosNode, topic: str, trail: ActivationTrail, clock_ns: Callable[[], int]
     ) -> None:
         self._ros, self._topic, self._trail, self._clock_ns = ros, topic, trail, clock_ns
         self._refused = 0
@@ -203,7 +204,7 @@ class TopicCautery:
         refused = {f"{self._topic}: of two publishers": self._refused} if self._refused else {}
         return {**self._subscription.counts(), **refused}
 
-    def state(self) -> CauteryState:
+    def state(self) -> Activation:
         """The present state."""
         return self._trail.at(self._clock_ns())
 
@@ -215,21 +216,21 @@ class TopicCautery:
         self._trail.hear(on, self._clock_ns())
 
 
-class IgtlCautery:
+class IgtlActivation:
     """Follows the STRING messages of ``device``: on, off, 1, 0, true or false.
 
     Another text makes the state unknown. Give `receive` to the source of the poses.
     """
 
-    def __init__(self, device: str, trail: CauteryTrail, clock_ns: Callable[[], int]) -> None:
+    def __init__(self, device: str, trail: ActivationTrail, clock_ns: Callable[[], int]) -> None:
         self._device, self._trail, self._clock_ns = device, trail, clock_ns
         self._counts: Counter[str] = Counter()
 
     def counts(self) -> Mapping[str, int]:
         """Counts of messages, for diagnostics."""
-        return {f"cautery: {name}": count for name, count in self._counts.items()}
+        return {f"{ENERGY_DEVICE.name}: {name}": count for name, count in self._counts.items()}
 
-    def state(self) -> CauteryState:
+    def state(self) -> Activation:
         """The present state."""
         return self._trail.at(self._clock_ns())
 
@@ -247,7 +248,7 @@ class IgtlCautery:
 
 
 def said_by(device: str, header: Header, body: bytes) -> bool | str | None:
-    """Whether the cautery is on by a STRING of ``device``; a text why it cannot be understood.
+    """Whether a STRING of ``device`` says that it is on; a text why it cannot be understood.
 
     None for a message of another device.
     """
@@ -261,17 +262,17 @@ def said_by(device: str, header: Header, body: bytes) -> bool | str | None:
     return f"{text[:40]!r}; expected one of {', '.join(WORDS)}" if said is None else said
 
 
-CauteryInput = TopicCautery | IgtlCautery
+ActivationInput = TopicActivation | IgtlActivation
 
 
-def cautery_input(
+def activation_input(
     ros: RosNode, config: LiveCase, clock_ns: Callable[[], int] = time.monotonic_ns
-) -> CauteryInput | None:
-    """The input of the cautery's state by ``config``; None for a session without it."""
-    entry: CauteryEntry | None = config.case.manifest.cautery
+) -> ActivationInput | None:
+    """The input of the activation by ``config``; None for a session without it."""
+    entry: ActivationEntry | None = config.case.manifest.activation
     if entry is None:
         return None
-    trail = CauteryTrail(entry.stale_after_ns)
+    trail = ActivationTrail(entry.stale_after_ns)
     if entry.topic is not None:
-        return TopicCautery(ros, entry.topic, trail, clock_ns)
-    return IgtlCautery(entry.device or "", trail, clock_ns)
+        return TopicActivation(ros, entry.topic, trail, clock_ns)
+    return IgtlActivation(entry.device or "", trail, clock_ns)

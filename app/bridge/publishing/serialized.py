@@ -241,8 +241,8 @@ def moving_edges(
 class FrameTree:
     """Selects the edges of each step that tf can hold, and each sample once.
 
-    A tracker may report more edges than a tree holds (``StylusToTracker`` beside
-    ``StylusToReference``), but in tf a frame has one parent and there are no loops: the edge that
+    A tracker may report more edges than a tree holds (``ToolToTracker`` beside
+    ``ToolToReference``), but in tf a frame has one parent and there are no loops: the edge that
     came first stays, the calibrations of ``static_edges`` before all. tf2 also complains about a
     transform that is published again with its stamp, as for a joint sample when the tracker is
     faster than the robot. When the player seeks back, all samples are new again. Raises

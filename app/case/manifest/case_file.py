@@ -9,20 +9,26 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from app.case.manifest.display_items import (
+    DISPLAY_ITEMS,
+    ENERGY_DEVICE,
+    ItemEntry,
+    RodEntry,
+    check_item_frames,
+)
 from app.case.manifest.images import (
-    CAUTERY,
+    ACTIVATION,
     IMAGES,
-    CauteryEntry,
+    ActivationEntry,
     ImagesEntry,
-    read_cautery,
+    read_activation,
     read_images,
 )
 from app.case.manifest.key_rules import YEAR_MS
 from app.case.manifest.margins import MARGINS, MarginEntry
 from app.case.manifest.parts import (
     PARTS,
-    NeedleEntry,
-    StylusEntry,
+    MeshEntry,
     ToolEntry,
     TumorEntry,
     check_frames,
@@ -158,11 +164,19 @@ class CaseManifest:
     plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
     package_dirs: Mapping[str, str] = field(default_factory=dict)
     images: ImagesEntry | None = None
-    needle: NeedleEntry | None = None
-    stylus: StylusEntry | None = None
-    cautery: CauteryEntry | None = None
+    items: Mapping[str, ItemEntry] = field(default_factory=dict)
+    activation: ActivationEntry | None = None
     structures: tuple[StructureEntry, ...] = ()
     arms: tuple[ArmEntry, ...] = ()
+
+    @property
+    def item_models(self) -> list[tuple[str, MeshEntry, str]]:
+        """Name, model and frame of each display item that has a model."""
+        return [
+            (name, entry.model, entry.tip_frame)
+            for name, entry in self.items.items()
+            if isinstance(entry, RodEntry) and entry.model is not None
+        ]
 
     @property
     def name_of_tool(self) -> str:
@@ -210,9 +224,10 @@ CASE = Block(
         "provenance": block_of(Provenance, "origin of the data"),
         "recording": block_of(RecordingEntry, "the recorded tracking data"),
         "images": IMAGES,
-        "cautery": CAUTERY,
+        ENERGY_DEVICE.name: ACTIVATION,
         "clock": CLOCK,
         **PARTS,
+        **{each.name: each.key for each in DISPLAY_ITEMS},
         "robot": ROBOT,
         "package_dirs": PACKAGE_DIRS,
         "registration": REGISTRATION,
@@ -265,12 +280,13 @@ def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
     """
     lists = document.integer("schema") == 2
     parts = _listed(document) if lists else _single(document)
-    shown = {key: document.value(key) for key in ("needle", "stylus")}
-    bodies = (parts["tumor"], *parts["structures"])
-    tumors = {document.place(each.key): each for each in bodies}
+    items = {
+        each.name: document.value(each.name) for each in DISPLAY_ITEMS if each.name in document
+    }
+    structures = (parts["tumor"], *parts["structures"])
     for tool in [arm.tool for arm in parts["arms"]] or [parts["tool"]]:
-        check_frames(document, tool, tumors, *shown.values())
-    parts |= shown
+        check_frames(document, tool, structures)
+        check_item_frames(document, items, tool.frame, [each.frame for each in structures])
     parts["name"] = document.text("name")
     parts["provenance"] = document.value("provenance")
     parts["recording"] = document.value("recording") if "recording" in document else None
@@ -283,11 +299,12 @@ def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
     return CaseManifest(
         file=file,
         **parts,
+        items=items,
         expected=document.text("expected") if "expected" in document else None,
         plausibility=document.value("plausibility") or PlausibilityEntry(),
         package_dirs=document.value("package_dirs") or {},
         images=read_images(document),
-        cautery=read_cautery(document),
+        activation=read_activation(document),
     )
 
 

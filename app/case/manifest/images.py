@@ -1,8 +1,9 @@
-"""Tracked ultrasound images and the cautery's state, in ``case.yaml`` and in ``live.yaml``."""
+"""Tracked ultrasound images and activation, in ``case.yaml`` and in ``live.yaml``."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
+from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED, YEAR_MS
 from app.files.declared import block_of, value_as
 from app.files.document import Section
@@ -200,8 +201,8 @@ def _calibrations(block: Section) -> tuple[tuple[ImageCalibrationEntry, ...], fl
 
 
 @dataclass(frozen=True, slots=True)
-class CauteryEntry:
-    """Source of the cautery's state: a ROS ``topic``, or an OpenIGTLink ``device``.
+class ActivationEntry:
+    """Source of the activation: a ROS ``topic``, or an OpenIGTLink ``device``.
 
     Older than ``stale_after_ns`` it is unknown.
     """
@@ -211,58 +212,58 @@ class CauteryEntry:
     stale_after_ns: int
 
 
-ONE_SOURCE = "cautery has topic or device, and device needs source.igtl"
+ONE_SOURCE = f"{ENERGY_DEVICE.name} has topic or device, and device needs source.igtl"
 
 _DAY_MS = 86_400_000
 _TOPIC = Text(
-    "topic of std_msgs/Bool: true while the cautery burns",
+    f"topic of std_msgs/Bool: true while {ENERGY_DEVICE.burns}",
     optional=True,
     pattern=TOPIC,
     expected=TOPIC_EXPECTED,
 )
-_CAUTERY_AGE = Number(
+_ACTIVATION_AGE = Number(
     "age after which what was said is unknown; longer than the period of the messages",
     default=1000.0,
     above=0.0,
     maximum=_DAY_MS,
 )
 
-CAUTERY = Block(
-    "whether the cautery burns, shown and recorded only",
+ACTIVATION = Block(
+    f"whether {ENERGY_DEVICE.burns}, shown and recorded only",
     {
         "topic": Text(
-            "topic of std_msgs/Bool in the recording, a bag: true while the cautery burns",
+            f"topic of std_msgs/Bool in the recording, a bag: true while {ENERGY_DEVICE.burns}",
             pattern=TOPIC,
             expected=TOPIC_EXPECTED,
         ),
-        "stale_after_ms": _CAUTERY_AGE,
+        "stale_after_ms": _ACTIVATION_AGE,
     },
     optional=True,
 )
 
-LIVE_CAUTERY = Block(
-    "whether the cautery burns, shown and recorded only; it changes no margin",
+LIVE_ACTIVATION = Block(
+    f"whether {ENERGY_DEVICE.burns}, shown and recorded only; it changes no margin",
     {
         "topic": _TOPIC,
         "device": Text(
             "device name of OpenIGTLink STRING messages (on, off) of source.igtl, instead of topic",
             optional=True,
         ),
-        "stale_after_ms": _CAUTERY_AGE,
+        "stale_after_ms": _ACTIVATION_AGE,
     },
     optional=True,
     rules=(ONE_SOURCE,),
 )
 
 
-def read_cautery(document: Section) -> CauteryEntry | None:
-    """Read ``cautery``; None for a session without it."""
-    if "cautery" not in document:
+def read_activation(document: Section) -> ActivationEntry | None:
+    """Read the source of the activation; None for a session without it."""
+    if ENERGY_DEVICE.name not in document:
         return None
-    block = document.section("cautery")
+    block = document.section(ENERGY_DEVICE.name)
     topic = block.value("topic")
     device = block.text("device") if "device" in block else None
     if (topic is None) == (device is None):
         found = "neither topic nor device" if topic is None else "topic and device"
         raise InputError(f"{block.where} has {found}; expected one of them")
-    return CauteryEntry(topic, device, value_as(block, "stale_after_ns"))
+    return ActivationEntry(topic, device, value_as(block, "stale_after_ns"))

@@ -1,41 +1,22 @@
-"""Tool, tumour, needle and stylus, the same in ``case.yaml`` and in ``live.yaml``."""
+"""Tool and tumour, the same in ``case.yaml`` and in ``live.yaml``."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-
 from app.case.manifest.key_rules import (
-    NO_DIRECTION,
-    REFERENCE_FRAME,
-    Triple,
     pose_block,
-    read_direction,
     read_pose,
 )
 from app.case.tumor import SEGMENTATION_ENDING
 from app.files.declared import By, block_of
 from app.files.document import Section
-from app.files.keys import Block, Boolean, Choice, Frame, Number, Numbers, Text, Variant
+from app.files.keys import Block, Boolean, Choice, Frame, Number, Text, Variant
 from app.files.meshes import MESH_PATH, MESH_UNITS, UNITS_MM
 from app.geometry import InputError, Transform
 
 TUMOR_MESH_FRAME = "tumor"
-
-MIN_NEEDLE_MM, MAX_NEEDLE_MM = 1.0, 500.0
-"""Lengths of a needle, in its file and as an operator sets it."""
-
-MAX_STYLUS_SIGMA_MM = 10.0
-"""Largest uncertainty of the tip of a stylus."""
-
-MIN_STYLUS_MM = 1.0
-"""A tip closer to the sensor's origin was never calibrated."""
-
-NOT_THE_TOOL = "needle.frame is not the frame of the tool"
-OWN_STYLUS_FRAME = "stylus.frame is not reference, and not the frame of tool, tumour or needle"
-STYLUS_TIP = "stylus.tip_from is 1 mm or more from the sensor's origin"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +53,8 @@ class ContourEntry:
     ]
 
 
-def _tip(block: Section) -> Transform:
+def read_tip(block: Section) -> Transform:
+    """Read ``tip_from`` as the pose of the tip in ``frame``."""
     frame = block.frame("frame")
     return read_pose(block, "tip_from", target=frame, source=f"{frame}_tip")
 
@@ -94,7 +76,7 @@ class ToolEntry:
         ),
     ]
     tool_from_tip: Annotated[
-        Transform, "tip_from", pose_block("pose of the tip in the tracked frame"), By(_tip)
+        Transform, "tip_from", pose_block("pose of the tip in the tracked frame"), By(read_tip)
     ]
     sigma_mm: Annotated[
         float,
@@ -211,93 +193,6 @@ class TumorEntry:
         return f"{self.key}.{'contour' if isinstance(self.shape, ContourEntry) else 'mesh'}"
 
 
-@dataclass(frozen=True, slots=True)
-class NeedleEntry:
-    """A needle that is shown: its tip is ``length_mm`` along ``direction`` from its sensor.
-
-    ``frame`` is the tracked frame of the sensor, ``direction`` a unit vector in it. ``model`` is
-    in the frame of the tip; None for a generated one. No distance depends on it.
-    """
-
-    frame: Annotated[str, Frame("the tracked frame of its sensor, often that of the tumour")]
-    length_mm: Annotated[
-        float,
-        Number("from the sensor to the tip", minimum=MIN_NEEDLE_MM, maximum=MAX_NEEDLE_MM),
-    ]
-    direction: Annotated[
-        Triple,
-        "tip_from",
-        Block(
-            "where the tip is, seen from the sensor; by default along its z axis",
-            {"direction": Numbers("direction from the sensor to the tip: 3 numbers", 3)},
-            optional=True,
-            rules=(NO_DIRECTION,),
-            read=lambda block: read_direction(block, "direction"),
-        ),
-        By(lambda needle: needle.value("tip_from") or (0.0, 0.0, 1.0)),
-    ]
-    model: Annotated[
-        MeshEntry | None,
-        Block(
-            "surface in the frame of the tip, the tip at 0 and +z forward; by default a thin "
-            "needle of that length",
-            {
-                "path": Text("mesh file (.stl, .ply, .obj), relative, absolute or package://..."),
-                "units": MESH_UNITS,
-            },
-            optional=True,
-            read=lambda model: MeshEntry(model.text("path"), model.choice("units")),
-        ),
-    ]
-
-    @property
-    def tip_frame(self) -> str:
-        """The frame of the tip and of the model."""
-        return f"{self.frame}_tip"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StylusEntry:
-    """A tracked stylus with which an operator touches points. No distance depends on it.
-
-    ``frame`` is the tracked frame of its sensor, ``frame_from_tip`` its tip with +z forward, None
-    before a calibration. ``sigma_mm``: standard deviation of the tip in its worst direction, 0
-    where it is not stated.
-    """
-
-    frame: Annotated[str, Frame("the tracked frame of its sensor")]
-    frame_from_tip: Annotated[
-        Transform | None,
-        "tip_from",
-        pose_block(
-            "pose of the tip in the tracked frame, +z forward; without it the stylus has to be "
-            "calibrated before it can be used",
-            optional=True,
-        ),
-        By(lambda stylus: _tip(stylus) if "tip_from" in stylus else None),
-    ]
-    sigma_mm: Annotated[
-        float,
-        Number(
-            "standard deviation of the tip in its worst direction",
-            default=0.0,
-            minimum=0.0,
-            maximum=MAX_STYLUS_SIGMA_MM,
-        ),
-    ] = 0.0
-
-    def check(self, block: Section) -> None:
-        """Raise `InputError` for a tip at its sensor's origin."""
-        if self.frame_from_tip is None:
-            return
-        length_mm = float(np.linalg.norm(self.frame_from_tip.translation_mm))
-        if length_mm < MIN_STYLUS_MM:
-            raise InputError(
-                f"{block.place('tip_from')} is {length_mm:.3g} mm from the sensor's origin; "
-                f"expected {MIN_STYLUS_MM:g} mm or more, or no tip_from before a calibration"
-            )
-
-
 PARTS = {
     "tool": block_of(ToolEntry, "the tracked tool"),
     "tumor": block_of(
@@ -305,50 +200,14 @@ PARTS = {
         "the tumour",
         variants=(Variant("mesh or segmentation", ("mesh",)), Variant("contour", ("contour",))),
     ),
-    "needle": block_of(
-        NeedleEntry,
-        "the tracked needle, which is shown and nothing else: no distance depends on it",
-        optional=True,
-        rules=(NOT_THE_TOOL,),
-    ),
-    "stylus": block_of(
-        StylusEntry,
-        "a tracked stylus, with which an operator touches points: no distance depends on it",
-        optional=True,
-        rules=(OWN_STYLUS_FRAME, STYLUS_TIP),
-    ),
 }
 
 
-def check_frames(
-    document: Section,
-    tool: ToolEntry,
-    structures: Mapping[str, TumorEntry],
-    needle: NeedleEntry | None,
-    stylus: StylusEntry | None,
-) -> None:
-    """Raise `InputError` unless the frames differ; needle and ``structures`` may share theirs.
-
-    ``structures`` are given by their places in the document.
-    """
-    taken = {tool.frame: "the frame of the tool"}
-    for place, structure in structures.items():
-        if structure.frame in taken:
-            raise InputError(
-                f"{place}.frame is {structure.frame!r}, the frame of the tool; "
-                "expected a frame that does not move with the tool"
-            )
-    if needle is not None and needle.frame in taken:
+def check_frames(document: Section, tool: ToolEntry, structures: Sequence[TumorEntry]) -> None:
+    """Raise `InputError` for a structure in the frame of the tool."""
+    found = next((each for each in structures if each.frame == tool.frame), None)
+    if found is not None:
         raise InputError(
-            f"{document.place('needle')}.frame is {needle.frame!r}, the frame of the tool; "
-            "expected that of a sensor on the needle"
-        )
-    taken |= {each.frame: "the frame of the tumour" for each in structures.values()}
-    taken[REFERENCE_FRAME] = "the reference"
-    if needle is not None:
-        taken[needle.frame] = "the frame of the needle"
-    if stylus is not None and stylus.frame in taken:
-        raise InputError(
-            f"{document.place('stylus')}.frame is {stylus.frame!r}, {taken[stylus.frame]}; "
-            "expected that of a sensor on the stylus"
+            f"{document.place(found.key)}.frame is {found.frame!r}, the frame of the tool; "
+            "expected a frame that does not move with the tool"
         )

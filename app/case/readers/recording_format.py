@@ -42,17 +42,17 @@ def note_to(notes: list[str]) -> Note:
 
 @dataclass(frozen=True, slots=True)
 class SideTopics:
-    """ROS topics of a recording beside the poses: joints of the robot, and the cautery.
+    """ROS topics of a recording beside the poses: joints of the robot, and activation.
 
     ``topic`` is that of the joints; None reads no joints. Their stamps are moved to the tracker's
-    clock: tracker = robot + ``offset_ns``. ``cautery`` is that of ``std_msgs/Bool``; what it said
-    is unknown after ``cautery_stale_after_ns``.
+    clock: tracker = robot + ``offset_ns``. ``activation`` is that of ``std_msgs/Bool``; what it
+    said is unknown after ``activation_stale_after_ns``.
     """
 
     topic: str | None = None
     offset_ns: int = 0
-    cautery: str | None = None
-    cautery_stale_after_ns: int = 0
+    activation: str | None = None
+    activation_stale_after_ns: int = 0
 
 
 ReadFrames: TypeAlias = "Callable[[Path, Note, SideTopics], Iterator[TrackingFrame]]"

@@ -186,7 +186,7 @@ def _frames(recording: Recording) -> tuple[str, ...]:
 
 
 def tip_frame_of(tool: str) -> str:
-    """Name of the tip's frame: ``stylus_tip`` for ``stylus``."""
+    """Name of the tip's frame: ``tool_tip`` for ``tool``."""
     return f"{tool}_tip"
 
 

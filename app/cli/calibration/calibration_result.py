@@ -84,12 +84,12 @@ class CalibrationResult:
 
     @property
     def title(self) -> str:
-        """``pivot: StylusTipToStylus``."""
+        """``pivot: ToolTipToTool``."""
         return self.kind if self.transform is None else f"{self.kind}: {name_of(self.transform)}"
 
 
 def name_of(transform: Transform) -> str:
-    """The SlicerIGT name of the transform, as in ``StylusTipToStylus``."""
+    """The SlicerIGT name of the transform, as in ``ToolTipToTool``."""
     return join_transform_name(transform.source, transform.target)
 
 

@@ -204,9 +204,9 @@ def _topics_and_case(options: argparse.Namespace) -> tuple[list[str], "LiveCase 
     images = live.case.manifest.images
     if images is not None and images.topic is not None:
         topics.append(images.topic)
-    cautery = live.case.manifest.cautery
-    if cautery is not None and cautery.topic is not None:
-        topics.append(cautery.topic)
+    activation = live.case.manifest.activation
+    if activation is not None and activation.topic is not None:
+        topics.append(activation.topic)
     robot = live.case.manifest.robot
     if robot is not None and robot.joint_states is not None:
         topics.append(robot.joint_states)

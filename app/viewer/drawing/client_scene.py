@@ -144,8 +144,6 @@ class ClientScene:
 
     def _models(self, scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
         yield from _models(scene)
-        if self._view.stylus is not None:
-            yield "stylus", self._view.stylus
         for name, model in self._view.bodies.items():
             yield f"body/{name}", model
 
@@ -166,7 +164,7 @@ def _models(scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
         ("tumor", scene.tumor),
         ("margin", scene.margin_surface),
         ("tool", scene.tool),
-        ("needle", scene.needle),
+        *scene.items.nodes.items(),
     ):
         if model is not None:
             yield name, model

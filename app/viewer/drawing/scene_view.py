@@ -1,12 +1,13 @@
 """The scene of a page: MRML nodes that show a step, a 3D view of them, and the parts' opacities."""
 
 from collections.abc import Mapping
-from enum import Enum
+from enum import StrEnum
 
 from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene
 from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import NoScheduleRendering
 
+from app.case import DISPLAY_ITEMS, ItemKind
 from app.geometry import SurfaceMesh
 from app.runtime import SessionContent
 from app.scene import (
@@ -25,18 +26,28 @@ _INK = (0.92, 0.95, 0.98)
 _BACKGROUND = (0.055, 0.075, 0.095)
 
 
-class Part(Enum):
-    """A part of the scene that the page can hide or make translucent; the value is its label."""
+class Part(StrEnum):
+    """A part of the scene, beside display items, that the page can hide or make translucent."""
 
-    TUMOR = "Tumour"
-    MARGIN = "Margin surface"
-    TOOL = "Tool"
-    NEEDLE = "Needle"
-    ROBOT = "Robot"
-    BODIES = "Simulated bodies"
+    TUMOR = "TUMOR"
+    MARGIN = "MARGIN"
+    TOOL = "TOOL"
+    ROBOT = "ROBOT"
+    BODIES = "BODIES"
 
 
-_OPACITY_ALONG_TOOL = {Part.TOOL: 0.0, Part.ROBOT: 0.0}
+_RODS = {each.name.upper(): each for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD}
+PARTS: dict[str, str] = {
+    Part.TUMOR: "Tumour",
+    Part.MARGIN: "Margin surface",
+    Part.TOOL: "Tool",
+    **{name: item.title for name, item in _RODS.items()},
+    Part.ROBOT: "Robot",
+    Part.BODIES: "Simulated bodies",
+}
+"""Parts that the page can hide or make translucent, with their labels."""
+
+_OPACITY_ALONG_TOOL: dict[str, float] = {Part.TOOL: 0.0, Part.ROBOT: 0.0}
 """Opacity factor of a part in a view along the tool, which it would hide; 1 for other parts."""
 
 
@@ -54,10 +65,10 @@ class SceneView:
         self._presenter = ScenePresenter(
             self.application.scene, content, logic=self.application.logic
         )
-        self._opacities = dict.fromkeys(Part, 1.0)
-        self._hidden: set[Part] = set()
+        self._opacities = dict.fromkeys(PARTS, 1.0)
+        self._hidden: set[str] = set()
         self._along_tool = False
-        self._own_opacities: dict[Part, dict[vtkMRMLDisplayNode, float]] = {}
+        self._own_opacities: dict[str, dict[vtkMRMLDisplayNode, float]] = {}
         self._styled_scene: MarginGuardScene | None = None
         self.order = TranslucentOrder(self.view)
         self._closed: set[vtkMRMLModelNode] = set()
@@ -77,24 +88,23 @@ class SceneView:
         return self._presenter.scene
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[str, ...]:
         """The parts that the content has."""
-        absent = set()
+        shown = {each.name for each in self.content.items}
+        absent = {name for name, item in _RODS.items() if item.name not in shown}
         if self.content.margins.stop_mm == 0.0:
             absent.add(Part.MARGIN)
         if self.content.robot is None:
             absent.add(Part.ROBOT)
-        if self.content.needle is None:
-            absent.add(Part.NEEDLE)
         if not self._has_bodies:
             absent.add(Part.BODIES)
-        return tuple(part for part in Part if part not in absent)
+        return tuple(part for part in PARTS if part not in absent)
 
-    def visible(self, part: Part) -> bool:
+    def visible(self, part: str) -> bool:
         """True if the part is not hidden."""
         return part not in self._hidden
 
-    def opacity(self, part: Part) -> float:
+    def opacity(self, part: str) -> float:
         """Factor of the part's own opacity, 0 to 1."""
         return self._opacities[part]
 
@@ -111,13 +121,8 @@ class SceneView:
             breach_points_mm=shown.marks[: shown.marked],
         )
         if shown.silent:
-            self._presenter.hide_stylus()
+            self._presenter.hide_pointers()
         self._style_new_nodes()
-
-    @property
-    def stylus(self) -> vtkMRMLModelNode | None:
-        """The model of the stylus; None before it was tracked with a tip."""
-        return self._presenter.stylus_node
 
     def use_bodies(self, bodies: Mapping[str, vtkMRMLModelNode]) -> bool:
         """Style ``bodies``, which the scene has, as a part of their own; True if they changed."""
@@ -131,7 +136,7 @@ class SceneView:
         """Sort what is translucent by its depth. Call it before each picture."""
         self.order.update(self.scene, self._closed, self.bodies.values())
 
-    def set_visible(self, part: Part, visible: bool) -> None:
+    def set_visible(self, part: str, visible: bool) -> None:
         """Show or hide a part."""
         if visible:
             self._hidden.discard(part)
@@ -139,10 +144,10 @@ class SceneView:
             self._hidden.add(part)
         self._style(part)
 
-    def set_opacity(self, part: Part, opacity: float) -> None:
+    def set_opacity(self, part: str, opacity: float) -> None:
         """Multiply the part's own opacity by ``opacity``, 0 to 1."""
         if not 0.0 <= opacity <= 1.0:
-            raise ViewerError(f"opacity of {part.value.lower()} is {opacity}; expected 0 to 1")
+            raise ViewerError(f"opacity of {PARTS[part].lower()} is {opacity}; expected 0 to 1")
         self._opacities[part] = opacity
         self._style(part)
 
@@ -162,7 +167,7 @@ class SceneView:
     def look_along_tool(self, along: bool) -> None:
         """Hide what stands between a camera behind the tool and what the tip points at."""
         self._along_tool = along
-        for part in Part:
+        for part in PARTS:
             self._style(part)
         self._show_label()
 
@@ -173,11 +178,11 @@ class SceneView:
             return
         if scene is not self._styled_scene:
             self._styled_scene = scene
-            self._own_opacities = {part: {} for part in Part}
+            self._own_opacities = {part: {} for part in PARTS}
             _color_line(scene)
             self._show_label()
         has_changed = False
-        for part in Part:
+        for part in PARTS:
             known = self._own_opacities[part]
             displays = self._displays(scene, part)
             if displays != list(known):
@@ -189,7 +194,7 @@ class SceneView:
         if has_changed:
             self._closed = closed_models(scene, self.content, self._margin_surface)
 
-    def _style(self, part: Part) -> None:
+    def _style(self, part: str) -> None:
         if self.scene is None or self.scene is not self._styled_scene:
             return
         factor = _OPACITY_ALONG_TOOL.get(part, 1.0) if self._along_tool else 1.0
@@ -198,13 +203,13 @@ class SceneView:
                 display.SetOpacity(own * self._opacities[part] * factor)
                 display.SetVisibility(self.visible(part) and factor > 0.0)
 
-    def _displays(self, scene: MarginGuardScene, part: Part) -> list[vtkMRMLDisplayNode]:
+    def _displays(self, scene: MarginGuardScene, part: str) -> list[vtkMRMLDisplayNode]:
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
         nodes = {
             Part.TUMOR: [scene.tumor],
             Part.MARGIN: [scene.margin_surface],
             Part.TOOL: [scene.tool],
-            Part.NEEDLE: [scene.needle],
+            **{name: [scene.items.nodes.get(item.name)] for name, item in _RODS.items()},
             Part.ROBOT: links,
             Part.BODIES: list(self.bodies.values()),
         }[part]

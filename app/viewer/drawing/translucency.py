@@ -70,8 +70,8 @@ class TranslucentOrder:
         self, scene: MarginGuardScene, bodies: Iterable[vtkMRMLModelNode]
     ) -> dict[vtkMRMLModelNode, vtkActor]:
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
-        parts = (scene.tumor, scene.margin_surface, scene.tool, scene.needle)
-        models = [*parts, *links, *bodies]
+        parts = (scene.tumor, scene.margin_surface, scene.tool)
+        models = [*parts, *scene.items.nodes.values(), *links, *bodies]
         found = {
             model: self._models.GetActorByID(model.GetDisplayNode().GetID())
             for model in models
@@ -191,8 +191,11 @@ def closed_models(
         surfaces.append((scene.margin_surface, [margin_surface]))
     if content.tool is not None:
         surfaces.append((scene.tool, [content.tool]))
-    if content.needle is not None and content.needle.is_generated:
-        surfaces.append((scene.needle, [content.needle.surface]))
+    surfaces += [
+        (scene.items.nodes.get(item.name), [item.surface])
+        for item in content.items
+        if item.surface is not None and item.model is None
+    ]
     if content.robot is not None:
         links = {link.name: link for link in content.robot.robot.links}
         for robot in scene.robots.values():

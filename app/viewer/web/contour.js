@@ -2,7 +2,7 @@
 // eraser removes those around it. Each change names this page and the revision that it shows: a change of
 // what another page has changed meanwhile is refused, and its reason is shown here alone.
 
-import { chosenTool, toolChoice } from "./tool_choice.js";
+import { chosenTool, guardedTool, toolChoice } from "./tool_choice.js";
 
 const AUTHOR = Math.random().toString(36).slice(2, 12);
 const SVG = "http://www.w3.org/2000/svg";
@@ -214,8 +214,8 @@ export function editContour(trame) {
     const tools = document.querySelector(".contour-tools");
     if (tools && !tools.firstElementChild) connect(tools);
     if (tools) {
-      // With a stylus the answer says what is missing.
-      find("contour-tip").disabled = !contour.tip && chosenTool("touch") === "cautery";
+      // With another tool the answer says what is missing.
+      find("contour-tip").disabled = !contour.tip && chosenTool("touch") === guardedTool();
       find("contour-undo").disabled = !contour.undo;
       for (const id of ["contour-stl", "contour-ply"]) find(id).disabled = !contour.computed || (!contour.points.length && !contour.text);
       show("contour-dilation", contour.dilation);

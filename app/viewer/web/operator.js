@@ -1,4 +1,4 @@
-// What an operator types: event notes, and in a live session the margins, the recording and the length of the needle. The
+// What an operator types: event notes, and in a live session the margins, the recording and the lengths of items. The
 // fields keep what is being typed while the values of the page change.
 
 const NOTE = `
@@ -20,10 +20,9 @@ const RECORD = `
     <button id="record-confirm" type="button"></button>
     <p class="answer" id="record-answer" role="status"></p></details>`;
 
-const NEEDLE = [-5, -1, 1, 5]
-  .map((mm) => `<button type="button" data-mm="${mm}" aria-label="Needle ${Math.abs(mm)} mm ${mm < 0 ? "shorter" : "longer"}">${mm > 0 ? "+" : "\u2212"}${Math.abs(mm)}</button>`)
-  .join(" ");
-const NEEDLE_ANSWER = `<p class="answer" id="needle-answer" role="status"></p>`;
+const lengths = ({ name, title }) => [-5, -1, 1, 5]
+  .map((mm) => `<button type="button" data-mm="${mm}" aria-label="${title} ${Math.abs(mm)} mm ${mm < 0 ? "shorter" : "longer"}">${mm > 0 ? "+" : "\u2212"}${Math.abs(mm)}</button>`)
+  .join(" ") + `<p class="answer" id="${name}-answer" role="status"></p>`;
 
 export function listenToOperator(trame) {
   const find = (id) => document.getElementById(id);
@@ -54,11 +53,12 @@ export function listenToOperator(trame) {
         if (event.key === "Enter") note();
       });
     }
-    const needle = document.querySelector(".needle-tools");
-    if (needle && !needle.firstElementChild) {
-      needle.innerHTML = NEEDLE + NEEDLE_ANSWER;
-      for (const button of needle.querySelectorAll("button")) {
-        button.addEventListener("click", () => send("needle-answer", "needle_length", [Number(button.dataset.mm)]));
+    for (const tools of document.querySelectorAll(".length-tools:empty")) {
+      const item = trame.state.get("display_items").find(({ name }) => name === tools.parentElement.dataset.item);
+      if (!item) continue;
+      tools.innerHTML = lengths(item);
+      for (const button of tools.querySelectorAll("button")) {
+        button.addEventListener("click", () => send(`${item.name}-answer`, item.command, [Number(button.dataset.mm)]));
       }
     }
     const margins = document.querySelector(".margin-tools");

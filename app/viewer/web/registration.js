@@ -6,7 +6,7 @@ import { chosenTool, toolChoice } from "./tool_choice.js";
 const TOOLS = `
   <label class="tool-choice" hidden><span>Touch with</span> ${toolChoice("touch")}</label>
   <div>
-    <button id="registration-start" type="button" title="Detect the points at which the tip rests; a stylus touches the tip of the robot">Register by touch</button>
+    <button id="registration-start" type="button" title="Detect the points at which the tip rests; another tool touches the tip of the robot">Register by touch</button>
     <button id="registration-stop" type="button">Stop</button>
     <button id="registration-restore" type="button">Restore the removed point</button>
     <button id="registration-discard" type="button">Discard</button>

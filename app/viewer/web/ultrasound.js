@@ -3,7 +3,7 @@
 // has frozen it: then it is labelled FROZEN.
 
 const LATE_MS = 500; // an image that was named this long ago and has not arrived makes the shown one old
-const NAMES = ["margin", "tumor", "needle", "tool", "closest"];
+const NAMES = ["margin", "tumor", "tool", "closest"];
 
 const TEMPLATE = `
   <div class="us-bar">
@@ -20,6 +20,7 @@ const TEMPLATE = `
   <div class="us-stage">
     <svg id="us-image" role="img" aria-label="Image with tumour, stop margin and tool">
       <image preserveAspectRatio="none"/>
+      <g class="us-items"></g>
       ${NAMES.map((name) => `<path class="us-${name}"/>`).join("")}
       <g class="us-edges"></g>
       <g class="us-tip"><path d="M-9 0H-3M3 0H9M0 -9V-3M0 3V9"/></g>
@@ -29,7 +30,7 @@ const TEMPLATE = `
   </div>
   <ul class="us-legend">
     <li class="us-tumor">tumour</li><li class="us-margin">stop margin</li><li class="us-tool">tool in the plane</li>
-    <li class="us-closest">closest points</li><li class="us-needle" id="us-needle-name" hidden>needle in the plane</li>
+    <li class="us-closest">closest points</li>
   </ul>
   <p class="numbers" id="us-tip"></p>`;
 
@@ -59,12 +60,31 @@ export function showUltrasound(trame) {
     find("#us-problem").textContent = problem ? `NO CURRENT IMAGE: ${problem}` : "";
   }
 
+  function drawItems(paths) {
+    const items = trame.state.get("display_items").filter(({ length }) => length);
+    const lines = items.map(({ name, color }) => {
+      const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      line.setAttribute("class", `us-${name}`);
+      line.setAttribute("d", paths[name] ?? "");
+      line.style.stroke = color;
+      return line;
+    });
+    find("g.us-items").replaceChildren(...lines);
+    const names = items.map(({ name, color }) => {
+      const entry = Object.assign(document.createElement("li"), { id: `us-${name}-name`, textContent: `${name} in the plane` });
+      entry.style.setProperty("--line", color);
+      return entry;
+    });
+    for (const old of part.querySelectorAll(".us-legend [id]")) old.remove();
+    find(".us-legend").append(...names);
+  }
+
   function draw(values) {
     const { width, height } = values;
     const svg = find("#us-image");
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     for (const name of NAMES) find(`path.us-${name}`).setAttribute("d", values[name]);
-    find("#us-needle-name").hidden = !trame.state.get("needle");
+    drawItems(values.items);
     const [x, y, mm] = values.tip ?? [];
     const tip = find("g.us-tip");
     tip.style.display = values.tip ? "" : "none";

@@ -18,7 +18,7 @@ from slicer import (
 from app.contour import MAX_POINTS, Contour, ContourPoint, ContourSurface
 from app.contour.surface import pixel_sigma
 from app.geometry import FloatArray, InputError
-from app.runtime import Operator, TrackedTool, tip_mm
+from app.runtime import GUARDED_TOOL, Operator, tip_mm
 from app.scene import ContourModel, SceneError
 from app.scene.workflow_models import COLOR
 from app.workflow import ContourTumor
@@ -175,7 +175,7 @@ class PanelContour:
         interaction.SetPlaceModePersistence(1)
         interaction.SetCurrentInteractionMode(interaction.Place)
 
-    def add_tip(self, tool: TrackedTool = TrackedTool.CAUTERY) -> None:
+    def add_tip(self, tool: str = GUARDED_TOOL) -> None:
         """Add a point at the tip of ``tool``."""
         tip_mm = self._tip_mm(tool)
         points = self._edited()
@@ -256,7 +256,7 @@ class PanelContour:
             self._points = ContourPoints(self._mrml_scene, parent, self._changed)
         return self._points
 
-    def _tip_mm(self, tool: TrackedTool = TrackedTool.CAUTERY) -> FloatArray:
+    def _tip_mm(self, tool: str = GUARDED_TOOL) -> FloatArray:
         session, content = self._session, self._session.started().content
         step, state = session.shown_step, session.readout()[0]
         is_aged = step is not None and state is not step.decision.state

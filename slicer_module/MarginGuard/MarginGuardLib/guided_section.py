@@ -6,13 +6,14 @@ from typing import Any
 import slicer
 
 from app.geometry import InputError
+from app.runtime import GUARDED_TOOL
 from app.workflow import CalibrationKind, Coverage, GuidedShown
 
 from .status import PanelStatus
 from .widgets import OnClick, ToolChoice, coverage_picture, fill_table
 
 _HELD = "The robot is held until an operator re-arms."
-_HELD_AFTER = "After that of the cautery the robot is held until an operator re-arms."
+_HELD_AFTER = f"After that of the {GUARDED_TOOL} the robot is held until an operator re-arms."
 
 
 class GuidedSection:
@@ -52,8 +53,8 @@ class GuidedSection:
         """Show both recordings, and the tools that may be chosen."""
         ui, calibration, touch = self._ui, status.calibration, status.touch
         self._calibration, self._touch = calibration, touch
-        self._calibrated.show(status.stylus)
-        self._touching.show(status.stylus)
+        self._calibrated.show(status.tools)
+        self._touching.show(status.tools)
         ui.calibrationLabel.setText(calibration.text)
         if status.coverage is None and self._coverage is not None:
             ui.coverageLabel.clear()

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from app.geometry import MarginGuardError
-from app.runtime import Operator, OperatorCommand, RequestKind
+from app.runtime import ITEM_COMMANDS, Operator, OperatorCommand, RequestKind
 
-_NAMES = {
+_NAMES: dict[str, str] = {
     RequestKind.TIP: "using the tip",
-    RequestKind.STYLUS: "using the tip",
+    **{each.kind: "using the tip" for each in ITEM_COMMANDS.values()},
     RequestKind.REGISTRATION: "using the registration",
     RequestKind.TUMOR: "setting the tumour",
 }

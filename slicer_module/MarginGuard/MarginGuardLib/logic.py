@@ -19,7 +19,6 @@ from app.runtime import (
     SetRegistration,
     SetTumor,
     register_case,
-    stylus_text,
 )
 from app.scene import points_of_markups
 from app.session import REFERENCE
@@ -45,7 +44,7 @@ from .panel_inputs import (
 from .shown_session import ShownSession
 from .status import Alarm, PanelStatus
 from .ultrasound import PanelUltrasound
-from .view import PanelDirections, PanelNeedle, PanelView
+from .view import PanelDirections, PanelItems, PanelView
 
 STATUS_NS = NS_PER_S // 20
 """Interval of the status while the state does not change."""
@@ -80,7 +79,7 @@ class PanelLogic:
         self._displayed_ns = 0
         self._jobs = self.session.jobs
         self.contour = PanelContour(self.session, mrml_scene, logic, changed)
-        self.needle = PanelNeedle(self.session)
+        self.items = PanelItems(self.session)
         self.ultrasound = PanelUltrasound(self.session, mrml_scene)
         self._message = ""
 
@@ -339,10 +338,6 @@ class PanelLogic:
             return ""
         return self._directions.text(step, operator.content, operator.compute)
 
-    def _stylus(self) -> str:
-        operator = self.session.operator
-        return "" if operator is None else stylus_text(operator.content)
-
     def _recording(self) -> RecordingStatus | None:
         operator = self.session.operator
         return None if operator is None else operator.recording
@@ -380,14 +375,14 @@ class PanelLogic:
             is_recording=recording is not None and recording.active,
             workflow=self._workflow(),
             directions=self._tip_directions(),
-            cautery=self.session.cautery(),
+            activation=self.session.activation(),
             calibration=GuidedShown() if calibration is None else calibration_shown(calibration),
             coverage=None if fit is None else fit.coverage,
             touch=GuidedShown() if touch is None else registration_shown(touch),
             contour=self.contour.shown(),
-            needle=self.needle.length(),
+            items=self.items.shown(),
             ultrasound=self.ultrasound.shown(),
-            stylus=self._stylus(),
+            tools=self.items.tools(),
         )
 
 

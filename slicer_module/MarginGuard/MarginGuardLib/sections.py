@@ -1,9 +1,13 @@
 """The widgets of the panel by its parts."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import qt
 import slicer
 
+from app.case import DISPLAY_ITEMS, DisplayItem, ItemKind
+from app.runtime import ShownItem
 from app.scene import Preset
 
 from .contour import ContourShown
@@ -31,10 +35,10 @@ class ContourSection:
         ):
             on_click(button, command)
 
-    def show(self, shown: ContourShown, stylus: str) -> None:
-        """Show ``shown``; ``stylus``: its tip in words, empty without one."""
+    def show(self, shown: ContourShown, tools: Sequence[str]) -> None:
+        """Show ``shown`` and the ``tools`` that may be chosen."""
         ui = self._ui
-        self._tool.show(stylus)
+        self._tool.show(tools)
         ui.contourLabel.setText(shown.text)
         ui.placePointsButton.setEnabled(shown.can_edit)
         ui.tipPointButton.setEnabled(shown.can_edit)
@@ -89,25 +93,39 @@ class EventsSection:
         self._ui.noteLineEdit.setText("")
 
 
-class NeedleSection:
-    """Connects the buttons, and shows the length."""
+class ItemsSection:
+    """A row for each rod among the display items: its length, and buttons that change it."""
 
     def __init__(self, ui: Any, on_click: OnClick) -> None:
-        self._label = ui.needleLengthLabel
-        self._buttons = {
-            -5.0: ui.needleMuchShorterButton,
-            -1.0: ui.needleShorterButton,
-            1.0: ui.needleLongerButton,
-            5.0: ui.needleMuchLongerButton,
+        self._rows = {
+            item.name: _add_row(ui.itemsWidget.layout(), item, on_click)
+            for item in DISPLAY_ITEMS
+            if item.kind is ItemKind.ROD
         }
-        for by_mm, button in self._buttons.items():
-            on_click(button, lambda logic, by_mm=by_mm: logic.needle.lengthen(by_mm))
 
-    def show(self, length: str, *, is_live: bool) -> None:
-        """Show ``length`` in mm, empty without a needle."""
-        self._label.setText(length or "no needle")
-        for button in self._buttons.values():
-            button.setEnabled(is_live and bool(length))
+    def show(self, items: Sequence[ShownItem], *, is_live: bool) -> None:
+        """Show the lengths of ``items`` in mm."""
+        lengths = {each.name: each.text for each in items}
+        for name, (label, buttons) in self._rows.items():
+            label.setText(lengths.get(name, f"no {name}"))
+            for button in buttons:
+                button.setEnabled(is_live and name in lengths)
+
+
+def _add_row(layout: Any, item: DisplayItem, on_click: OnClick) -> tuple[Any, list[Any]]:
+    row, label, buttons = qt.QHBoxLayout(), qt.QLabel(), []
+    label.setToolTip("From the sensor to the tip; no distance depends on it")
+    row.addWidget(label)
+    for by_mm in (-5.0, -1.0, 1.0, 5.0):
+        button = qt.QPushButton(f"{by_mm:+g}")
+        button.setMaximumWidth(48)
+        change = "longer" if by_mm > 0.0 else "shorter"
+        button.setToolTip(f"{item.title} {abs(by_mm):g} mm {change}")
+        on_click(button, lambda logic, by_mm=by_mm: logic.items.lengthen(item.name, by_mm))
+        row.addWidget(button)
+        buttons.append(button)
+    layout.addRow(item.heading, row)
+    return label, buttons
 
 
 class UltrasoundSection:
@@ -184,11 +202,11 @@ class ViewSection:
             on_click(button, command)
 
     def show(self, view: PanelView, status: PanelStatus) -> None:
-        """Show what ``view`` follows, and the cautery of ``status``."""
+        """Show what ``view`` follows, and the activation of ``status``."""
         self._ui.bullseyeButton.setChecked(view.follows_tool)
         self._ui.centreButton.setChecked(view.keeps_tumor)
         self._ui.deleteMarkersButton.setEnabled(status.has_session)
-        self._ui.cauteryLabel.setText(status.cautery)
+        self._ui.activationLabel.setText(status.activation)
 
 
 class Sections:
@@ -198,14 +216,14 @@ class Sections:
         self._guided = GuidedSection(ui, on_click)
         self._events = EventsSection(ui, on_click)
         self._contour = ContourSection(ui, on_click)
-        self._needle = NeedleSection(ui, on_click)
+        self._items = ItemsSection(ui, on_click)
         self._ultrasound = UltrasoundSection(ui, on_click)
 
     def show(self, status: PanelStatus, events: SessionEvents) -> None:
         """Show ``status`` and what ``events`` lists now."""
         self._guided.show(status)
-        self._contour.show(status.contour, status.stylus)
-        self._needle.show(status.needle, is_live=status.is_live)
+        self._contour.show(status.contour, status.tools)
+        self._items.show(status.items, is_live=status.is_live)
         self._ultrasound.show(status.ultrasound)
         self._events.show(
             events,

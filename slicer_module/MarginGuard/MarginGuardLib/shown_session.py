@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene, vtkMRMLTransformNode
 
-from app.case import CauteryState
+from app.case import ENERGY_DEVICE, Activation
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, InputError
 from app.runtime import (
@@ -265,14 +265,14 @@ class ShownSession:
             reasons = str(Reason.STALE)
         return "\n".join([reasons, *(f"hold: {cause}" for cause in self._last.step.hold_causes)])
 
-    def cautery(self) -> str:
-        """The state of the cautery, unknown while the display is stale; empty if it is not told."""
-        told = None if self._last is None else self._last.step.frame.cautery
+    def activation(self) -> str:
+        """The activation, unknown while the display is stale; empty if it is not told."""
+        told = None if self._last is None else self._last.step.frame.activation
         if told is None or self._last is None:
             return ""
         is_stale = self.readout()[0] is not self._last.step.decision.state
-        state = CauteryState.UNKNOWN if is_stale else told
-        return f"{state.symbol} cautery {state.label}"
+        state = Activation.UNKNOWN if is_stale else told
+        return f"{state.symbol} {ENERGY_DEVICE.name} {state.label}"
 
     def last_request(self) -> str:
         """The last request to change the session, and what became of it."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from app.fixture import MarginState
+from app.runtime import ShownItem
 from app.workflow import Coverage, GuidedShown
 
 from .contour import ContourShown
@@ -18,11 +19,11 @@ class PanelStatus:
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
     transform. ``recording``: the last recording of the live session, empty before one.
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
-    ``directions``: of the tip to the stop margin, in mm. ``cautery``: its state, empty where no
-    source tells it.
+    ``directions``: of the tip to the stop margin, in mm. ``activation``: in words, empty where
+    no source tells it.
     ``calibration`` with its ``coverage``, and ``touch``: the guided calibration, and registration
     by touch; without a ``phase`` where there is no session for it.
-    ``needle``: its length in mm, ``stylus``: its tip in words; empty without one.
+    ``items``: the display items, ``tools``: the tools with a tip.
     """
 
     state: MarginState
@@ -43,14 +44,14 @@ class PanelStatus:
     is_recording: bool
     workflow: str
     directions: str
-    cautery: str
+    activation: str
     calibration: GuidedShown
     coverage: Coverage | None
     touch: GuidedShown
     contour: ContourShown
-    needle: str
+    items: tuple[ShownItem, ...]
     ultrasound: UltrasoundShown
-    stylus: str
+    tools: tuple[str, ...]
 
 
 REPEAT_NS = 1_000_000_000

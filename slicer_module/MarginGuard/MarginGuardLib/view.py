@@ -1,4 +1,4 @@
-"""View of a session in the panel: cameras, opacity, markers, needle, distances in directions."""
+"""View of a session in the panel: cameras, opacity, markers, items, distances in directions."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from slicer import vtkMRMLCameraNode, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.geometry import InputError, MarginGuardError, SurfaceMesh
-from app.runtime import Compute, LengthenNeedle, SessionContent
+from app.runtime import GUARDED_TOOL, ITEM_COMMANDS, Compute, SessionContent, ShownItem, tools_of
 from app.scene import MarkerStyle, Preset
 from app.session import StepResult
 from app.workflow import TipDirections, stop_surface
@@ -109,21 +109,25 @@ class PanelView:
         return camera
 
 
-class PanelNeedle:
-    """Length of the needle of ``session``. Call it in the scene's thread."""
+class PanelItems:
+    """Display items of ``session``. Call it in the scene's thread."""
 
     def __init__(self, session: ShownSession) -> None:
         self._session = session
 
-    def lengthen(self, by_mm: float) -> None:
-        """Show the needle longer by ``by_mm``. Raises `InputError` without a session."""
-        self._session.request(LengthenNeedle(by_mm))
+    def lengthen(self, name: str, by_mm: float) -> None:
+        """Show the rod ``name`` longer by ``by_mm``. Raises `InputError` without a session."""
+        self._session.request(ITEM_COMMANDS[name](by_mm))
 
-    def length(self) -> str:
-        """The length in mm, empty without a needle."""
+    def shown(self) -> tuple[ShownItem, ...]:
+        """The items of the session."""
         operator = self._session.operator
-        needle = None if operator is None else operator.content.needle
-        return "" if needle is None else f"{needle.length_mm:g}"
+        return () if operator is None else operator.content.items
+
+    def tools(self) -> tuple[str, ...]:
+        """Names of the tools with a tip."""
+        operator = self._session.operator
+        return (GUARDED_TOOL,) if operator is None else tools_of(operator.content)
 
 
 _PAIRS = ("RL", "AP", "SI")

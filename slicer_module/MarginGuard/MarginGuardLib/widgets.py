@@ -5,7 +5,7 @@ from typing import Any
 
 import qt
 
-from app.runtime import TrackedTool
+from app.runtime import tool_names
 from app.workflow import Coverage
 
 _SIZE = 150
@@ -36,21 +36,21 @@ def fill_table(table: Any, rows: Sequence[Sequence[str]]) -> None:
 
 
 class ToolChoice:
-    """Fills ``combo_box`` with the tools. Without a stylus the choice is the tool of the guard."""
+    """Fills ``combo_box`` with the tools. In a session with one tool the choice is that one."""
 
     def __init__(self, combo_box: Any) -> None:
         self._combo_box = combo_box
-        combo_box.addItems([each.value for each in TrackedTool])
+        combo_box.addItems(list(tool_names()))
 
     @property
-    def tool(self) -> TrackedTool:
+    def tool(self) -> str:
         """The chosen tool."""
-        return TrackedTool(self._combo_box.property("currentText"))
+        return str(self._combo_box.property("currentText"))
 
-    def show(self, stylus: str) -> None:
-        """Let the user choose in a session with a stylus; ``stylus`` is empty without one."""
-        self._combo_box.setEnabled(bool(stylus))
-        if not stylus:
+    def show(self, tools: Sequence[str]) -> None:
+        """Let the user choose in a session with several ``tools``."""
+        self._combo_box.setEnabled(len(tools) > 1)
+        if len(tools) < 2:
             self._combo_box.setCurrentIndex(0)
 
 

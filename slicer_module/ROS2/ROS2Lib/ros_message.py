@@ -23,7 +23,7 @@ Plain = Mapping[str, Any]
 
 
 class RosMessage:
-    """``message.GetHeader().SetFrameId("needle")``: the field ``frame_id`` becomes ``FrameId``.
+    """``message.GetHeader().SetFrameId("tool")``: the field ``frame_id`` becomes ``FrameId``.
 
     Base of one class per ROS type (`message_class`), which has the type's constants as attributes.
     """

@@ -30,7 +30,7 @@ REPEAT_NS = 100 * NS_PER_MS
 class vtkMRMLROS2Tf2HierarchyNode(Member, vtkMRMLScriptedModuleNode):
     """`ObserveTransformNode` broadcasts a linear transform node and all those below it.
 
-    ``StylusTipToStylus`` is the frame ``stylus_tip``; a node of another name is the frame of that
+    ``ToolTipToTool`` is the frame ``tool_tip``; a node of another name is the frame of that
     name. The top is placed in the frame with which the member was created. Only what the
     scene owns is sent: no lookup, no transform that MarginGuard or a simulation sets, and no frame
     that another node broadcasts (`GetProblem`).

@@ -20,7 +20,7 @@ from app.bridge.displays.remote_operator import PAGE_NODE, PANEL_NODE
 from app.bridge.displays.session_client import TransportDelay
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, MarginGuardError
-from app.runtime import AddNote, ChooseDepth, LengthenNeedle, Rearm, SetMargins, SetTumor
+from app.runtime import ITEM_COMMANDS, AddNote, ChooseDepth, Rearm, SetMargins, SetTumor
 from benchmarks.images.session import write_session
 from tests.bridge.conftest import SENDER, TRACKED
 from tests.bridge.live.guard_monitor import monitored
@@ -137,8 +137,8 @@ def test_page_and_panel_show_the_same_and_their_requests_name_them(guard, displa
     assert operator.request(SetMargins(1.5, 6.0)) == ""
     for each in (page, panel):
         each.until(lambda step, now: now.content.margins.stop_mm == 1.5)
-    panel.client.operator.request(LengthenNeedle(5.0))
-    page.until(lambda step, now: now.content.needle.length_mm == 65.0)
+    panel.client.operator.request(ITEM_COMMANDS["needle"](5.0))
+    page.until(lambda step, now: now.content.item("needle").length_mm == 65.0)
     panel.client.operator.request(AddNote("first cut"))
     _, now = page.until(lambda step, now: "first cut" in now.last_request.text)
     assert now.last_request.line == f"note from the panel (/{PANEL_NODE}_1) accepted: first cut"
@@ -233,7 +233,7 @@ def test_new_node_is_found_after_the_first_was_killed(
     page.until(is_tracked)
     guard.end(signal.SIGKILL)
     start_live(live_yaml(TRACKED))
-    step, _ = page.until(lambda step, now: now.content.needle is None)
+    step, _ = page.until(lambda step, now: not now.content.items)
     assert step.decision.hold
     start_sender("tracked", "again")
     rearmed(page)

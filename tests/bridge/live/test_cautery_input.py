@@ -4,9 +4,9 @@ import pytest
 from std_msgs.msg import Bool
 
 from app.bridge import RosNode
-from app.bridge.live.sources import IgtlCautery, TopicCautery
+from app.bridge.live.sources import IgtlActivation, TopicActivation
 from app.bridge.topics import STREAM, Topic
-from app.case import CauteryState, CauteryTrail
+from app.case import Activation, ActivationTrail
 from app.igtl import pack_string
 from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
 from tests.waiting import wait_until
@@ -19,21 +19,21 @@ LIMIT_NS = 1000
 
 def test_topic_says_on_and_off_until_it_is_too_old(ros: RosNode, other: RosNode) -> None:
     now = [0]
-    cautery = TopicCautery(ros, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: now[0])
+    cautery = TopicActivation(ros, TOPIC.name, ActivationTrail(LIMIT_NS), lambda: now[0])
     publisher = other.publisher(TOPIC)
-    assert cautery.state() is CauteryState.UNKNOWN
-    for on, state in ((True, CauteryState.ON), (False, CauteryState.OFF)):
+    assert cautery.state() is Activation.UNKNOWN
+    for on, state in ((True, Activation.ON), (False, Activation.OFF)):
         wait_until(
             lambda state=state: cautery.state() is state,  # type: ignore[misc]
             lambda on=on: publisher.publish(Bool(data=on)),  # type: ignore[misc]
         )
     now[0] += LIMIT_NS + 1
-    assert cautery.state() is CauteryState.UNKNOWN
+    assert cautery.state() is Activation.UNKNOWN
     assert cautery.counts()[f"{TOPIC.name}: messages"] >= 2
 
 
 def test_two_publishers_make_the_state_unknown(ros: RosNode, other: RosNode) -> None:
-    cautery = TopicCautery(ros, TOPIC.name, CauteryTrail(LIMIT_NS), lambda: 0)
+    cautery = TopicActivation(ros, TOPIC.name, ActivationTrail(LIMIT_NS), lambda: 0)
     publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
 
     def send() -> None:
@@ -41,7 +41,7 @@ def test_two_publishers_make_the_state_unknown(ros: RosNode, other: RosNode) -> 
             publisher.publish(Bool(data=True))
 
     wait_until(lambda: cautery.counts().get(f"{TOPIC.name}: of two publishers", 0) > 2, send)
-    assert cautery.state() is CauteryState.UNKNOWN
+    assert cautery.state() is Activation.UNKNOWN
 
 
 def packet(text: str, device: str = "Cautery") -> tuple[Header, bytes]:
@@ -50,19 +50,19 @@ def packet(text: str, device: str = "Cautery") -> tuple[Header, bytes]:
 
 
 def test_string_of_the_device_says_on_and_off() -> None:
-    cautery = IgtlCautery("Cautery", CauteryTrail(LIMIT_NS), lambda: 0)
+    cautery = IgtlActivation("Cautery", ActivationTrail(LIMIT_NS), lambda: 0)
     for text, state in (
-        ("ON", CauteryState.ON),
-        ("0", CauteryState.OFF),
-        ("true", CauteryState.ON),
-        ("standby", CauteryState.UNKNOWN),
-        (" off ", CauteryState.OFF),
+        ("ON", Activation.ON),
+        ("0", Activation.OFF),
+        ("true", Activation.ON),
+        ("standby", Activation.UNKNOWN),
+        (" off ", Activation.OFF),
     ):
         cautery.receive(*packet(text))
         assert cautery.state() is state
     cautery.receive(*packet("on", "Other"))
-    assert cautery.state() is CauteryState.OFF
+    assert cautery.state() is Activation.OFF
     assert cautery.counts() == {"cautery: messages": 5, "cautery: refused": 1}
     header, body = packet("on")
     cautery.receive(header, body[:-1] + b"x")
-    assert cautery.state() is CauteryState.UNKNOWN
+    assert cautery.state() is Activation.UNKNOWN

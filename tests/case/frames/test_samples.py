@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.case import CauteryState, CauteryTrail, JointSample
+from app.case import Activation, ActivationTrail, JointSample
 from app.case.messages.message_values import JointValues
 from app.geometry import InputError, Stamp
 
@@ -34,25 +34,25 @@ def test_names_without_a_position_and_repeated_joints_are_refused():
 
 @given(on=st.booleans(), age_ns=st.integers(-5 * LIMIT_NS, 5 * LIMIT_NS))
 def test_state_of_the_cautery_is_what_was_said_while_it_is_fresh(on, age_ns):
-    trail = CauteryTrail(LIMIT_NS)
-    assert trail.at(0) is CauteryState.UNKNOWN
+    trail = ActivationTrail(LIMIT_NS)
+    assert trail.at(0) is Activation.UNKNOWN
     trail.hear(on, 10**9)
-    known = CauteryState.ON if on else CauteryState.OFF
-    expected = known if abs(age_ns) <= LIMIT_NS else CauteryState.UNKNOWN
+    known = Activation.ON if on else Activation.OFF
+    expected = known if abs(age_ns) <= LIMIT_NS else Activation.UNKNOWN
     assert trail.at(10**9 + age_ns) is expected
 
 
 def test_last_word_counts_and_a_forgotten_one_is_unknown():
-    trail = CauteryTrail(LIMIT_NS)
+    trail = ActivationTrail(LIMIT_NS)
     trail.hear(True, 100)
     trail.hear(False, 200)
-    assert trail.at(300) is CauteryState.OFF
+    assert trail.at(300) is Activation.OFF
     trail.forget()
-    assert trail.at(300) is CauteryState.UNKNOWN
+    assert trail.at(300) is Activation.UNKNOWN
 
 
 def test_states_of_the_cautery_differ_by_sign_and_label_and_are_written_as_words():
-    assert len({state.symbol for state in CauteryState}) == len(CauteryState)
-    assert [state.label for state in CauteryState] == ["OFF", "UNKNOWN", "ON"]
-    assert max(CauteryState, key=lambda state: state.rank) is CauteryState.ON
-    assert all(CauteryState(str(state)) is state for state in CauteryState)
+    assert len({state.symbol for state in Activation}) == len(Activation)
+    assert [state.label for state in Activation] == ["OFF", "UNKNOWN", "ON"]
+    assert max(Activation, key=lambda state: state.rank) is Activation.ON
+    assert all(Activation(str(state)) is state for state in Activation)

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 
-from app.case import CauteryState, TrackingFrame, read_mcap, write_recording
+from app.case import Activation, TrackingFrame, read_mcap, write_recording
 from app.case.messages.ros_messages import BOOL, TRACKED_TRANSFORM, ros_types
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
@@ -339,8 +339,17 @@ def test_frames_have_the_state_of_the_cautery_at_their_receipt(tmp_path):
     messages = [tip(0), said(True), tip(1), said(False), tip(2), *(tip(n) for n in range(3, 8))]
     path = tmp_path / "x.mcap"
     write_messages(path, messages)
-    frames, notes = read(path, cautery="/cautery", cautery_stale_after_ns=4)
-    unknown, on, off = CauteryState.UNKNOWN, CauteryState.ON, CauteryState.OFF
-    assert [each.cautery for each in frames] == [unknown, on, off, off, off, off, unknown, unknown]
+    frames, notes = read(path, activation="/cautery", activation_stale_after_ns=4)
+    unknown, on, off = Activation.UNKNOWN, Activation.ON, Activation.OFF
+    assert [each.activation for each in frames] == [
+        unknown,
+        on,
+        off,
+        off,
+        off,
+        off,
+        unknown,
+        unknown,
+    ]
     assert notes == []
-    assert {each.cautery for each in read(path)[0]} == {None}
+    assert {each.activation for each in read(path)[0]} == {None}

@@ -15,7 +15,7 @@ from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_S, TrackedTransform, TrackingStatus, Transform
 from app.synthetic.motion import TouchArm
 from app.synthetic.simulated_tracker import SimulatedTracker
-from app.synthetic.simulation import CAUTERY_FROM_TIP
+from app.synthetic.simulation import TOOL_FROM_TIP
 from app.synthetic.tracker_model import Jitter, TrackerModel
 
 
@@ -30,7 +30,7 @@ def write_white_case(
     shutil.copytree(case, folder, ignore=shutil.ignore_patterns("*.mcap"))
     manifest = yaml.safe_load((case / "case.yaml").read_text())
     manifest["recording"] = {"path": "tracking.mcap"}
-    manifest["tool"]["tip_from"] = {"matrix": CAUTERY_FROM_TIP.matrix.ravel().tolist()}
+    manifest["tool"]["tip_from"] = {"matrix": TOOL_FROM_TIP.matrix.ravel().tolist()}
     (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
     write_recording(
         folder / "tracking.mcap",
@@ -50,13 +50,13 @@ def _frames(case: Path, reference_from_base: Transform, seconds: float) -> Itera
     times_ns = np.array([sample.stamp.ns for sample in samples])
     positions = np.array([sample.positions for sample in samples])
     names = samples[0].names
-    arm = TouchArm(base_frame=reference_from_base.source, tip_frame=CAUTERY_FROM_TIP.source)
+    arm = TouchArm(base_frame=reference_from_base.source, tip_frame=TOOL_FROM_TIP.source)
     tracker = SimulatedTracker(TrackerModel("white", 50.0, Jitter()), [1])
     tracker_from_reference = Transform("tracker", "reference", np.eye(3), [10.0, 20.0, 30.0])
     for frame in recorded:
         joints = [float(np.interp(frame.stamp.ns, times_ns, column)) for column in positions.T]
         base_from_tip = arm.base_from_tool(dict(zip(names, joints, strict=True)))
-        tool = reference_from_base @ base_from_tip @ CAUTERY_FROM_TIP.inverse()
+        tool = reference_from_base @ base_from_tip @ TOOL_FROM_TIP.inverse()
         poses = tuple(
             TrackedTransform(
                 tracker.measure(pose.source, pose, 0.0), frame.stamp, TrackingStatus.OK

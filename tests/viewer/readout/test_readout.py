@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.case import CauteryState
+from app.case import Activation
 from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
 from app.registration import DriftBound, given_registration, register_points
@@ -138,11 +138,11 @@ def test_computed_registration_states_what_it_adds(parts):
 
 def test_cautery_of_a_silent_session_is_unknown(parts):
     shown = parts.feed.shown[0]
-    assert readout(shown)["cautery"] is None
-    for state in CauteryState:
-        frame = replace(shown.step.frame, cautery=state)
+    assert readout(shown)["activation"] is None
+    for state in Activation:
+        frame = replace(shown.step.frame, activation=state)
         told = replace(shown, step=replace(shown.step, frame=frame))
         values = readout(told)
-        assert values["cautery"]["state"] == state.value
-        assert {**values, "cautery": None} == readout(shown)
-        assert readout(told.as_unknown("nothing comes"))["cautery"]["state"] == "unknown"
+        assert values["activation"]["state"] == state.value
+        assert {**values, "activation": None} == readout(shown)
+        assert readout(told.as_unknown("nothing comes"))["activation"]["state"] == "unknown"

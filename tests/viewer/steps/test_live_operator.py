@@ -8,7 +8,7 @@ import pytest
 
 from app.geometry import Transform
 from app.hold import RearmRefusedError
-from app.runtime import ChooseDepth, ImageDepth, LengthenNeedle, Rearm, Record, SetMargins, SetTip
+from app.runtime import ITEM_COMMANDS, ChooseDepth, ImageDepth, Rearm, Record, SetMargins, SetTip
 from app.viewer import LiveOperator
 from app.viewer.address import Role
 from app.viewer.controls import LiveControls
@@ -122,7 +122,7 @@ def test_malformed_rearm_is_refused(args, page):
     [
         ("rearm", (1, str(2**64 - 1)), Rearm(1, 2**64 - 1)),
         ("margins", (*SEEN, 2.0, 6.0), SetMargins(2.0, 6.0)),
-        ("needle_length", (5,), LengthenNeedle(5)),
+        ("needle_length", (5,), ITEM_COMMANDS["needle"](5)),
         ("image_depth", (40, 60), ChooseDepth(60)),
         ("record", (True, " today "), Record(True, "today")),
         ("record", (False, ""), Record(False)),
@@ -180,5 +180,5 @@ def test_second_tip_waits_for_the_first_and_each_step_of_the_needle_counts(page)
         page.run("needle_length", 1)
     for _ in range(5):
         page.wait()
-    assert page.session.called.count(LengthenNeedle(1)) == 5
+    assert page.session.called.count(ITEM_COMMANDS["needle"](1)) == 5
     assert page.session.called.count(tip) == 1

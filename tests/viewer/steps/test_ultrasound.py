@@ -9,8 +9,7 @@ from app.case import open_case_images
 from app.cli.replay_page import replay_parts
 from app.cli.signals import SignalState
 from app.geometry import Transform
-from app.runtime import Needle
-from app.runtime.display_content import thin_needle
+from app.runtime import ShownItem
 from app.viewer.image_part import Ultrasound, eight_bits, ultrasound_values
 from tests.case.images.sequences import some_pixels
 from tests.case.images.ultrasound_case import (
@@ -67,20 +66,20 @@ def test_outlines_are_the_circles_of_ball_and_rod(parts, ultrasound):
 def test_outline_of_the_needle_is_a_circle_while_its_sensor_is_known(parts, ultrasound):
     shown = parts.feed.shown[BREACH]
     edge = Transform("needle", "needle_tip", np.eye(3), [4.0, 0.0, 20.0])
-    needle = Needle(60.0, edge, thin_needle(60.0, "needle_tip"), is_generated=True)
-    with_needle = replace(shown, content=replace(shown.content, needle=needle))
+    needle = ShownItem("needle", "needle", 60.0, edge)
+    with_needle = replace(shown, content=replace(shown.content, items=(needle,)))
     view = ultrasound.at(with_needle, "needle")
-    (line,) = view.needle
+    (line,) = view.items["needle"]
     centre = (np.array([4.0, 0.0]) - PROBE_FROM_IMAGE[:2, 3]) / PIXEL_MM
     needle_px = 0.001 * (BREACH % 3) / PIXEL_MM
     found_mm = radii(line, (centre[0] + needle_px, centre[1]))
     assert (found_mm.min(), found_mm.max()) == pytest.approx((0.75, 0.75), abs=0.02)
-    assert ultrasound_values(view, (COLUMNS, ROWS))["needle"].startswith("M")
-    assert ultrasound.at(shown, "needle").needle == ()
+    assert ultrasound_values(view, (COLUMNS, ROWS))["items"]["needle"].startswith("M")
+    assert ultrasound.at(shown, "needle").items == {}
     lost = replace(edge, target="wire", source="wire_tip")
-    other = replace(needle, frame_from_tip=lost)
-    hidden = replace(shown, content=replace(shown.content, needle=other))
-    assert ultrasound.at(hidden, "needle").needle == ()
+    other = replace(needle, frame="wire", frame_from_tip=lost)
+    hidden = replace(shown, content=replace(shown.content, items=(other,)))
+    assert ultrasound.at(hidden, "needle").items == {}
 
 
 def test_image_of_each_frame_is_its_own(parts, ultrasound):

@@ -29,8 +29,8 @@ def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame
         note,
         joint_states_topic=joints.topic,
         offset_ns=joints.offset_ns,
-        cautery=joints.cautery,
-        cautery_stale_after_ns=joints.cautery_stale_after_ns,
+        activation=joints.activation,
+        activation_stale_after_ns=joints.activation_stale_after_ns,
     )
 
 

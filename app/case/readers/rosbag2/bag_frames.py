@@ -28,7 +28,7 @@ from app.case.messages.ros_messages import (
 from app.case.readers.recording_format import Note, SideTopics
 from app.case.readers.rosbag2.bag import read_bag_runs
 from app.case.readers.rosbag2.bag_messages import Connection, MessageRun, RunMessage
-from app.case.tracking_frames import CauteryState, CauteryTrail, TrackingFrame
+from app.case.tracking_frames import Activation, ActivationTrail, TrackingFrame
 from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
 
 _UNUSABLE = (MarginGuardError, AttributeError, TypeError, ValueError, OverflowError)
@@ -50,18 +50,18 @@ def read_mcap(
     *,
     joint_states_topic: str | None,
     offset_ns: int = 0,
-    cautery: str | None = None,
-    cautery_stale_after_ns: int = 0,
+    activation: str | None = None,
+    activation_stale_after_ns: int = 0,
 ) -> Iterator[TrackingFrame]:
     """Yield the frames of an MCAP file or rosbag2 folder, ordered by acquisition stamp.
 
-    The topics are those of `SideTopics`. A frame has the state of the cautery at the receipt of
-    its first sample. Cut, damaged and unreadable parts are skipped and reported to ``note``. Raises
+    The topics are those of `SideTopics`. A frame has the activation at the receipt of its
+    first sample. Cut, damaged and unreadable parts are skipped and reported to ``note``. Raises
     `InputError` when the recording holds no tracked transform at all.
     """
     frames = 0
     for frame in _FrameReader(
-        path, note, SideTopics(joint_states_topic, offset_ns, cautery, cautery_stale_after_ns)
+        path, note, SideTopics(joint_states_topic, offset_ns, activation, activation_stale_after_ns)
     ).frames(read_bag_runs(path, note)):
         frames += 1
         yield frame
@@ -104,8 +104,10 @@ class _FrameReader:
         self._note = note
         self._offset_ns = side.offset_ns
         self._received_ns = 0
-        self._cautery = None if side.cautery is None else CauteryTrail(side.cautery_stale_after_ns)
-        self._assembler = FrameAssembler(note, None if side.cautery is None else self._burns)
+        self._activation = (
+            None if side.activation is None else ActivationTrail(side.activation_stale_after_ns)
+        )
+        self._assembler = FrameAssembler(note, None if side.activation is None else self._burns)
         self._tracked_edges: set[tuple[str, str]] = set()
         self._decoders: dict[tuple[str, bytes], MessageDecoder | InputError] = {}
         self._definition_chars = 0
@@ -131,8 +133,8 @@ class _FrameReader:
             joints = partial(joint_samples, offset_ns=side.offset_ns)
             add_sample = self._assembler.add_joints
             topics.append(_Topic(side.topic, JOINT_STATE, self._add_joints, joints, add_sample))
-        if side.cautery is not None:
-            topics.append(_Topic(side.cautery, BOOL, self._add_cautery))
+        if side.activation is not None:
+            topics.append(_Topic(side.activation, BOOL, self._add_activation))
         self._topics = {topic.name: topic for topic in topics}
         self._used: dict[Connection, _Topic | None] = {}
         self._skipped: list[_Topic] = []
@@ -276,16 +278,16 @@ class _FrameReader:
         self._assembler.add_unfiltered(Stamp(values.ns), Stamp(values.unfiltered_ns))
         return ()
 
-    def _add_cautery(self, on: bool) -> Iterable[TrackingFrame]:
-        if self._cautery is not None:
-            self._cautery.hear(on, self._received_ns)
+    def _add_activation(self, on: bool) -> Iterable[TrackingFrame]:
+        if self._activation is not None:
+            self._activation.hear(on, self._received_ns)
         return ()
 
-    def _burns(self) -> CauteryState:
-        """The state of the cautery when the present message was received."""
-        if self._cautery is None:
-            return CauteryState.UNKNOWN
-        return self._cautery.at(self._received_ns)
+    def _burns(self) -> Activation:
+        """The state of the energy device when the present message was received."""
+        if self._activation is None:
+            return Activation.UNKNOWN
+        return self._activation.at(self._received_ns)
 
     def _add_joints(self, values: JointValues) -> Iterable[TrackingFrame]:
         return self._assembler.add_joints(values.sample(offset_ns=self._offset_ns))

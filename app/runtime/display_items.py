@@ -1,0 +1,191 @@
+"""Display items of a session: where their tips are, what is drawn, how an operator changes them.
+
+`app.case.DISPLAY_ITEMS` declares which there are. No decision depends on any of them.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from app.case import (
+    DISPLAY_ITEMS,
+    MAX_POINTER_SIGMA_MM,
+    MAX_ROD_MM,
+    MIN_POINTER_MM,
+    MIN_ROD_MM,
+    Case,
+    DisplayItem,
+    ItemKind,
+    PointerEntry,
+)
+from app.geometry import FloatArray, FrameError, InputError, SurfaceMesh, Transform
+
+_DECLARED = {each.name: each for each in DISPLAY_ITEMS}
+_SIDES = 16
+
+
+def pointed_rod(length_mm: float, radius_mm: float, point_mm: float, frame: str) -> SurfaceMesh:
+    """A closed rod along z in ``frame``, its tip at 0 and its other end at ``-length_mm``.
+
+    The last ``point_mm``, or half of a shorter rod, are a cone.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    circle = radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    heights = -length_mm, -min(point_mm, 0.5 * length_mm)
+    rings = [np.column_stack([circle, np.full(_SIDES, height)]) for height in heights]
+    poles = np.array([[0.0, 0.0, -length_mm], [0.0, 0.0, 0.0]])
+    low = np.arange(_SIDES)
+    following = (low + 1) % _SIDES
+    back, tip = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
+    faces = [
+        (back, following, low),
+        (low, following, following + _SIDES),
+        (low, following + _SIDES, low + _SIDES),
+        (low + _SIDES, following + _SIDES, tip),
+    ]
+    corners = np.concatenate([np.stack(each, axis=1) for each in faces])
+    return SurfaceMesh(frame, np.concatenate([*rings, poles]), corners.astype(np.int32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownItem:
+    """The item ``name`` of a session, whose sensor is tracked as ``frame``.
+
+    ``frame_from_tip`` is the tip in that frame, +z forward, ``length_mm`` from the sensor; None
+    while it is not calibrated. ``sigma_mm``: standard deviation of the tip in its worst direction,
+    0 where it is not stated. ``model`` is the surface of a file; None for a generated one.
+    ``surface`` is what is drawn, in the frame of the tip; None without a tip.
+    """
+
+    name: str
+    frame: str
+    length_mm: float = 0.0
+    frame_from_tip: Transform | None = None
+    sigma_mm: float = 0.0
+    model: SurfaceMesh | None = None
+    surface: SurfaceMesh | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        if self.frame_from_tip is not None:
+            made, by = self.model, self.declared
+            if made is None:
+                drawn_mm = min(self.length_mm, by.drawn_mm)
+                made = pointed_rod(drawn_mm, by.radius_mm, by.point_mm, self.tip_frame)
+            object.__setattr__(self, "surface", made)
+
+    @property
+    def declared(self) -> DisplayItem:
+        """Its declaration."""
+        return _DECLARED[self.name]
+
+    @property
+    def is_pointer(self) -> bool:
+        """True if an operator calibrates its tip and touches points with it."""
+        return self.declared.kind is ItemKind.POINTER
+
+    @property
+    def tip_frame(self) -> str:
+        """The frame of the tip and of the surface."""
+        return f"{self.frame}_tip"
+
+    @property
+    def tip(self) -> Transform:
+        """``frame_from_tip``. Raises `InputError` for a tip that is not calibrated."""
+        if self.frame_from_tip is None:
+            raise InputError(
+                f"{self.name}: it is not calibrated; expected a pivot calibration before"
+            )
+        return self.frame_from_tip
+
+    @property
+    def text(self) -> str:
+        """Length of a rod in mm; of a pointer how well its tip is known."""
+        if not self.is_pointer:
+            return f"{self.length_mm:g}"
+        if self.frame_from_tip is None:
+            return "not calibrated"
+        sigma = f"sigma {self.sigma_mm:.2f} mm" if self.sigma_mm else "uncertainty not known"
+        return f"tip {self.length_mm:.1f} mm from the sensor, {sigma}"
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The keys of ``case.yaml`` that an operator can have changed."""
+        if not self.is_pointer:
+            return {"length_mm": self.length_mm}
+        if self.frame_from_tip is None:
+            return {}
+        matrix = self.frame_from_tip.matrix.ravel().tolist()
+        return {"tip_from": {"matrix": matrix}, "sigma_mm": self.sigma_mm}
+
+    def with_length(self, length_mm: float) -> "ShownItem":
+        """The same rod with another length. Raises `InputError` for one out of range."""
+        if not MIN_ROD_MM <= length_mm <= MAX_ROD_MM:
+            raise InputError(
+                f"{self.name}: a length of {length_mm:.6g} mm; expected {MIN_ROD_MM:g} to "
+                f"{MAX_ROD_MM:g} mm"
+            )
+        return replace(
+            self,
+            length_mm=length_mm,
+            frame_from_tip=_tip_at(length_mm, self.tip.rotation, self.frame),
+        )
+
+    def with_tip(self, frame_from_tip: Transform, sigma_mm: float) -> "ShownItem":
+        """The same pointer with a calibrated tip.
+
+        Raises `FrameError` for a tip between other frames, and `InputError` for one at the
+        sensor's origin or with an uncertainty out of range.
+        """
+        if (frame_from_tip.target, frame_from_tip.source) != (self.frame, self.tip_frame):
+            raise FrameError(
+                f"{self.name}: the tip is {frame_from_tip.target}_from_{frame_from_tip.source}; "
+                f"expected {self.frame}_from_{self.tip_frame}"
+            )
+        length_mm = _distance_mm(frame_from_tip)
+        if length_mm < MIN_POINTER_MM:
+            raise InputError(
+                f"{self.name}: the tip is {length_mm:.3g} mm from the sensor's origin; expected "
+                f"{MIN_POINTER_MM:g} mm or more"
+            )
+        if not 0.0 <= sigma_mm <= MAX_POINTER_SIGMA_MM:
+            whose = f"{self.name}'" if self.name.endswith("s") else f"{self.name}'s"
+            raise InputError(
+                f"uncertainty of the {whose} tip: is {sigma_mm:.6g} mm; expected 0 to "
+                f"{MAX_POINTER_SIGMA_MM:g} mm"
+            )
+        return replace(self, length_mm=length_mm, frame_from_tip=frame_from_tip, sigma_mm=sigma_mm)
+
+
+def items_of(case: Case) -> tuple[ShownItem, ...]:
+    """The items of ``case`` as declared. Raises `MarginGuardError` for a broken model."""
+    models, items = case.item_meshes(), []
+    for name, entry in case.manifest.items.items():
+        if isinstance(entry, PointerEntry):
+            edge, sigma_mm = entry.frame_from_tip, entry.sigma_mm
+            length_mm = 0.0 if edge is None else _distance_mm(edge)
+        else:
+            length_mm, sigma_mm = entry.length_mm, 0.0
+            edge = _tip_at(length_mm, _turned_from_z(np.array(entry.direction)), entry.frame)
+        items.append(ShownItem(name, entry.frame, length_mm, edge, sigma_mm, models.get(name)))
+    return tuple(items)
+
+
+def _distance_mm(frame_from_tip: Transform) -> float:
+    return float(np.linalg.norm(frame_from_tip.translation_mm))
+
+
+def _tip_at(length_mm: float, rotation: FloatArray, frame: str) -> Transform:
+    """The tip at ``length_mm`` along the z axis of ``rotation``."""
+    return Transform(frame, f"{frame}_tip", rotation, length_mm * rotation[:, 2])
+
+
+def _turned_from_z(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3) of z to the unit vector ``direction`` (3,); the smallest one for z >= 0."""
+    x, y, z = direction
+    if z < 0.0:
+        half_turn = np.diag([1.0, -1.0, -1.0])
+        return np.asarray(half_turn @ _turned_from_z(half_turn @ direction))
+    cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    rotation: FloatArray = np.eye(3) + cross + cross @ cross / (1.0 + z)
+    return rotation

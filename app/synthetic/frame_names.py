@@ -1,0 +1,11 @@
+"""Names of frames and of the tool's link in made-up cases."""
+
+TUMOR_FRAME = "tumor"
+BASE_FRAME = "robot_base"
+TUMOR_SENSOR = "needle"
+"""The tracked frame that the tumour moves with."""
+TOOL_SENSOR = "cautery"
+"""The tracked frame of the tool."""
+TIP_FRAME, TOOL_FILE = f"{TOOL_SENSOR}_tip", f"{TOOL_SENSOR}.stl"
+TOOL_LINK = "stylus"
+"""The last link of a Touch, whose origin is the tool's tip."""
