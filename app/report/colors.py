@@ -1,6 +1,7 @@
 """Colours of reports, but those of the margin's states: `app.fixture.control.states`."""
 
 from app.analysis.coverage import WITHIN_MM
+from app.fixture import MarginState
 
 INK, PAPER = "#1c2733", "#ffffff"
 """Text and lines on their ground."""
@@ -19,6 +20,9 @@ PAGE_COLORS = {
     "focus": CLEAR_BAR,
     "device": DROPPED,
     "fail": STOP,
+    "inside": MarginState.POSITIVE.display.color_hex,
+    "unknown": MarginState.UNKNOWN.display.color_hex,
+    "clear": MarginState.NEGATIVE.display.color_hex,
 }
 """Colours of a page, by the names of their variables in its style sheet."""
 

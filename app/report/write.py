@@ -14,6 +14,7 @@ from app.files.atomic_io import write_files
 from app.fixture import MarginState
 from app.report.analysis_files import analysis_document
 from app.report.analysis_html import AnalysedCase, analysis_sections
+from app.report.answer import Answer, answer, lowest_mm, verdict
 from app.report.page import Cell, document, length, part, text_of, time_text
 from app.report.record import ReplayRecord
 from app.report.report_process import draw_margin_plot
@@ -113,7 +114,8 @@ def _contents(
     scene = scene_png()
     if scene is not None:
         contents["scene.png"] = scene
-    page = report_html(summary, reasons, plot, scene, version, sections, distances)
+    found = answer(summary, None if analysed is None else analysed.analysis)
+    page = report_html(summary, reasons, plot, scene, version, sections, distances, found)
     return summary, {**contents, "report.html": page.encode()}
 
 
@@ -133,15 +135,18 @@ def report_html(
     version: str,
     analysis: Markup = _NOTHING,
     distances: TimePlot | None = None,
+    found: Answer | None = None,
 ) -> str:
     """Return the page: values are escaped, pictures embedded; it has no links.
 
-    ``analysis`` is that of `analysis_sections`. ``distances`` is the plot whose static picture is
+    ``analysis`` is that of `analysis_sections`, ``found`` the answer with it, by default that of
+    the summary alone. ``distances`` is the plot whose static picture is
     ``margin_png``. Without both the page has no script.
     """
     picture = part("picture.html", png=margin_png, alt="Signed distance over time")
     if distances is not None:
         picture = distances.html(picture, "Signed distance over time")
+    found = found or answer(summary)
     measured = "the tip alone (--tip-only)" if summary["tip_only"] else "the whole mesh of the tool"
     return document(
         "report.html",
@@ -150,7 +155,9 @@ def report_html(
         summary=summary,
         provenance="; ".join(f"{key}: {value}" for key, value in summary["provenance"].items()),
         measured=measured + (f", {SINGLE_SOURCE}" if summary["single_source"] else ""),
-        tiles=_tiles(summary),
+        answer=found,
+        facts=_facts(summary),
+        verdict=verdict(summary["expected"]),
         distance=picture,
         scene_png=scene_png,
         breaches=_breaches(summary["breaches"]),
@@ -164,14 +171,12 @@ def report_html(
     )
 
 
-def _tiles(summary: dict[str, Any]) -> Sequence[tuple[str, str]]:
+def _facts(summary: dict[str, Any]) -> Sequence[tuple[str, str]]:
     frames, valid = summary["frames"], summary["valid_frames"]
     return (
-        (text_of(len(summary["breaches"])), "breaches of the tumour"),
-        (length(_lowest(summary)), "smallest signed distance"),
+        (length(lowest_mm(summary)), "smallest signed distance"),
         (time_text(summary["duration_s"]), f"replayed, {frames} frames"),
         (f"{100.0 * valid / frames:.1f} %", f"of the frames valid ({valid})"),
-        (_verdict(summary["expected"]), "expected results of the case"),
     )
 
 
@@ -208,7 +213,7 @@ def _structures(summary: dict[str, Any]) -> Sequence[Sequence[Cell]]:
         (
             each["name"].replace("_", " "),
             each["role"],
-            length(_lowest(each)),
+            length(lowest_mm(each)),
             len(each["breaches"]),
             time_text(each["state_seconds"]["POSITIVE"]),
             time_text(each["state_seconds"]["WARNING"]),
@@ -216,12 +221,6 @@ def _structures(summary: dict[str, Any]) -> Sequence[Sequence[Cell]]:
         )
         for each in summary.get("structures", ())
     ]
-
-
-def _lowest(summary: dict[str, Any]) -> float | None:
-    """The lowest distance of all frames and of the paths between them."""
-    keys = ("min_signed_distance_mm", "path_min_signed_distance_mm")
-    return min((summary[key] for key in keys if summary[key] is not None), default=None)
 
 
 def _states(summary: dict[str, Any]) -> Sequence[Sequence[Cell]]:
@@ -247,10 +246,3 @@ def _registration(registration: dict[str, Any] | None) -> Sequence[tuple[str, st
     lines = [", ".join(f"{value:.6g}" for value in matrix[at : at + 4]) for at in range(0, 16, 4)]
     rows.append((f"{registration['target']}_from_{registration['source']}", "; ".join(lines)))
     return rows
-
-
-def _verdict(checks: Sequence[dict[str, str]] | None) -> str:
-    if checks is None:
-        return "none given"
-    passed = sum(check["result"] == "pass" for check in checks)
-    return f"{passed} of {len(checks)} pass"

@@ -30,6 +30,7 @@ from .frame_senders import (
 )
 from .live_images import LiveImages
 from .live_session import LiveSession, PlaybackRule
+from .moment_text import moment_text
 from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .pose_plausibility import SINGLE_SOURCE
 from .pose_tree import MeasuredPose, PoseTree
@@ -44,7 +45,16 @@ from .setup import (
     tumor_motion_parameters,
 )
 from .setup_doubts import SetupDoubts
-from .shown_state import ADVICE, SHOWN_STATES, STOP, ShownState, advice_text, shown_state
+from .shown_state import (
+    ADVICE,
+    HOLD,
+    SHOWN_STATES,
+    STOP,
+    ShownState,
+    advice_text,
+    banner_states,
+    margin_display,
+)
 from .step_result import NO_EDGES, KnownEdges, StepResult
 from .structure import ProximityModel, Role, Structure
 from .structure_guard import StructureStep
@@ -58,6 +68,7 @@ from .tumor_replacement import (
 
 __all__ = [
     "ADVICE",
+    "HOLD",
     "LEASE_NS",
     "NO_EDGES",
     "REFERENCE",
@@ -100,6 +111,7 @@ __all__ = [
     "TumorChange",
     "TumorReplacement",
     "advice_text",
+    "banner_states",
     "box_corners",
     "checked_axes",
     "deepest_on_path",
@@ -109,13 +121,14 @@ __all__ = [
     "limiter_parameters",
     "load_case_robot",
     "load_replacement",
+    "margin_display",
     "margin_parameters",
     "mean_dwell_pose",
+    "moment_text",
     "place_letters",
     "prepare_replacement",
     "robot_from_case",
     "setup_from_case",
-    "shown_state",
     "tip_signals",
     "tumor_change",
     "tumor_motion_parameters",

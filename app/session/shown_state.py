@@ -4,6 +4,9 @@ Inside the stop margin the state is WARNING, as at the warning distance, but the
 approach. It is shown by a symbol and a label of its own, and by inverted colours: its dark ground
 differs in luminance from the ground of every state, also for colour-blind users. The cause of an
 advice is `Reason.text`, with the details of `StepResult.frames_problem`.
+
+A latched hold is a state of the banner: a green CLEAR above it would say "go" and "stop" at once.
+It has the dark ground of STOP, text in another colour, and a striped edge.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,6 +17,8 @@ from app.fixture import FixtureDecision, MarginState, Reason
 
 STOP = "STOP"
 """Key of the display of a tool inside the stop margin."""
+HOLD = "HOLD"
+"""Key of the display of a hold that lasts until a re-arm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,16 +44,30 @@ _STOP_GROUND = "#1a1300"
 SHOWN_STATES = {
     **{state.name: _of(state) for state in MarginState},
     STOP: ShownState(STOP, "!!", "STOP", _STOP_GROUND, MarginState.WARNING.display.color_hex),
+    HOLD: ShownState(HOLD, "\N{BLACK SQUARE}", "HOLD", "#0e1a3c", "#ffffff"),
 }
-"""By key: the names of `MarginState`, and `STOP`."""
+"""By key: the names of `MarginState`, `STOP` and `HOLD`."""
 
 
-def shown_state(decision: FixtureDecision) -> ShownState:
-    """The display of ``decision``."""
+def margin_display(decision: FixtureDecision) -> ShownState:
+    """The display of the margin of ``decision``, whether it is on hold or not."""
     is_stopped = Reason.STOP_DISTANCE in decision.reasons
     if decision.state is MarginState.WARNING and is_stopped:
         return SHOWN_STATES[STOP]
     return SHOWN_STATES[decision.state.name]
+
+
+def banner_states(margin: ShownState, *, latched: bool) -> tuple[ShownState, ShownState | None]:
+    """What a banner shows, and what beside it, smaller: ``margin`` and a ``latched`` hold.
+
+    The worse one is first: IN TUMOUR and UNKNOWN are worse than a hold, all others are better.
+    Without a hold there is nothing beside.
+    """
+    hold = SHOWN_STATES[HOLD]
+    if not latched:
+        return margin, None
+    is_worse = margin.key in (MarginState.POSITIVE.name, MarginState.UNKNOWN.name)
+    return (margin, hold) if is_worse else (hold, margin)
 
 
 _TRACKER = "restart the tracker's program if this stays"

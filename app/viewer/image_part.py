@@ -9,8 +9,9 @@ import numpy as np
 from app.case import ImageSource
 from app.files.volume_file import Volume
 from app.fixture import MarginState
-from app.geometry import FloatArray, ImageSample, InputError, Pixels
+from app.geometry import NS_PER_S, FloatArray, ImageSample, InputError, Pixels
 from app.scene import QUICK_TYPE, ImagePlane, MarginGuardScene, quick_image
+from app.session import moment_text
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.image_cuts import (
     SIDE,
@@ -27,10 +28,11 @@ _MAX_POINTS = 4000
 """Points of the lines on one image."""
 
 
-def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
+def ultrasound_values(view: ImageView, size: tuple[int, int], begin_ns: int = 0) -> dict[str, Any]:
     """The values that the page draws of ``view``; ``size``: columns and rows.
 
-    Paths are those of SVG in pixels, from 0 at the outer edge of the first pixel.
+    ``begin_ns``: stamp from which seconds count. Paths are those of SVG in pixels, from 0 at the
+    outer edge of the first pixel.
     """
     stamp = None if view.image is None else view.image.stamp
     tip = None if view.tip is None else [round(float(value), 2) for value in view.tip]
@@ -39,7 +41,7 @@ def ultrasound_values(view: ImageView, size: tuple[int, int]) -> dict[str, Any]:
         "width": size[0],
         "height": size[1],
         "problem": view.problem,
-        "time": "" if stamp is None else f"{stamp.ns / 1e9:.3f} s{_depth_text(view.depth_mm)}",
+        "time": "" if stamp is None else _time_text(stamp.ns, begin_ns, view.depth_mm),
         "tumor": svg_path(view.tumor),
         "margin": svg_path(view.margin),
         "tool": svg_path(view.tool),
@@ -56,8 +58,9 @@ def depth_values(shown: ViewState | None) -> dict[str, Any] | None:
     return None if depth is None else {"depths": list(depth.depths_mm), "used": depth.depth_mm}
 
 
-def _depth_text(depth_mm: float | None) -> str:
-    return "" if depth_mm is None else f", depth {depth_mm:g} mm"
+def _time_text(stamp_ns: int, begin_ns: int, depth_mm: float | None) -> str:
+    depth = "" if depth_mm is None else f", depth {depth_mm:g} mm"
+    return f"{moment_text(stamp_ns, (stamp_ns - begin_ns) / NS_PER_S)}{depth}"
 
 
 def eight_bits(image: ImageSample) -> Pixels:
@@ -158,6 +161,7 @@ class ImagePart:
         self._plane: ImagePlane | None = None
         self._scene: MarginGuardScene | None = None
         self._sent: int | None = None
+        self._begin_ns = 0
         self._place: tuple[int, FloatArray] | None = None
 
     @property
@@ -181,6 +185,8 @@ class ImagePart:
     def update(self, shown: ViewState | None, view: SceneView, frame: str | None = None) -> None:
         """Show the image of ``shown`` in the scene of ``view``, and place it in ``frame``."""
         scene = view.scene
+        if shown is not None:
+            self._begin_ns = shown.begin_ns
         if scene is not self._scene:
             if self._plane is not None:
                 self._plane.remove()
@@ -228,7 +234,7 @@ class ImagePart:
         image, size = self._view.image, (SIDE, SIDE)
         if self.kind == ULTRASOUND and self._ultrasound is not None:
             size = self._ultrasound.images.size or (1, 1)
-        values = {"kind": self.kind, **ultrasound_values(self._view, size)}
+        values = {"kind": self.kind, **ultrasound_values(self._view, size, self._begin_ns)}
         found: dict[str, Any] = {"ultrasound": values}
         if image is not None and image.number != self._sent:
             self._sent = image.number

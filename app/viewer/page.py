@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 from trame_server.state import State
 
-from app.fixture import MarginState
 from app.runtime import RecordingStatus
-from app.session import BreachList
+from app.session import SHOWN_STATES, BreachList
 from app.viewer.contour_part import ContourPart
 from app.viewer.drawing.camera_controller import CameraController, orientation
 from app.viewer.drawing.client_scene import ClientScene
@@ -59,7 +58,7 @@ class Page:
     ) -> None:
         self.view = view
         self.area = area
-        self.camera = CameraController(view)
+        self.camera = CameraController(view, has_inset=client_scene is None)
         self._state = state
         self._feed = feed
         self._timeline = timeline
@@ -85,7 +84,7 @@ class Page:
         state.surfaces, state.drawn, state.camera = {}, [], None
         self._breaches = BreachList()
         self._directions = Directions()
-        state.directions, state.orientation = [], None
+        state.directions, state.orientation, state.inset = [], None, False
         state.breaches, state.doubts = breach_rows(self._breaches), []
         state.plot = None  # an open page does not draw names that are added later
 
@@ -135,7 +134,7 @@ class Page:
         text = f"{values['distance']} mm" if measured else values["why"]
         if values["playback"]:
             text += ", PLAYBACK of a recording"
-        return screenshot(self.area, MarginState[values["state"]], f"{values['label']}: {text}")
+        return screenshot(self.area, SHOWN_STATES[values["shown"]], f"{values['label']}: {text}")
 
     def sent(self, number: int) -> None:
         """Publish the values that belong to picture ``number``."""
@@ -152,6 +151,7 @@ class Page:
             state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
+            state.inset = self.view.scene is not None and self.view.inset.is_shown
             if self._hand is not None:
                 state.update(self._hand.values())
             if self._contour is not None:

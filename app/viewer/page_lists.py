@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.runtime import RecordingStatus
-from app.session import BreachList
+from app.session import BreachList, moment_text
 from app.viewer.timeline import Timeline
 from app.viewer.view_state import ViewState
 from app.workflow import CalibrationStatus, WorkflowState, next_step, workflow_steps
@@ -27,7 +27,7 @@ def breach_rows(breaches: BreachList) -> dict[str, Any]:
                 "n": entry.number,
                 "frame": entry.deepest,
                 "first": entry.first,
-                "time": f"{entry.begin_s:.1f} s",
+                "time": moment_text(entry.begin_ns, entry.begin_s),
                 "depth": f"{entry.depth_mm:.1f} mm",
                 "place": entry.place_text,
                 "letters": entry.place,
@@ -46,15 +46,12 @@ def note_rows(notes: Sequence[EventNote], timeline: Timeline) -> list[dict[str, 
         {
             "n": note.number,
             "frame": note.frame,
-            "time": f"{note.begin_s:.1f} s",
+            "time": moment_text(note.stamp_ns, note.begin_s),
             "text": note.text,
             "x": timeline.place(note),
         }
         for note in notes[-_MAX_ROWS:]
     ]
-
-
-_MAX_CHARS = 140
 
 
 def workflow_values(
@@ -82,7 +79,7 @@ def workflow_values(
     done = sum(each.state is WorkflowState.DONE for each in needed)
     return {
         "count": f"{done} of {len(needed)} done",
-        "next": "" if following is None else _shortened(f"{following.name}: {following.problem}"),
+        "next": "" if following is None else following.name.value,
         "rows": [
             {
                 "name": each.name.value,
@@ -95,7 +92,3 @@ def workflow_values(
             for each in steps
         ],
     }
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]} ..."

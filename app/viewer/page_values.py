@@ -1,5 +1,6 @@
 """Values of the page beside the picture."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from app.case import ENERGY_DEVICE, Activation
@@ -9,13 +10,16 @@ from app.hold import SeenHold
 from app.runtime import GUARDED_TOOL, OperatorRequest, RecordingStatus, SessionContent, tools_of
 from app.scene.shown_margin import TransformHealth
 from app.session import (
+    HOLD,
     SHOWN_STATES,
     SINGLE_SOURCE,
     BreachList,
     ShownState,
     StepResult,
     advice_text,
-    shown_state,
+    banner_states,
+    margin_display,
+    moment_text,
 )
 from app.viewer.view_state import ViewState
 from app.workflow import TipDirections
@@ -45,20 +49,24 @@ _SILENT = "Look at the terminal in which this page was started, and start it aga
 def readout(shown: ViewState | None) -> dict[str, Any]:
     """Return label, reasons, distance, trend, breaches, margins, lamps, playback and hold.
 
-    Of a hold also its causes; the last request to change a live session, with its outcome.
+    Of a hold also its causes, newest first; the last request to change a live session, with its
+    outcome. ``state`` is that of the margin, also while the label is that of a hold.
     """
     if shown is None:
         unknown = SHOWN_STATES[MarginState.UNKNOWN.name]
-        return _values(MarginState.UNKNOWN, unknown, "nothing has been measured yet")
+        return _values(MarginState.UNKNOWN, (unknown, None), "nothing has been measured yet")
     decision = shown.step.decision
+    latched = Reason.LATCHED in decision.reasons
+    banner = banner_states(margin_display(decision), latched=latched)
+    causes = shown.step.hold_causes[::-1] if decision.hold else ()
     return _values(
         decision.state,
-        shown_state(decision),
-        shown.silent or _reasons(shown.step),
+        banner,
+        shown.silent or _why(banner[0], causes) or _reasons(shown.step),
         todo=_SILENT if shown.silent else _todo(decision),
         distance=distance_text(shown.distance_mm),
         trend=str(shown.trend),
-        hold=Reason.LATCHED in decision.reasons,
+        hold=latched,
         rearm=_rearm(shown.seen, decision.state),
         breaches=shown.breaches,
         history=_history(decision.state, shown.breach_list),
@@ -68,10 +76,28 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
         playback=shown.step.playback,
         single=SINGLE_SOURCE if shown.step.single_source else "",
-        causes=list(shown.step.hold_causes) if decision.hold else [],
+        causes=[{"short": shortened(cause, _MAX_CAUSE_CHARS), "full": cause} for cause in causes],
+        moment=moment_text(shown.step.frame.stamp.ns, shown.elapsed_s),
         request=_request(shown.request),
         activation=_activation(shown),
     )
+
+
+_MAX_CAUSE_CHARS = 60
+"""Of a cause in the list; the question that ends a hold has all of each."""
+
+
+def shortened(text: str, max_chars: int) -> str:
+    """The first words of ``text``; with an ellipsis if there are more."""
+    if len(text) <= max_chars:
+        return text
+    return f"{text[:max_chars].rsplit(' ', 1)[0]} \N{HORIZONTAL ELLIPSIS}"
+
+
+def _why(banner: ShownState, causes: Sequence[str]) -> str:
+    """The newest cause, if ``banner`` is that of a hold; else empty."""
+    newest = causes[0] if causes else "an earlier fault"
+    return shortened(newest, _MAX_CAUSE_CHARS) if banner.key == HOLD else ""
 
 
 def _reasons(step: StepResult) -> str:
@@ -89,7 +115,7 @@ def _todo(decision: FixtureDecision) -> str:
 
 def _values(
     state: MarginState,
-    display: ShownState,
+    banner: tuple[ShownState, ShownState | None],
     reason: str,
     *,
     todo: str = "",
@@ -102,20 +128,26 @@ def _values(
     margins: tuple[float, float] | None = None,
     stop: str = "",
     warn: str = "",
+    terms: list[dict[str, str]] | None = None,
     tre: str = "",
     registration: dict[str, str | bool] | None = None,
     lamps: list[dict[str, str]] | None = None,
     playback: str = "",
     single: str = "",
-    causes: list[str] | None = None,
+    causes: list[dict[str, str]] | None = None,
+    moment: str = "",
     request: dict[str, str | bool] | None = None,
     activation: dict[str, str] | None = None,
 ) -> dict[str, Any]:
+    display, beside = banner
     return {
         "state": state.name,
         "shown": display.key,
         "symbol": display.symbol,
         "label": display.label,
+        "beside": None
+        if beside is None
+        else {"shown": beside.key, "symbol": beside.symbol, "label": beside.label},
         "why": reason,
         "todo": todo,
         "distance": distance,
@@ -127,12 +159,14 @@ def _values(
         "margins": None if margins is None else list(margins),
         "stop": stop,
         "warn": warn,
+        "terms": terms or [],
         "tre": tre,
         "registration": registration or {"verdict": "", "ok": False, "numbers": ""},
         "lamps": lamps or [],
         "playback": playback,
         "single": single,
         "causes": causes or [],
+        "moment": moment,
         "request": request,
         "activation": activation,
     }
@@ -172,16 +206,29 @@ def _activation(shown: ViewState) -> dict[str, str] | None:
     }
 
 
-def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:
-    """The applied margins; empty while there is no distance."""
+def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, Any]:
+    """The applied margins with their terms; empty while there is no distance."""
     margin = decision.margin
     if margin is None or decision.state is MarginState.UNKNOWN:
         return {}
     return {
         "stop": f"{margin.total_mm:.1f}",
         "warn": f"{margin.warn_total_mm:.1f}",
+        "terms": [
+            {"name": name, "stop": f"{stop_mm:.2f}", "warn": f"{warn_mm:.2f}"}
+            for name, stop_mm, warn_mm in (
+                ("as set", margin.stop_mm, margin.warn_mm),
+                (_UNCERTAINTY, margin.tre_mm, margin.tre_mm),
+                (_AGE, margin.age_mm, margin.age_mm),
+                ("applied", margin.total_mm, margin.warn_total_mm),
+            )
+        ],
         "tre": _tre(margin.tre_mm, content),
     }
+
+
+_UNCERTAINTY = "k\N{MIDDLE DOT}\N{GREEK SMALL LETTER SIGMA}: registration, tumour, tip"
+_AGE = "v\N{MIDDLE DOT}age of the poses"
 
 
 def _tre(tre_mm: float, content: SessionContent) -> str:

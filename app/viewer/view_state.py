@@ -86,6 +86,11 @@ class ViewState:
     elapsed_s: float = 0.0
 
     @property
+    def begin_ns(self) -> int:
+        """Stamp of the first step, moved by the jumps back of the clock."""
+        return self.step.frame.stamp.ns - round(self.elapsed_s * NS_PER_S)
+
+    @property
     def distance_mm(self) -> float | None:
         """The signed distance that may be shown: None while the state is UNKNOWN."""
         return known_distance_mm(self.step)

@@ -119,9 +119,10 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
                 qt.QApplication.beep()
             self._update_margin_settings()
         except Exception:
-            from app.fixture import MarginState
+            from app.session import SHOWN_STATES
 
-            self._show_banner(MarginState.UNKNOWN, "UNKNOWN: the panel has failed, see the log")
+            text = "UNKNOWN: the panel has failed, see the log"
+            self._show_banner(SHOWN_STATES["UNKNOWN"], text)
             raise
 
     def on_scene_closes(self, caller=None, event=None):
@@ -251,21 +252,21 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.settings.stop_mm, self.settings.warn_mm = margins.stop_mm, margins.warn_mm
         self._margins = margins
 
-    def _show_banner(self, state, text):
-        """Show ``text`` after the symbol of ``state``, on its colour."""
-        if (state, text) == self._banner:
+    def _show_banner(self, shown, text):
+        """Show ``text`` after the symbol of ``shown``, on its colour; a hold has a dashed edge."""
+        if (shown, text) == self._banner:
             return  # Qt would read the style sheet at each step
-        self._banner = (state, text)
-        display = state.display
-        self.ui.bannerLabel.setText(f"{display.symbol} {text}")
+        self._banner = (shown, text)
+        self.ui.bannerLabel.setText(f"{shown.symbol} {text}")
         self.ui.bannerLabel.setStyleSheet(
-            f"background-color: {display.color_hex}; color: {display.text_color_hex}; "
+            f"background-color: {shown.ground_hex}; color: {shown.text_hex}; "
+            f"border: {'4px dashed' if shown.key == 'HOLD' else 'none'}; "
             "font-size: 16px; font-weight: bold; padding: 8px;"
         )
 
     def _show(self, status):
         ui, events = self.ui, self.logic.panel_logic.events
-        self._show_banner(status.state, status.banner)
+        self._show_banner(status.shown, status.banner)
         self._show_position(status)
         shown = status, events.breach_rows(), events.note_rows()
         if shown == self._shown:

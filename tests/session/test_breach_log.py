@@ -13,14 +13,16 @@ from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witness
 from app.geometry import NS_PER_MS, InputError, Stamp, SurfaceMesh, Transform, anatomical_words
 from app.report import ReportRow
 from app.session import (
+    HOLD,
     SHOWN_STATES,
     STOP,
     BreachLog,
     StepResult,
+    banner_states,
     checked_axes,
     is_tip,
+    margin_display,
     place_letters,
-    shown_state,
 )
 from app.session.breach_log import MAX_LISTED
 from tests.fixture.control.test_state_display import VISIONS, Rgb, seen_ratio
@@ -118,7 +120,7 @@ def test_long_list_keeps_count_first_and_deepest(tumor):
 def test_tool_inside_the_stop_margin_has_a_display_of_its_own():
     decision = step_of(0, 0.4).decision
     displays = [
-        shown_state(replace(decision, state=state, reasons=reasons))
+        margin_display(replace(decision, state=state, reasons=reasons))
         for state, reasons in (
             (MarginState.WARNING, (Reason.WARNING_DISTANCE,)),
             (MarginState.WARNING, (Reason.STOP_DISTANCE,)),
@@ -194,10 +196,26 @@ def rgb(text: str) -> Rgb:
     return (red, green, blue)
 
 
+def test_latched_hold_is_the_state_unless_the_margin_is_worse():
+    hold = SHOWN_STATES[HOLD]
+    for key, margin in SHOWN_STATES.items():
+        if key == HOLD:
+            continue
+        assert banner_states(margin, latched=False) == (margin, None)
+        is_worse = key in ("POSITIVE", "UNKNOWN")
+        expected = (margin, hold) if is_worse else (hold, margin)
+        assert banner_states(margin, latched=True) == expected
+
+
 @pytest.mark.parametrize("vision", VISIONS)
-def test_grounds_differ_in_luminance_and_their_text_is_readable(vision):
+def test_states_differ_in_luminance_and_their_text_is_readable(vision):
+    """Of the ground; of STOP and HOLD, which both forbid to approach, of the text on it."""
     for first, second in combinations(SHOWN_STATES.values(), 2):
-        assert seen_ratio(rgb(first.ground_hex), rgb(second.ground_hex), vision) >= 1.5
+        if {first.key, second.key} == {STOP, HOLD}:
+            ratio = seen_ratio(rgb(first.text_hex), rgb(second.text_hex), vision)
+        else:
+            ratio = seen_ratio(rgb(first.ground_hex), rgb(second.ground_hex), vision)
+        assert ratio >= 1.5
     for shown in SHOWN_STATES.values():
         assert seen_ratio(rgb(shown.text_hex), rgb(shown.ground_hex), vision) >= 4.5
 

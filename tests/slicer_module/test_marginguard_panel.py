@@ -14,6 +14,7 @@ from app.fixture import MarginState
 from app.geometry import Transform
 from app.runtime import GUARDED_TOOL, ShownItem
 from app.scene import Preset, SceneApplication
+from app.session import SHOWN_STATES
 from app.workflow import CalibrationKind
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module.conftest import open_panel
@@ -337,7 +338,7 @@ def test_tumour_selector_lists_supported_nodes(panel, pressed, application, kind
 
 @pytest.mark.parametrize("broken", ["spin", "alarm_due"])
 def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
-    panel._show_banner(MarginState.NEGATIVE, "NEGATIVE: clear, 9.9 mm")
+    panel._show_banner(SHOWN_STATES["NEGATIVE"], "NEGATIVE: clear, 9.9 mm")
 
     def fail():
         raise ValueError("a bug")

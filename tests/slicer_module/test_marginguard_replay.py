@@ -200,6 +200,8 @@ def test_model_replaces_tumour(panel_logic, application):
         panel_logic, lambda now: now.state is not MarginState.UNKNOWN and "latched" in now.reasons
     )
     assert status.state is MarginState.POSITIVE
+    assert status.shown.key == "POSITIVE"  # worse than the hold
+    assert status.banner.endswith("; HOLD until re-armed")
     assert "hold: tumour replaced: " in status.reasons
     assert "IT DOES NOT OVERLAP THE FORMER TUMOUR" in status.reasons
     shown = node_of(application, "Tumor")
@@ -231,6 +233,8 @@ def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic, record
     status = spin_until(panel_logic, lambda now: now.position_s >= after_s)
     assert status.state is not MarginState.UNKNOWN
     assert "latched" in status.reasons
+    assert status.shown.key == "HOLD"
+    assert status.banner.startswith(f"HOLD until re-armed; margin {status.state.name}: ")
     panel_logic.rearm()
     panel_logic.step()
     spin_until(panel_logic, lambda now: "latched" not in now.reasons)

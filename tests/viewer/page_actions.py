@@ -87,6 +87,13 @@ def resize(page: Page, width: int, height: int) -> None:
     page.set_viewport_size({"width": width, "height": height})
 
 
+def choose(page: Page, mode: str, step: str = "") -> None:
+    """Show a mode of the page, and while preparing a step of the workflow."""
+    page.check(f'input[name="mode"][value="{mode}"]')
+    if step:
+        page.check(f"#step-{step}")
+
+
 def confirm(page: Page, part: str) -> None:
     """Open the question of ``part`` and confirm it."""
     page.click(f"#{part} summary")

@@ -5,7 +5,7 @@ from playwright.sync_api import expect
 
 from tests.page_rules import violations
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import resize, show_frame
+from tests.viewer.page_actions import choose, resize, show_frame
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 pytestmark = pytest.mark.long
@@ -17,6 +17,17 @@ DESKTOP, PHONE, TABLET = (1920, 1080), (390, 844), (768, 1024)
 def test_page_has_no_violations(page, size):
     resize(page, *size)
     assert violations(page) == []
+
+
+@pytest.mark.parametrize("mode", ["prepare", "operate", "review"])
+def test_modes_have_no_violations(page, mode):
+    choose(page, mode)
+    show_frame(page, 39)
+    expect(page.locator("#state-label")).to_have_text("HOLD")
+    page.click("#applied summary")
+    assert violations(page) == []
+    page.click("#applied summary")
+    choose(page, "review")
 
 
 @pytest.mark.parametrize(

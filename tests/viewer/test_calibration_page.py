@@ -9,7 +9,7 @@ from tests.bridge.live.conftest import start as start
 from tests.page_rules import violations
 from tests.viewer.calibrated_tool import KNOWN_MM, SHAFT, TIP_MM, move, write_session
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import accepted, answer, confirm, download, resize
+from tests.viewer.page_actions import accepted, answer, choose, confirm, download, resize
 
 pytestmark = pytest.mark.long
 
@@ -47,18 +47,17 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(browser, serve_live, st
         page.click("#calibration-pivot")
         expect(page.locator("#calibration-problem")).to_contain_text("No pose is recorded")
         tracker = start("-m", "tests.viewer.calibrated_tool", str(motion))
+        choose(page, "prepare", "calibrate")
         verdict = page.locator("#calibration-verdict")
         expect(verdict).to_contain_text("Not yet: the poses of a pivot rotate")
         expect(page.locator("#calibration-advice")).to_contain_text("tilt the tool slowly")
-        expect(page.locator("#workflow-next")).to_contain_text(
-            "calibrate: a pivot of the cautery is being"
+        expect(page.locator("#workflow-calibrate .problem")).to_have_text(
+            "a pivot of the cautery is being recorded"
         )
-        page.click("#workflow summary")
         states = page.locator("#workflow li").evaluate_all("all => all.map((e) => e.dataset.state)")
         expected = ["done", "not done", "done", "not needed", "done", "not done"]
         assert states == expected
         look(page, "workflow", "#workflow")
-        page.click("#workflow summary")
         look(page, "not yet")
 
         move(motion, "pivot")

@@ -17,6 +17,7 @@ from tests.page_rules import violations
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import (
     answer,
+    choose,
     click_at,
     confirm,
     download,
@@ -56,6 +57,7 @@ def server(serve, tmp_path_factory):
 @pytest.fixture
 def page(page):
     """The page with image 20, on which a click adds a point; afterwards there are none."""
+    choose(page, "prepare", "contour")
     show_image(page, 20)
     page.click("#contour-add")
     yield page
@@ -182,6 +184,7 @@ def test_a_click_on_a_clip_becomes_a_ball_of_the_stated_radius(page):
 def test_second_page_that_edits_at_the_same_time_loses_nothing(browser, server, page):
     with watching(browser, server) as other:
         second = other.page
+        choose(second, "prepare", "contour")
         expect(second.locator("#ultrasound > div")).to_have_attribute("data-image", "20")
         second.click("#contour-add")
         click(page, 60, 60)

@@ -11,7 +11,7 @@ from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_session
 from tests.bridge.live.conftest import start as start
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import accepted, resize, wait_for
+from tests.viewer.page_actions import accepted, choose, resize, wait_for
 from tests.viewer.test_operation_page import picture
 from tests.viewer.test_ultrasound_page import pixels_of
 
@@ -44,6 +44,7 @@ def two_depths(serve_live, tmp_path):
 def test_operator_chooses_another_depth_after_a_question(browser, two_depths, start):
     with watching(browser, two_depths) as watched:
         page = watched.page
+        choose(page, "operate")
         start(*SENDER)
         expect(page.locator("#us-time")).to_contain_text("depth 40 mm")
         page.locator("path.us-tumor[d^=M]").wait_for(state="attached")
@@ -71,6 +72,7 @@ def test_live_image_is_shown_and_covered_without_its_sender(browser, serve_live,
     server = serve_live(write_session(tmp_path / "session", stale_after_ms=2000))
     with watching(browser, server) as watched:
         page, problem = watched.page, watched.page.locator("#us-problem")
+        choose(page, "operate")
         part = page.locator("#ultrasound > div")
         expect(part).to_have_attribute("data-problem", "true")
         sender = start(*SENDER)

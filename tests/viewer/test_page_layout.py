@@ -3,7 +3,7 @@
 import pytest
 from playwright.sync_api import expect
 
-from tests.viewer.page_actions import read, resize, wait_until_uncovered
+from tests.viewer.page_actions import choose, read, resize, wait_until_uncovered
 
 pytestmark = pytest.mark.long
 
@@ -39,7 +39,7 @@ def test_sections_do_not_overlap_and_are_not_cut_off(page, width, height):
     resize(page, width, height)
     boxes = read(
         page,
-        "[...document.querySelectorAll('.bar, .view, .side > *, .time')]"
+        "[...document.querySelectorAll('.bar, .status > *, .view, .side > *, .time')]"
         ".map(e => { const b = e.getBoundingClientRect();"
         " return [b.left, b.top, b.right, b.bottom, e.scrollWidth - e.clientWidth]; })",
     )
@@ -84,17 +84,43 @@ def test_many_reasons_move_the_distance_down(page):
     )
 
 
-@pytest.mark.parametrize(("selector", "height_mm"), [("#state-label", 12.0), ("#why", 6.0)])
-def test_capitals_can_be_read_from_afar(page, selector, height_mm):
+@pytest.mark.parametrize(
+    ("selector", "height_px"), [("#state-label", 60), ("#distance", 60), ("#why", 6.0 / PIXEL_MM)]
+)
+def test_capitals_and_digits_can_be_read_from_afar(page, selector, height_px):
     resize(page, 1920, 1080)
     pixels = page.locator(selector).evaluate(
         """(each) => {
             const context = document.createElement("canvas").getContext("2d");
-            context.font = getComputedStyle(each).font;
+            const { fontWeight, fontSize, fontFamily } = getComputedStyle(each);
+            context.font = `${fontWeight} ${fontSize} ${fontFamily}`;
             return context.measureText("H").actualBoundingBoxAscent;
         }"""
     )
-    assert pixels * PIXEL_MM >= height_mm
+    assert pixels >= height_px
+
+
+def test_phone_shows_state_then_view(page):
+    resize(page, 390, 844)
+    tops = [page.locator(each).bounding_box()["y"] for each in (".status", ".view", ".time")]
+    assert tops == sorted(tops)
+
+
+def test_each_mode_shows_its_controls_alone(page):
+    shown = {"prepare": ("#workflow",), "operate": ("#directions",), "review": ("#breaches",)}
+    hidden = {
+        "prepare": ("#breaches", "#export"),
+        "operate": ("#workflow",),
+        "review": ("#workflow",),
+    }
+    for mode in shown:
+        choose(page, mode)
+        for each in shown[mode]:
+            expect(page.locator(each)).to_be_visible()
+        for each in hidden[mode]:
+            expect(page.locator(each)).to_be_hidden()
+        for each in ("#state-label", "#distance"):
+            expect(page.locator(each)).to_be_visible()
 
 
 def test_long_case_name_keeps_the_height_of_the_bar(page):

@@ -35,7 +35,8 @@ def test_breaches_stay_visible_after_the_tool_has_left(page):
     expect(page.locator("#history")).to_have_count(0)
     expect(page.locator("#breach-count")).to_have_text("1 in the recording")
     page.keyboard.press("End")
-    expect(page.locator("#state-label")).to_have_text("CLEAR")
+    expect(page.locator("#state-label")).to_have_text("HOLD")  # of the lost frames before
+    expect(page.locator("#beside")).to_have_text("\N{CHECK MARK} margin CLEAR")
     expect(page.locator("#history")).to_contain_text(f"clear now, {HISTORY}")
 
 

@@ -11,7 +11,7 @@ from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_record_command import SENDER, TRACKED
 from tests.page_rules import violations
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import accepted
+from tests.viewer.page_actions import accepted, choose
 
 pytestmark = pytest.mark.long
 
@@ -34,6 +34,7 @@ def test_session_is_recorded_from_the_page(browser, live_server, cases, start, f
     with watching(browser, live_server) as watched:
         page, count = watched.page, watched.page.locator("#recording .count")
         start(str(SENDER), str(frames_file), "tracked", "again")
+        choose(page, "operate")
         expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
         expect(page.locator("#needle-length")).to_have_text("60")
         page.get_by_role("button", name="Needle 5 mm longer").click()

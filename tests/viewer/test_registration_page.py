@@ -6,7 +6,7 @@ from playwright.sync_api import expect
 
 from tests.bridge.live.conftest import start as start
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import confirm
+from tests.viewer.page_actions import choose, confirm
 from tests.viewer.test_calibration_page import look
 
 pytestmark = pytest.mark.long
@@ -34,6 +34,7 @@ def test_robot_is_registered_by_touch_and_the_registration_undone(browser, live_
         numbers, verdict = page.locator("#fre"), page.locator("#registration-verdict")
         page.locator("#registration-start").click()
         start("-m", "app.cli", "tracker", CASE)
+        choose(page, "prepare", "register")
         rows = page.locator("#registration tbody tr")
         expect(verdict).to_contain_text("expected at least 4")
         expect(rows).to_have_count(POINTS)

@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from tests.bridge.live.conftest import start as start
 from tests.viewer.calibrated_tool import KNOWN_MM, STYLUS, STYLUS_TIP_MM, move, write_session
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import accepted, confirm
+from tests.viewer.page_actions import accepted, choose, confirm
 from tests.viewer.test_calibration_page import look, saved_tip
 from tests.viewer.test_operation_page import picture
 
@@ -28,11 +28,13 @@ def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
         expect(tip).to_have_text("not calibrated")
         expect(page.locator("#state-label")).to_have_text("CLEAR")
 
+        choose(page, "prepare", "contour")
         touch = page.locator('.contour-tools select[data-tool="touch"]')
         touch.select_option("stylus")
         page.click("#contour-tip")
         missing = "stylus: it is not calibrated; expected a pivot calibration before"
         expect(page.locator("#contour-note")).to_have_text(missing)
+        choose(page, "prepare", "calibrate")
         tool.select_option("stylus")
         page.click("#calibration-save")
         answer = page.locator("#calibration-answer")
@@ -58,8 +60,10 @@ def test_stylus_is_calibrated_and_points_without_a_change_of_the_tool(
         tool.select_option("cautery")
         np.testing.assert_allclose(saved_tip(page).translation_mm, KNOWN_MM, atol=1e-9)
 
+        choose(page, "prepare", "contour")
         page.click("#contour-tip")
         expect(page.locator("#contour-count")).to_have_text("1 point, 1 at the tip")
+        choose(page, "operate")
         picture(page, "stylus_used", "#stylus")
         assert not watched.external_requests()
         # Of the tip that was not there.

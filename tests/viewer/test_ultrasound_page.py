@@ -51,7 +51,7 @@ def test_page_shows_the_image_of_the_frame_and_covers_it_while_none_is_current(p
     show_frame(page, 5)
     expect(part).to_have_attribute("data-image", "5")
     expect(part).to_have_attribute("data-problem", "false")
-    expect(page.locator("#us-time")).to_have_text("image 5 at 100.250 s")
+    expect(page.locator("#us-time")).to_have_text("0.2 s")
     expect(page.locator("path.us-tumor")).to_have_attribute("d", OUTLINE)
     expected = some_pixels(FRAMES, ROWS, COLUMNS)[5]
     np.testing.assert_array_equal(pixels_of(page, ROWS, COLUMNS), expected)

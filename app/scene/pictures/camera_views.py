@@ -79,6 +79,16 @@ def fit(
     return Camera(focal_point + (distance - focal_z) * towards, focal_point, over)
 
 
+def sees(camera: Camera, points: FloatArray, *, angle_deg: float, aspect: float) -> bool:
+    """True if all ``points`` (n, 3) are in the picture of ``camera``; the rest as for `fit`."""
+    towards = camera.position - camera.focal_point
+    towards = towards / np.linalg.norm(towards)
+    offset = points - camera.position
+    tan = np.tan(np.radians(0.5 * angle_deg)) * -(offset @ towards)
+    x, y = np.abs(offset @ np.cross(camera.up, towards)), np.abs(offset @ camera.up)
+    return bool(((x <= tan * aspect) & (y <= tan)).all())
+
+
 def _extent(across: FloatArray, towards: FloatArray, tan: float) -> tuple[float, float]:
     low = float((across - towards * tan).min())
     high = float((across + towards * tan).max())

@@ -16,7 +16,7 @@ from app.scene.offscreen import SceneError
 from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera, best_direction, fit
 from app.scene.pictures.offscreen_view import Pixels, offscreen_view, state_strip
 from app.scene.pictures.picture import StepScene, content_points, up_direction
-from app.session import StepResult
+from app.session import SHOWN_STATES, StepResult
 
 PICTURE_MS = 80
 """A GIF counts in 1/100 s: 12.5 pictures per second."""
@@ -94,7 +94,7 @@ def _drawing(
         def draw(time_s: float, step: StepResult) -> Pixels:
             shown.presenter.show(step)
             text = f"{time_s:.1f} s  {margin.status.GetText()}"
-            banner = state_strip(text, (width, _BANNER_PIXELS), margin.state)
+            banner = state_strip(text, (width, _BANNER_PIXELS), SHOWN_STATES[margin.state.name])
             return np.concatenate([banner, view.pixels()])
 
         shown.presenter.clear_breaches()

@@ -26,10 +26,10 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkIOImage import vtkPNGWriter
 from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer, vtkWindowToImageFilter
 
-from app.fixture import MarginState
 from app.scene.convert import numpy_array, vtk_array
 from app.scene.offscreen import SceneError, use_offscreen_rendering
 from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera, look_through
+from app.session import ShownState
 
 if TYPE_CHECKING:
     from trame_slicer.views.abstract_view import AbstractView
@@ -65,13 +65,14 @@ def png(pixels: Pixels) -> bytes:
     return bytes(memoryview(writer.GetResult()))
 
 
-def state_strip(text: str, size: tuple[int, int], state: MarginState) -> Pixels:
+def state_strip(text: str, size: tuple[int, int], state: ShownState) -> Pixels:
     """Strip of ``size`` (width, height) in the colour of ``state``: its symbol, then ``text``."""
     width, height = size
     strip = np.empty((height, width, 3), dtype=np.uint8)
-    strip[:] = np.round(255.0 * np.array(state.color))
-    ink = state.display.text_color
-    end = _draw_text(strip, _INDENT_PIXELS, state.display.symbol, ink, _symbol_font())
+    strip[:] = list(bytes.fromhex(state.ground_hex[1:]))
+    red, green, blue = bytes.fromhex(state.text_hex[1:])
+    ink = (red / 255.0, green / 255.0, blue / 255.0)
+    end = _draw_text(strip, _INDENT_PIXELS, state.symbol, ink, _symbol_font())
     _draw_text(strip, end + height // 4, text, ink, None)
     return strip
 

@@ -21,7 +21,7 @@ from app.scene.pictures.offscreen_view import (
 )
 from app.scene.presenter import ScenePresenter
 from app.scene.scene import MarginGuardScene
-from app.session import StepResult
+from app.session import SHOWN_STATES, StepResult
 
 SIZE = (1600, 964)
 _BANNER_PIXELS = 64
@@ -52,7 +52,9 @@ def scene_png(
         with _hidden(*_robot_models(scene)):  # the robot would hide the tool
             close_up = _close_up(view, scene, _along(margin.line))
     gap = np.full((half[1], width - 2 * half[0], 3), 255, dtype=np.uint8)
-    banner = state_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state)
+    banner = state_strip(
+        margin.status.GetText(), (width, _BANNER_PIXELS), SHOWN_STATES[margin.state.name]
+    )
     return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
 
 

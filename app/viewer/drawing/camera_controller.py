@@ -16,13 +16,16 @@ from app.scene.pictures.camera_views import (
     fit,
     forward_of,
     look_through,
+    sees,
 )
 from app.scene.pictures.picture import up_direction
 from app.scene.scene import MarginGuardScene
 from app.viewer.drawing.scene_view import SceneView
 
-_CLOSE_RADII = 2.2
-"""The close-up contains the parts of the tool within this many tumour radii."""
+_CLOSE_MM = 80.0
+"""Farthest point of the tool that the close-up contains, from the middle of the tumour."""
+_CLOSER = 0.6
+"""The close-up is placed again where it could be so much nearer."""
 _BULLSEYE_RADII = 6.0
 """Distance of the bullseye's camera from the tip, in tumour radii."""
 
@@ -30,8 +33,8 @@ _BULLSEYE_RADII = 6.0
 class CameraPreset(Enum):
     """A view of the page; the value is the label of its button."""
 
-    OVERVIEW = "Overview"
     CLOSE = "Close-up"
+    OVERVIEW = "Overview"
     SIDE = "Side"
     BULLSEYE = "Bullseye"
 
@@ -39,22 +42,29 @@ class CameraPreset(Enum):
 class CameraController:
     """Places the camera of ``view`` as the chosen `CameraPreset` demands.
 
-    The bullseye follows the tool until another preset is selected or the user moves the camera; the
-    other presets place the camera once. A tool without a mesh has no direction: its bullseye is the
-    close-up. ``preset`` is None after the user has moved the camera. ``keeps_tumor``: the middle of
-    the tumour stays in the middle of the picture, except in the bullseye, which follows the tool.
+    Close-up and side view contain tumour and tip: they are placed again, in the same direction,
+    when one of them leaves the picture, and when they could be much larger; the robot is in an
+    inset, unless ``has_inset`` is False. The bullseye follows the tool; a tool without a mesh has
+    no direction: its bullseye is the close-up. The overview is placed once. ``preset`` is None
+    after the user has moved the camera, which ends all of that. ``keeps_tumor``: the middle of the
+    tumour stays in the middle of the picture, except in the bullseye.
     """
 
-    def __init__(self, view: SceneView) -> None:
+    def __init__(self, view: SceneView, *, has_inset: bool = True) -> None:
         self._view = view
-        self.preset: CameraPreset | None = CameraPreset.OVERVIEW
+        self._has_inset = has_inset
+        self._is_close = True
+        self.preset: CameraPreset | None = CameraPreset.CLOSE
         self.keeps_tumor = False
         self._is_placed = False
         self._up: FloatArray | None = None
+        self._towards: FloatArray | None = None
+        self._camera: Camera | None = None
 
     def select(self, preset: CameraPreset) -> None:
         """Use ``preset`` from the next picture on."""
-        self.preset, self._is_placed, self._up = preset, False, None
+        self.preset, self._is_placed, self._up, self._towards = preset, False, None, None
+        self._is_close = preset in (CameraPreset.CLOSE, CameraPreset.SIDE)
         self._view.look_along_tool(preset is CameraPreset.BULLSEYE)
 
     def release(self) -> None:
@@ -62,32 +72,45 @@ class CameraController:
         self.preset = None
 
     def reframe(self) -> None:
-        """Place the camera again, for a picture of another size."""
+        """Place the cameras again, for a picture of another size."""
         self._is_placed = False
+        self._view.inset.reframe()
 
     def frame_bodies(self) -> None:
         """Place an overview again: other bodies of a simulated world are shown."""
+        self._view.inset.reframe()
         if self.preset is CameraPreset.OVERVIEW:
-            self.reframe()
+            self._is_placed = False
 
     def update(self) -> None:
-        """Place the camera for the next picture."""
+        """Place the cameras for the next picture."""
         scene, tool = self._view.scene, self._view.content.tool
         if scene is None:
             return
+        self._update_inset(scene)
         if self.preset is CameraPreset.BULLSEYE and tool is not None:
             self._put(self._along(scene, tool))
             return
-        if self.preset is not None and not self._is_placed:
-            self._put(self._framed(scene, self.preset))
+        if self.preset is CameraPreset.OVERVIEW:
+            if not self._is_placed:
+                self._put(self._overview(scene))
+        elif self.preset is not None:
+            self._follow(scene, self.preset)
         if self.keeps_tumor and scene.tumor is not None:
             center_on(self._view.view.get_camera_node(), world_points(scene.tumor).mean(axis=0))
             self._view.view.renderer().ResetCameraClippingRange()
 
+    def _update_inset(self, scene: MarginGuardScene) -> None:
+        inset, bodies = self._view.inset, self._view.bodies.values()
+        if self._has_inset and self._is_close and (scene.robots or bodies):
+            inset.show(scene, bodies, lambda: self._overview(scene))
+        else:
+            inset.hide()
+
     def _put(self, camera: Camera) -> None:
         look_through(self._view.view.get_camera_node(), camera, VIEW_ANGLE_DEG)
         self._view.view.renderer().ResetCameraClippingRange()
-        self._is_placed = True
+        self._is_placed, self._camera = True, camera
 
     def _along(self, scene: MarginGuardScene, tool: SurfaceMesh) -> Camera:
         pose = world_matrix(scene.tree.node(tool.frame))
@@ -97,22 +120,62 @@ class CameraController:
         self._up = camera.up
         return camera
 
-    def _framed(self, scene: MarginGuardScene, preset: CameraPreset) -> Camera:
-        tumor, tool = world_points(scene.tumor), world_points(scene.tool)
-        up = up_direction(scene)
-        if preset is CameraPreset.OVERVIEW:
-            links = [model for robot in scene.robots.values() for model in robot.models.values()]
-            models = [*links, *self._view.bodies.values()]
-            others = np.concatenate([tool, *(world_points(model) for model in models)])
-            towards = best_direction(tumor, others, up)
-        else:
-            towards = best_direction(tumor, tool, up)
+    def _follow(self, scene: MarginGuardScene, preset: CameraPreset) -> None:
+        """Place the close-up or the side view, if it has to be."""
+        tumor, tip = world_points(scene.tumor), _tip_mm(scene, self._view.content.tool)
+        if self._towards is None:
+            up = up_direction(scene)
+            towards = best_direction(tumor, world_points(scene.tool), up)
             towards = np.cross(up, towards) if preset is CameraPreset.SIDE else towards
-            reach = _CLOSE_RADII * _radius_mm(tumor)
-            others = tool[np.linalg.norm(tool - tumor.mean(axis=0), axis=1) < reach]
-        width, height = self._view.view.render_window().GetSize()
+            self._towards = np.asarray(towards / np.linalg.norm(towards))
+        middle, radius = tumor.mean(axis=0), _radius_mm(tumor)
+        shaft = tip - middle
+        reach = min(float(np.linalg.norm(shaft)), _CLOSE_MM)
+        end = middle + shaft * (reach / max(float(np.linalg.norm(shaft)), 1e-9))
+        points = np.concatenate([tumor, _ball(end, 0.5 * radius), _ball(middle, 1.2 * radius)])
+        needed = self._fit(points, self._towards, up_direction(scene))
+        placed = self._camera
+        if self._is_placed and placed is not None:
+            nearer = _distance(needed) < _CLOSER * _distance(placed)
+            seen = sees(
+                placed, np.vstack([tumor, end]), angle_deg=VIEW_ANGLE_DEG, aspect=self._aspect
+            )
+            if seen and not nearer:
+                return
+        self._put(needed)
+
+    def _fit(self, points: FloatArray, towards: FloatArray, up: FloatArray) -> Camera:
+        return fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=self._aspect)
+
+    def _overview(self, scene: MarginGuardScene) -> Camera:
+        """A camera that shows tumour, tool, robot and the bodies of a simulated world."""
+        tumor, up = world_points(scene.tumor), up_direction(scene)
+        links = [model for robot in scene.robots.values() for model in robot.models.values()]
+        models = [scene.tool, *links, *self._view.bodies.values()]
+        others = np.concatenate([world_points(model) for model in models])
         points = np.concatenate([tumor, others])
-        return fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=width / max(height, 1))
+        return self._fit(points, best_direction(tumor, others, up), up)
+
+    @property
+    def _aspect(self) -> float:
+        width, height = self._view.view.render_window().GetSize()
+        return float(width / max(height, 1))
+
+
+def _tip_mm(scene: MarginGuardScene, tool: SurfaceMesh | None) -> FloatArray:
+    """The origin (3,) of the tool's frame, where its tip is."""
+    if tool is None:
+        return np.asarray(world_points(scene.tool).mean(axis=0))
+    return np.asarray(world_matrix(scene.tree.node(tool.frame))[:3, 3])
+
+
+def _ball(middle: FloatArray, radius_mm: float) -> FloatArray:
+    """The six ends (6, 3) of the axes of a ball."""
+    return middle + radius_mm * np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def _distance(camera: Camera) -> float:
+    return float(np.linalg.norm(camera.position - camera.focal_point))
 
 
 def _radius_mm(points_mm: FloatArray) -> float:

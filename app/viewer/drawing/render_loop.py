@@ -11,9 +11,9 @@ from trame_rca.encoders import RcaImageEncoder
 from trame_rca.rca import VtkRemoteControlledArea
 from trame_slicer.views import ThreeDView
 
-from app.fixture import MarginState
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.scene.pictures.offscreen_view import png, state_strip
+from app.session import ShownState
 
 DEFAULT_SIZE = (1280, 800)
 """Size of a picture before a page has sent one."""
@@ -311,7 +311,7 @@ async def _within(event: Coroutine[None, None, object], time_ns: int) -> None:
 _BANNER_PIXELS = 44
 
 
-def screenshot(area: PictureArea, state: MarginState, text: str) -> bytes:
+def screenshot(area: PictureArea, state: ShownState, text: str) -> bytes:
     """Draw the view in high quality, in its size on the page, below a banner with ``text``.
 
     The banner has the colour and the symbol of ``state``, because the file is viewed without the

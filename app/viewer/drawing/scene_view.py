@@ -18,6 +18,7 @@ from app.scene import (
     use_offscreen_rendering,
 )
 from app.viewer.address import ViewerError
+from app.viewer.drawing.inset import OverviewInset
 from app.viewer.drawing.translucency import TranslucentOrder, closed_models
 from app.viewer.view_state import ViewState
 
@@ -70,6 +71,7 @@ class SceneView:
         self._along_tool = False
         self._own_opacities: dict[str, dict[vtkMRMLDisplayNode, float]] = {}
         self._styled_scene: MarginGuardScene | None = None
+        self.inset = OverviewInset(self.view)
         self.order = TranslucentOrder(self.view)
         self._closed: set[vtkMRMLModelNode] = set()
         self._margin_surface: SurfaceMesh | None = None
@@ -134,7 +136,7 @@ class SceneView:
 
     def sort(self) -> None:
         """Sort what is translucent by its depth. Call it before each picture."""
-        self.order.update(self.scene, self._closed, self.bodies.values())
+        self.order.update(self.scene, self._closed, self.bodies.values(), apart=self.inset.robots)
 
     def set_visible(self, part: str, visible: bool) -> None:
         """Show or hide a part."""

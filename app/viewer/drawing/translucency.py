@@ -5,7 +5,7 @@ processor draws, and is an approximation. A closed surface needs no sorting of i
 far side is drawn before its near side: that is exact for a convex surface.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 
 import numpy as np
 from slicer import vtkMRMLMarkupsPlaneNode, vtkMRMLModelNode
@@ -16,7 +16,7 @@ from app.geometry import FloatArray, SurfaceMesh
 from app.runtime import SessionContent
 from app.scene import MarginGuardScene
 
-_MODELS = "vtkMRMLModelDisplayableManager"
+MODELS = "vtkMRMLModelDisplayableManager"
 _PLANE = "vtkSlicerPlaneRepresentation3D"
 
 
@@ -29,25 +29,29 @@ class TranslucentOrder:
 
     def __init__(self, view: ThreeDView) -> None:
         self._renderer = view.renderer()
-        self._models = view.get_displayable_manager_by_class(_MODELS)
-        self._near_sides: dict[vtkActor, _NearSide] = {}
+        self._models = view.get_displayable_manager_by_class(MODELS)
+        self._near_sides: dict[vtkActor, FollowingActor] = {}
 
     def update(
         self,
         scene: MarginGuardScene | None,
         closed: Iterable[vtkMRMLModelNode],
         bodies: Iterable[vtkMRMLModelNode] = (),
+        apart: Container[vtkMRMLModelNode] = (),
     ) -> None:
         """Order the models of ``scene``, of which those in ``closed`` are closed surfaces.
 
-        ``bodies``: what is drawn besides tumour, tool and robots.
+        ``bodies``: what is drawn besides tumour, tool and robots. ``apart``: what this renderer
+        does not draw.
         """
         closed = set(closed)
         actors = {} if scene is None else self._actors(scene, bodies)
         translucent = {
             model: actor
             for model, actor in actors.items()
-            if actor.GetVisibility() and actor.HasTranslucentPolygonalGeometry()
+            if model not in apart
+            and actor.GetVisibility()
+            and actor.HasTranslucentPolygonalGeometry()
         }
         others = [] if scene is None else [m for m in translucent if not _is_target(scene, m)]
         ordered = (
@@ -86,7 +90,7 @@ class TranslucentOrder:
             self._renderer.RemoveActor(self._near_sides.pop(actor).actor)
         for actor in shown:
             if actor not in self._near_sides:
-                self._near_sides[actor] = _NearSide()
+                self._near_sides[actor] = FollowingActor()
                 self._renderer.AddActor(self._near_sides[actor].actor)
             self._near_sides[actor].follow(actor)
 
@@ -143,8 +147,11 @@ class TranslucentOrder:
             props.AddItem(prop)
 
 
-class _NearSide:
-    """An actor that draws the faces towards the camera of the surface of another one."""
+class FollowingActor:
+    """An actor that draws the faces towards the camera of the surface of another one.
+
+    It has a mapper of its own, so that another renderer may draw it, too.
+    """
 
     def __init__(self) -> None:
         self.actor = vtkActor()

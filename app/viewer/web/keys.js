@@ -55,7 +55,7 @@ export function listenToKeys(trame) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const at = event.target;
     // Sliders, lists and buttons handle these keys themselves.
-    if (at.matches?.("input[type=range], input[type=text], input[type=number], select")) return;
+    if (at.matches?.("input[type=range], input[type=radio], input[type=text], input[type=number], select")) return;
     if (event.key === " " && at.matches?.("button, a, input, summary")) return;
     // The values are behind the help: keys do not change them unseen.
     if (document.getElementById("help")?.open && event.key !== "?") return;

@@ -12,6 +12,7 @@ import { calibrateTool } from "./calibration.js";
 import { registerRobot } from "./registration.js";
 import { chooseTools } from "./tool_choice.js";
 import { editWorld } from "./world.js";
+import { chooseModes } from "./modes.js";
 
 const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
@@ -25,4 +26,5 @@ if (window.trame.state.get("title").live) calibrateTool(window.trame);
 if (window.trame.state.get("title").live) registerRobot(window.trame);
 if (window.trame.state.get("role") === "operate") editWorld(window.trame);
 if (window.trame.state.get("role") === "operate") listenToOperator(window.trame);
+chooseModes(window.trame);
 makeAccessible();

@@ -91,7 +91,7 @@ export function showUltrasound(trame) {
     if (values.tip) tip.setAttribute("transform", `translate(${x} ${y}) scale(${Math.max(width, height) / 300})`);
     const side = Math.abs(mm) < 0.05 ? "in the plane" : `${Math.abs(mm).toFixed(1)} mm ${mm > 0 ? "in front of" : "behind"} the plane`;
     find("#us-tip").textContent = values.tip ? `Tip ${side}` : "Tool and tumour: not known";
-    find("#us-time").textContent = values.time ? `image ${values.number} at ${values.time}` : "";
+    find("#us-time").textContent = values.time;
     const edges = [[3, 50], [97, 50], [50, 4], [50, 96]]; // left, right, above, below, in percent
     find("g.us-edges").replaceChildren(
       ...[...values.edges].map((letter, index) => edge(letter, edges[index], width, height)),

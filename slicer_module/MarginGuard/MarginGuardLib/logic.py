@@ -349,13 +349,15 @@ class PanelLogic:
 
     def _status(self) -> PanelStatus:
         session, recording = self.session, self._recording()
-        state, banner = session.readout()
+        state, _ = session.readout()
+        shown, banner = session.banner()
         workflow = session.workflow if session.is_running else None
         calibration = None if workflow is None else workflow.guided.calibration
         touch = None if workflow is None else workflow.guided.registration
         fit = None if calibration is None else calibration.status().fit
         return PanelStatus(
             state=state,
+            shown=shown,
             banner=banner,
             reasons=session.reasons(),
             trackers="\n".join(health.text for health in session.health),

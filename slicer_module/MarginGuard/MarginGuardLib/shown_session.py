@@ -20,7 +20,15 @@ from app.runtime import (
     StepThread,
 )
 from app.scene import MarkerStyle, TransformHealth
-from app.session import BreachList, StepResult
+from app.session import (
+    HOLD,
+    SHOWN_STATES,
+    BreachList,
+    ShownState,
+    StepResult,
+    banner_states,
+    margin_display,
+)
 from app.workflow import Workflow, WorkflowOutput
 
 from .display import NOT_TRACKED_YET, SessionDisplay
@@ -251,6 +259,19 @@ class ShownSession:
             why = f"UNKNOWN: nothing is shown, {self.failure}" if self.failure else NOT_TRACKED_YET
             return MarginState.UNKNOWN, why
         return self.display.readout()
+
+    def banner(self) -> tuple[ShownState, str]:
+        """The worse of margin and latched hold, and a text on both, as on the page."""
+        state, text = self.readout()
+        decision = None if self._last is None else self._last.step.decision
+        is_current = decision is not None and state is decision.state
+        margin = margin_display(decision) if is_current else SHOWN_STATES[state.name]
+        latched = decision is not None and Reason.LATCHED in decision.reasons
+        shown, beside = banner_states(margin, latched=latched)
+        if beside is None:
+            return shown, text
+        held = "HOLD until re-armed"
+        return shown, f"{held}; margin {text}" if shown.key == HOLD else f"{text}; {held}"
 
     def reasons(self) -> str:
         """Reasons of the displayed decision, and a line for each cause of its hold.

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from app.fixture import MarginState
 from app.runtime import ShownItem
+from app.session import ShownState
 from app.workflow import Coverage, GuidedShown
 
 from .contour import ContourShown
@@ -16,7 +17,8 @@ class PanelStatus:
     ``request`` the last request to change the session, from any interface. ``reasons`` has a line
     for each cause of a hold below those of the state.
 
-    ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
+    ``banner``: state, reason and distance as the scene shows them, and a hold; ``shown`` is the
+    worse of both, whose colour and symbol the banner has. ``trackers``: one line for each
     transform. ``recording``: the last recording of the live session, empty before one.
     ``workflow``: one line for each step of the case, with what it has and why it is not done.
     ``directions``: of the tip to the stop margin, in mm. ``activation``: in words, empty where
@@ -27,6 +29,7 @@ class PanelStatus:
     """
 
     state: MarginState
+    shown: ShownState
     banner: str
     reasons: str
     trackers: str

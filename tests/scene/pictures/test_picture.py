@@ -10,6 +10,7 @@ from app.fixture import MarginState
 from app.geometry import Transform
 from app.scene import MarginGuardScene, SceneApplication, SceneError, scene_png, step_png
 from app.scene.pictures.offscreen_view import png, state_strip
+from app.session import SHOWN_STATES
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
@@ -142,21 +143,21 @@ def test_tool_missing_in_the_frame_is_where_the_step_judged_it(draw, picture, ed
 
 
 def test_strip_has_its_colour_and_its_text():
-    strip = state_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), MarginState.POSITIVE)
+    strip = state_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), SHOWN_STATES["POSITIVE"])
     assert strip.shape == (64, 800, 3)
     assert (strip[:, :10] == np.round(255.0 * np.array(MarginState.POSITIVE.color))).all()
     white = (strip == 255).all(axis=-1)
     assert 500 < white.sum() < 20000
-    dark = state_strip("NEGATIVE", (800, 64), MarginState.NEGATIVE)
+    dark = state_strip("NEGATIVE", (800, 64), SHOWN_STATES["NEGATIVE"])
     assert (dark.max(axis=-1) < 60).any()
-    assert state_strip("x" * 500, (800, 64), MarginState.UNKNOWN).shape == (64, 800, 3)
+    assert state_strip("x" * 500, (800, 64), SHOWN_STATES["UNKNOWN"]).shape == (64, 800, 3)
 
 
 def test_strip_has_the_symbol_of_its_state_without_any_text():
-    drawn = [state_strip("", (200, 64), state) for state in MarginState]
+    drawn = [state_strip("", (200, 64), state) for state in SHOWN_STATES.values()]
     inked = [(strip != strip[0, 0]).any(axis=-1) for strip in drawn]
     assert all(20 < mask.sum() < 1000 for mask in inked)
-    assert len({mask.tobytes() for mask in inked}) == len(MarginState)
+    assert len({mask.tobytes() for mask in inked}) == len(SHOWN_STATES)
 
 
 def test_png_round_trip():

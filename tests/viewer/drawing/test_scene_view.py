@@ -112,6 +112,20 @@ def test_robot_is_added_when_its_base_becomes_known(can_draw, parts):
     (model,) = view.scene.robots["block"].models.values()
     assert model.GetDisplayNode().GetOpacity() == pytest.approx(0.5 * GRIP_OPACITY)
     assert model.GetDisplayNode().GetColor() != MarginState.UNKNOWN.color
+    controller, renderer = CameraController(view), view.view.renderer()
+    managed = view.view.get_displayable_manager_by_class("vtkMRMLModelDisplayableManager")
+    for preset, has_inset in (
+        (CameraPreset.CLOSE, True),
+        (CameraPreset.OVERVIEW, False),
+        (CameraPreset.SIDE, True),
+        (CameraPreset.BULLSEYE, False),
+    ):
+        controller.select(preset)
+        controller.update()
+        view.sort()
+        assert view.inset.is_shown == has_inset
+        actor = managed.GetActorByID(model.GetDisplayNode().GetID())
+        assert renderer.HasViewProp(actor) != has_inset
     view.show(replace(seen, step=replace(seen.step, links={})))
     assert model.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
 
@@ -164,6 +178,23 @@ def test_bullseye_follows_the_tool_and_other_presets_do_not(view, parts):
     assert not view.scene.tool.GetDisplayNode().GetVisibility()
     controller.select(CameraPreset.CLOSE)
     assert view.scene.tool.GetDisplayNode().GetVisibility()
+
+
+@pytest.mark.parametrize("preset", [CameraPreset.CLOSE, CameraPreset.SIDE])
+def test_close_up_contains_tumour_and_tip_at_every_step(view, parts, preset):
+    view.view.render_window().SetSize(400, 300)
+    controller = CameraController(view)
+    controller.select(preset)
+    renderer = view.view.renderer()
+    for shown in (*parts.feed.shown, parts.feed.shown[0]):
+        view.show(shown)
+        controller.update()
+        tip = world_matrix(view.scene.tree.node(parts.content.tip_frame))[:3, 3]
+        for point in (tip, *world_points(view.scene.tumor)[::7]):
+            renderer.SetWorldPoint(*point, 1.0)
+            renderer.WorldToView()
+            assert np.abs(renderer.GetViewPoint()[:2]).max() <= 1.0
+    assert not view.inset.is_shown  # there is no robot
 
 
 def test_camera_moved_by_the_user_stays(view, parts):

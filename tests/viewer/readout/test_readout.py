@@ -1,6 +1,7 @@
 """Values of the page for every step of a case and every reason."""
 
 from dataclasses import replace
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
-from app.session import RobotSetup
+from app.session import RobotSetup, moment_text
 from app.synthetic.motion import TOUCH_URDF
 from app.viewer.page_values import distance_text, readout, reason_text
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
@@ -134,6 +135,48 @@ def test_computed_registration_states_what_it_adds(parts):
     assert values["tre"] == "k\N{MIDDLE DOT}TRE at the tip 0.34 mm"
     # A known uncertainty may be small; an unknown one has no number.
     assert readout(registered(shown, found, 0.0))["tre"].endswith(" 0.00 mm")
+
+
+def held(shown, state, causes):
+    """The same step on a latched hold with these causes, oldest first."""
+    reasons = (*shown.step.decision.reasons, Reason.LATCHED)
+    decision = replace(shown.step.decision, state=state, reasons=reasons, hold=True)
+    return replace(shown, step=replace(shown.step, decision=decision, hold_causes=causes))
+
+
+def test_hold_is_the_label_and_the_margin_is_beside_it(parts):
+    values = readout(held(parts.feed.shown[0], MarginState.NEGATIVE, ("first", "newest")))
+    assert (values["state"], values["label"], values["why"]) == ("NEGATIVE", "HOLD", "newest")
+    assert values["beside"] == {"shown": "NEGATIVE", "symbol": "\N{CHECK MARK}", "label": "CLEAR"}
+    inside = readout(held(parts.feed.shown[BREACH_FRAME], MarginState.POSITIVE, ("first",)))
+    assert (inside["label"], inside["beside"]["label"]) == ("IN TUMOUR", "HOLD")
+    assert readout(parts.feed.shown[0])["beside"] is None
+
+
+def test_causes_are_short_and_the_newest_is_first(parts):
+    long = "tumour replaced: " + "it does not overlap the former one, " * 5
+    causes = readout(held(parts.feed.shown[0], MarginState.NEGATIVE, ("first", long)))["causes"]
+    assert [cause["full"] for cause in causes] == [long, "first"]
+    assert causes[0]["short"].startswith("tumour replaced: it does not")
+    assert len(causes[0]["short"]) <= 62 and causes[0]["short"].endswith(" \N{HORIZONTAL ELLIPSIS}")
+
+
+def test_terms_of_the_applied_margins_add_up(parts):
+    values = readout(parts.feed.shown[BREACH_FRAME])
+    *terms, applied = values["terms"]
+    assert terms[0] == {"name": "as set", "stop": "1.00", "warn": "5.00"}
+    for kind in ("stop", "warn"):
+        total = sum(float(term[kind]) for term in terms)
+        assert float(applied[kind]) == pytest.approx(total, abs=0.011)
+        assert float(values[kind]) == pytest.approx(total, abs=0.06)
+    assert readout(parts.feed.shown[LOST[2]])["terms"] == []
+
+
+def test_moment_has_the_time_of_day_if_the_clock_counts_from_1970():
+    assert moment_text(100_250_000_000, 0.25) == "0.2 s"
+    stamp_ns = 1_795_497_414_040_000_000
+    at = datetime.fromtimestamp(1_795_497_414)
+    assert moment_text(stamp_ns, 23.44) == f"{at:%H:%M:%S}, 23.4 s"
 
 
 def test_cautery_of_a_silent_session_is_unknown(parts):

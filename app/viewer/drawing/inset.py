@@ -1,0 +1,102 @@
+"""Overview of robot, tool and tumour in a corner of a close-up, which leaves the robot out."""
+
+from collections.abc import Callable, Iterable
+
+from slicer import vtkMRMLModelNode
+from trame_slicer.views import ThreeDView
+from vtkmodules.vtkRenderingCore import vtkActor, vtkRenderer
+
+from app.scene import MarginGuardScene
+from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera
+from app.viewer.drawing.translucency import MODELS, FollowingActor
+
+_LEFT, _BOTTOM, _SIZE = 0.71, 0.70, 0.28
+"""Place and size, as parts of the picture's width and height; page.css frames it."""
+_BACKGROUND = (0.085, 0.115, 0.145)
+
+
+class OverviewInset:
+    """Second renderer in the window of ``view``, with a camera that the pointer does not move.
+
+    While it is shown, it alone draws the robots; tumour, tool and bodies are drawn by both.
+    """
+
+    def __init__(self, view: ThreeDView) -> None:
+        self._main = view.renderer()
+        self._managed = view.get_displayable_manager_by_class(MODELS)
+        self._renderer = vtkRenderer()
+        self._renderer.SetViewport(_LEFT, _BOTTOM, _LEFT + _SIZE, _BOTTOM + _SIZE)
+        self._renderer.SetBackground(*_BACKGROUND)
+        self._renderer.InteractiveOff()
+        self._renderer.DrawOff()
+        self._followers: dict[vtkActor, FollowingActor] = {}
+        self._is_placed = False
+        self.robots: dict[vtkMRMLModelNode, vtkActor] = {}
+        """Models that the inset alone draws."""
+        view.render_window().AddRenderer(self._renderer)
+
+    @property
+    def is_shown(self) -> bool:
+        """True if the next picture has it."""
+        return bool(self._renderer.GetDraw())
+
+    def hide(self) -> None:
+        """Leave it out of the next pictures; the robots are drawn in the view again."""
+        self._renderer.DrawOff()
+        self._take({})
+
+    def reframe(self) -> None:
+        """Place its camera again when it is shown next."""
+        self._is_placed = False
+
+    def show(
+        self,
+        scene: MarginGuardScene,
+        bodies: Iterable[vtkMRMLModelNode],
+        camera: Callable[[], Camera],
+    ) -> None:
+        """Draw the models of ``scene`` and ``bodies``; ``camera`` is called when it is placed."""
+        links = [model for robot in scene.robots.values() for model in robot.models.values()]
+        self._take(self._actors(links))
+        self._follow(self._actors([scene.tumor, scene.tool, *bodies]).values())
+        if not self._is_placed:
+            placed, own = camera(), self._renderer.GetActiveCamera()
+            own.SetPosition(placed.position.tolist())
+            own.SetFocalPoint(placed.focal_point.tolist())
+            own.SetViewUp(placed.up.tolist())
+            own.SetViewAngle(VIEW_ANGLE_DEG)
+            self._is_placed = True
+        self._renderer.ResetCameraClippingRange()
+        self._renderer.DrawOn()
+
+    def _actors(self, models: Iterable[vtkMRMLModelNode]) -> dict[vtkMRMLModelNode, vtkActor]:
+        found = {
+            model: self._managed.GetActorByID(model.GetDisplayNode().GetID()) for model in models
+        }
+        return {model: actor for model, actor in found.items() if actor is not None}
+
+    def _take(self, robots: dict[vtkMRMLModelNode, vtkActor]) -> None:
+        """Draw the actors of ``robots`` here, and those of before in the view if it has them."""
+        if robots == self.robots:
+            return
+        # The lists alone: adding and removing a prop would upload its surface again.
+        own, main = self._renderer.GetViewProps(), self._main.GetViewProps()
+        for model, actor in self.robots.items():
+            own.RemoveItem(actor)
+            display = model.GetDisplayNode()
+            if display is not None and self._managed.GetActorByID(display.GetID()) is actor:
+                main.AddItem(actor)
+        for actor in robots.values():
+            main.RemoveItem(actor)
+            own.AddItem(actor)
+        self.robots = robots
+
+    def _follow(self, actors: Iterable[vtkActor]) -> None:
+        shown = {actor for actor in actors if actor.GetVisibility()}
+        for actor in self._followers.keys() - shown:
+            self._renderer.RemoveActor(self._followers.pop(actor).actor)
+        for actor in shown:
+            if actor not in self._followers:
+                self._followers[actor] = FollowingActor()
+                self._renderer.AddActor(self._followers[actor].actor)
+            self._followers[actor].follow(actor)
