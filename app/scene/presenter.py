@@ -133,7 +133,9 @@ class ScenePresenter:
             if breach_points_mm is not None:
                 self._show_breaches(scene, breach_points_mm)
             if scene.tumor is not None:
-                scene.show(step.decision, dict.fromkeys(scene.robots, step.links), now_ns)
+                states = {each.name: each.decision.state for each in step.structures}
+                links = dict.fromkeys(scene.robots, step.links)
+                scene.show(step.decision, links, now_ns, states)
                 if step.frame.activation is not None:
                     scene.show_activation(step.frame.activation.label)
 
@@ -293,6 +295,10 @@ class ScenePresenter:
                 scene.margin.breaches.set_style(self._marker_style)
             if self._margin_surface is not None:
                 scene.add_margin_surface(self._margin_surface)
+        for structure in content.structures:
+            is_placed = scene.tree.node(structure.name) is not None
+            if is_placed and structure.name not in scene.structures.nodes:
+                scene.add_structure(structure)
         if scene.tool is None and scene.tree.node(content.tip_frame) is not None:
             if content.tool is None:
                 scene.add_tip(content.tip_frame)
@@ -336,6 +342,8 @@ def _has_same_parts(first: SessionContent, second: SessionContent) -> bool:
         first.tumor is not second.tumor
         or first.tool is not second.tool
         or first.tip_frame != second.tip_frame
+        or [each.surface for each in first.structures]
+        != [each.surface for each in second.structures]
     ):
         return False
     if first.robot is None or second.robot is None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from types import MappingProxyType
 
 from slicer import (
     vtkMRMLApplicationLogic,
@@ -15,7 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform, poses_in
 from app.robot import Robot
-from app.runtime import ShownItem
+from app.runtime import ShownItem, StructureContent
 from app.scene.item_models import ItemModels
 from app.scene.margin_display import MarginDisplay
 from app.scene.models import add_model, ball, remove_displayed, smooth_surface
@@ -23,6 +24,7 @@ from app.scene.offscreen import SceneError
 from app.scene.robot_model import RobotModel
 from app.scene.scene_nodes import PART, SURFACE, AdoptedNodes, Batch, NodeIntegrity, mark
 from app.scene.shown_margin import TransformHealth, TransformWatchdog, shown_margin
+from app.scene.structure_models import StructureModels
 from app.scene.transform_tree import RAS, TransformTree
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
@@ -30,6 +32,7 @@ _TUMOR_OPACITY = 0.4
 _MARGIN_COLOR = (0.55, 0.62, 0.70)  # differs from the colour of each state
 _MARGIN_OPACITY = 0.15
 _TIP_RADIUS_MM = 1.5
+NO_STATES: Mapping[str, MarginState] = MappingProxyType({})
 
 
 class MarginGuardScene:
@@ -73,9 +76,11 @@ class MarginGuardScene:
         self.margin_surface: vtkMRMLModelNode | None = None
         self.tool: vtkMRMLModelNode | None = None
         self.items = ItemModels(scene, self.batch, is_live=self.watchdog is not None)
+        self.structures = StructureModels(scene, self.batch)
         self.margin: MarginDisplay | None = None
         self.robots: dict[str, RobotModel] = {}
         self._decision: FixtureDecision | None = None
+        self._structure_states: Mapping[str, MarginState] = {}
         self._links_known: dict[str, bool] = {}
         self._shown_ns: int | None = None
 
@@ -196,6 +201,14 @@ class MarginGuardScene:
                 self.items.draw(item, pose)
         self.items.set_known(item, known)
 
+    def add_structure(self, structure: StructureContent) -> None:
+        """Add a structure beside the tumour; `SceneError` for a second one of its name."""
+        if structure.name in self.structures.nodes:
+            raise SceneError(f"structure {structure.name!r} is already in the scene; expected 1")
+        pose = self._pose_node(structure.name)
+        with self._content():
+            self.structures.add(structure, pose)
+
     def add_robot(self, name: str, robot: Robot, base_frame: str) -> RobotModel:
         """Add ``robot`` with its root link at ``base_frame``; each robot has a ``name`` of its own.
 
@@ -225,8 +238,9 @@ class MarginGuardScene:
         decision: FixtureDecision,
         links: Mapping[str, Mapping[str, Transform]],
         now_ns: int | None = None,
+        structures: Mapping[str, MarginState] = NO_STATES,
     ) -> None:
-        """Show the decision of one step, and each robot's links by their ``root_from_link``.
+        """Show the decision of one step, the states of further ``structures``, and each robot's links by their ``root_from_link``.
 
         A robot with an empty mapping is grey, and so is one that is missing in ``links`` but was in
         it before. ``now_ns``: the present of a live scene on the clock of the decision's stamp;
@@ -248,6 +262,7 @@ class MarginGuardScene:
             raise SceneError(f"decision: now_ns is {now_ns}; expected {expected}")
         with self.update():
             self._decision, self._shown_ns = decision, now_ns
+            self._structure_states = structures
             self._show_margin(self.margin, now_ns)
             for name in self._links_known.keys() | links.keys():
                 poses = links.get(name, {})
@@ -307,6 +322,7 @@ class MarginGuardScene:
                 if node is not None:
                     remove_displayed(self.scene, node)
             self.items.remove()
+            self.structures.remove()
             for node in self._adopted_surfaces.values():
                 remove_displayed(self.scene, node)
             self._adopted_surfaces.clear()
@@ -336,6 +352,7 @@ class MarginGuardScene:
             if node is not None:
                 yield node
         yield from self.items.nodes.values()
+        yield from self.structures.nodes.values()
         if self.margin is not None:
             yield from self.margin.nodes()
         for robot in self.robots.values():
@@ -345,6 +362,10 @@ class MarginGuardScene:
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
         margin.show(shown_margin(self._decision, self.watchdog, now_ns))
         known = margin.state is not MarginState.UNKNOWN
+        is_fresh = self.watchdog is None or (
+            now_ns is not None and self.watchdog.is_fresh(self._shown_ns, now_ns)
+        )
+        self.structures.show(self._structure_states if is_fresh else NO_STATES)
         for node, color, is_known in ((self.tool, TOOL_COLOR, True), *self.items.rods()):
             if node is not None:
                 display = node.GetDisplayNode()

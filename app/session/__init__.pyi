@@ -53,7 +53,10 @@ from .shown_state import (
     ShownState,
     advice_text,
     banner_states,
+    governing_name,
     margin_display,
+    named,
+    structure_title,
 )
 from .step_result import NO_EDGES, KnownEdges, StepResult
 from .structure import ProximityModel, Role, Structure
@@ -115,6 +118,7 @@ __all__ = [
     "box_corners",
     "checked_axes",
     "deepest_on_path",
+    "governing_name",
     "guidance_parameters",
     "has_ended",
     "is_tip",
@@ -125,10 +129,12 @@ __all__ = [
     "margin_parameters",
     "mean_dwell_pose",
     "moment_text",
+    "named",
     "place_letters",
     "prepare_replacement",
     "robot_from_case",
     "setup_from_case",
+    "structure_title",
     "tip_signals",
     "tumor_change",
     "tumor_motion_parameters",

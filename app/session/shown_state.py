@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from app.fixture import FixtureDecision, MarginState, Reason
+from app.session.step_result import StepResult
 
 STOP = "STOP"
 """Key of the display of a tool inside the stop margin."""
@@ -55,6 +56,28 @@ def margin_display(decision: FixtureDecision) -> ShownState:
     if decision.state is MarginState.WARNING and is_stopped:
         return SHOWN_STATES[STOP]
     return SHOWN_STATES[decision.state.name]
+
+
+def governing_name(step: StepResult) -> str:
+    """The governing structure in words; empty for the tumour."""
+    governing = step.governing
+    if governing is None or governing is step.structures[0]:
+        return ""
+    return structure_title(governing.name)
+
+
+def structure_title(name: str) -> str:
+    """The name of a structure in words."""
+    return name.replace("_", " ")
+
+
+def named(text: str, structure: str) -> str:
+    """``text``, which is on the tumour, for the ``structure`` in words; as it is for empty."""
+    if not structure:
+        return text
+    found = text.replace("the tumour", f"the {structure}").replace("tumour", structure)
+    found = found.replace("IN TUMOUR", f"IN {structure.upper()}")
+    return found if found != text else f"{text} ({structure})"
 
 
 def banner_states(margin: ShownState, *, latched: bool) -> tuple[ShownState, ShownState | None]:

@@ -1,6 +1,7 @@
 """Values of the page beside the picture."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from app.case import ENERGY_DEVICE, Activation
@@ -18,8 +19,11 @@ from app.session import (
     StepResult,
     advice_text,
     banner_states,
+    governing_name,
     margin_display,
     moment_text,
+    named,
+    structure_title,
 )
 from app.viewer.view_state import ViewState
 from app.workflow import TipDirections
@@ -57,12 +61,16 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         return _values(MarginState.UNKNOWN, (unknown, None), "nothing has been measured yet")
     decision = shown.step.decision
     latched = Reason.LATCHED in decision.reasons
-    banner = banner_states(margin_display(decision), latched=latched)
+    governing = governing_name(shown.step)
+    margin = margin_display(decision)
+    if decision.state is MarginState.POSITIVE:
+        margin = replace(margin, label=named(margin.label, governing))
+    banner = banner_states(margin, latched=latched)
     causes = shown.step.hold_causes[::-1] if decision.hold else ()
     return _values(
         decision.state,
         banner,
-        shown.silent or _why(banner[0], causes) or _reasons(shown.step),
+        shown.silent or _why(banner[0], causes) or named(_reasons(shown.step), governing),
         todo=_SILENT if shown.silent else _todo(decision),
         distance=distance_text(shown.distance_mm),
         trend=str(shown.trend),
@@ -80,7 +88,33 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         moment=moment_text(shown.step.frame.stamp.ns, shown.elapsed_s),
         request=_request(shown.request),
         activation=_activation(shown),
+        structures=_structures(shown),
     )
+
+
+def _structures(shown: ViewState) -> list[dict[str, str]]:
+    """Each of several structures; unknown while the session is silent."""
+    found = []
+    for each in shown.step.structures:
+        decision = each.decision
+        is_known = not shown.silent and decision.state is not MarginState.UNKNOWN
+        display = margin_display(decision) if is_known else SHOWN_STATES[MarginState.UNKNOWN.name]
+        title = structure_title(each.name)
+        proximity = decision.proximity
+        distance_mm = None if proximity is None or not is_known else proximity.signed_distance_mm
+        found.append(
+            {
+                "name": each.name,
+                "title": title,
+                "role": str(each.role),
+                "shown": display.key,
+                "symbol": display.symbol,
+                "label": display.label.replace("TUMOUR", title.upper()),
+                "distance": distance_text(distance_mm),
+                "governs": each is shown.step.governing,
+            }
+        )
+    return found
 
 
 _MAX_CAUSE_CHARS = 60
@@ -138,6 +172,7 @@ def _values(
     moment: str = "",
     request: dict[str, str | bool] | None = None,
     activation: dict[str, str] | None = None,
+    structures: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     display, beside = banner
     return {
@@ -169,6 +204,7 @@ def _values(
         "moment": moment,
         "request": request,
         "activation": activation,
+        "structures": list(structures),
     }
 
 

@@ -165,6 +165,7 @@ def _models(scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
         ("margin", scene.margin_surface),
         ("tool", scene.tool),
         *scene.items.nodes.items(),
+        *((f"structure/{name}", node) for name, node in scene.structures.nodes.items()),
     ):
         if model is not None:
             yield name, model

@@ -31,6 +31,7 @@ class Part(StrEnum):
     """A part of the scene, beside display items, that the page can hide or make translucent."""
 
     TUMOR = "TUMOR"
+    STRUCTURES = "STRUCTURES"
     MARGIN = "MARGIN"
     TOOL = "TOOL"
     ROBOT = "ROBOT"
@@ -40,6 +41,7 @@ class Part(StrEnum):
 _RODS = {each.name.upper(): each for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD}
 PARTS: dict[str, str] = {
     Part.TUMOR: "Tumour",
+    Part.STRUCTURES: "Other structures",
     Part.MARGIN: "Margin surface",
     Part.TOOL: "Tool",
     **{name: item.title for name, item in _RODS.items()},
@@ -209,6 +211,7 @@ class SceneView:
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
         nodes = {
             Part.TUMOR: [scene.tumor],
+            Part.STRUCTURES: list(scene.structures.nodes.values()),
             Part.MARGIN: [scene.margin_surface],
             Part.TOOL: [scene.tool],
             **{name: [scene.items.nodes.get(item.name)] for name, item in _RODS.items()},

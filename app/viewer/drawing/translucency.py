@@ -194,6 +194,9 @@ def closed_models(
     The tip's ball, which has no mesh in ``content``, is left out.
     """
     surfaces = [(scene.tumor, [content.tumor])]
+    surfaces += [
+        (scene.structures.nodes.get(each.name), [each.surface]) for each in content.structures
+    ]
     if margin_surface is not None:
         surfaces.append((scene.margin_surface, [margin_surface]))
     if content.tool is not None:
