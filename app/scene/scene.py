@@ -240,7 +240,8 @@ class MarginGuardScene:
         now_ns: int | None = None,
         structures: Mapping[str, MarginState] = NO_STATES,
     ) -> None:
-        """Show the decision of one step, the states of further ``structures``, and each robot's links by their ``root_from_link``.
+        """Show the decision of one step, the states of further ``structures``, and each robot's
+        links by their ``root_from_link``.
 
         A robot with an empty mapping is grey, and so is one that is missing in ``links`` but was in
         it before. ``now_ns``: the present of a live scene on the clock of the decision's stamp;

@@ -92,9 +92,9 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
     )
 
 
-def _structures(shown: ViewState) -> list[dict[str, str]]:
+def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
     """Each of several structures; unknown while the session is silent."""
-    found = []
+    found: list[dict[str, str | bool]] = []
     for each in shown.step.structures:
         decision = each.decision
         is_known = not shown.silent and decision.state is not MarginState.UNKNOWN
