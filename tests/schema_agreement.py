@@ -25,15 +25,20 @@ from app.files.document import Section
 from app.files.document_text import GENERAL_RULES
 from app.geometry import MarginGuardError
 
-OWN_STYLUS_FRAME, STYLUS_TIP = DISPLAY_ITEMS[1].rules
 UNSTATED = {
     GENERAL_RULES[0]: r"expected a finite number",
     GENERAL_RULES[1]: r" is -?[\d.]+(e\+\d+)?; expected an integer",
     RIGID: r"(rotation|last row of the matrix) of \S+_from_\S+ is ",
     "tumor.frame is not the frame of the tool": r"tumor\.frame is .*, the frame of the tool;",
-    "needle.frame is not the frame of the tool": r"needle\.frame is .*, the frame of the tool;",
-    OWN_STYLUS_FRAME: r"stylus\.frame is .*; expected that of a sensor on the stylus",
-    STYLUS_TIP: r"stylus\.tip_from is \S+ mm from the sensor's origin; expected 1 mm or more",
+    **{
+        each.rules[0]: rf"{each.name}\.frame is .*; expected that of a sensor on the {each.name}"
+        for each in DISPLAY_ITEMS
+    },
+    **{
+        rule: rf"{each.name}\.tip_from is \S+ mm from the sensor's origin; expected 1 mm or more"
+        for each in DISPLAY_ITEMS
+        for rule in each.rules[1:]
+    },
     "warn_mm is more than stop_mm": r"warn_mm is .*expected more than stop_mm",
     "moving_mm has as many points as fixed_mm": r"moving_mm has \d+ points; expected \d+",
     "dwells do not overlap": r"registration\.dwells overlap",

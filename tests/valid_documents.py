@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from app.case import DOCUMENTS
+from app.case import DISPLAY_ITEMS, DOCUMENTS, ItemKind
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,22 +134,20 @@ LIVE_IMAGES = {
         "stale_after_ms": 200.0,
     }
 }
-NEEDLE = {
-    "needle": {
-        "frame": "needle",
-        "length_mm": 60,
-        "tip_from": {"direction": [0.0, 0, -1]},
-        "model": {"path": "needle.stl", "units": "mm"},
-    }
+_ROD = {
+    "length_mm": 60,
+    "tip_from": {"direction": [0.0, 0, -1]},
+    "model": {"path": "rod.stl", "units": "mm"},
+}
+_POINTER = {
+    "tip_from": {"matrix": [1.0, 0, 0, 2, 0, 1, 0, 3, 0, 0, 1, 120, 0, 0, 0, 1]},
+    "sigma_mm": 0.3,
+}
+ITEMS = {
+    each.name: {"frame": each.name, **(_ROD if each.kind is ItemKind.ROD else _POINTER)}
+    for each in DISPLAY_ITEMS
 }
 CAUTERY = {"cautery": {"topic": "/generator/active", "stale_after_ms": 500.0}}
-STYLUS = {
-    "stylus": {
-        "frame": "pointer",
-        "tip_from": {"matrix": [1.0, 0, 0, 2, 0, 1, 0, 3, 0, 0, 1, 120, 0, 0, 0, 1]},
-        "sigma_mm": 0.3,
-    }
-}
 BOX = {
     "plausibility": {
         "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
@@ -196,13 +194,13 @@ def complete(document: str) -> list[dict[str, Any]]:
             | segment
             | LIVE_IMAGES
             | {"source": igtl, "clock": known, "cautery": {"device": "Cautery"}},
-            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | CAUTERY | NEEDLE | STYLUS,
+            full | {"tumor": contour} | TOPIC_IMAGES | GIVEN | CAUTERY | ITEMS,
             full | XACRO | POINTS | {"images": {"topic": "/image", **DEPTHS["images"]}},
         ]
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
-        full | XACRO | POINTS | IMAGES | NEEDLE | STYLUS,
+        full | XACRO | POINTS | IMAGES | ITEMS,
         full | BOX | mesh | TOPIC_IMAGES | GIVEN | CAUTERY | {"clock": known},
         full
         | {

@@ -32,13 +32,12 @@ from tests.valid_documents import (
     DEPTHS,
     IDENTITY,
     IMAGES,
+    ITEMS,
     LIVE_IMAGES,
-    NEEDLE,
     PLAUSIBILITY,
     POINTS,
     ROOT,
     SHIPPED,
-    STYLUS,
     VALID,
     XACRO,
     shipped,
@@ -157,17 +156,20 @@ SOME_PAIR, _ = PLAUSIBILITY["plausibility"]["pairs"]
 SOME_APPROACH = PLAUSIBILITY["plausibility"]["approach"]
 SOME_BOX = BOX["plausibility"]["workspace"]
 
-OWN_STYLUS_FRAME, STYLUS_TIP = DISPLAY_ITEMS[1].rules
 EXAMPLES: dict[str, tuple[str, str, object]] = {
     GENERAL_RULES[0]: ("case", "margins.k_tre", math.inf),
     GENERAL_RULES[1]: ("case", "schema", 1.0),
     RIGID: ("case", "tumor.pose.matrix", [2.0, *IDENTITY[1:]]),
     "tumor.frame is not the frame of the tool": ("live", "tumor.frame", "cautery"),
-    "needle.frame is not the frame of the tool": (
-        "case", "needle", changed(NEEDLE, frame="cautery"),
-    ),
-    OWN_STYLUS_FRAME: ("live", "stylus", changed(STYLUS, frame="cautery")),
-    STYLUS_TIP: ("case", "stylus", changed(STYLUS, tip_from={"matrix": IDENTITY})),
+    **{
+        each.rules[0]: ("live", each.name, ITEMS[each.name] | {"frame": "cautery"})
+        for each in DISPLAY_ITEMS
+    },
+    **{
+        rule: ("case", each.name, ITEMS[each.name] | {"tip_from": {"matrix": IDENTITY}})
+        for each in DISPLAY_ITEMS
+        for rule in each.rules[1:]
+    },
     "warn_mm is more than stop_mm": ("live", "margins.stop_mm", 5),
     "moving_mm has as many points as fixed_mm": (
         "case", "registration", changed(POINTS, moving_mm=[]),
