@@ -75,9 +75,11 @@ class DisplayItem:
         """The rules of its keys that concern other keys."""
         if self.kind is ItemKind.ROD:
             return (f"{self.name}.frame is not the frame of the tool",)
-        rods = ", ".join(each.name for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD)
+        rods = (each.name for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD)
+        *first, last = "tool", "tumour", *rods
+        others = f"{', '.join(first)} or {last}"
         return (
-            f"{self.name}.frame is not reference, and not the frame of tool, tumour or {rods}",
+            f"{self.name}.frame is not reference, and not the frame of {others}",
             f"{self.name}.tip_from is 1 mm or more from the sensor's origin",
         )
 
