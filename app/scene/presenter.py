@@ -18,7 +18,7 @@ from app.scene.margin_display import MarkerStyle
 from app.scene.offscreen import SceneError
 from app.scene.scene import MarginGuardScene
 from app.scene.shown_margin import TransformHealth
-from app.session import REFERENCE, StepResult
+from app.session import REFERENCE, StepResult, governing_name
 
 GRIP_OPACITY = 0.35
 """Opacity of the robot link that holds the tool: the tool is seen inside it."""
@@ -135,7 +135,7 @@ class ScenePresenter:
             if scene.tumor is not None:
                 states = {each.name: each.decision.state for each in step.structures}
                 links = dict.fromkeys(scene.robots, step.links)
-                scene.show(step.decision, links, now_ns, states)
+                scene.show(step.decision, links, now_ns, states, governing_name(step))
                 if step.frame.activation is not None:
                     scene.show_activation(step.frame.activation.label)
 

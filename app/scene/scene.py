@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from types import MappingProxyType
 
 from slicer import (
@@ -26,6 +27,7 @@ from app.scene.scene_nodes import PART, SURFACE, AdoptedNodes, Batch, NodeIntegr
 from app.scene.shown_margin import TransformHealth, TransformWatchdog, shown_margin
 from app.scene.structure_models import StructureModels
 from app.scene.transform_tree import RAS, TransformTree
+from app.session import named
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
 _TUMOR_OPACITY = 0.4
@@ -81,6 +83,7 @@ class MarginGuardScene:
         self.robots: dict[str, RobotModel] = {}
         self._decision: FixtureDecision | None = None
         self._structure_states: Mapping[str, MarginState] = {}
+        self._governing = ""
         self._links_known: dict[str, bool] = {}
         self._shown_ns: int | None = None
 
@@ -239,9 +242,12 @@ class MarginGuardScene:
         links: Mapping[str, Mapping[str, Transform]],
         now_ns: int | None = None,
         structures: Mapping[str, MarginState] = NO_STATES,
+        governing: str = "",
     ) -> None:
-        """Show the decision of one step, the states of further ``structures``, and each robot's
-        links by their ``root_from_link``.
+        """Show the decision of one step, and each robot's links by their ``root_from_link``.
+
+        ``structures`` are the states of further structures by name, ``governing`` is the one that
+        the decision's distance belongs to, in words; empty for the tumour.
 
         A robot with an empty mapping is grey, and so is one that is missing in ``links`` but was in
         it before. ``now_ns``: the present of a live scene on the clock of the decision's stamp;
@@ -263,7 +269,7 @@ class MarginGuardScene:
             raise SceneError(f"decision: now_ns is {now_ns}; expected {expected}")
         with self.update():
             self._decision, self._shown_ns = decision, now_ns
-            self._structure_states = structures
+            self._structure_states, self._governing = structures, governing
             self._show_margin(self.margin, now_ns)
             for name in self._links_known.keys() | links.keys():
                 poses = links.get(name, {})
@@ -361,7 +367,10 @@ class MarginGuardScene:
             yield from robot.models.values()
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
-        margin.show(shown_margin(self._decision, self.watchdog, now_ns))
+        shown = shown_margin(self._decision, self.watchdog, now_ns)
+        if shown.state is not MarginState.UNKNOWN:
+            shown = replace(shown, text=named(shown.text, self._governing))
+        margin.show(shown)
         known = margin.state is not MarginState.UNKNOWN
         is_fresh = self.watchdog is None or (
             now_ns is not None and self.watchdog.is_fresh(self._shown_ns, now_ns)

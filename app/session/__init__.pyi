@@ -56,6 +56,7 @@ from .shown_state import (
     governing_name,
     margin_display,
     named,
+    structure_line,
     structure_title,
 )
 from .step_result import NO_EDGES, KnownEdges, StepResult
@@ -134,6 +135,7 @@ __all__ = [
     "prepare_replacement",
     "robot_from_case",
     "setup_from_case",
+    "structure_line",
     "structure_title",
     "tip_signals",
     "tumor_change",

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.session.step_result import StepResult
+from app.session.structure_guard import StructureStep
 
 STOP = "STOP"
 """Key of the display of a tool inside the stop margin."""
@@ -69,6 +70,17 @@ def governing_name(step: StepResult) -> str:
 def structure_title(name: str) -> str:
     """The name of a structure in words."""
     return name.replace("_", " ")
+
+
+def structure_line(structure: StructureStep) -> str:
+    """Name, state and distance of a structure, as ``chest wall: CLOSE, 3.1 mm``."""
+    decision = structure.decision
+    display, proximity = margin_display(decision), decision.proximity
+    label = "INSIDE" if decision.state is MarginState.POSITIVE else display.label
+    line = f"{structure_title(structure.name)}: {label}"
+    if decision.state is MarginState.UNKNOWN or proximity is None:
+        return line
+    return f"{line}, {proximity.signed_distance_mm:.1f} mm"
 
 
 def named(text: str, structure: str) -> str:

@@ -109,7 +109,7 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
                 "role": str(each.role),
                 "shown": display.key,
                 "symbol": display.symbol,
-                "label": display.label.replace("TUMOUR", title.upper()),
+                "label": "INSIDE" if display.key == MarginState.POSITIVE.name else display.label,
                 "distance": distance_text(distance_mm),
                 "governs": each is shown.step.governing,
             }

@@ -22,6 +22,7 @@ from app.bridge.ros_errors import BridgeError
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import FloatArray, SurfaceMesh
 from app.runtime import SessionContent, StructureContent
+from app.session import named
 
 MAX_TRIANGLES = 25_000
 """A marker with more is simplified: it is sent at each change of colour, 72 bytes a triangle."""
@@ -133,22 +134,26 @@ class Markers:
             markers.append(_surface("tool", self._tool_frame, color_message(TOOL_RGB), 1))
         return serialized(MarkerArray(markers=markers), self._points_m)
 
-    def text(self, decision: FixtureDecision) -> MarkerArray:
-        """Marker with the text of the margin, above the tumour, in the colour of the state.
+    def text(self, decision: FixtureDecision, governing: str = "") -> MarkerArray:
+        """Marker with `margin_text`, above the tumour, in the colour of the state.
 
         Each call fills in the same marker: publish it before the next one.
         """
         self._text.color = color_message(decision.state.color)
-        self._text.text = margin_text(decision)
+        self._text.text = margin_text(decision, governing)
         return MarkerArray(markers=[self._text])
 
 
-def margin_text(decision: FixtureDecision) -> str:
-    """Text such as ``CLEAR +9.2 mm``, ``IN TUMOUR -1.4 mm``, or ``UNKNOWN: stale, missing``."""
+def margin_text(decision: FixtureDecision, governing: str = "") -> str:
+    """Text such as ``CLEAR +9.2 mm``, ``IN TUMOUR -1.4 mm``, or ``UNKNOWN: stale, missing``.
+
+    ``governing`` is the structure that the distance belongs to, in words; empty for the tumour.
+    """
     if decision.state is MarginState.UNKNOWN or decision.proximity is None:
         reasons = ", ".join(str(reason) for reason in decision.reasons)
         return f"{MarginState.UNKNOWN.display.label}: {reasons}"
-    return f"{decision.state.display.label} {decision.proximity.signed_distance_mm:+.1f} mm"
+    label = named(decision.state.display.label, governing)
+    return f"{label} {decision.proximity.signed_distance_mm:+.1f} mm"
 
 
 def _surface(name: str, frame: str, color: ColorRGBA, number: int) -> Marker:
@@ -227,12 +232,14 @@ class PreparedShapes:
         """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool."""
         return self._surfaces[state]
 
-    def text(self, decision: FixtureDecision) -> bytes:
-        """Serialised ``MarkerArray`` of the margin's text, above the tumour."""
-        key = (decision.state, margin_text(decision))
+    def text(self, decision: FixtureDecision, governing: str = "") -> bytes:
+        """Serialised ``MarkerArray`` of `margin_text`, above the tumour."""
+        key = (decision.state, margin_text(decision, governing))
         known = self._texts.get(key)
         if known is None:
             if len(self._texts) >= _MAX_TEXTS:
                 self._texts.clear()
-            known = self._texts[key] = bytes(serialize_message(self._markers.text(decision)))
+            known = self._texts[key] = bytes(
+                serialize_message(self._markers.text(decision, governing))
+            )
         return known

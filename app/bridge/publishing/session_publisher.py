@@ -33,7 +33,7 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
 from app.hold import RandomBits
 from app.runtime import SessionContent, StepTiming, SwitchContent
-from app.session import StepResult, StructureStep
+from app.session import StepResult, StructureStep, governing_name
 
 NODE_NAME = "marginguard"
 
@@ -166,7 +166,7 @@ class SessionPublisher:
         since_ns = steady_ns()
         valid_ns = self._valid_ns(step, timing.spent_now_ns())
         in_time = self.constraints.publish(message, valid_ns=valid_ns, since_ns=since_ns)
-        self._publish_margin(step.decision, step.structures)
+        self._publish_margin(step.decision, step.structures, governing_name(step))
         report = self._diagnostics.report(step, self._content.margins.stale_after_ns)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
@@ -269,14 +269,17 @@ class SessionPublisher:
                 self._endpoints.warn(f"{edge[0]} -> {edge[1]} is not published on tf: {reason}")
 
     def _publish_margin(
-        self, decision: FixtureDecision, structures: Sequence[StructureStep] = ()
+        self,
+        decision: FixtureDecision,
+        structures: Sequence[StructureStep] = (),
+        governing: str = "",
     ) -> None:
         distance_mm = math.nan
         if decision.state is not MarginState.UNKNOWN and decision.proximity is not None:
             distance_mm = float(decision.proximity.signed_distance_mm)
         self._send(topics.MARGIN_MM, self._margin.distance(distance_mm))
         self._send(topics.MARGIN_COLOR, self._margin.color(decision.state))
-        self._send(topics.MARKERS, self._shapes.text(decision))
+        self._send(topics.MARKERS, self._shapes.text(decision, governing))
         states = {each.name: each.decision.state for each in structures}
         of_tumor = states.pop(self._content.tumor.frame, decision.state)
         self._show_surfaces(of_tumor, states)

@@ -28,6 +28,7 @@ from app.session import (
     StepResult,
     banner_states,
     margin_display,
+    structure_line,
 )
 from app.workflow import Workflow, WorkflowOutput
 
@@ -274,17 +275,19 @@ class ShownSession:
         return shown, f"{held}; margin {text}" if shown.key == HOLD else f"{text}; {held}"
 
     def reasons(self) -> str:
-        """Reasons of the displayed decision, and a line for each cause of its hold.
+        """Reasons of the displayed decision, a line for each cause of its hold and each structure.
 
-        "stale" instead of the reasons when the scene shows it as unknown.
+        "stale" instead of the reasons and structures when the scene shows it as unknown.
         """
         if self._last is None or self.display is None:
             return ""
         decision = self._last.step.decision
         reasons = ", ".join(map(str, decision.reasons))
+        structures = [structure_line(each) for each in self._last.step.structures]
         if self.readout()[0] is not decision.state:
-            reasons = str(Reason.STALE)
-        return "\n".join([reasons, *(f"hold: {cause}" for cause in self._last.step.hold_causes)])
+            reasons, structures = str(Reason.STALE), []
+        causes = (f"hold: {cause}" for cause in self._last.step.hold_causes)
+        return "\n".join([reasons, *causes, *structures])
 
     def activation(self) -> str:
         """The activation, unknown while the display is stale; empty if it is not told."""
