@@ -362,7 +362,8 @@ def _joined(
         clearances = np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
         order = 1 + np.argsort(clearances[1:], kind="stable")
         nearest_left_out_mm = max(float(clearances[order[MAX_PLANES - 1]]), 0.0)
-        free = _smaller(free, FreeMotion(nearest_left_out_mm, nearest_left_out_mm / radius_mm))
+        turn_rad = nearest_left_out_mm / radius_mm if radius_mm > 0.0 else math.inf  # a point
+        free = _smaller(free, FreeMotion(nearest_left_out_mm, turn_rad))
         kept = [0, *np.sort(order[: MAX_PLANES - 1]).tolist()]
         rows, owners = rows[kept], [owners[number] for number in kept]
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
