@@ -208,13 +208,12 @@ class SessionSetup:
                 "tumor_motion is given without a robot: nothing uses the velocity; expected a "
                 "robot, or the frame that is at rest beside the controller's"
             )
-        tool = self.proximity.frames[1]
         for what, frame, edge in (
             *(
                 (_called(each, self.guarded), each.proximity.frames[0], each.frame_from_structure)
                 for each in self.guarded
             ),
-            ("tool", tool, self.tool_from_tip),
+            *(("tool", each.proximity.frames[1], self.tool_from_tip) for each in self.guarded),
         ):
             if frame is not None and frame != edge.source:
                 raise FrameError(
