@@ -80,16 +80,15 @@ def _structure_changes(before: SessionSetup, after: SessionSetup) -> list[str]:
         if new is None:
             found.append(f"structure {old.name!r} removed")
             continue
-        names = ("stop_mm", "warn_mm", "sigma_mm")
-        less = [
+        changes = [
             f"{name} lowered from {getattr(old, name):g} to {getattr(new, name):g}"
-            for name in names
+            for name in ("stop_mm", "warn_mm", "sigma_mm")
             if getattr(new, name) < getattr(old, name)
         ]
         if (old.proximity, old.frame_from_structure) != (new.proximity, new.frame_from_structure):
-            found.append(f"structure {old.name!r} replaced")
-        elif less:
-            found.append(f"structure {old.name!r}: {', '.join(less)}")
+            changes.insert(0, "replaced")
+        if changes:
+            found.append(f"structure {old.name!r}: {', '.join(changes)}")
     return found
 
 
