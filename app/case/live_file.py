@@ -377,7 +377,8 @@ def _check_recorded_only(document: Section, manifest: CaseManifest) -> None:
             f"{document.place('clock')}.estimate needs a recording: estimate the offset with "
             "'marginguard calibrate time' and give it as offset_robot_to_tracker_ms"
         )
-    if manifest.registration is not None and manifest.registration.dwells:
+    registrations = [arm.registration for arm in manifest.arms] or [manifest.registration]
+    if any(each is not None and each.dwells for each in registrations):
         raise InputError(
             f"{document.place('registration')}.dwells needs a recording: register one with "
             "'marginguard calibrate robot-base' and give the result as method: given"

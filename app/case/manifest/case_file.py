@@ -4,6 +4,7 @@ Every matrix is a `Transform` in mm, every duration an integer in ns.
 """
 
 import re
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -45,13 +46,16 @@ from app.case.manifest.robot import (
 from app.case.manifest.structures import (
     DIFFERENT,
     IN_LISTS,
-    LISTS,
     MARGINS_OF_ALL,
+    STRUCTURES,
+    TOOLS,
     ArmEntry,
     StructureEntry,
+    check_own_names,
     margins_of,
     read_arms,
     read_structures,
+    robots_of,
 )
 from app.files.declared import By, block_of
 from app.files.document import Section
@@ -245,8 +249,14 @@ def with_lists(block: Block) -> Block:
     keys = {name: key for name, key in block.keys.items() if name not in IN_LISTS}
     return replace(
         block,
-        keys={**keys, "schema": Integer("version of the format", 2, 2), **LISTS}
-        | {"margins": MARGINS_OF_ALL},
+        keys={
+            **keys,
+            "schema": Integer("version of the format", 2, 2),
+            "tools": TOOLS,
+            "structures": STRUCTURES,
+            "robots": robots_of(block.keys["registration"]),
+            "margins": MARGINS_OF_ALL,
+        },
         needs=(),
         rules=(FILES, DIFFERENT),
     )
@@ -267,9 +277,9 @@ def load_document(path: Path, schema_1: Block, schema_2: Block) -> Section:
     """Load the mapping at ``path`` by the block of its schema; `InputError` for another one."""
     values = load_yaml(path)
     schema = values.get("schema", 1) if isinstance(values, dict) else 1
-    if type(schema) is int and schema not in (1, 2):
-        raise InputError(f"{path.name}: schema is {schema}; expected 1 or 2")
-    return Section.load(path, schema_2 if schema == 2 and type(schema) is int else schema_1)
+    if type(schema) is not int or schema not in (1, 2):
+        raise InputError(f"{path.name}: schema is {reprlib.repr(schema)}; expected 1 or 2")
+    return Section.load(path, schema_2 if schema == 2 else schema_1)
 
 
 def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
@@ -287,6 +297,8 @@ def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
     for tool in [arm.tool for arm in parts["arms"]] or [parts["tool"]]:
         check_frames(document, tool, structures)
         check_item_frames(document, items, tool.frame, [each.frame for each in structures])
+    if lists:
+        check_own_names(document, structures, parts["arms"], list(items.values()))
     parts["name"] = document.text("name")
     parts["provenance"] = document.value("provenance")
     parts["recording"] = document.value("recording") if "recording" in document else None

@@ -1,14 +1,19 @@
 """Schema 2: lists of structures, tools and robots, the same in ``case.yaml`` and ``live.yaml``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal
 
+from app.case.manifest.display_items import ItemEntry
 from app.case.manifest.key_rules import REFERENCE_FRAME, read_pose
 from app.case.manifest.margins import MARGINS, MarginEntry
-from app.case.manifest.parts import PARTS, TUMOR_MESH_FRAME, ToolEntry, TumorEntry
+from app.case.manifest.parts import (
+    PARTS,
+    TUMOR_MESH_FRAME,
+    ToolEntry,
+    TumorEntry,
+)
 from app.case.manifest.robot import (
-    REGISTRATION,
     ROBOT,
     RegistrationEntry,
     RobotEntry,
@@ -97,21 +102,21 @@ TOOLS = ListOf(
     replace(_TOOL, keys={"name": Text("name of the tool"), **_TOOL.keys}, read=None),
     if_empty="expected at least one",
 )
-ROBOTS = ListOf(
-    "robots that hold tools; a tool that none holds is held by hand",
-    replace(
-        ROBOT,
-        optional=False,
-        keys={
-            "name": Text("name of the robot"),
-            "holds": Text("name of the tool that it holds"),
-            **ROBOT.keys,
-            "registration": replace(REGISTRATION, optional=False),
-        },
-        read=None,
-    ),
-    optional=True,
-)
+
+
+def robots_of(registration: Key) -> ListOf:
+    """The key ``robots`` of a document in which each has this ``registration``."""
+    keys = {
+        "name": Text("name of the robot"),
+        "holds": Text("name of the tool that it holds"),
+        **ROBOT.keys,
+        "registration": replace(registration, optional=False),
+    }
+    return ListOf(
+        "robots that hold tools; a tool that none holds is held by hand",
+        replace(ROBOT, optional=False, keys=keys, read=None),
+        optional=True,
+    )
 
 
 def _read_margins(block: Section) -> Mapping[str, Any]:
@@ -127,8 +132,7 @@ MARGINS_OF_ALL = Block(
 )
 
 IN_LISTS = ("tool", "tumor", "robot", "registration")
-LISTS: dict[str, Key] = {"tools": TOOLS, "structures": STRUCTURES, "robots": ROBOTS}
-"""The keys of schema 2 in the place of `IN_LISTS`."""
+"""Keys of schema 1 in whose place schema 2 has lists."""
 
 DIFFERENT = "structures, tools and robots have different names, and frames that fit them"
 
@@ -141,18 +145,31 @@ def read_structures(document: Section) -> tuple[StructureEntry, ...]:
             f"{document.place('structures')} has {len(found)}; expected at most {MAX_STRUCTURES}"
         )
     _check_names(document, "structures", [each.name for each in found])
-    for index, each in enumerate(found):
-        if each.name == each.frame or each.name == REFERENCE_FRAME:
-            raise InputError(
-                f"{document.place('structures')}[{index}].name is {each.name!r}, which is a "
-                "tracked frame; expected a name of its own"
-            )
     first = next((each for each in found if each.role == "target"), None)
     if first is None:
         raise InputError(
             f"{document.place('structures')} has no target; expected at least one: what is removed"
         )
     return (first, *(each for each in found if each is not first))
+
+
+def check_own_names(
+    document: Section,
+    structures: Sequence[StructureEntry],
+    arms: Sequence[ArmEntry],
+    items: Iterable[ItemEntry],
+) -> None:
+    """Raise `InputError` for a structure with the name of another frame, which would be a loop."""
+    frames = {REFERENCE_FRAME, *(each.frame for each in structures)}
+    frames |= {name for arm in arms for name in (arm.tool.frame, arm.tool.tip_frame)}
+    frames |= {arm.robot.base_frame for arm in arms if arm.robot is not None}
+    frames |= {each.frame for each in items}
+    for each in structures:
+        if each.name in frames:
+            raise InputError(
+                f"{document.place('structures')}: the name {each.name!r} is that of another "
+                "frame; expected a name of its own"
+            )
 
 
 def read_arms(document: Section) -> tuple[ArmEntry, ...]:
