@@ -20,6 +20,7 @@ from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.expected import read_expected
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
+from app.case.manifest.structures import DIFFERENT
 from app.files import schema_text
 from app.files.document import Section
 from app.files.document_text import GENERAL_RULES
@@ -29,6 +30,8 @@ UNSTATED = {
     GENERAL_RULES[0]: r"expected a finite number",
     GENERAL_RULES[1]: r" is -?[\d.]+(e\+\d+)?; expected an integer",
     RIGID: r"(rotation|last row of the matrix) of \S+_from_\S+ is ",
+    DIFFERENT: r"(tools|structures|robots)(: .*; expected (a|another)| has (\d+|no target);)"
+    r"|holds is .*; expected one|structures\.\S+\.frame is .*, the frame of the tool;",
     "tumor.frame is not the frame of the tool": r"tumor\.frame is .*, the frame of the tool;",
     **{
         each.rules[0]: rf"{each.name}\.frame is .*; expected that of a sensor on the {each.name}"
@@ -57,7 +60,9 @@ UNSTATED = {
 
 READERS: dict[str, Callable[[Section], object]] = {
     "case": read_manifest,
+    "case-2": read_manifest,
     "live": lambda document: read_live(document, Path("live.yaml")),
+    "live-2": lambda document: read_live(document, Path("live.yaml")),
     "expected": lambda document: read_expected(document, reference="reference", robot_base="base"),
 }
 
@@ -68,10 +73,15 @@ def validator(document: str) -> Any:
     return jsonschema.Draft202012Validator(json.loads(schema_text(DOCUMENTS[document], document)))
 
 
+def section_of(document: str, values: object) -> Section:
+    """``values`` as a document for its reader in `READERS`."""
+    return Section(values, f"{document.removesuffix('-2')}.yaml:", DOCUMENTS[document])
+
+
 def refusal(document: str, values: object) -> str | None:
     """The message with which the reader refuses ``values``, None if it accepts them."""
     try:
-        READERS[document](Section(values, f"{document}.yaml:", DOCUMENTS[document]))
+        READERS[document](section_of(document, values))
     except MarginGuardError as error:
         return str(error)
     return None

@@ -98,18 +98,28 @@ def _mappings(schema: Values, variant: Values) -> st.SearchStrategy[Values]:
 def settled(values: Values) -> Values:
     """Make ``values``, a case or live document, obey the rules that a schema cannot state."""
     values = copy.deepcopy(values)
-    margins, registration = values["margins"], values.get("registration", {})
-    margins["stop_mm"] = min(margins["stop_mm"], 1e6)
-    margins["warn_mm"] = margins["stop_mm"] + 1.0
-    values["tumor"]["frame"] = values["tool"]["frame"] + "_2"
-    if "fixed_mm" in registration:
-        registration["moving_mm"] = registration["fixed_mm"]
-    for index, dwell in enumerate(registration.get("dwells", [])):
-        dwell |= {"start_s": 2 * index, "end_s": 2 * index + 1.5}
-    for block, key in ((values["tool"], "tip_from"), (values["tumor"], "pose")):
-        block[key] = {"matrix": QUARTER_TURN}
-    if "xacro_args" in (robot := values.get("robot", {})):
-        robot["urdf"] = "package://arm/arm.xacro"
+    if values["schema"] == 1:
+        tools, structures = [values["tool"]], [{**values["tumor"], "margins": values["margins"]}]
+        robots, registrations = [values.get("robot", {})], [values.get("registration", {})]
+        values["tumor"] = structures[0]
+    else:
+        _name_all(values)
+        tools, structures, robots = values["tools"], values["structures"], values["robots"]
+        registrations = [robot["registration"] for robot in robots]
+    for tool in tools:
+        tool["tip_from"] = {"matrix": QUARTER_TURN}
+    for structure in structures:
+        structure |= {"frame": tools[0]["frame"] + "_2", "pose": {"matrix": QUARTER_TURN}}
+        margins = structure["margins"]
+        margins["stop_mm"] = min(margins["stop_mm"], 1e6)
+        margins["warn_mm"] = margins["stop_mm"] + 1.0
+    if values["schema"] == 1:
+        del values["tumor"]["margins"]
+    for robot in robots:
+        if "xacro_args" in robot:
+            robot["urdf"] = "package://arm/arm.xacro"
+    for registration in registrations:
+        _settle_registration(registration)
     plausibility = values.get("plausibility", {})
     for pair in plausibility.get("pairs", []):
         pair["child"] = pair["parent"] + "_2"
@@ -118,9 +128,30 @@ def settled(values: Values) -> Values:
     if "min_mm" in (workspace := plausibility.get("workspace", {})):
         workspace |= {"min_mm": [0.0, 0, 0], "max_mm": [1.0, 1, 1]}
     plausibility.get("approach", {}).update({"direction": [0.0, 0, 1], "axis": [1.0, 0, 0]})
+    return values
+
+
+def _name_all(values: Values) -> None:
+    """Give tools, structures and robots names and frames of their own; one is a target."""
+    tools = values["tools"]
+    values["robots"] = values.get("robots", [])[: len(tools)]
+    for index, tool in enumerate(tools):
+        tool |= {"name": f"tool {index}", "frame": f"tool_{index}"}
+    for index, structure in enumerate(values["structures"]):
+        structure["name"] = f"structure_{index}"
+    values["structures"][-1]["role"] = "target"
+    for index, robot in enumerate(values["robots"]):
+        robot |= {"name": f"arm {index}", "holds": tools[index]["name"]}
+        robot["base_frame"] = f"base_{index}"
+
+
+def _settle_registration(registration: Values) -> None:
+    if "fixed_mm" in registration:
+        registration["moving_mm"] = registration["fixed_mm"]
+    for index, dwell in enumerate(registration.get("dwells", [])):
+        dwell |= {"start_s": 2 * index, "end_s": 2 * index + 1.5}
     if "matrix" in registration:
         registration["matrix"] = IDENTITY
-    return values
 
 
 FAULTS: tuple[Any, ...] = (

@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 
 from app.case import DISPLAY_ITEMS, DOCUMENTS, ItemKind
+from app.case.manifest.structures import as_schema_2
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 ROOT = Path(__file__).resolve().parents[1]
@@ -17,6 +18,8 @@ SHIPPED = {
     "data/phantom_case/case.yaml": "case",
     "data/recorded_case/expected.yaml": "expected",
     "data/phantom_case/expected.yaml": "expected",
+    "data/structures_case/case.yaml": "case-2",
+    "data/structures_case/expected.yaml": "expected",
 }
 POINTS = {
     "registration": {
@@ -156,16 +159,30 @@ BOX = {
 
 
 def shipped(document: str) -> dict[str, Any]:
+    """The first shipped document of that name, or the same values in schema 2."""
+    if document == "live-2":
+        return as_schema_2(shipped("live"))
     path = next(path for path, name in SHIPPED.items() if name == document)
     values: dict[str, Any] = yaml.safe_load((ROOT / path).read_text())
     return values
 
 
+def shipped_structures() -> dict[str, Any]:
+    """The expected results of a case with several structures."""
+    values: dict[str, Any] = yaml.safe_load(
+        (ROOT / "data/structures_case/expected.yaml").read_text()
+    )
+    return values
+
+
 def complete(document: str) -> list[dict[str, Any]]:
     """Valid documents that together have every key."""
-    values = shipped(document)
     if document == "expected":
-        return [values]
+        return [shipped(document), shipped_structures()]
+    if document.endswith("-2"):
+        of_1 = [as_schema_2(values) for values in complete(document.removesuffix("-2"))]
+        return [shipped(document), *of_1]
+    values = shipped(document)
     optional = {"release_samples": 4, "release_band_mm": 1, "frozen_after_ms": 500.0}
     full = values | {"margins": values["margins"] | optional}
     tumor, known = values["tumor"], {"offset_robot_to_tracker_ms": 3, "estimate": False}

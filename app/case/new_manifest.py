@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from app.case.case import open_case
-from app.case.live_file import LIVE, open_live
-from app.case.manifest.case_file import CASE, MANIFEST_NAME
+from app.case.live_file import LIVE, LIVE_2, open_live
+from app.case.manifest.case_file import CASE, CASE_2, MANIFEST_NAME
 from app.case.manifest.expected import EXPECTED
 from app.files.atomic_io import write_file
 from app.files.document_text import commented_yaml
 from app.files.keys import Block
 from app.geometry import InputError, MarginGuardError
 
-DOCUMENTS = {"case": CASE, "live": LIVE, "expected": EXPECTED}
-"""Name of a document -> the declaration of its keys."""
+DOCUMENTS = {"case": CASE, "case-2": CASE_2, "live": LIVE, "live-2": LIVE_2, "expected": EXPECTED}
+"""Name of a document, with its schema unless that is 1 -> the declaration of its keys."""
 
 
 def write_case_manifest(folder: Path, values: Mapping[str, Any]) -> Path:

@@ -43,8 +43,14 @@ Schema = dict[str, Any]
 
 
 def schema_text(block: Block, document: str) -> str:
-    """Return the JSON Schema of ``document``, which has the keys of ``block``, as indented JSON."""
-    schema = json_schema(block, f"{document}.yaml of MarginGuard, schema 1")
+    """Return the JSON Schema of ``document``, which has the keys of ``block``, as indented JSON.
+
+    The name of a document may end with its schema: ``case-2``.
+    """
+    declared = block.keys.get("schema")
+    version = declared.minimum if isinstance(declared, Integer) else 1
+    name = document.removesuffix(f"-{version}")
+    schema = json_schema(block, f"{name}.yaml of MarginGuard, schema {version}")
     return json.dumps(schema, indent=2) + "\n"
 
 

@@ -167,7 +167,7 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
         ({"source": {"igtl": {"host": "plus"}, "clock": "host"}}, "source.igtl.port is missing"),
         ({"source": {"igtl": {"host": "plus", "port": 65536}, "clock": "host"}},
          "source.igtl.port is 65536; expected 1 to 65535"),
-        ({"schema": 2}, "live.yaml: schema is 2; expected 1"),
+        ({"schema": 3}, "live.yaml: schema is 3; expected 1 or 2"),
     ],
 )  # fmt: skip
 def test_faults_are_refused_with_their_key(tmp_path, values, change, message):

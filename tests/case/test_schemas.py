@@ -17,6 +17,7 @@ from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
 from app.case.manifest.margins import SESSION_LIMITS
+from app.case.manifest.structures import DIFFERENT
 from app.cli.commands.doctor import SCHEMA_NAMES
 from app.cli.main import main
 from app.files import schema_text
@@ -43,7 +44,7 @@ from tests.valid_documents import (
     shipped,
 )
 
-FREE_NAMES = ("robot.xacro_args.", "package_dirs.")
+FREE_NAMES = ("robot.xacro_args.", "robots.xacro_args.", "package_dirs.")
 """Mappings with names of the user's choice."""
 
 
@@ -121,8 +122,8 @@ def test_complete_documents_are_valid(document, values):
 def test_complete_documents_have_every_key(document, block):
     used = {path for name, values in VALID if name == document for path in _paths(values)}
     declared = set(_declared_paths(block))
-    if document == "live":
-        declared = {path for path in declared if not path.startswith("registration.dwells")}
+    if document.startswith("live"):
+        declared = {path for path in declared if "registration.dwells" not in path}
     assert used == declared
 
 
@@ -160,6 +161,7 @@ EXAMPLES: dict[str, tuple[str, str, object]] = {
     GENERAL_RULES[0]: ("case", "margins.k_tre", math.inf),
     GENERAL_RULES[1]: ("case", "schema", 1.0),
     RIGID: ("case", "tumor.pose.matrix", [2.0, *IDENTITY[1:]]),
+    DIFFERENT: ("case-2", "structures.1.name", "cautery"),
     "tumor.frame is not the frame of the tool": ("live", "tumor.frame", "cautery"),
     **{
         each.rules[0]: ("live", each.name, ITEMS[each.name] | {"frame": "cautery"})

@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if all(check.ok for check in checks) else 1
 
 
-SCHEMA_NAMES = ("case", "live", "expected", "world", "control", "cohort")
+SCHEMA_NAMES = ("case", "case-2", "live", "live-2", "expected", "world", "control", "cohort")
 
 
 def _add_schema_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,8 +79,9 @@ def _run_schema(options: argparse.Namespace) -> int:
     """Print the JSON Schema of case, live, expected, world, control or cohort.yaml.
 
     An editor with a YAML language server completes keys with it, shows their descriptions and marks
-    errors. The schema is generated from the declarations that the reader of the file uses. A few
-    rules cannot be stated in JSON Schema: it lists them as comments.
+    errors. case-2 and live-2 are those of schema 2. A schema is generated from the declarations
+    that the reader of the file uses. A few rules cannot be stated in JSON Schema: it lists them as
+    comments.
     """
     from app.case import DOCUMENTS
     from app.cohort import COHORT

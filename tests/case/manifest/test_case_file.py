@@ -100,7 +100,7 @@ def place(manifest: dict[str, Any], path: str) -> tuple[dict[str, Any], str]:
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("schema", 2, r"schema is 2; expected 1"),
+        ("schema", 3, r"case\.yaml: schema is 3; expected 1 or 2"),
         ("colour", 1, r"case\.yaml: colour is unknown; expected one of schema, name"),
         ("tool.mesh.unit", "mm", r"tool\.mesh\.unit is unknown; .* path, units"),
         ("tool.mesh.units", "furlong", r"tool\.mesh\.units is 'furlong'; expected one of mm"),
