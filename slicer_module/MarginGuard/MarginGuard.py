@@ -260,7 +260,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.ui.bannerLabel.setText(f"{shown.symbol} {text}")
         self.ui.bannerLabel.setStyleSheet(
             f"background-color: {shown.ground_hex}; color: {shown.text_hex}; "
-            f"border: {'4px dashed' if shown.key == 'HOLD' else 'none'}; "
+            f"border: {f'4px dashed {shown.text_hex}' if shown.key == 'HOLD' else 'none'}; "
             "font-size: 16px; font-weight: bold; padding: 8px;"
         )
 

@@ -86,6 +86,7 @@ class CameraController:
         """Place the cameras for the next picture."""
         scene, tool = self._view.scene, self._view.content.tool
         if scene is None:
+            self._view.inset.hide()
             return
         self._update_inset(scene)
         if self.preset is CameraPreset.BULLSEYE and tool is not None:
