@@ -76,6 +76,7 @@ def _child(options: argparse.Namespace, page: str) -> Iterator["LiveChild"]:
     namespace = f"/{options.namespace.strip('/')}".rstrip("/")
     arguments = [f"--config={options.config}", f"--display={namespace}/{page}"]
     arguments += [f"--package-dir={folder}" for folder in options.package_dirs]
+    arguments += [] if options.tool is None else [f"--tool={options.tool}"]
     for option in ("namespace", "audit", "cases"):
         value = getattr(options, option)
         arguments += [f"--{option}={value}"] if value else []

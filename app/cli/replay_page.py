@@ -120,7 +120,12 @@ class ReplayParts:
 
 
 def replay_parts(
-    folder: Path, package_dirs: Sequence[Path], received: SignalState, *, tip_only: bool
+    folder: Path,
+    package_dirs: Sequence[Path],
+    received: SignalState,
+    *,
+    tip_only: bool,
+    tool: str | None,
 ) -> ReplayParts | None:
     """Step through the case in ``folder``; None when a signal came before its last step."""
     with received.ends_at_once():
@@ -135,7 +140,7 @@ def replay_parts(
         )
         from app.workflow import EventNotes, stop_surface
 
-        prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
+        prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only, tool=tool)
     setup, log = prepared.setup, ReplayLog()
     scene_log = SceneLog(recording=True, max_keyframes=round(PICTURES_PER_S * MOVIE_S))
     builder = ViewStateBuilder(prepared.content, stop_surface(prepared.content))

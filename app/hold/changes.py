@@ -100,7 +100,7 @@ def moved_text(what: str, before: Transform, after: Transform) -> str:
 
 
 def causes_of_change(before: UsedValues, now: UsedValues) -> tuple[str, ...]:
-    """One text for each of tumour, tip, registration, margins and depth that differs.
+    """One text for each of tumour, tip, registration, margins, depth and structure that differs.
 
     A run that begins with other values than those that an operator has last acknowledged begins on
     hold, and a re-arm acknowledges the new ones.
@@ -113,6 +113,8 @@ def causes_of_change(before: UsedValues, now: UsedValues) -> tuple[str, ...]:
         _registration_text(before["registration"], now["registration"]),
         _margins_text(before["margins"], now["margins"]),
         _depth_text(before["image_depth_mm"], now["image_depth_mm"]),
+        # A record of an earlier version has none.
+        *_structure_texts(before.get("structures", {}), now["structures"]),
     )
     return tuple(f"{_CHANGED}: {text}" for text in texts if text)
 
@@ -139,6 +141,25 @@ def _tumor_text(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
         return f"the tumour is {new['surface']} instead of {old['surface']}"
     moved = _moved("the tumour", old["pose"], new["pose"])
     return moved or _sigma_text("the tumour", old["sigma_mm"], new["sigma_mm"])
+
+
+def _structure_texts(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    found = []
+    for name in sorted({*old, *new}):
+        what, before, now = f"structure {name!r}", old.get(name), new.get(name)
+        if before is None or now is None:
+            found.append(f"{what} {'added' if before is None else 'removed'}")
+            continue
+        if before["surface"] != now["surface"]:
+            found.append(f"{what} is {now['surface']} instead of {before['surface']}")
+        numbers = (
+            f"{key} {now[key]:g} instead of {before[key]:g}"
+            for key in ("stop_mm", "warn_mm", "sigma_mm")
+            if now[key] != before[key]
+        )
+        texts = (_moved(what, before["pose"], now["pose"]), *numbers)
+        found += [text if text.startswith(what) else f"{what}: {text}" for text in texts if text]
+    return found
 
 
 def _tip_text(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

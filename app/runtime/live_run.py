@@ -11,7 +11,7 @@ from app.hold import Holds, LiveState
 from app.runtime.case_recorder import CaseRecorder
 from app.runtime.commands import OperatorCommands
 from app.runtime.compute import Compute, compute_here
-from app.runtime.content import SessionContent
+from app.runtime.content import SessionContent, surface_digest
 from app.runtime.outputs import Output, StepHolds, StepTiming
 from app.runtime.replacements import MAX_LIVE_TRIANGLES
 from app.runtime.requests import RequestLog
@@ -77,6 +77,16 @@ def used_values(content: SessionContent) -> dict[str, Any]:
         "registration": None if registration is None else _pose(registration.transform),
         "margins": asdict(content.margins),
         "image_depth_mm": None if depth is None else float(depth.depth_mm),
+        "structures": {
+            each.name: {
+                "surface": surface_digest(each.surface),
+                "pose": _pose(content.static_edge(each.name)),
+                "sigma_mm": float(each.sigma_mm),
+                "stop_mm": float(each.stop_mm),
+                "warn_mm": float(each.warn_mm),
+            }
+            for each in content.structures
+        },
     }
 
 

@@ -9,8 +9,9 @@ import pytest
 from app.geometry import SurfaceMesh, Transform
 from app.hold.changes import causes_of_change
 from app.registration import given_registration
-from app.runtime import used_values
+from app.runtime import StructureContent, used_values
 from app.runtime.display_content import ImageDepth
+from app.session import Role
 from tests.session_content import FACES, TETRAHEDRON, one_link_content, registered
 
 CONTENT = one_link_content()
@@ -32,6 +33,18 @@ def base(*position_mm):
 
 
 LARGER = SurfaceMesh("tumor", 1.01 * TETRAHEDRON, FACES)
+
+
+def with_wall(*, stop_mm=2.0, z_mm=-40.0):
+    surface = SurfaceMesh("wall", CONTENT.tumor.vertices_mm, CONTENT.tumor.faces)
+    pose = Transform("reference", "wall", np.eye(3), [0.0, 0.0, z_mm])
+    return replace(
+        CONTENT,
+        structures=(StructureContent(surface, Role.FORBIDDEN, stop_mm, 6.0),),
+        static_edges=(*CONTENT.static_edges, pose),
+    )
+
+
 CHANGES = {
     "surface": (
         replace(CONTENT, tumor=LARGER),
@@ -65,6 +78,7 @@ CHANGES = {
         replace(CONTENT, margins=CONTENT.margins.replaced(stop_mm=0.5)),
         f"stop_mm lowered from {CONTENT.margins.stop_mm:g} to 0.5",
     ),
+    "structure": (with_wall(), "structure 'wall' added"),
     "depth": (
         replace(CONTENT, image_depth=ImageDepth((30.0, 60.0), 60.0)),
         "the depth of the images is 60 mm instead of not stated",
@@ -91,3 +105,22 @@ def test_a_tool_in_other_frames_is_named():
         "not as in the last run: the tip is 'cautery_tip' in 'probe' instead of 'cautery_tip' in "
         "'cautery'",
     )
+
+
+@pytest.mark.parametrize(
+    ("now", "text"),
+    [
+        (CONTENT, "structure 'wall' removed"),
+        (with_wall(stop_mm=1.5), "structure 'wall': stop_mm 1.5 instead of 2"),
+        (with_wall(z_mm=-43.0), "structure 'wall' is moved by 3.00 mm and turned by 0.00 degrees"),
+    ],
+)
+def test_a_changed_structure_is_named(now, text):
+    stored = json.loads(json.dumps(used_values(with_wall())))
+    assert causes_of_change(stored, used_values(now)) == (f"not as in the last run: {text}",)
+
+
+def test_a_record_without_structures_is_compared():
+    stored = json.loads(json.dumps(used_values(CONTENT)))
+    del stored["structures"]
+    assert causes_of_change(stored, used_values(CONTENT)) == ()

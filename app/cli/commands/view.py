@@ -26,6 +26,7 @@ from app.cli.options import (
     add_cases,
     add_namespace,
     add_package_dirs,
+    add_tool,
     input_argument,
 )
 from app.cli.signals import SignalState, note_signals
@@ -69,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_audit(parser)
     add_cases(parser)
     add_package_dirs(parser)
+    add_tool(parser)
     parser.add_argument(
         "--tip-only",
         action="store_true",
@@ -188,7 +190,11 @@ def _served_page(
         from app.cli.replay_page import replay_page, replay_parts
 
         parts = replay_parts(
-            options.case, options.package_dirs, received, tip_only=options.tip_only
+            options.case,
+            options.package_dirs,
+            received,
+            tip_only=options.tip_only,
+            tool=options.tool,
         )
         client = _in_browser(options)
         yield None if parts is None else replay_page(parts, client=client, volume=volume)
