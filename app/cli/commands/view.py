@@ -138,6 +138,7 @@ def run(options: argparse.Namespace) -> int:
         ("hand", "--live with it, and no --render client", options.live and not in_browser),
         ("volume", "one CASE, or --live", not is_library),
         ("tip_only", "one CASE", not is_library),
+        ("tool", "one CASE, or --config", not is_library and options.node is None),
         ("render", "one CASE, or --live", not is_library or not in_browser),
         ("max_upload_mb", "a folder of cases", is_library),
     ):
