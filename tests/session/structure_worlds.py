@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from app.case import TrackingFrame
-from app.fixture import FixtureDecision, ProximityEngine
+from app.fixture import FixtureDecision, MarginState, ProximityEngine, Reason
 from app.fixture.control.constraint import MAX_PLANES
 from app.fixture.proximity.engine import prepared_tumor
 from app.fixture.proximity.values import TURN_RAD, FreeMotion
@@ -199,6 +199,23 @@ def of_all(step: StepResult) -> list[FixtureDecision]:
     return [each.decision for each in step.structures] or [step.decision]
 
 
+def check_jumps(rng: np.random.Generator, structures: int, frames: int) -> int:
+    """A jump of any frame makes no structure better than alone; returns the number of jumps."""
+    bodies = random_bodies(rng, structures)
+    together = Session(setup_of(bodies))
+    alone = [Session(setup_of([body])) for body in bodies]
+    found = 0
+    for frame in faulty_frames(rng, frames, jumping=FRAMES):
+        step = together.step(frame)
+        for each, session in zip(of_all(step), alone, strict=True):
+            assert each.state >= session.step(frame).decision.state
+        if Reason.IMPLAUSIBLE in step.decision.reasons:
+            found += 1
+            assert {each.state for each in of_all(step)} == {MarginState.UNKNOWN}
+            assert step.decision.hold and not step.decision.constraint_is_current
+    return found
+
+
 def compare_with_single_sessions(rng: np.random.Generator, structures: int, frames: int) -> None:
     """Each structure is decided as by a session of its own; the whole is the worst of them."""
     bodies = random_bodies(rng, structures)
@@ -218,7 +235,7 @@ def compare_with_single_sessions(rng: np.random.Generator, structures: int, fram
             each.constraint_is_current for each in decided
         )
         if any(each.proximity is None for each in decided):
-            assert step.decision.state.name == "UNKNOWN"
+            assert step.decision.state is MarginState.UNKNOWN
             assert not step.decision.constraint_is_current
             assert step.decision.hold
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.session.structure_worlds import compare_with_single_sessions, judge_planes
+from tests.session.structure_worlds import check_jumps, compare_with_single_sessions, judge_planes
 
 pytestmark = pytest.mark.slow
 
@@ -18,3 +18,7 @@ def test_planes_of_all_structures_permit_no_motion_into_one():
     judged = [judge_planes(rng, motions=60) for _ in range(12)]
     assert sum(each.motions for each in judged) > 200
     assert any(each.left_out for each in judged)
+
+
+def test_jump_of_one_frame_makes_all_structures_unknown():
+    assert check_jumps(np.random.default_rng(8), structures=4, frames=150) > 3

@@ -1,0 +1,22 @@
+"""Many random sessions with several structures; the suite compares fewer of the same."""
+
+import numpy as np
+import pytest
+
+from tests.session.structure_worlds import compare_with_single_sessions, judge_planes
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
+
+
+@pytest.mark.parametrize("seed", range(100, 140))
+def test_each_structure_is_decided_as_by_a_session_of_its_own(seed):
+    """10,000 configurations in all: structures at a frame."""
+    rng = np.random.default_rng(seed)
+    compare_with_single_sessions(rng, int(rng.integers(1, 21)), frames=250)
+
+
+def test_planes_of_all_structures_permit_no_motion_into_one():
+    rng = np.random.default_rng(2)
+    judged = [judge_planes(rng, motions=100) for _ in range(150)]
+    assert sum(each.motions for each in judged) > 5000
+    assert sum(each.left_out > 0 for each in judged) > 100
