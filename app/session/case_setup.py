@@ -29,6 +29,10 @@ def setup_from_case(
     """
     check_frames(case)
     manifest = case.manifest
+    if len(manifest.arms) > 1:
+        case.add_notes(
+            [f"tools: {len(manifest.arms)} are given; only {manifest.tool.frame!r} is guarded"]
+        )
     margins = margin_parameters(case)
     tumor = case.tumor_mesh()
     tool = None if tip_only else case.tool_mesh()

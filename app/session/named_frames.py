@@ -43,6 +43,12 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
             f"{manifest.file}: {places}: not connected to {_TOOL} {tool!r} in the recording, "
             f"which has {_shown(edges)}"
         )
+    for each in manifest.structures:
+        if each.name in _names(edges):
+            raise FrameError(
+                f"{manifest.file}: {each.key}.name is that of a frame of the recording; "
+                "expected a name of its own"
+            )
     placed = (
         *edges,
         (tool, manifest.tool.tip_frame),

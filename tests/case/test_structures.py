@@ -13,7 +13,7 @@ from app.case import begin_case, open_case, open_live
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
 from app.case.manifest.structures import as_schema_2
-from app.geometry import MarginGuardError, MeshError, Transform
+from app.geometry import FrameError, MarginGuardError, MeshError, Transform
 from app.session import setup_from_case, with_repaired_meshes
 from tests.case.conftest import IDENTITY, MANIFEST
 from tests.case.test_session_values import VALUES
@@ -322,6 +322,23 @@ def test_one_of_several_tools_is_chosen_by_its_name(write):
     assert case.for_tool("probe").manifest.tool.frame == "probe"
     with refused(text="case.yaml: tools: none is named 'knife'; expected one of cautery, probe"):
         case.for_tool("knife")
+
+
+def test_tools_that_no_session_guards_are_noted(write):
+    values = two_structures()
+    second = {**values["tools"][0], "name": "probe", "frame": "probe"}
+    case = open_case(write(values | {"tools": [*values["tools"], second]}))
+    setup_from_case(case, tip_only=True)
+    assert case.notes() == ("tools: 2 are given; only 'cautery' is guarded",)
+
+
+def test_structure_with_the_name_of_a_recorded_frame_is_refused(write):
+    case = open_case(write(edited("structures.1.name", "tracker")))
+    with refused(
+        text="case.yaml: structures.tracker.name is that of a frame of the recording; expected a",
+        error=FrameError,
+    ):
+        setup_from_case(case, tip_only=True)
 
 
 def test_manifest_without_lists_names_no_tool(write_case, manifest):
