@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.fixture import MarginState, Reason
+from app.fixture import LimiterParameters, MarginState, Reason, limit_twist
 from app.geometry import FrameError, TrackingStatus, Transform
 from app.session import Role, Session, SessionSetup, Structure
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, lost, sample
@@ -240,3 +240,20 @@ def test_planes_of_each_structure_have_its_own_velocity():
         np.testing.assert_allclose(moving[0], moving[1], atol=1.5)
     assert max(speeds)[0] > 5.0
     np.testing.assert_allclose(*np.transpose(speeds), atol=1.5)
+
+
+def test_corridor_narrower_than_the_margins_allows_no_way_across():
+    sides = [ball(f"side_{x:g}", "needle", [x, 0.0, 60.0]) for x in (-11.0, 11.0)]
+    step = Run(replace(TUMOR_ALONE, structures=tuple(sides))).step(tip_mm=(0.0, 0.0, 60.0))
+    constraint = step.decision.constraint
+    assert step.decision.state is MarginState.WARNING
+    assert step.decision.constraint_is_current
+    assert sorted(constraint.normals[:, 0].round(3)) == [-1.0, 0.0, 1.0]
+    assert (constraint.clearances_mm < 0.0).sum() == 2
+    tip_mm = step.structures[0].structure_from_tip.translation_mm
+    for way in ([20.0, 0.0, 0.0], [-20.0, 0.0, 0.0], [0.0, 0.0, -20.0]):
+        twist = limit_twist(
+            np.array([*way, 0.0, 0.0, 0.0]), constraint, tip_mm, LimiterParameters()
+        )
+        # Stopped across the corridor, free out of it: the needle is 0.002 mm above the tip.
+        np.testing.assert_allclose(twist[:3], [0.0, *way[1:]], atol=0.05)
