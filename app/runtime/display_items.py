@@ -67,6 +67,9 @@ class ShownItem:
     surface: SurfaceMesh | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
+        if self.name not in _DECLARED:
+            known = ", ".join(_DECLARED)
+            raise InputError(f"display item: is {self.name[:40]!r}; expected one of {known}")
         if self.frame_from_tip is not None:
             made, by = self.model, self.declared
             if made is None:

@@ -10,7 +10,7 @@ from app.case import DISPLAY_ITEMS, Case, ItemKind
 from app.case.manifest.case_file import CASE, read_manifest
 from app.files.document import Section
 from app.geometry import InputError, Transform
-from app.runtime import ITEM_COMMANDS, LocalOperator, tool_names
+from app.runtime import ITEM_COMMANDS, LocalOperator, ShownItem, tool_names
 from app.runtime.display_items import items_of
 from app.runtime.operator_command import COMMANDS
 from app.runtime.requests import ADMITTED
@@ -74,3 +74,10 @@ def test_item_in_the_frame_of_the_tool_is_refused(item):
 def test_names_colours_and_commands_of_items_differ():
     for field in ("name", "title", "color", "command", "model_name"):
         assert len({getattr(each, field) for each in DISPLAY_ITEMS}) == len(DISPLAY_ITEMS)
+
+
+def test_item_that_is_not_declared_is_refused():
+    with pytest.raises(
+        InputError, match=r"^display item: is .rod.; expected one of needle, stylus"
+    ):
+        ShownItem("rod", "sensor")
