@@ -48,7 +48,8 @@ PLAIN = (
 COMMAND = (
     *("app.cli.main", "app.cli.replay_report", "app.analysis", "app.report", "app.runtime"),
     *("app.bridge.calls", "app.bridge.control", "app.bridge.live", "app.case.readers.mrml"),
-    *("app.robot.link_kernel", "yaml", "tests.loaded_kernels"),
+    *("app.cli.live_lines", "app.robot.link_kernel", "jinja2", "yaml", "yourdfpy"),
+    "tests.loaded_kernels",
 )
 """Modules of the commands of this project."""
 

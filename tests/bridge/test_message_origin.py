@@ -80,8 +80,8 @@ def test_message_whose_callback_fails_does_not_take_the_next_ones_with_it(domain
         RosNode("receiver", domain_id=domain_id) as ros,
         RosNode("sender", domain_id=domain_id) as sender,
     ):
-        ros.call_soon(lambda: blocked.wait(DEADLINE_S))
         ros.subscribe_with_origin(WORDS, receive)
+        ros.call_soon(lambda: blocked.wait(DEADLINE_S))
         publisher = sender.publisher(WORDS)
         assert sender.wait_for_subscribers(WORDS, 1, DEADLINE_S)
         for number in range(3):

@@ -245,14 +245,6 @@ def blank(type):
     return as_plain(interface(type).Request())
 
 
-cancelled = threading.Event()
-
-
-def on_cancel(_):
-    cancelled.set()
-    return CancelResponse.ACCEPT
-
-
 def run_goal(handle):
     how = handle.request.source_frame
     handle.publish_feedback(LookupTransform.Feedback())
@@ -262,9 +254,7 @@ def run_goal(handle):
     if how == "not_rigid":
         result.transform.transform.rotation.w = 0.0
     if how == "cancel":
-        cancelled.wait(DEADLINE_S)
-        while not handle.is_cancel_requested:
-            cancelled.wait(0.001)
+        wait(lambda: handle.is_cancel_requested, "the goal was not cancelled")
         handle.canceled()
     elif how == "abort":
         handle.abort()
@@ -305,7 +295,7 @@ ActionServer(
     LookupTransform,
     "~/lookup",
     run_goal,
-    cancel_callback=on_cancel,
+    cancel_callback=lambda _: CancelResponse.ACCEPT,
     goal_callback=lambda goal: (
         GoalResponse.REJECT if goal.source_frame == "reject" else GoalResponse.ACCEPT
     ),
