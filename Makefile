@@ -64,7 +64,7 @@ test-long: $(test)
 test-exhaustive: $(test)
 	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)
 
-# About five minutes of processor time: two builds, 2 GB of packages, all kernels compiled.
+# Minutes of processor time: two builds, 2 GB of packages. It uses the kernels that `make test` has compiled.
 test-wheel: $(test)
 	@$(python) -m pytest tests/tools/installed_wheel.py $(PYTEST_ARGS)
 

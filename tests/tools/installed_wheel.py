@@ -1,6 +1,6 @@
 """The two wheels, installed in a new environment away from the checkout: `make test-wheel`.
 
-Not part of `make test`, because it installs 2 GB and compiles all kernels. The tests run in this
+Not part of `make test`, because it builds two wheels and installs 2 GB. The tests run in this
 order: first without any extra, then with ROS and the scene, at last the wheel is uninstalled.
 """
 
@@ -75,6 +75,25 @@ class Installation:
         done = self.run("python", "-m", "pip", "--quiet", *arguments)
         assert done.returncode == 0, done.stdout + done.stderr
 
+    def install(self, *wheels: str) -> None:
+        """Install wheels; modules are compiled when they are imported, which most never are."""
+        self.pip("install", "--no-compile", *wheels)
+
+    def copy_kernels(self) -> None:
+        """Use the kernels that the checkout has compiled of the same sources in ``app/fixture``.
+
+        numba knows a source by its size and time. The kernels of other packages are compiled here.
+        """
+        fixture = self.project / "app" / "fixture"
+        for source in fixture.rglob("*.py"):
+            installed, times = self.packages / source.relative_to(self.project), source.stat()
+            assert installed.read_bytes() == source.read_bytes()
+            os.utime(installed, ns=(times.st_atime_ns, times.st_mtime_ns))
+        for kernel in fixture.rglob("__pycache__/*.nb[ci]"):
+            folder = self.packages / kernel.parent.relative_to(self.project)
+            folder.mkdir(exist_ok=True)
+            shutil.copy(kernel, folder)
+
     def wheel(self, name: str) -> str:
         """Path of the built wheel ``name``."""
         (path,) = self.dist.glob(f"{name}-*.whl")
@@ -107,7 +126,8 @@ def installed(
         )
     shutil.rmtree(copy)
     subprocess.run([sys.executable, "-m", "venv", str(made.venv)], check=True)
-    made.pip("install", made.wheel("marginguard"))
+    made.install(made.wheel("marginguard"))
+    made.copy_kernels()
     yield made
     shutil.rmtree(root)
 
@@ -116,7 +136,7 @@ def installed(
 def complete(installed: Installation) -> Installation:
     """The same installation with the extras and the messages."""
     wheels = installed.wheel("marginguard_interfaces"), installed.wheel("marginguard")
-    installed.pip("install", wheels[0], f"{wheels[1]}[ros,scene]")
+    installed.install(wheels[0], f"{wheels[1]}[ros,scene]")
     return installed
 
 
