@@ -112,7 +112,10 @@ def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent  # of the folders of all workers
+    users = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     with pytest.MonkeyPatch.context() as patch:
+        # But matplotlib's list of the fonts of this machine, which takes seconds to make.
+        patch.setenv("MPLCONFIGDIR", os.environ.get("MPLCONFIGDIR", str(users / "matplotlib")))
         patch.delenv("MARGINGUARD_FIELD_CACHE", raising=False)
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         yield folder / "cache"

@@ -53,6 +53,13 @@ COMMAND = (
 )
 """Modules of the commands of this project."""
 
+VIEW = (
+    *("app.bridge.displays", "app.cli.replay_page", "app.viewer.drawing.render_loop"),
+    *("app.viewer.feeds", "app.viewer.live_operator", "app.viewer.page", "app.viewer.server"),
+    *("app.viewer.timeline", "app.viewer.web_app", "trame_slicer.views", *COMMAND),
+)
+"""Modules of a server of the page."""
+
 LIGHT = ("fcl", "mcap.reader", "numba", "scipy.spatial", "trimesh", "yaml", "app.cli.main")
 """Libraries of the commands. A test may observe or replace what the command imports itself."""
 

@@ -132,12 +132,16 @@ def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, c
     assert [*folder.iterdir()] == []
 
 
-@both_signals
+REPORT = ("app.report.write.write_files", "replay {case} --no-ros --report new", "report.html")
+RECORD = ("app.case.new_case._write", "record -o new --config {live}", "case.yaml")
+
+
 @pytest.mark.parametrize(
-    ("place", "command", "whole"),
+    ("number", "place", "command", "whole"),
     [
-        ("app.report.write.write_files", "replay {case} --no-ros --report new", "report.html"),
-        ("app.case.new_case._write", "record -o new --config {live}", "case.yaml"),
+        (signal.SIGINT, *REPORT),
+        (signal.SIGINT, *RECORD),
+        (signal.SIGTERM, *RECORD),
     ],
 )
 def test_recorded_signal_leaves_complete_file(

@@ -1,10 +1,7 @@
 """Fixtures: a served page and a browser that records its requests."""
 
-import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -19,6 +16,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, V
 
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.cli.signals import SignalState
+from tests.forking import VIEW, warm_parent
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.page_actions import press, show_frame, wait_until_uncovered
 from tests.viewer.viewed_case import write_viewed_case
@@ -36,13 +34,8 @@ class Server:
     def __init__(self, arguments: list[str], log: Path) -> None:
         self.log = log
         with log.open("w") as errors:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", "view", *arguments, *TOKENS],
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                env=dict(os.environ),
-            )
+            command = ["-m", "app.cli", "view", *arguments, *TOKENS]
+            self.process = warm_parent(VIEW).start(command, stderr=errors.fileno())
         deadline = threading.Timer(DEADLINE_S, self.process.kill)
         deadline.start()
         assert self.process.stdout is not None
@@ -67,8 +60,7 @@ class Server:
             with suppress(psutil.NoSuchProcess):
                 child.kill()
         self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
+        self.process.close()
 
 
 Serve = Callable[..., Server]
