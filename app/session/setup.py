@@ -241,6 +241,12 @@ class SessionSetup:
                 f"the tracked frame {frame!r} of {items} is also a link of the robot; "
                 "expected another name"
             )
+        for structure in self.structures:
+            if structure.name in links:
+                raise FrameError(
+                    f"structure {structure.name!r} has the name of a link of the robot; "
+                    "expected another name"
+                )
 
     @property
     def guarded(self) -> tuple[Structure, ...]:
