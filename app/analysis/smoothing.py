@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from app.geometry import FloatArray, InputError
 
@@ -164,13 +165,17 @@ def smooth(
     covariance = noise.covariance(times_s)
     lag = np.abs(times_s[:, None] - times_s[None, :])
     fits = []
+    factor = np.linalg.cholesky(covariance)
+    white = solve_triangular(factor, np.column_stack([values_mm, trend]), lower=True)
     for length in LENGTHS_S:
-        kernel = _matern(lag, length)
+        half_white = solve_triangular(factor, _matern(lag, length), lower=True)
+        spectrum, vectors = np.linalg.eigh(solve_triangular(factor, half_white.T, lower=True))
+        rotated = vectors.T @ white
         for index, scale in enumerate(AMPLITUDES):
             amplitude = scale * noise.sigma_mm
             if index == 0 or _acceleration(amplitude, length) <= max_acceleration_mm_s2:
-                total = amplitude**2 * kernel + covariance
-                fits.append((_evidence(total, trend, values_mm), length, amplitude**2))
+                variances = 1.0 + amplitude**2 * np.maximum(spectrum, 0.0)
+                fits.append((_evidence(rotated, variances), length, amplitude**2))
     best = max(fit for fit, _, _ in fits)
     weights = np.exp([fit - best for fit, _, _ in fits])
     weights[weights < _MIN_WEIGHT * weights.sum()] = 0.0
@@ -205,15 +210,18 @@ def _acceleration(amplitude: float, length: float) -> float:
     return math.sqrt(49.0 / 5.0) * amplitude / length**2
 
 
-def _evidence(covariance: FloatArray, trend: FloatArray, values: FloatArray) -> float:
-    """Logarithm of the restricted likelihood, up to a constant (equation 2.45 of the book)."""
-    factor = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(factor, np.column_stack([values, trend]))
-    data, basis = white[:, 0], white[:, 1:]
+def _evidence(data_and_trend: FloatArray, variances: FloatArray) -> float:
+    """Logarithm of the restricted likelihood, up to a constant (equation 2.45 of the book).
+
+    ``data_and_trend`` (n, 1 + p) are in coordinates in which the covariance is diagonal, with
+    ``variances`` (n,).
+    """
+    scaled = data_and_trend / np.sqrt(variances)[:, None]
+    data, basis = scaled[:, 0], scaled[:, 1:]
     information = basis.T @ basis
     projected = basis.T @ data
     quadratic = data @ data - projected @ np.linalg.solve(information, projected)
-    log_det = 2.0 * np.log(np.diagonal(factor)).sum() + np.linalg.slogdet(information)[1]
+    log_det = np.log(variances).sum() + np.linalg.slogdet(information)[1]
     return float(-0.5 * (quadratic + log_det))
 
 
