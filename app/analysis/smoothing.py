@@ -1,9 +1,9 @@
 """Smoothing of a distance over time, and the jitter of its measurement.
 
 The jitter of a tracker moves the measured distance of a tool that rests. It is estimated from the
-whole case: in windows of half a second a polynomial is removed, and what remains is explained by
-restricted maximum likelihood (Patterson and Thompson 1971), which accounts for the parameters of
-the polynomial. Windows in which the motion is no polynomial are left out.
+whole case: in windows of two seconds a polynomial is removed, windows in which the tool moves much
+are left out, and what remains is explained by `app.geometry.correlated_noise`. Jitter slower than
+some 1 Hz cannot be told from motion; it is continued by a model, which is stated there.
 
 The distance is smoothed by Gaussian process regression: the function is a Matern process of
 smoothness 7/2 about a polynomial with a flat prior (Rasmussen and Williams, "Gaussian Processes for
@@ -19,18 +19,19 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from app.geometry import FloatArray, InputError
+from app.geometry.correlated_noise import Correlation, estimate_noise
 
-WINDOW_S = 0.5
-MIN_WINDOW, MAX_WINDOW = 12, 60
+WINDOW_S = 2.0
+MIN_WINDOW = 12
 """Samples of a window; fewer leave too little for the noise after the polynomial is removed."""
 DEGREE = 4
-MAX_WINDOWS = 200
+MAX_WINDOWS = 120
+MAX_RATE_HZ = 100.0
+"""Of faster samples every second, third, ... is used."""
+LONGEST_S = 10.0
+"""Jitter slower than this, or than the case, is constant over a breach and not in the estimate."""
 MIN_SIGMA_MM = 1e-3
 """Quantisation and the tolerance of a distance; also of a case without jitter."""
-_TIMES_S = (0.01, 0.02, 0.04, 0.08, 0.16)
-_SHARES = (0.4, 0.7, 1.0)
-_MAX_EXCESS = 2.5
-"""A window is left out if its variance exceeds this multiple of the median."""
 LENGTHS_S = (0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
 AMPLITUDES = tuple(2.0**k for k in range(-2, 10))
 """Length scales, and amplitudes in standard deviations of the jitter, with equal prior weights."""
@@ -43,13 +44,15 @@ class Jitter:
 
     ``sigma_mm``: standard deviation. ``correlated``: the share ``w``, 0 for white noise.
     ``correlation_s``: ``tau``. ``windows``: how many were used, 0 for a jitter that was given.
-    Raises `InputError` for values out of range.
+    ``correlation``: where it was estimated, a sum of several processes instead of one; ``w`` is
+    then their share and ``tau`` their mean. Raises `InputError` for values out of range.
     """
 
     sigma_mm: float
     correlated: float = 0.0
     correlation_s: float = 0.01
     windows: int = 0
+    correlation: Correlation | None = None
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -63,42 +66,35 @@ class Jitter:
 
     def covariance(self, times_s: FloatArray) -> FloatArray:
         """Covariance (n, n) in mm2 of the noise at ``times_s`` (n,)."""
-        return self.sigma_mm**2 * _correlation(times_s, self.correlated, self.correlation_s)
+        single = Correlation((self.correlated,), (self.correlation_s,))
+        return self.sigma_mm**2 * (self.correlation or single).matrix(times_s)
 
 
 def estimate_jitter(times_s: FloatArray, distances_mm: FloatArray) -> Jitter | None:
     """The jitter of ``distances_mm`` (n,) at the increasing ``times_s`` (n,); None if unknown.
 
-    Unknown are fewer than three windows. Slower changes than `WINDOW_S` cannot be told from motion
-    and are not in the estimate.
+    Unknown are fewer than three windows. Below some 1 Hz the jitter is not measured but continued
+    by a model, down to `LONGEST_S` or the duration of the case.
     """
     windows = _windows(times_s)
     if len(windows) < 3:
         return None
-    length = len(windows[0])
-    times = np.array([times_s[window] for window in windows])
-    values = np.array([distances_mm[window] for window in windows])
-    middle = times.mean(axis=1, keepdims=True)
-    scaled = (times - middle) / (0.5 * np.ptp(times, axis=1, keepdims=True))
-    basis = scaled[:, :, None] ** np.arange(DEGREE + 1)
-    contrasts = np.linalg.qr(basis, mode="complete")[0][:, :, DEGREE + 1 :]
-    residuals = np.einsum("wnk,wn->wk", contrasts, values)
-    variances = np.einsum("wk,wk->w", residuals, residuals) / (length - DEGREE - 1)
-    kept = variances <= _MAX_EXCESS * np.median(variances)
-    times, contrasts, residuals = times[kept], contrasts[kept], residuals[kept]
-    best: tuple[float, Jitter] | None = None
-    for share, tau in ((0.0, _TIMES_S[0]), *((w, tau) for tau in _TIMES_S for w in _SHARES)):
-        correlation = _correlation(times, share, tau)
-        covariance = np.swapaxes(contrasts, 1, 2) @ correlation @ contrasts
-        factor = np.linalg.cholesky(covariance)
-        whitened = np.linalg.solve(factor, residuals[:, :, None])[:, :, 0]
-        count = whitened.size
-        variance = max(float(np.einsum("wk,wk->", whitened, whitened)) / count, MIN_SIGMA_MM**2)
-        log_det = 2.0 * float(np.log(np.diagonal(factor, axis1=1, axis2=2)).sum())
-        fit = -0.5 * (count * np.log(variance) + log_det)
-        if best is None or fit > best[0]:
-            best = fit, Jitter(float(np.sqrt(variance)), share, tau, len(times))
-    return None if best is None else best[1]
+    variance, correlation, used = estimate_noise(
+        np.array([times_s[window] for window in windows]),
+        np.array([distances_mm[window] for window in windows]),
+        degree=DEGREE,
+        overlap=_OVERLAP,
+        longest=min(LONGEST_S, float(times_s[-1] - times_s[0]) / (2.0 * math.pi)),
+    )
+    share = min(1.0, sum(correlation.shares))
+    times = zip(correlation.shares, correlation.times, strict=True)
+    mean_s = sum(part * time_s for part, time_s in times) / share if share > 0.0 else 0.01
+    sigma_mm = max(math.sqrt(variance), MIN_SIGMA_MM)
+    return Jitter(sigma_mm, share, mean_s, used, correlation)
+
+
+_OVERLAP = 0.6
+"""Of windows that begin every half window: independent share of their low frequencies."""
 
 
 def _windows(times_s: FloatArray) -> list[NDArray[np.intp]]:
@@ -109,24 +105,18 @@ def _windows(times_s: FloatArray) -> list[NDArray[np.intp]]:
     period_s = float(np.median(steps))
     if period_s <= 0.0:
         return []
-    length = int(np.clip(round(WINDOW_S / period_s), MIN_WINDOW, MAX_WINDOW))
-    starts = np.arange(0, len(times_s) - length + 1, length)
+    stride = max(1, round(1.0 / (period_s * MAX_RATE_HZ)))
+    length = stride * max(MIN_WINDOW, round(WINDOW_S / (period_s * stride)))
+    length = min(length, max(stride * MIN_WINDOW, round(1.0 / period_s), len(times_s) // 2))
+    starts = np.arange(0, len(times_s) - length + 1, length // 2)
     usable = [
-        np.arange(start, start + length)
+        np.arange(start, start + length, stride)
         for start in starts.tolist()
         if steps[start : start + length - 1].max() < 3.0 * period_s
         and steps[start : start + length - 1].min() > 0.0
     ]
     every = max(1, -(-len(usable) // MAX_WINDOWS))
     return usable[::every]
-
-
-def _correlation(times_s: FloatArray, share: float, tau_s: float) -> FloatArray:
-    lag = np.abs(times_s[..., :, None] - times_s[..., None, :])
-    correlation = share * np.exp(-lag / tau_s)
-    diagonal = np.arange(times_s.shape[-1])
-    correlation[..., diagonal, diagonal] = 1.0
-    return np.asarray(correlation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,140 +1,159 @@
-"""Correlation of a noise over time, estimated from series in which a slow motion is removed.
+"""Correlation of a noise over time, estimated from series whose motion is removed.
 
-The power of the noise is compared by octaves of frequency, as an Allan variance does it (Allan,
-"Statistics of atomic frequency standards", 1966; IEEE Std 952). It is explained by white noise
-beside processes of Gauss and Markov with one correlation time, or beside a flicker noise, which has
-the same power in each octave: a sum of such processes whose correlation times are evenly spaced in
-the logarithm (Keshner, "1/f noise", 1982). The models are averaged by their likelihood (Hoeting et
-al., "Bayesian model averaging", 1999).
+The power of the noise is compared in bands of frequency, as an Allan variance compares it over
+durations (Allan, "Statistics of atomic frequency standards", 1966). It is explained by white noise
+alone, beside a process of Gauss and Markov with one correlation time, or beside flicker noise,
+which has the same power in every octave: a sum of such processes with correlation times that are
+evenly spaced in the logarithm (Keshner, "1/f noise", 1982). The models are averaged by their
+likelihood (Hoeting et al., "Bayesian model averaging", 1999).
 
-A series shows no frequency below that of the removed motion. There the models continue it: flat
-below the corner of a single process, with constant power in each octave for flicker noise.
+No series shows frequencies below those of the removed motion. There the models continue the noise:
+constant below the corner of a single process, inverse to the frequency for flicker noise, down to
+the longest time that is given. A noise that rises otherwise at lower frequencies is not found.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
-from app.geometry.errors import InputError
 from app.geometry.transform import FloatArray
 
-SHARES = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0)
-MAX_FREEDOM = 200.0
-STARTS = 2
-PRIOR = (0.3, 0.3, 0.4)
-QUANTILE = 0.4
+MAX_SAMPLES = 250
+"""Longest series that is evaluated as a whole; the effort grows with its square."""
+_SHARES = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0)
+_WHITE, _SINGLE, _FLICKER = 0.2, 0.2, 0.6
+"""Prior weights of the three kinds of noise."""
+_LONGER = 0.15
+"""Prior weight of a single process over that of one with half its correlation time, where its
+corner is below the lowest frequency of the series: there both look the same."""
+_MAX_FREEDOM = 200.0
+"""Degrees of freedom of a band, at most: the models do not hold exactly."""
+_BAND = 1.5
+"""Ratio of the ends of a band."""
+_QUIET = 4.0
+"""Quiet series have at most this multiple of the motion of the quietest quarter."""
+_MIN_SHARE = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
+    """Autocorrelation ``sum_k shares[k] exp(-lag / times[k])`` beside white noise, the rest to 1.
+
+    ``times`` are in the unit of the series.
+    """
+
     shares: tuple[float, ...] = ()
     times: tuple[float, ...] = ()
 
-    def matrix(self, times: FloatArray) -> FloatArray:
-        lag = np.abs(times[..., :, None] - times[..., None, :])
-        total = sum(
-            (share * np.exp(-lag / tau) for share, tau in zip(self.shares, self.times, strict=True)),
-            np.zeros_like(lag),
-        )
-        diagonal = np.arange(times.shape[-1])
-        total[..., diagonal, diagonal] = 1.0
+    def matrix(self, times: FloatArray, others: FloatArray | None = None) -> FloatArray:
+        """Correlation (n, m) of the noise at ``times`` (n,) with that at ``others`` (m,).
+
+        ``others`` are by default the same times.
+        """
+        lag = np.abs(times[:, None] - (times if others is None else others)[None, :])
+        total = (1.0 - sum(self.shares)) * (lag == 0.0)
+        for share, time in zip(self.shares, self.times, strict=True):
+            total += share * np.exp(-lag / time)
         return np.asarray(total)
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
-    variance: float
-    correlation: Correlation
+def estimate_noise(
+    times: FloatArray, values: FloatArray, *, degree: int, overlap: float, longest: float
+) -> tuple[float, Correlation, int]:
+    """Variance and correlation of the noise in series ``values`` (w, n) at ``times`` (w, n).
+
+    A polynomial of ``degree`` is removed from each series as its motion. If it is 2 or more, only
+    the quiet series are used: those with small coefficients of the two highest degrees, which the
+    noise of the evaluated frequencies does not change. Their number is the third result.
+    ``overlap`` (0 to 1] is the share of the samples that no other series repeats. The noise is
+    continued to processes of correlation time ``longest``.
+    """
+    count = values.shape[1]
+    period = float(np.median(np.diff(times, axis=1)))
+    residuals, motion = np.empty_like(values), np.zeros(len(values))
+    for row, series in enumerate(values):
+        basis = _polynomials(times[row], degree)
+        coefficients = basis.T @ series
+        residuals[row] = series - basis @ coefficients
+        motion[row] = float((coefficients[2:][-2:] ** 2).sum())
+    quiet = motion <= _QUIET * np.quantile(motion, 0.25)
+    bands = _bands(degree + 1, count)
+    sizes = np.array([end - first for first, end in bands], dtype=np.float64)
+    spectrum = (residuals[quiet] @ _cosines(count).T) ** 2
+    floor = 1e-12 * float(spectrum.mean()) + 1e-300
+    observed = np.array([spectrum[:, first:end].mean() for first, end in bands]) + floor
+    freedom = np.minimum(overlap * quiet.sum() * sizes, _MAX_FREEDOM)
+    octaves = max(3, 1 + int(np.floor(np.log2(max(longest / (0.5 * period), 1.0)))))
+    corner = float(np.log2(2.0 * count / (np.pi * (degree + 1))))
+    models, priors = _models(octaves, corner)
+    power = models @ _band_power(count, degree, octaves).T
+    variances = (freedom * observed / power).sum(axis=1) / freedom.sum()
+    ratios = observed / (variances[:, None] * power)
+    fits = 0.5 * (freedom * (np.log(ratios) - ratios)).sum(axis=1)
+    weights = priors * np.exp(fits - fits.max())
+    parts = (weights / weights.sum() * variances) @ models
+    # The power of the lowest band is known from few degrees of freedom: Student's distribution.
+    parts[1:] *= 1.0 + 2.0 / freedom[0]
+    variance = float(parts.sum())
+    kept = [k for k in range(octaves) if parts[1 + k] > _MIN_SHARE * variance]
+    correlation = Correlation(
+        tuple(float(parts[1 + k]) / variance for k in kept),
+        tuple(0.5 * period * 2.0**k for k in kept),
+    )
+    return variance, correlation, int(quiet.sum())
 
 
-def _bands(first: int, count: int) -> list[tuple[int, int]]:
-    edges = [first]
-    while edges[-1] < count:
-        edges.append(max(edges[-1] + 1, round(edges[-1] * 1.5)))
-    edges[-1] = count
-    if len(edges) > 2 and edges[-1] - edges[-2] < 0.25 * (edges[-2] - edges[-3]):
-        del edges[-2]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+def _polynomials(times: FloatArray, degree: int) -> FloatArray:
+    scaled = 2.0 * (times - times[0]) / (times[-1] - times[0]) - 1.0
+    return np.asarray(np.linalg.qr(scaled[:, None] ** np.arange(degree + 1))[0])
 
 
 def _cosines(count: int) -> FloatArray:
-    k, i = np.arange(count)[:, None], np.arange(count)[None, :]
-    return np.sqrt(2.0 / count) * np.cos(np.pi * k * (i + 0.5) / count)
+    """Orthonormal cosine transform (n, n): row k has k half-waves."""
+    rows, columns = np.arange(count)[:, None], np.arange(count)[None, :]
+    return np.asarray(np.sqrt(2.0 / count) * np.cos(np.pi * rows * (columns + 0.5) / count))
 
 
-def _residual_maker(times: FloatArray, degree: int) -> FloatArray:
-    scaled = np.linspace(-1, 1, len(times)) if np.ptp(times) == 0 else 2 * (times - times[0]) / np.ptp(times) - 1
-    q = np.linalg.qr(scaled[:, None] ** np.arange(degree + 1))[0]
-    return np.eye(len(times)) - q @ q.T
+def _bands(first: int, count: int) -> list[tuple[int, int]]:
+    """Ranges of rows of `_cosines` without the motion's, each `_BAND` times as far as the last."""
+    edges = [first]
+    while edges[-1] < count:
+        edges.append(max(edges[-1] + 1, round(_BAND * edges[-1])))
+    edges[-1] = count
+    if len(edges) > 2 and 4 * (edges[-1] - edges[-2]) < edges[-2] - edges[-3]:
+        del edges[-2]
+    return list(pairwise(edges))
 
 
 @lru_cache(maxsize=32)
-def _expected(count: int, degree: int, octaves: int) -> FloatArray:
-    """(bands, 1 + octaves)"""
-    index = np.arange(count, dtype=float)
-    map_ = _cosines(count) @ _residual_maker(index, degree)
+def _band_power(count: int, degree: int, octaves: int) -> FloatArray:
+    """Expected power (bands, 1 + octaves) of white noise and of each process, with variance 1."""
+    index = np.arange(count, dtype=np.float64)
+    basis = _polynomials(index, degree)
+    rows = _cosines(count)
+    rows = rows - (rows @ basis) @ basis.T
+    lag = np.abs(index[:, None] - index[None, :])
+    powers = [np.einsum("ki,ki->k", rows, rows)]
+    powers += [
+        np.einsum("ki,ki->k", rows @ np.exp(-lag / (0.5 * 2.0**k)), rows) for k in range(octaves)
+    ]
     bands = _bands(degree + 1, count)
-    columns = []
-    for k in range(-1, octaves):
-        kernel = np.eye(count) if k < 0 else np.exp(-np.abs(index[:, None] - index) / (0.5 * 2.0**k))
-        power = np.einsum("ki,ki->k", map_ @ kernel, map_)
-        columns.append([power[a:b].mean() for a, b in bands])
-    return np.array(columns).T
+    return np.array([[power[first:end].mean() for power in powers] for first, end in bands])
 
 
-def estimate_noise(times: FloatArray, values: FloatArray, *, degree: int, longest: float, share: float = 1.0, still: bool = True) -> Noise:
-    """times (n,) or (w, n), values (w, n)."""
-    count = values.shape[1]
-    period = float(np.median(np.diff(times, axis=-1)))
-    off, motion = np.empty_like(values), np.empty(len(values))
-    for w, v in enumerate(values):
-        t = times if times.ndim == 1 else times[w]
-        q = np.linalg.qr((2 * (t - t[0]) / np.ptp(t) - 1)[:, None] ** np.arange(degree + 1))[0]
-        c = q.T @ v
-        off[w] = v - q @ c
-        motion[w] = (c[-2:] ** 2).sum()
-    kept = motion <= 4.0 * np.quantile(motion, 0.25) if still else np.ones(len(values), bool)
-    spectrum = (off[kept] @ _cosines(count).T) ** 2
-    bands = _bands(degree + 1, count)
-    octaves = max(1, 1 + int(np.floor(np.log2(max(longest / (0.5 * period), 1.0)))))
-    observed = np.array([spectrum[:, a:b].mean() for a, b in bands])
-    sizes = np.array([b - a for a, b in bands], dtype=float)
-    freedom = np.minimum(share * kept.sum() * sizes, MAX_FREEDOM)
-    observed = np.maximum(observed, 1e-9)
-    expected = _expected(count, degree, octaves)
-    corner = np.log2(count / (np.pi * (degree + 1)) / 0.5)
-    models, priors = _models(octaves, float(corner))
-    power = models @ expected.T  # (m, b)
-    variance = (freedom * observed / power).sum(axis=1) / freedom.sum()
-    scaled = observed / (variance[:, None] * power)
-    fit = 0.5 * (freedom * (np.log(scaled) - scaled)).sum(axis=1)
-    # log S = log obs - log scaled
-    weight = priors * np.exp(fit - fit.max())
-    weight /= weight.sum()
-    total = weight * variance
-    mean = float(total.sum())
-    shares = (total @ models) / mean
-    used = [(float(s), 0.5 * period * 2.0**k) for k, s in enumerate(shares[1:]) if s > 1e-4]
-    return Noise(mean, Correlation(tuple(s for s, _ in used), tuple(t for _, t in used)))
-
-
-DECAY = 0.3
+@lru_cache(maxsize=32)
 def _models(octaves: int, corner: float) -> tuple[FloatArray, FloatArray]:
-    rows, priors = [np.eye(1 + octaves)[0]], [PRIOR[0]]
-    single = octaves * len(SHARES)
-    for k in range(octaves):
-        for share in SHARES:
-            row = np.zeros(1 + octaves)
-            row[0], row[1 + k] = 1 - share, share
-            rows.append(row)
-            priors.append(PRIOR[1] * DECAY ** max(0.0, k - corner) / len(SHARES) / min(octaves, max(corner, 1)))
-    starts = range(0, min(octaves - 2, STARTS))
-    for start in starts:
-        for share in SHARES:
-            row = np.zeros(1 + octaves)
-            row[0] = 1 - share
-            row[1 + start :] = share / (octaves - start)
-            rows.append(row)
-            priors.append(PRIOR[2] / (len(starts) * len(SHARES)))
+    """Shares (m, 1 + octaves) of white noise and the processes, and prior weights (m,)."""
+    unit = np.eye(1 + octaves)
+    singles = [
+        (unit[1 + k], _SINGLE / octaves * _LONGER ** max(0.0, k - corner)) for k in range(octaves)
+    ]
+    flicker = (unit[1:].mean(axis=0), _FLICKER)
+    rows, priors = [unit[0]], [_WHITE]
+    for process, prior in [*singles, flicker]:
+        for share in _SHARES:
+            rows.append((1.0 - share) * unit[0] + share * process)
+            priors.append(prior / len(_SHARES))
     return np.array(rows), np.array(priors)
