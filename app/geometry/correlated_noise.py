@@ -32,6 +32,8 @@ _MAX_FREEDOM = 200.0
 """Degrees of freedom of a band, at most: the models do not hold exactly."""
 _BAND = 1.5
 """Ratio of the ends of a band."""
+_LOWEST = 5
+"""Half-waves that count as the lowest frequencies."""
 _QUIET = 4.0
 """Quiet series have at most this multiple of the motion of the quietest quarter."""
 _MIN_SHARE = 1e-4
@@ -94,8 +96,9 @@ def estimate_noise(
     fits = 0.5 * (freedom * (np.log(ratios) - ratios)).sum(axis=1)
     weights = priors * np.exp(fits - fits.max())
     parts = (weights / weights.sum() * variances) @ models
-    # The power of the lowest band is known from few degrees of freedom: Student's distribution.
-    parts[1:] *= 1.0 + 2.0 / freedom[0]
+    # The power at the lowest frequencies is known from few degrees of freedom: Student's
+    # distribution.
+    parts[1:] *= 1.0 + 2.0 / (overlap * quiet.sum() * _LOWEST)
     variance = float(parts.sum())
     kept = [k for k in range(octaves) if parts[1 + k] > _MIN_SHARE * variance]
     correlation = Correlation(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import find_consensus
+from app.registration.fit_covariance import fit_covariance
 from app.registration.input_checks import DegenerateMotionError, ShapeError
 from app.registration.pivot_fit import (
     MIN_POSES,
@@ -48,7 +49,8 @@ class PivotResult:
     """The tip (3,) in mm in the tool frame and the pivot (3,) in mm in the reference frame.
 
     ``covariance`` (6, 6)
-        Of tip and pivot, in mm2.
+        Of tip and pivot, in mm2. For errors that are correlated over time or differ by direction,
+        see `app.registration.fit_covariance`.
     ``residuals_mm`` (n,)
         Distance of the tip from the pivot in each pose, outliers included.
     ``rms_mm``
@@ -198,8 +200,8 @@ def _result(
     fit: PivotFit,
     max_tip_sigma_mm: float,
 ) -> PivotResult:
-    jacobian = jacobian_of(fit, used).reshape(-1, 6)
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    jacobian = jacobian_of(fit, used)
+    covariance = fit_covariance(whitened(fit, used), jacobian, np.flatnonzero(inliers))
     residuals = np.linalg.norm(
         poses.rotations @ fit.tip + poses.translations_mm - fit.pivot, axis=1
     )
@@ -226,11 +228,11 @@ def _result(
         reference_frame=poses.target,
         tip_mm=fit.tip,
         pivot_mm=fit.pivot,
-        covariance=np.asarray(covariance),
+        covariance=covariance,
         residuals_mm=residuals,
         rms_mm=rms,
         noise=fit.noise,
-        condition=float(np.linalg.cond(jacobian)),
+        condition=float(np.linalg.cond(jacobian.reshape(-1, 6))),
         swing_rad=swing,
         outliers=tuple(np.flatnonzero(~inliers).tolist()),
         accepted=not faults,

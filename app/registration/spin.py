@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import find_consensus
+from app.registration.fit_covariance import fit_covariance
 from app.registration.input_checks import DegenerateMotionError, ShapeError, as_point
 from app.registration.pose_stack import PoseStack
 from app.registration.registration_result import checked_covariance, read_only
@@ -32,7 +33,8 @@ class SpinResult:
     """The unit vector ``shaft`` (3,) in the tool frame, pointing to the side of the tip.
 
     ``covariance`` (3, 3)
-        Of the shaft's direction, in rad2; singular along the shaft.
+        Of the shaft's direction, in rad2; singular along the shaft. For correlated errors, too:
+        see `app.registration.fit_covariance`.
     ``residuals_rad`` (n,)
         Angle of the shaft from its mean direction in each pose, outliers included.
     ``turn_rad``
@@ -112,7 +114,9 @@ def calibrate_spin(
             f"the axis of the spin is across the line to the tip {tip.tolist()}; "
             "expected a rotation of the tool about its shaft"
         )
-    covariance = _covariance(fit, poses.rotations[inliers])
+    by_axes = fit_covariance(*_linearise(fit, poses.rotations[inliers]), np.flatnonzero(inliers))
+    basis = _perpendicular(fit.shaft)
+    covariance = basis @ by_axes[:2, :2] @ basis.T
     sigma = math.sqrt(float(np.trace(covariance)))
     detail = f"sigma of the shaft is {math.degrees(sigma):.3g} degrees"
     accepted = sigma <= max_sigma_rad
@@ -169,19 +173,6 @@ def _linearise(fit: _Fit, rotations: FloatArray) -> tuple[FloatArray, FloatArray
 def _perpendicular(direction: FloatArray) -> FloatArray:
     """Orthonormal basis (3, 2) of the plane perpendicular to a direction (3,)."""
     return np.asarray(np.linalg.svd(direction[None])[2][1:].T)
-
-
-def _covariance(fit: _Fit, rotations: FloatArray) -> FloatArray:
-    """Covariance (3, 3) of the shaft: ``sigma^2 (n - M^T M / n)^-1`` across it, M = ``sum R_i``.
-
-    First order: noise ``e_i`` of the shaft direction in a pose changes the estimate by
-    ``R_i^T e_i``, minus its part that the unknown mean direction absorbs.
-    """
-    count, total = len(rotations), rotations.sum(axis=0)
-    information = count * np.eye(3) - total.T @ total / count
-    basis = _perpendicular(fit.shaft)
-    inverse = np.linalg.inv(basis.T @ information @ basis)
-    return np.asarray(fit.sigma_rad**2 * basis @ inverse @ basis.T)
 
 
 def tip_transform(

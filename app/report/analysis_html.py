@@ -203,15 +203,19 @@ def _breaches(found: "CaseAnalysis") -> Sequence[Sequence[str]]:
 
 def _in_the_interval(bias_sigma_mm: float) -> str:
     """A sentence on the errors that the intervals of the depths contain."""
+    slow = (
+        " Jitter slower than about 1 Hz cannot be told from motion: it is continued by a model, "
+        "as for trackers whose noise grows to low frequencies."
+    )
     if bias_sigma_mm:
         return (
             "The intervals contain the jitter of the tracker and an error with a standard "
-            f"deviation of {bias_sigma_mm:g} mm that is constant over a breach."
+            f"deviation of {bias_sigma_mm:g} mm that is constant over a breach.{slow}"
         )
     return (
         "The intervals contain the jitter of the tracker alone. Errors that are constant over a "
         "breach (registration, calibrations, contour) move the estimate and its interval: "
-        "'marginguard analyse --bias-mm S' adds their standard deviation S."
+        f"'marginguard analyse --bias-mm S' adds their standard deviation S.{slow}"
     )
 
 

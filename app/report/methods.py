@@ -122,5 +122,6 @@ def _depth(analysis: "CaseAnalysis", methods: Mapping[str, Any]) -> str:
     constant = f" and of a constant error of {bias:g} mm" if bias else " alone"
     return (
         "The depth is estimated by Gaussian process regression with a jitter of "
-        f"{analysis.jitter.sigma_mm:.3f} mm; its 95 % intervals are those of the jitter{constant}."
+        f"{analysis.jitter.sigma_mm:.3f} mm; its 95 % intervals are those of the jitter{constant}. "
+        "Jitter slower than about 1 Hz is continued by a model from faster jitter."
     )

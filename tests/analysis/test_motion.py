@@ -88,10 +88,12 @@ def test_white_jitter_beside_a_motion():
 
 
 def test_correlated_jitter_has_the_autocorrelation_of_its_process():
-    found = estimate_jitter(LONG_TIMES, 8.0 + 3.0 * np.sin(LONG_TIMES) + noise(0.3, 0.04))
-    assert found is not None
-    covariance = found.covariance(LONG_TIMES[:4])
-    assert covariance[0, 1:3] / 0.09 == pytest.approx(np.exp([-0.5, -1.0]), abs=0.1)
+    motion, found = 8.0 + 3.0 * np.sin(LONG_TIMES), []
+    for seed in range(1, 8):
+        jitter = estimate_jitter(LONG_TIMES, motion + noise(0.3, 0.04, seed))
+        assert jitter is not None
+        found.append(jitter.covariance(LONG_TIMES[:4])[0, 1:3])
+    assert np.median(found, axis=0) / 0.09 == pytest.approx(np.exp([-0.5, -1.0]), abs=0.1)
 
 
 def test_a_fast_motion_is_not_taken_for_jitter():

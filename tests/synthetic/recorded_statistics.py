@@ -87,13 +87,24 @@ def statistics(times_s: np.ndarray, poses: np.ndarray) -> Statistics:
 
 def recorded(path: Path, name: str) -> Statistics:
     """Statistics of the transform ``name`` of an IGSIO sequence."""
+    return statistics(*_series(path, name))
+
+
+def rests_of(path: Path, tool: str) -> list[np.ndarray]:
+    """Deviations (n, 3) in mm from a straight line in each rest of ``tool``."""
+    positions = _series(path, f"{tool}ToTracker")[1][:, :3, 3]
+    return [_off_line(positions[start:end]) for start, end in _rests(positions)]
+
+
+def _series(path: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) in s and poses (n, 4, 4)."""
     header = path.read_bytes().split(b"ElementDataFile")[0].decode("latin-1")
 
     def values(key: str) -> list[str]:
         return re.findall(rf"^Seq_Frame\d+_{key} = (.*?)\s*$", header, re.MULTILINE)
 
     poses = [np.array(text.split(), float).reshape(4, 4) for text in values(f"{name}Transform")]
-    return statistics(np.array(values("Timestamp"), float), np.array(poses))
+    return np.array(values("Timestamp"), float), np.array(poses)
 
 
 def made(model: TrackerModel, seconds: float, seed: int = 1) -> Statistics:
