@@ -13,7 +13,8 @@ with the autocorrelation that `estimate_jitter` finds, and the depth is the mini
    the posterior mean is slightly too shallow, because smoothing fills a sharp one. The estimate is
    the middle of the two, and the interval the 2.5 and 97.5 percentiles of the draws about it.
 
-`tests/analysis/test_long_depth.py` measures bias and coverage on simulated breaches.
+`tests/analysis/test_long_depth.py` and `test_correlated_depth.py` measure bias and coverage on
+simulated breaches.
 """
 
 import math

@@ -27,7 +27,7 @@ MIN_WINDOW = 12
 DEGREE = 4
 MAX_WINDOWS = 120
 MAX_RATE_HZ = 100.0
-"""Of faster samples every second, third, ... is used."""
+"""Rate of the samples that are used, at most: every second, third, ... of faster ones."""
 LONGEST_S = 10.0
 """Jitter slower than this, or than the case, is constant over a breach and not in the estimate."""
 MIN_SIGMA_MM = 1e-3
@@ -94,7 +94,7 @@ def estimate_jitter(times_s: FloatArray, distances_mm: FloatArray) -> Jitter | N
 
 
 _OVERLAP = 0.6
-"""Of windows that begin every half window: independent share of their low frequencies."""
+"""Share of the samples that no other window repeats, of windows that begin every half window."""
 
 
 def _windows(times_s: FloatArray) -> list[NDArray[np.intp]]:

@@ -32,7 +32,7 @@ _MAX_FREEDOM = 200.0
 """Degrees of freedom of a band, at most: the models do not hold exactly."""
 _BAND = 1.5
 """Ratio of the ends of a band."""
-_LOWEST = 5
+_LOWEST = 3
 """Half-waves that count as the lowest frequencies."""
 _QUIET = 4.0
 """Quiet series have at most this multiple of the motion of the quietest quarter."""
