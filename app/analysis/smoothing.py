@@ -1,7 +1,7 @@
 """Smoothing of a distance over time, and the jitter of its measurement.
 
 The jitter of a tracker moves the measured distance of a tool that rests. It is estimated from the
-whole case: in windows of two seconds a polynomial is removed, windows in which the tool moves much
+whole case: in windows of one or two seconds a polynomial is removed, those in which the tool moves much
 are left out, and what remains is explained by `app.geometry.correlated_noise`. Jitter slower than
 some 1 Hz cannot be told from motion; it is continued by a model, which is stated there.
 
@@ -107,7 +107,7 @@ def _windows(times_s: FloatArray) -> list[NDArray[np.intp]]:
         return []
     stride = max(1, round(1.0 / (period_s * MAX_RATE_HZ)))
     length = stride * max(MIN_WINDOW, round(WINDOW_S / (period_s * stride)))
-    length = min(length, max(stride * MIN_WINDOW, round(1.0 / period_s), len(times_s) // 2))
+    length = min(length, max(stride * MIN_WINDOW, round(1.0 / period_s), len(times_s) // 5))
     starts = np.arange(0, len(times_s) - length + 1, length // 2)
     usable = [
         np.arange(start, start + length, stride)
