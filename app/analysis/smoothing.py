@@ -1,9 +1,9 @@
 """Smoothing of a distance over time, and the jitter of its measurement.
 
 The jitter of a tracker moves the measured distance of a tool that rests. It is estimated from the
-whole case: in windows of one or two seconds a polynomial is removed, those in which the tool moves much
-are left out, and what remains is explained by `app.geometry.correlated_noise`. Jitter slower than
-some 1 Hz cannot be told from motion; it is continued by a model, which is stated there.
+whole case: a polynomial is removed in windows of one or two seconds, windows in which the tool
+moves much are left out, and what remains is explained by `app.geometry.correlated_noise`. Jitter
+slower than some 1 Hz cannot be told from motion; it is continued by a model, which is stated there.
 
 The distance is smoothed by Gaussian process regression: the function is a Matern process of
 smoothness 7/2 about a polynomial with a flat prior (Rasmussen and Williams, "Gaussian Processes for
