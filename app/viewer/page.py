@@ -84,7 +84,7 @@ class Page:
         state.surfaces, state.drawn, state.camera = {}, [], None
         self._breaches = BreachList()
         self._directions = Directions()
-        state.directions, state.orientation, state.inset = [], None, False
+        state.directions, state.orientation, state.inset = [], None, ""
         state.breaches, state.doubts = breach_rows(self._breaches), []
         state.plot = None  # an open page does not draw names that are added later
 
@@ -151,7 +151,7 @@ class Page:
             state.workflow = self._workflow()
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
-            state.inset = self.view.scene is not None and self.view.inset.is_shown
+            state.inset = self._inset()
             if self._hand is not None:
                 state.update(self._hand.values())
             if self._contour is not None:
@@ -184,6 +184,12 @@ class Page:
             self._breaches = listed.breach_list
             lists["breaches"] = breach_rows(self._breaches)
         return lists
+
+    def _inset(self) -> str:
+        """Side of the picture with the overview, empty without it."""
+        if self.view.scene is None or not self.view.inset.is_shown:
+            return ""
+        return self.view.inset.side
 
     def _orientation(self) -> dict[str, object] | None:
         """Letters and scale; None for a page that has turned its own camera."""

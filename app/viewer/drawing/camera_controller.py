@@ -24,7 +24,7 @@ from app.viewer.drawing.scene_view import SceneView
 
 _CLOSE_MM = 80.0
 """Farthest point of the tool that the close-up contains, from the middle of the tumour."""
-_CLOSER = 0.6
+_CLOSER = 0.75
 """The close-up is placed again where it could be so much nearer."""
 _BULLSEYE_RADII = 6.0
 """Distance of the bullseye's camera from the tip, in tumour radii."""
@@ -88,9 +88,9 @@ class CameraController:
         if scene is None:
             self._view.inset.hide()
             return
-        self._update_inset(scene)
         if self.preset is CameraPreset.BULLSEYE and tool is not None:
             self._put(self._along(scene, tool))
+            self._view.inset.hide()
             return
         if self.preset is CameraPreset.OVERVIEW:
             if not self._is_placed:
@@ -100,11 +100,14 @@ class CameraController:
         if self.keeps_tumor and scene.tumor is not None:
             center_on(self._view.view.get_camera_node(), world_points(scene.tumor).mean(axis=0))
             self._view.view.renderer().ResetCameraClippingRange()
+        self._update_inset(scene)
 
     def _update_inset(self, scene: MarginGuardScene) -> None:
         inset, bodies = self._view.inset, self._view.bodies.values()
         if self._has_inset and self._is_close and (scene.robots or bodies):
-            inset.show(scene, bodies, lambda: self._overview(scene))
+            tumor, tip = world_points(scene.tumor), _tip_mm(scene, self._view.content.tool)
+            points = np.vstack([tip, _ball(tumor.mean(axis=0), 0.8 * _radius_mm(tumor))])
+            inset.show(scene, bodies, lambda: self._overview(scene), points)
         else:
             inset.hide()
 

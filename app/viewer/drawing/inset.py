@@ -6,12 +6,15 @@ from slicer import vtkMRMLModelNode
 from trame_slicer.views import ThreeDView
 from vtkmodules.vtkRenderingCore import vtkActor, vtkRenderer
 
+from app.geometry import FloatArray
 from app.scene import MarginGuardScene
 from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera
 from app.viewer.drawing.translucency import MODELS, FollowingActor
 
-_LEFT, _BOTTOM, _SIZE = 0.71, 0.70, 0.28
-"""Place and size, as parts of the picture's width and height; page.css frames it."""
+_SIDES = {"right": 0.71, "left": 0.01}
+"""Left edge at each side of the picture."""
+_BOTTOM, _SIZE = 0.70, 0.28
+"""Parts of the picture's width and height, as the frame in page.css."""
 _BACKGROUND = (0.085, 0.115, 0.145)
 
 
@@ -25,7 +28,7 @@ class OverviewInset:
         self._main = view.renderer()
         self._managed = view.get_displayable_manager_by_class(MODELS)
         self._renderer = vtkRenderer()
-        self._renderer.SetViewport(_LEFT, _BOTTOM, _LEFT + _SIZE, _BOTTOM + _SIZE)
+        self.side = "right"
         self._renderer.SetBackground(*_BACKGROUND)
         self._renderer.InteractiveOff()
         self._renderer.DrawOff()
@@ -54,8 +57,17 @@ class OverviewInset:
         scene: MarginGuardScene,
         bodies: Iterable[vtkMRMLModelNode],
         camera: Callable[[], Camera],
+        uncovered: FloatArray,
     ) -> None:
-        """Draw the models of ``scene`` and ``bodies``; ``camera`` is called when it is placed."""
+        """Draw the models of ``scene`` and ``bodies``; ``camera`` is called when it is placed.
+
+        It changes sides where it would cover one of the points ``uncovered`` (n, 3) in RAS.
+        """
+        if self._covers(self.side, uncovered):
+            other = next(side for side in _SIDES if side != self.side)
+            self.side = self.side if self._covers(other, uncovered) else other
+        left = _SIDES[self.side]
+        self._renderer.SetViewport(left, _BOTTOM, left + _SIZE, _BOTTOM + _SIZE)
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
         self._take(self._actors(links))
         self._follow(self._actors([scene.tumor, scene.tool, *bodies]).values())
@@ -68,6 +80,16 @@ class OverviewInset:
             self._is_placed = True
         self._renderer.ResetCameraClippingRange()
         self._renderer.DrawOn()
+
+    def _covers(self, side: str, points: FloatArray) -> bool:
+        left = _SIDES[side]
+        for point in points:
+            self._main.SetWorldPoint(*point, 1.0)
+            self._main.WorldToView()
+            x, y = (0.5 * (value + 1.0) for value in self._main.GetViewPoint()[:2])
+            if left <= x <= left + _SIZE and _BOTTOM <= y <= _BOTTOM + _SIZE:
+                return True
+        return False
 
     def _actors(self, models: Iterable[vtkMRMLModelNode]) -> dict[vtkMRMLModelNode, vtkActor]:
         found = {
