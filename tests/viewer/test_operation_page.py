@@ -44,8 +44,7 @@ MAX_CLICKS = 35
 """From the empty page to the finished recording, but those on the outline in the images."""
 
 HIDE_PATHS = """() => {
-  const folder = document.querySelector("#recording-folder");
-  if (folder) folder.style.visibility = "hidden";
+  for (const path of document.querySelectorAll("#recording-folder, #request")) path.style.visibility = "hidden";
 }"""
 """Folders of this machine do not belong into a picture."""
 
@@ -189,7 +188,7 @@ def test_workflow_from_ultrasound_to_the_report(
     live = serve_live(tmp_path / "operation" / "live.yaml", *cases)
     with watching(browser, live, script=COUNT_CLICKS) as watched:
         page, clicks = watched.page, Clicks(watched.page)
-        expect(page.locator('input[value="prepare"]')).to_be_checked()
+        expect(page.locator('input[name="mode"][value="prepare"]')).to_be_checked()
         expect(page.locator("#step-contour")).to_be_checked()
         expect(state_of(page, "connect")).to_have_attribute("data-state", "done")
         expect(state_of(page, "contour")).to_have_attribute("data-state", "not done")
@@ -267,7 +266,7 @@ def test_workflow_from_ultrasound_to_the_report(
 
     with watching(browser, start_server(str(folder)), script=COUNT_CLICKS) as watched:
         page, clicks = watched.page, Clicks(watched.page)
-        expect(page.locator('input[value="review"]')).to_be_checked()
+        expect(page.locator('input[name="mode"][value="review"]')).to_be_checked()
         expect(page.locator("#breaches li")).to_have_count(1)
         page.locator("#breaches button").first.click()
         expect(page.locator("#state-label")).to_have_text("IN TUMOUR")

@@ -121,6 +121,9 @@ def test_each_mode_shows_its_controls_alone(page):
             expect(page.locator(each)).to_be_hidden()
         for each in ("#state-label", "#distance"):
             expect(page.locator(each)).to_be_visible()
+    choose(page, "prepare", "review")  # the last step, not the mode
+    expect(page.locator("#workflow")).to_be_visible()
+    choose(page, "review")
 
 
 def test_long_case_name_keeps_the_height_of_the_bar(page):
