@@ -44,7 +44,8 @@ MAX_CLICKS = 35
 """From the empty page to the finished recording, but those on the outline in the images."""
 
 HIDE_PATHS = """() => {
-  for (const path of document.querySelectorAll("#recording-folder, #request")) path.style.visibility = "hidden";
+  const paths = document.querySelectorAll("#recording-folder, #request");
+  for (const path of paths) path.style.visibility = "hidden";
 }"""
 """Folders of this machine do not belong into a picture."""
 
