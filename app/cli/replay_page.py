@@ -125,7 +125,7 @@ def replay_parts(
     received: SignalState,
     *,
     tip_only: bool,
-    tool: str | None,
+    tool: str | None = None,
 ) -> ReplayParts | None:
     """Step through the case in ``folder``; None when a signal came before its last step."""
     with received.ends_at_once():

@@ -89,7 +89,7 @@ def _of_structure(structure: Mapping[str, Any]) -> str:
 
 
 def verdict(checks: Sequence[Mapping[str, str]] | None) -> str:
-    """How many of the expected results of the case were found."""
+    """The number of expected results of the case that were found."""
     if checks is None:
         return "none given"
     passed = sum(check["result"] == "pass" for check in checks)

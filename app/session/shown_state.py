@@ -93,7 +93,7 @@ def named(text: str, structure: str) -> str:
 
 
 def banner_states(margin: ShownState, *, latched: bool) -> tuple[ShownState, ShownState | None]:
-    """What a banner shows, and what beside it, smaller: ``margin`` and a ``latched`` hold.
+    """The display of a banner and the smaller one beside it: ``margin`` and a ``latched`` hold.
 
     The worse one is first: IN TUMOUR and UNKNOWN are worse than a hold, all others are better.
     Without a hold there is nothing beside.

@@ -118,7 +118,7 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
 
 
 _MAX_CAUSE_CHARS = 60
-"""Of a cause in the list; the question that ends a hold has all of each."""
+"""Length of a cause in the list; the question that ends a hold has all of each."""
 
 
 def shortened(text: str, max_chars: int) -> str:

@@ -30,12 +30,15 @@ def step(distance_mm, *, ns=5, tip=True, activation=None):
         1,
     )
     tip_pose = Transform("tumor", "cautery_tip", np.eye(3), np.array([1.0, 2.0, 3.0]))
-    return SimpleNamespace(
+    made = SimpleNamespace(
         frame=SimpleNamespace(stamp=Stamp(ns), activation=activation),
         decision=decision,
         tumor_from_tip=tip_pose if tip else None,
         between_frames=None,
+        structures=(),
     )
+    made.of_tumor = made
+    return made
 
 
 def test_row_of_a_step_keeps_its_numbers():

@@ -1,4 +1,4 @@
-"""What follows from the declaration of a display item, for each of them."""
+"""Each display item: all that follows from its declaration."""
 
 from pathlib import Path
 from types import SimpleNamespace

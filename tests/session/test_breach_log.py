@@ -209,7 +209,7 @@ def test_latched_hold_is_the_state_unless_the_margin_is_worse():
 
 @pytest.mark.parametrize("vision", VISIONS)
 def test_states_differ_in_luminance_and_their_text_is_readable(vision):
-    """Of the ground; of STOP and HOLD, which both forbid to approach, of the text on it."""
+    """Colour of the ground; of STOP and HOLD, which both forbid to approach, of the text on it."""
     for first, second in combinations(SHOWN_STATES.values(), 2):
         if {first.key, second.key} == {STOP, HOLD}:
             ratio = seen_ratio(rgb(first.text_hex), rgb(second.text_hex), vision)

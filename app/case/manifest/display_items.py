@@ -28,7 +28,7 @@ from app.geometry import InputError, Transform
 
 
 class ItemKind(Enum):
-    """How the tip of an item is known, and what is shown while its pose may not be used."""
+    """The way in which the tip of an item is known, and what is shown without a usable pose."""
 
     ROD = "rod"
     """Its tip is at a length that an operator can change. It is grey without a pose."""

@@ -92,9 +92,9 @@ def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operat
         expect(page.locator("#role")).to_have_text("VIEW ONLY")
         wait_for(page, "document.querySelector('main.view img').naturalWidth > 300")
         enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
-        # Of this browser alone: sounds, the list of keys and the part of the timeline.
-        ids = {each.get_attribute("id") for each in enabled.all()}
-        assert ids == {"sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
+        # Of this browser alone: the mode, sounds, the list of keys and the part of the timeline.
+        ids = {each.get_attribute("id") or each.get_attribute("name") for each in enabled.all()}
+        assert ids == {"mode", "sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
         shown = "[trame.state.get('now').frame, trame.state.get('look')]"
         before = read(page, shown)
         press(page, " ", "ArrowRight", "End", "3")
