@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from marginguard_msgs.msg import FixtureConstraint, HalfSpace
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureState
 
 from app.bridge import messages
 from app.bridge.convert.generic_topics import create_endpoint, read_message
@@ -98,9 +98,14 @@ class ConstraintBuilder:
             setup_id=self._setup_id,
             tumor=self._tumor,
             base=self._base,
-            structures=[each.name for each in structures],
-            structure_states=[int(each.decision.state) for each in structures],
-            structure_distances=[_known_distance(each.decision) for each in structures],
+            structures=[
+                StructureState(
+                    name=each.name,
+                    state=int(each.decision.state),
+                    signed_distance=_known_distance(each.decision),
+                )
+                for each in structures
+            ],
         )
         message.header.frame_id = self._frame
         if self._planes_from is not None:
@@ -312,18 +317,11 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
 def _structures(message: FixtureConstraint, topic: str) -> tuple[ReceivedStructure, ...]:
     try:
         return tuple(
-            ReceivedStructure(name, MarginState(state), _mm(distance))
-            for name, state, distance in zip(
-                message.structures,
-                message.structure_states,
-                message.structure_distances,
-                strict=True,
-            )
+            ReceivedStructure(each.name, MarginState(each.state), _mm(each.signed_distance))
+            for each in message.structures
         )
     except ValueError as error:
-        raise BridgeError(
-            f"{topic}: structures: {error}; expected a state and a distance for each"
-        ) from error
+        raise BridgeError(f"{topic}: structures: {error}; expected states of 0 to 3") from error
 
 
 def _constraint(plain: PlainConstraint, topic: str) -> Constraint | None:

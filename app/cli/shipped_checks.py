@@ -31,7 +31,8 @@ SHIPPED = {
 """Name of a check -> files that must exist and not be empty."""
 
 PAGE = (
-    "page.html", "page.css", "main.js", "modes.js", "accessible.js", "keys.js", "alarm.js", "client.js",
+    "page.html", "page.css", "main.js", "modes.js", "accessible.js", "keys.js", "alarm.js",
+    "client.js",
     "watch.js", "icon.svg", "ultrasound.js", "ultrasound.css", "contour.js", "contour.css",
     "calibration.js", "calibration.css", "guided.js", "registration.js", "tool_choice.js",
     "world.css", "world.js",

@@ -12,7 +12,7 @@ from app.geometry import SurfaceMesh
 from app.runtime import MAX_BODY_TRIANGLES, BodyKind
 from app.viewer.access_control import ROLE
 from app.viewer.address import Role
-from app.viewer.drawing.camera_controller import CameraController
+from app.viewer.drawing.camera_controller import CameraController, CameraPreset
 from app.viewer.drawing.grips import PicturePoints, first_hit
 from app.viewer.messages.checks import Commands, NotDoneError, RefusedError
 from app.viewer.pointer_parts import BodyDrag
@@ -129,7 +129,9 @@ class Dragged:
         places = {"wall": (300, 0, 0, 0, 0, 0, 1), "clip": (-300, 0, 0, 0, 0, 0, 1)}
         self.world.set_places(places, START_NS)
         self.shown.update()
-        CameraController(view).update()
+        camera = CameraController(view)
+        camera.select(CameraPreset.OVERVIEW)
+        camera.update()
         self.picture = PicturePoints(view)
         self.drag = BodyDrag(view, self.world)
         self.on_body = self.at(np.array([302.0, 2.0, 2.0]))

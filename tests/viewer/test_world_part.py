@@ -9,7 +9,7 @@ from app.runtime import BodyKind, SimulatedWorld, WorldBody
 from app.scene.convert import world_matrix, world_points
 from app.scene.simulated_bodies import COLOR
 from app.viewer import SceneView
-from app.viewer.drawing.camera_controller import CameraController
+from app.viewer.drawing.camera_controller import CameraController, CameraPreset
 from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.scene_view import Part
 from app.viewer.world_part import WorldPart
@@ -118,6 +118,7 @@ def test_bodies_are_a_part_of_the_display_and_the_overview_contains_them(shown):
     shown.view.set_visible(Part.BODIES, False)
     assert not shown.view.bodies["wall"].GetDisplayNode().GetVisibility()
     camera = CameraController(shown.view)
+    camera.select(CameraPreset.OVERVIEW)
     shown.world.set_places({"wall": (400, 0, 0, *TURNED)}, START_NS)
     shown.update()
     camera.update()

@@ -10,7 +10,7 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 from builtin_interfaces.msg import Time
-from marginguard_msgs.msg import FixtureConstraint, HalfSpace
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureState
 from rclpy.serialization import serialize_message
 
 from app.bridge.heartbeat import Heartbeat
@@ -337,8 +337,11 @@ def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
         setup_id=message.setup_id,
         tumor=message.tumor,
         base=message.base,
-        structures=message.structures,
-        structure_states=[FixtureConstraint.UNKNOWN] * len(message.structures),
-        structure_distances=[math.nan] * len(message.structures),
+        structures=[
+            StructureState(
+                name=each.name, state=FixtureConstraint.UNKNOWN, signed_distance=math.nan
+            )
+            for each in message.structures
+        ],
         half_space_structures=message.half_space_structures,
     )

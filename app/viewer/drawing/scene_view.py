@@ -102,6 +102,8 @@ class SceneView:
             absent.add(Part.ROBOT)
         if not self._has_bodies:
             absent.add(Part.BODIES)
+        if not self.content.structures:
+            absent.add(Part.STRUCTURES)
         return tuple(part for part in PARTS if part not in absent)
 
     def visible(self, part: str) -> bool:
