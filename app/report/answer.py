@@ -44,14 +44,14 @@ def answer(summary: Mapping[str, Any], analysis: "CaseAnalysis | None" = None) -
     """
     found = _measured(summary) if analysis is None else _estimated(analysis)
     found = sorted(found, key=lambda breach: -breach.depth_mm)
-    unknown_s = summary["state_seconds"][MarginState.UNKNOWN.name]
-    is_unknown = summary["valid_frames"] < summary["frames"]
+    structures, unknown = summary.get("structures", ()), MarginState.UNKNOWN.name
+    unknown_s = max(each["state_seconds"][unknown] for each in (summary, *structures))
+    is_unknown = any(each["state_counts"][unknown] for each in (summary, *structures))
     lines = [f"Breach {each.number}: {each.text}" for each in found[:_MAX_LISTED]]
     if len(found) > _MAX_LISTED:
         lines.append(f"and {len(found) - _MAX_LISTED} less deep, in the table below")
     if analysis is not None:
         lines += _elsewhere(analysis)
-    structures = summary.get("structures", ())
     lines += [_of_structure(each) for each in structures]
     if is_unknown:
         lines.append(

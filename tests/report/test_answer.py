@@ -71,3 +71,45 @@ def test_many_breaches_are_counted_and_the_deepest_listed(record_of):
     assert found.headline.startswith("7 breaches")
     assert len(found.lines) == 6
     assert found.lines[-1] == "and 2 less deep, in the table below"
+
+
+def structure(lowest_mm, *, breaches=0, unknown=0):
+    return {
+        "name": "chest_wall",
+        "min_signed_distance_mm": lowest_mm,
+        "path_min_signed_distance_mm": None,
+        "breaches": [{}] * breaches,
+        "state_seconds": {"UNKNOWN": 0.5 * unknown},
+        "state_counts": {"UNKNOWN": unknown},
+    }
+
+
+@pytest.mark.parametrize(
+    ("found", "state", "headline", "line"),
+    [
+        (
+            structure(-3.1, breaches=2),
+            "POSITIVE",
+            "The tool was in chest wall, never in the tumour",
+            "chest wall: 2 breaches, deepest 3.1 mm",
+        ),
+        (
+            structure(2.0, unknown=3),
+            "UNKNOWN",
+            "No breach was measured: nearest 4.2 mm",
+            "chest wall: not entered, nearest 2.0 mm",
+        ),
+        (
+            structure(2.0),
+            "NEGATIVE",
+            "The tool was never in the tumour: nearest 4.2 mm",
+            "chest wall: not entered, nearest 2.0 mm",
+        ),
+    ],
+)
+def test_no_answer_is_better_than_that_of_the_worst_structure(
+    record_of, found, state, headline, line
+):
+    given = answer(summarise(record_of([6.0, 4.2])) | {"structures": [found]})
+    assert (given.state.name, given.headline) == (state, headline)
+    assert line in given.lines
