@@ -44,10 +44,10 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(browser, serve_live, st
     move(motion, "narrow")
     with watching(browser, serve_live(write_session(tmp_path / "session"))) as watched:
         page = watched.page
+        choose(page, "prepare", "calibrate")
         page.click("#calibration-pivot")
         expect(page.locator("#calibration-problem")).to_contain_text("No pose is recorded")
         tracker = start("-m", "tests.viewer.calibrated_tool", str(motion))
-        choose(page, "prepare", "calibrate")
         verdict = page.locator("#calibration-verdict")
         expect(verdict).to_contain_text("Not yet: the poses of a pivot rotate")
         expect(page.locator("#calibration-advice")).to_contain_text("tilt the tool slowly")
