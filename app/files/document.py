@@ -69,12 +69,13 @@ class Section:
         self._values = values
 
     @classmethod
-    def load(cls, path: Path, block: Block) -> "Section":
-        """Load the mapping of the YAML file at ``path``."""
+    def load(cls, path: Path, block: Block | Callable[[object], Block]) -> "Section":
+        """Load the mapping of the YAML file at ``path``; ``block`` may depend on its values."""
         values = load_yaml(path)
         if values is None:
             raise InputError(f"{path} is empty; expected a mapping")
-        return cls(values, f"{path.name}:", block, path.parent)
+        chosen = block if isinstance(block, Block) else block(values)
+        return cls(values, f"{path.name}:", chosen, path.parent)
 
     def place(self, key: object) -> str:
         """Return the place of ``key`` for messages: ``case.yaml: tool.mesh.unit``."""

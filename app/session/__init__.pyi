@@ -60,8 +60,7 @@ from .shown_state import (
     structure_title,
 )
 from .step_result import NO_EDGES, KnownEdges, StepResult
-from .structure import ProximityModel, Role, Structure
-from .structure_guard import StructureStep
+from .structure import ProximityModel, Role, Structure, StructureStep
 from .tumor_replacement import (
     TumorChange,
     TumorReplacement,

@@ -80,7 +80,13 @@ class Session:
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
         observed = [
-            guard.observe(self._poses, frame.stamp, in_reference, problems | found.keys())
+            guard.observe(
+                self._poses,
+                frame.stamp,
+                in_reference,
+                reference_from_tip,
+                problems | found.keys(),
+            )
             for guard in self._guards
         ]
         with self._hold.latched_by_error():

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.session.step_result import StepResult
-from app.session.structure_guard import StructureStep
+from app.session.structure import StructureStep
 
 STOP = "STOP"
 """Key of the display of a tool inside the stop margin."""
@@ -87,7 +87,7 @@ def named(text: str, structure: str) -> str:
     """``text``, which is on the tumour, for the ``structure`` in words; as it is for empty."""
     if not structure:
         return text
-    found = text.replace("the tumour", f"the {structure}").replace("tumour", structure)
+    found = text.replace("tumour", structure)
     found = found.replace("IN TUMOUR", f"IN {structure.upper()}")
     return found if found != text else f"{text} ({structure})"
 

@@ -28,7 +28,7 @@ from app.robot import Robot
 from app.robot.kinematic_tree import LinkPoses
 from app.session.path_depth import PathDepth
 from app.session.setup import RobotSetup
-from app.session.structure_guard import StructureStep, governing_number
+from app.session.structure import StructureStep, governing_number
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,14 @@
 """A structure that a session guards: a target or a forbidden one, with its shape and margins."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
-from app.fixture import MarginParameters, Proximity, SweptProximity
+from app.fixture import FixtureDecision, MarginParameters, Proximity, SweptProximity
 from app.geometry import Stamp, Transform
+from app.session.path_depth import PathDepth
 
 
 class Role(StrEnum):
@@ -74,3 +77,30 @@ class Structure:
         if (stop_mm, warn_mm) == (self.stop_mm, self.warn_mm):
             return self
         return replace(self, stop_mm=stop_mm, warn_mm=warn_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StructureStep:
+    """One structure at one step, decided by its own margins, without the session's hold.
+
+    ``structure_from_tip`` is None while its frame or the tool's is not known; ``between_frames`` as
+    in `StepResult`. All vectors of ``decision`` are in the structure's frame ``name``.
+    """
+
+    name: str
+    role: Role
+    decision: FixtureDecision
+    structure_from_tip: Transform | None
+    between_frames: PathDepth | None
+
+
+def governing_number(steps: Sequence[StructureStep]) -> int:
+    """The number of the governing one of ``steps``, at least one."""
+    return min(range(len(steps)), key=lambda number: _rank(steps[number].decision))
+
+
+def _rank(decision: FixtureDecision) -> tuple[int, float]:
+    """The smallest governs: by the worst state, then by the smallest clearance."""
+    if decision.proximity is None or decision.margin is None:
+        return -decision.state, -math.inf
+    return -decision.state, decision.proximity.lower_bound_mm - decision.margin.total_mm

@@ -31,26 +31,11 @@ from app.registration import RegistrationResult, predict_tre
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity
 from app.session.setup import REFERENCE, SessionSetup
-from app.session.structure import Role, Structure
+from app.session.structure import Structure, StructureStep, governing_number
 
 _DEPTH_TOLERANCE_MM = 0.1
 _DEPTH_EVALUATIONS = 16
 """Accuracy of the depth of a breach between two frames, and its limit, which bounds a step."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StructureStep:
-    """One structure at one step, decided by its own margins, without the session's hold.
-
-    ``structure_from_tip`` is None while its frame or the tool's is not known; ``between_frames`` as
-    in `StepResult`. All vectors of ``decision`` are in the structure's frame ``name``.
-    """
-
-    name: str
-    role: Role
-    decision: FixtureDecision
-    structure_from_tip: Transform | None
-    between_frames: PathDepth | None
 
 
 class StructureGuard:
@@ -111,12 +96,14 @@ class StructureGuard:
         poses: PoseTree,
         now: Stamp,
         in_reference: MeasuredPose,
+        reference_from_tip: Transform | None,
         problems: frozenset[Reason],
     ) -> "_Observed":
         """Measure the structure with the present ``poses``.
 
         ``in_reference`` is the tool in the reference frame, through which the constraint reaches
-        the robot; ``problems`` are faults that concern every structure.
+        the robot, and ``reference_from_tip`` its tip there; ``problems`` are faults that concern
+        every structure.
         """
         setup, structure = self._setup, self.structure
         frame = structure.frame_from_structure.target
@@ -127,9 +114,6 @@ class StructureGuard:
             structure_from_tip = structure_from_tool @ setup.tool_from_tip
         used = (tool,) if setup.robot is None else (tool, in_reference)
         proximity, between = self._proximity(structure_from_tip, tool.oldest, now, poses.limits)
-        reference_from_tip = None
-        if in_reference.transform is not None:
-            reference_from_tip = in_reference.transform @ setup.tool_from_tip
         sigma_tre_mm, registration_problems = self._registration_at_tool(
             reference_from_tip, in_reference.problems, proximity, structure_from_tip
         )
@@ -302,18 +286,6 @@ class CombinedDecision:
             stamp=min(known) if len(known) == len(stamps) else None,
             constraint_is_current=current,
         )
-
-
-def governing_number(steps: Sequence[StructureStep]) -> int:
-    """The number of the governing one of ``steps``, at least one."""
-    return min(range(len(steps)), key=lambda number: _rank(steps[number].decision))
-
-
-def _rank(decision: FixtureDecision) -> tuple[int, float]:
-    """The smallest governs: by the worst state, then by the smallest clearance."""
-    if decision.proximity is None or decision.margin is None:
-        return -decision.state, -math.inf
-    return -decision.state, decision.proximity.lower_bound_mm - decision.margin.total_mm
 
 
 def _tumor_from(steps: Sequence[StructureStep], number: int) -> Transform | None:

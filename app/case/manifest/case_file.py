@@ -60,7 +60,6 @@ from app.case.manifest.structures import (
 from app.files.declared import By, block_of
 from app.files.document import Section
 from app.files.keys import Block, Boolean, Choice, Integer, Number, Text, Variant
-from app.files.yaml_file import load_yaml
 from app.geometry import NS_PER_MS, InputError
 
 MANIFEST_NAME = "case.yaml"
@@ -275,11 +274,14 @@ def load_manifest(folder: Path) -> CaseManifest:
 
 def load_document(path: Path, schema_1: Block, schema_2: Block) -> Section:
     """Load the mapping at ``path`` by the block of its schema; `InputError` for another one."""
-    values = load_yaml(path)
-    schema = values.get("schema", 1) if isinstance(values, dict) else 1
-    if type(schema) is not int or schema not in (1, 2):
-        raise InputError(f"{path.name}: schema is {reprlib.repr(schema)}; expected 1 or 2")
-    return Section.load(path, schema_2 if schema == 2 else schema_1)
+
+    def of_schema(values: object) -> Block:
+        schema = values.get("schema", 1) if isinstance(values, dict) else 1
+        if type(schema) is not int or schema not in (1, 2):
+            raise InputError(f"{path.name}: schema is {reprlib.repr(schema)}; expected 1 or 2")
+        return schema_2 if schema == 2 else schema_1
+
+    return Section.load(path, of_schema)
 
 
 def read_manifest(document: Section, file: str = MANIFEST_NAME) -> CaseManifest:
