@@ -219,17 +219,25 @@ def _decision(message: SessionStep, tumor: str) -> FixtureDecision:
             tumor, rows[:, 1:4], rows[:, 0], rows[:, 4:7], rows[:, 7:10],
             hold=message.constraint_hold, free=FreeMotion(*map(float, message.free)),
         )  # fmt: skip
+    return _decided(
+        message,
+        constraint=constraint,
+        stamp=_stamp(message.data_stamp_ns),
+        seq=message.seq,
+        constraint_is_current=message.planes_current,
+    )
+
+
+def _decided(message: SessionStep | StructureStepMessage, **planes: Any) -> FixtureDecision:
+    """State, reasons, distance and margin of ``message`` with what only a whole step has."""
     proximity = message.proximity
     return FixtureDecision(
         state=MarginState(message.state),
         reasons=tuple(map(Reason, message.reasons)),
         proximity=_proximity(proximity[0]) if proximity else None,
         margin=AppliedMargin(*message.margin_mm) if len(message.margin_mm) else None,
-        constraint=constraint,
         hold=message.hold,
-        stamp=_stamp(message.data_stamp_ns),
-        seq=message.seq,
-        constraint_is_current=message.planes_current,
+        **planes,
     )
 
 
@@ -255,18 +263,8 @@ def _structure(message: StructureStepMessage, content: SessionContent) -> Struct
     roles[content.tumor.frame] = Role.TARGET
     if message.name not in roles:
         raise ValueError(f"structure {message.name!r} is not in the description")
-    proximity = message.proximity
     pose = _transforms(message.structure_from_tip)
-    decision = FixtureDecision(
-        state=MarginState(message.state),
-        reasons=tuple(map(Reason, message.reasons)),
-        proximity=_proximity(proximity[0]) if proximity else None,
-        margin=AppliedMargin(*message.margin_mm) if len(message.margin_mm) else None,
-        constraint=None,
-        hold=message.hold,
-        stamp=None,
-        seq=0,
-    )
+    decision = _decided(message, constraint=None, stamp=None, seq=0)
     placed = _placed(message.name, content.tip_frame, pose)
     return StructureStep(message.name, roles[message.name], decision, placed, None)
 
