@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from app.fixture import MarginState
+from app.session import structure_title
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
@@ -62,7 +63,7 @@ def answer(summary: Mapping[str, Any], analysis: "CaseAnalysis | None" = None) -
         noun = "breach" if len(found) == 1 else "breaches"
         headline = f"{len(found)} {noun} of the tumour, deepest {found[0].depth_mm:.1f} mm"
         return Answer(MarginState.POSITIVE, headline, tuple(lines))
-    entered = [each["name"].replace("_", " ") for each in structures if each["breaches"]]
+    entered = [structure_title(each["name"]) for each in structures if each["breaches"]]
     if entered:
         headline = f"The tool was in {' and '.join(entered)}, never in the tumour"
         return Answer(MarginState.POSITIVE, headline, tuple(lines))
@@ -78,7 +79,7 @@ def answer(summary: Mapping[str, Any], analysis: "CaseAnalysis | None" = None) -
 
 def _of_structure(structure: Mapping[str, Any]) -> str:
     """One line on a further structure."""
-    name, nearest = structure["name"].replace("_", " "), lowest_mm(structure)
+    name, nearest = structure_title(structure["name"]), lowest_mm(structure)
     count = len(structure["breaches"])
     if nearest is None:
         return f"{name}: no distance is known"

@@ -21,7 +21,7 @@ from app.report.report_process import draw_margin_plot
 from app.report.rows import ReasonCount, ReportError, count_reasons, margin_csv
 from app.report.summary import ACTIVATION_AT_ENTRY, summarise
 from app.report.time_plot import TimePlot, distance_plot
-from app.session import SINGLE_SOURCE
+from app.session import SINGLE_SOURCE, structure_title
 
 _NOTHING = Markup()
 REPORT_FILES = ("summary.json", "margin.csv", "margin.png", "scene.png", "report.html")
@@ -211,7 +211,7 @@ def _structures(summary: dict[str, Any]) -> Sequence[Sequence[Cell]]:
     """Rows of the further structures; empty where the tumour is the only one."""
     return [
         (
-            each["name"].replace("_", " "),
+            structure_title(each["name"]),
             each["role"],
             length(lowest_mm(each)),
             len(each["breaches"]),
