@@ -119,7 +119,7 @@ def test_robot_has_the_same_colours_in_both_renderings(webgl, serve):
     with watching(webgl, servers[0]) as pictures, watching(webgl, servers[1]) as drawn:
         pages = (pictures.page, drawn.page)
         for page in pages:
-            show(page, 600, "CLEAR")
+            show(page, 600, "HOLD")
         # The label of the distance is drawn by the server alone.
         check_same(pages, max_color=15.0)
 

@@ -153,6 +153,18 @@ def test_drag_erase_undo_and_the_tip(page):
     )
 
 
+def test_click_on_a_point_adds_none_and_a_click_beside_it_one(page):
+    click(page, 60, 60)
+    has_points(page, 1)
+    image, (x, y) = page.locator("#us-image"), place(page, 60, 60)
+    click_at(image, x + 2, y)
+    click_at(image, x + 9, y)
+    has_points(page, 2)
+    first, second = read(page, "trame.state.get('contour').points")
+    assert (first["x"], first["y"]) == pytest.approx((60.5, 60.5), abs=0.02)
+    assert second["x"] > first["x"]
+
+
 def test_keys_move_a_cross_and_add_a_point(page):
     page.focus("#us-image")
     for key in ("ArrowRight", "Shift+ArrowDown", "Enter"):

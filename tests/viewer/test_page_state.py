@@ -56,12 +56,11 @@ def test_plot_is_in_the_state_before_its_first_points():
 def test_screenshot_shows_the_present_without_an_open_page(can_draw, parts):
     """Pictures are drawn for open pages only: the scene view is still at the last picture."""
     scene_view, feed = SceneView(parts.content), FeedDouble()
-    scene_view.view.render_window().SetSize(320, 240)
     page = Page(Server().state, scene_view, PictureArea(scene_view.view), feed, TimelineDouble())
 
     def colors():
         pixels = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
-        picture = pixels[-240:]
+        picture = pixels[60:]  # below the banner
         green = (picture[..., 1] > 2 * picture[..., 0]) & (picture[..., 1] > 2 * picture[..., 2])
         return pixels[0, 0], int(green.sum())
 

@@ -32,9 +32,9 @@ def test_robot_is_registered_by_touch_and_the_registration_undone(browser, live_
     with watching(browser, live_server) as watched:
         page = watched.page
         numbers, verdict = page.locator("#fre"), page.locator("#registration-verdict")
-        page.locator("#registration-start").click()
-        start("-m", "app.cli", "tracker", CASE)
         choose(page, "prepare", "register")
+        page.click("#registration-start")
+        start("-m", "app.cli", "tracker", CASE)
         rows = page.locator("#registration tbody tr")
         expect(verdict).to_contain_text("expected at least 4")
         expect(rows).to_have_count(POINTS)

@@ -6,6 +6,8 @@ import { chosenTool, guardedTool, toolChoice } from "./tool_choice.js";
 
 const AUTHOR = Math.random().toString(36).slice(2, 12);
 const SVG = "http://www.w3.org/2000/svg";
+// Pixels of the screen: radii of a point's grip and of its dot, and how far a click may slip.
+const [GRIP, DOT, SLIP] = [13, 5, 3];
 
 const TOOLS = `
   <div class="contour-image" role="group" aria-label="A click on the image">
@@ -36,7 +38,7 @@ export function editContour(trame) {
   const operates = trame.state.get("role") === "operate";
   const { live, ultrasound } = trame.state.get("title");
   let mode = ""; // what a click on the image does: "", "add", "erase"
-  let dragged = null; // the point that is being moved: n, x, y
+  let dragged = null; // the point whose grip is held: n, x, y, begin, moved, isBeside
   let cross = null; // place of the cross that the keys move
 
   const values = () => trame.state.get("contour");
@@ -112,7 +114,8 @@ export function editContour(trame) {
     event.preventDefault();
     image().focus({ preventScroll: true });
     if (mode === "add" && number) {
-      dragged = { n: number, x: place[0] + 0.5, y: place[1] + 0.5, moved: false };
+      dragged = { n: number, x: place[0] + 0.5, y: place[1] + 0.5, begin: place, moved: false };
+      dragged.isBeside = apart(place, values().points.find((each) => each.n === number)) > DOT;
       image().setPointerCapture(event.pointerId);
     } else {
       use(place);
@@ -122,16 +125,24 @@ export function editContour(trame) {
   function drag(event) {
     const place = dragged && pixelAt(event);
     if (!place) return;
-    Object.assign(dragged, { x: place[0] + 0.5, y: place[1] + 0.5, moved: true });
+    const [x, y] = [place[0] + 0.5, place[1] + 0.5];
+    if (!dragged.moved && apart(dragged.begin, { x, y }) < SLIP) return;
+    Object.assign(dragged, { x, y, moved: true });
     draw();
+  }
+
+  // Pixels of the screen between a place of `pixelAt` and a point of the contour.
+  function apart([x, y], point) {
+    return Math.hypot(x + 0.5 - point.x, y + 0.5 - point.y) * (image().getScreenCTM()?.a || 1);
   }
 
   function release() {
     if (!dragged) return;
-    const { n, x, y, moved } = dragged;
+    const { n, x, y, begin, moved, isBeside } = dragged;
     // It stays at its new place until the server has answered.
-    if (moved) change("contour_move", n, x - 0.5, y - 0.5).then(forget);
-    else forget();
+    if (moved) return change("contour_move", n, x - 0.5, y - 0.5).then(forget);
+    forget();
+    if (isBeside) use(begin); // a click beside a point, not a drag of it
   }
 
   function forget() {
@@ -192,8 +203,8 @@ export function editContour(trame) {
     for (const point of contour.points) {
       if (point.image !== shown) continue;
       const { x, y } = dragged?.n === point.n ? dragged : point;
-      parts.push(element("circle", { class: "us-hit", cx: x, cy: y, r: 13 * unit, "data-point": point.n }));
-      parts.push(element("circle", { class: "us-point", cx: x, cy: y, r: 5 * unit }));
+      parts.push(element("circle", { class: "us-hit", cx: x, cy: y, r: GRIP * unit, "data-point": point.n }));
+      parts.push(element("circle", { class: "us-point", cx: x, cy: y, r: DOT * unit }));
     }
     if (cross) {
       const [x, y] = [cross[0] + 0.5, cross[1] + 0.5];
