@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from tests.session.structure_worlds import compare_with_single_sessions, judge_planes
+from tests.session.vessel_pushes import LOSS_MM, STOP_MM, push
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
 
@@ -20,3 +22,8 @@ def test_planes_of_all_structures_permit_no_motion_into_one():
     judged = [judge_planes(rng, motions=100) for _ in range(150)]
     assert sum(each.motions for each in judged) > 5000
     assert sum(each.left_out > 0 for each in judged) > 100
+
+
+def test_tool_enters_neither_tumour_nor_vessel_in_60_pushes(project_root):
+    cautery = trimesh.load(project_root / "data" / "recorded_case" / "cautery.stl")
+    assert min(push(seed, cautery) for seed in range(60)) >= STOP_MM - LOSS_MM
