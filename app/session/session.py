@@ -42,6 +42,7 @@ class Session:
             limits=setup.margins.freshness_limits,
             moving_frames=_moving_frames(setup),
         )
+        self._tool_frames = _tool_frames(setup)
         self._guards = [self._guard(each) for each in setup.guarded]
         self._combined = CombinedDecision()
         self._links = RobotLinks(setup.robot)
@@ -70,8 +71,9 @@ class Session:
         if problems:  # the clock went back
             for guard in self._guards:
                 guard.forget_path()
-        in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
-        reference_from_tip = None
+        tool = self.setup.tool_from_tip.target
+        tools = {frame: self._poses.pose(frame, tool) for frame in self._tool_frames}
+        in_reference, reference_from_tip = tools[REFERENCE], None
         if in_reference.transform is not None:
             reference_from_tip = in_reference.transform @ self.setup.tool_from_tip
         links, robot_problem = self._links.at(frame, reference_from_tip, self._poses.limits)
@@ -83,7 +85,7 @@ class Session:
             guard.observe(
                 self._poses,
                 frame.stamp,
-                in_reference,
+                tools,
                 reference_from_tip,
                 problems | found.keys(),
             )
@@ -177,6 +179,7 @@ class Session:
         self._static_edges = setup.static_edges
         self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
+        self._tool_frames = _tool_frames(setup)
         self._plausibility.use(setup, before)
         motion_changed = (setup.tumor_motion, setup.motion_frame) != (
             before.tumor_motion,
@@ -244,6 +247,12 @@ def _places(setup: SessionSetup) -> tuple[object, ...]:
     """The values that determine the places of tool, tumour and robot."""
     shapes = [(each.proximity, each.frame_from_structure) for each in setup.guarded]
     return setup.tool_from_tip, setup.robot, *shapes
+
+
+def _tool_frames(setup: SessionSetup) -> tuple[str, ...]:
+    """The frames in which the tool's pose is needed."""
+    structures = (each.frame_from_structure.target for each in setup.guarded)
+    return tuple(dict.fromkeys((REFERENCE, *structures)))
 
 
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:

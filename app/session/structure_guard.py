@@ -1,8 +1,10 @@
 """One structure beside the tool, from step to step, and the decision on all of them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -95,19 +97,18 @@ class StructureGuard:
         self,
         poses: PoseTree,
         now: Stamp,
-        in_reference: MeasuredPose,
+        tools: Mapping[str, MeasuredPose],
         reference_from_tip: Transform | None,
         problems: frozenset[Reason],
     ) -> "_Observed":
         """Measure the structure with the present ``poses``.
 
-        ``in_reference`` is the tool in the reference frame, through which the constraint reaches
-        the robot, and ``reference_from_tip`` its tip there; ``problems`` are faults that concern
-        every structure.
+        ``tools`` are those of the tool by frame: in the structure's, and in the reference frame,
+        through which the constraint reaches the robot; ``reference_from_tip`` is its tip there.
+        ``problems`` are faults that concern every structure.
         """
         setup, structure = self._setup, self.structure
-        frame = structure.frame_from_structure.target
-        tool = poses.pose(frame, setup.tool_from_tip.target)
+        tool, in_reference = tools[structure.frame_from_structure.target], tools[REFERENCE]
         structure_from_tool = structure_from_tip = None
         if tool.transform is not None:
             structure_from_tool = self._structure_from_frame @ tool.transform
@@ -264,10 +265,11 @@ class CombinedDecision:
             return steps[0].decision
         governing = governing_number(steps)
         decision = steps[governing].decision
+        place = cache(partial(_tumor_from, steps))
         current = all(each.decision.constraint_is_current for each in steps)
         hold = any(each.decision.hold for each in steps)
         if current:
-            joined = _joined(steps, governing, radius_mm, hold=hold)
+            joined = _joined(steps, governing, place, radius_mm, hold=hold)
             self._constraint, self.half_spaces_of = (None, ()) if joined is None else joined
         elif self._constraint is not None:
             self._constraint = self._constraint.on_hold()
@@ -279,7 +281,7 @@ class CombinedDecision:
         return replace(
             decision,
             reasons=worst_first(reasons),
-            proximity=_in_tumor_frame(steps, governing),
+            proximity=_in_tumor_frame(decision.proximity, governing, place),
             constraint=self._constraint,
             hold=hold,
             seq=steps[0].decision.seq,
@@ -297,11 +299,14 @@ def _tumor_from(steps: Sequence[StructureStep], number: int) -> Transform | None
     return tumor_from_tip @ structure_from_tip.inverse()
 
 
-def _in_tumor_frame(steps: Sequence[StructureStep], number: int) -> Proximity | None:
-    proximity = steps[number].decision.proximity
+_Place: TypeAlias = Callable[[int], Transform | None]
+"""`_tumor_from` of the structures of one step."""
+
+
+def _in_tumor_frame(proximity: Proximity | None, number: int, place: _Place) -> Proximity | None:
     if number == 0 or proximity is None:
         return proximity
-    placed = _tumor_from(steps, number)
+    placed = place(number)
     if placed is None:
         return None
     rows = proximity.witnesses.rows.copy()
@@ -311,7 +316,12 @@ def _in_tumor_frame(steps: Sequence[StructureStep], number: int) -> Proximity | 
 
 
 def _joined(
-    steps: Sequence[StructureStep], governing: int, radius_mm: float, *, hold: bool
+    steps: Sequence[StructureStep],
+    governing: int,
+    place: _Place,
+    radius_mm: float,
+    *,
+    hold: bool,
 ) -> tuple[Constraint, tuple[int, ...]] | None:
     """The planes of all structures in the tumour's frame, `MAX_PLANES` at most, and whose they are.
 
@@ -319,18 +329,19 @@ def _joined(
     before one of the others is reached: a point of the tool at the lever ``radius_mm`` moves by the
     way of the tip and the angle times the lever at most.
     """
-    placed_rows: list[FloatArray] = []
+    planes: list[FloatArray] = []
     owners: list[int] = []
     free = FreeMotion(math.inf, math.inf)
     for number in (governing, *(each for each in range(len(steps)) if each != governing)):
-        constraint, placed = steps[number].decision.constraint, _tumor_from(steps, number)
-        if constraint is None or placed is None:
+        constraint = steps[number].decision.constraint
+        if constraint is None or steps[number].structure_from_tip is None:
             return None
-        placed_rows.append(constraint.rows if number == 0 else _placed_rows(constraint, placed))
+        planes.append(constraint.rows)
         owners += [number] * len(constraint)
         free = _smaller(free, constraint.free)
-    rows = np.concatenate(placed_rows)
+    rows = np.concatenate(planes)
     if len(rows) > MAX_PLANES:
+        # A clearance is the same in every frame.
         clearances = np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
         order = 1 + np.argsort(clearances[1:], kind="stable")
         nearest_left_out_mm = max(float(clearances[order[MAX_PLANES - 1]]), 0.0)
@@ -338,6 +349,12 @@ def _joined(
         free = _smaller(free, FreeMotion(nearest_left_out_mm, turn_rad))
         kept = [0, *np.sort(order[: MAX_PLANES - 1]).tolist()]
         rows, owners = rows[kept], [owners[number] for number in kept]
+    for number in set(owners) - {0}:
+        placed = place(number)
+        if placed is None:
+            return None
+        own = np.array(owners) == number
+        rows[own] = _placed_rows(rows[own], placed)
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
 
 
@@ -345,10 +362,11 @@ def _smaller(one: FreeMotion, other: FreeMotion) -> FreeMotion:
     return FreeMotion(min(one.distance_mm, other.distance_mm), min(one.turn_rad, other.turn_rad))
 
 
-def _placed_rows(constraint: Constraint, placed: Transform) -> FloatArray:
-    rows = constraint.rows.copy()
-    rows[:, 1:4] = placed.rotate(rows[:, 1:4])
-    rows[:, 4:7] = placed.apply(rows[:, 4:7])
-    rows[:, 7:] = placed.rotate(rows[:, 7:])
-    rows[:, 0] += rows[:, 1:4] @ placed.translation_mm
-    return rows
+def _placed_rows(rows: FloatArray, placed: Transform) -> FloatArray:
+    """``rows`` (k, 10) of a constraint after a motion: offset, normal, tool point, velocity."""
+    moved = rows.copy()
+    moved[:, 1:4] = placed.rotate(rows[:, 1:4])
+    moved[:, 4:7] = placed.apply(rows[:, 4:7])
+    moved[:, 7:] = placed.rotate(rows[:, 7:])
+    moved[:, 0] += moved[:, 1:4] @ placed.translation_mm
+    return moved
