@@ -3,12 +3,13 @@
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureState
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureOff, StructureState
 
 from app.bridge import messages
 from app.bridge.convert.generic_topics import create_endpoint, read_message
@@ -68,10 +69,11 @@ class ConstraintBuilder:
         single_source: bool = True,
         structures: Sequence[StructureStep] = (),
         half_spaces_of: Sequence[int] = (),
+        off: Mapping[str, str] = MappingProxyType({}),
     ) -> FixtureConstraint:
         """Convert ``decision``; the publisher sets ``seq``.
 
-        ``structures`` and ``half_spaces_of`` are those of `StepResult`.
+        ``structures``, ``half_spaces_of`` and ``off`` are those of `StepResult`.
         ``simulated``: the poses are recorded or simulated. ``single_source``: nothing checks them.
         """
         known = decision.state is not MarginState.UNKNOWN
@@ -106,6 +108,7 @@ class ConstraintBuilder:
                 )
                 for each in structures
             ],
+            off=off_messages(off),
         )
         message.header.frame_id = self._frame
         if self._planes_from is not None:
@@ -311,7 +314,13 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
         single_source=message.single_source,
         structures=_structures(message, topic),
         half_spaces_of=tuple(message.half_space_structures),
+        off={each.name: each.reason for each in message.off},
     )
+
+
+def off_messages(off: Mapping[str, str]) -> list[StructureOff]:
+    """The structures that are switched off, by name, with the reason of each."""
+    return [StructureOff(name=name, reason=reason) for name, reason in off.items()]
 
 
 def _structures(message: FixtureConstraint, topic: str) -> tuple[ReceivedStructure, ...]:

@@ -24,12 +24,13 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
     {
         "action/Calibrate": "d06993f7706cb31cd40afb9aa427e451bd9e78b51bf79dae4766292ca70b8404",
         "action/Replay": "067bca1b542924cc25ac8461f06a0c824c9dba52fd7d02a60e9f8f5cc657a626",
-        "msg/FixtureConstraint": "30e6b1954b8554333c5ede3cc2b0b2e68d258cf0d63a62f42b3410a75aed46d3",
+        "msg/FixtureConstraint": "e41c624ffa28539abec325ed1c3fc336da3d99229232c6e6138774de17c94947",
         "msg/HalfSpace": "02bce709059039dd01c9b15c4c43179381416f98d7c21f161a35cc07d894ee99",
         "msg/SessionContent": "e61049ee262cf4846c429f26a97605c3590d66a92b2876715f4be854d8ed49ac",
-        "msg/SessionStep": "8173808d8b7ad08beaa49d8e790c2cc2e0748e7c46ac9b03f73e486ac5dc3bd3",
+        "msg/SessionStep": "5ec5785a4d00e5386650ec7dc5ff8b3afb8a279760d3ac19bb0453ec694a72ab",
         "msg/StepPoint": "0c8f1963bdafa44a03c3cd6312b63e79475433e9d587d23f16c4eca6da2afa30",
         "msg/StepProximity": "de0067fcd6b6f1f5239865ee568f623515915c4fc949eb495cc2a6faea80dadf",
+        "msg/StructureOff": "d7ab105919f837c80444c7a13e61a63c52b558721d567a78a0ef5b325dd7723c",
         "msg/StructureState": "976fb7a3caa69f0f3a689863d32c1ac292ef7dd65a8ddb3c78e9d342f3384ea0",
         "msg/StructureStep": "fce4d959e515e0c320e41606f61b749622871ccb772a4e243f437bdf93737bca",
         "msg/TrackedTransform": "0066dc1ca1ca07df51e52382b52d9e6501d4a48e505d3ea5b1cee01413ffbb8e",
@@ -40,7 +41,9 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
         "srv/Register": "b3b391e223c8a9e71ddf41bc9fff3446daacecdb6b0b4bbb22cb9bac12e38a42",
         "srv/Seek": "5e115e07694acd7f652948175e4be6038a53fa4d9bcd6c35ef99cdf981a18ee8",
         "srv/SetRate": "f7b213eb3f75c29c1869f5e495e7ebab1ea9d45fca16622e2d95e258cd514e44",
+        "srv/SetStructure": "8feec60be8e111aab9a9999d9bd8cae4cf51052f8b02ba4324356a00e1c64ec3",
         "srv/SetTumor": "2aba11f42bfe5266376d0aa76af517a9280210493a8e9dabbe685bb4ccec5985",
+        "srv/SwitchStructure": "cd469eb94ca9e3a37a0987b105a0b5f2693121759ba3c853fc72906ecd10e219",
     }
 )
 """SHA-256 of each definition in ``interfaces/marginguard_msgs``; a test compares both."""

@@ -1,6 +1,6 @@
 from .audit import AuditLog, AuditOutput
 from .case_recorder import CaseRecorder, RecordingStatus
-from .commands import BetweenSteps, OperatorCommands
+from .commands import OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, StructureContent, content_of
 from .display_content import ImageDepth, ImageDescription, ShownChange, described_images
@@ -30,8 +30,10 @@ from .operator_command import (
     SetItemTip,
     SetMargins,
     SetRegistration,
+    SetStructure,
     SetTip,
     SetTumor,
+    SwitchStructure,
 )
 from .outputs import Output, PassiveOutput, StepHolds, StepTiming, SwitchContent
 from .received_constraint import ReceivedConstraint, ReceivedStructure
@@ -67,7 +69,6 @@ __all__ = [
     "AddNote",
     "AuditLog",
     "AuditOutput",
-    "BetweenSteps",
     "BodyKind",
     "CaseRecorder",
     "ChooseDepth",
@@ -110,6 +111,7 @@ __all__ = [
     "SetItemTip",
     "SetMargins",
     "SetRegistration",
+    "SetStructure",
     "SetTip",
     "SetTumor",
     "ShownChange",
@@ -122,6 +124,7 @@ __all__ = [
     "StepTiming",
     "StructureContent",
     "SwitchContent",
+    "SwitchStructure",
     "TooManyRequestsError",
     "Wakeup",
     "WorldBody",

@@ -18,6 +18,7 @@ from app.robot import urdf_text
 from app.runtime.display_content import ImageDepth, image_depth_of
 from app.runtime.display_items import ShownItem, items_of
 from app.session import RobotSetup, Role, SessionSetup
+from app.session.structure import with_named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +120,36 @@ class SessionContent:
             if each.name == name:
                 return each
         raise InputError(f"{name}: the session has none; expected {name!r} in live.yaml")
+
+    def with_structure(
+        self, structure: StructureContent, frame_from_structure: Transform
+    ) -> "SessionContent":
+        """This content with ``structure`` for that of the same name, or as the last one."""
+        structures = with_named(self.structures, structure)
+        return self.with_edge(frame_from_structure, structures=structures)
+
+    def without_structure(self, name: str) -> "SessionContent":
+        """This content without the structure ``name`` and its pose."""
+        return replace(
+            self,
+            static_edges=tuple(each for each in self.static_edges if each.source != name),
+            structures=tuple(each for each in self.structures if each.name != name),
+        )
+
+    def structure(self, name: str) -> StructureContent | None:
+        """The structure ``name`` beside the tumour; None without it."""
+        return next((each for each in self.structures if each.name == name), None)
+
+    def with_margins(self, setup: SessionSetup) -> "SessionContent":
+        """This content with the margins of ``setup`` and the distances of its structures."""
+        used = {each.name: (each.stop_mm, each.warn_mm) for each in setup.structures}
+        structures = tuple(
+            each
+            if used.get(each.name) in (None, (each.stop_mm, each.warn_mm))
+            else replace(each, stop_mm=used[each.name][0], warn_mm=used[each.name][1])
+            for each in self.structures
+        )
+        return replace(self, margins=setup.margins, structures=structures)
 
     def with_item(self, item: ShownItem) -> "SessionContent":
         """This content with ``item`` for that of the same name."""

@@ -12,8 +12,10 @@ from app.case import DISPLAY_ITEMS, DisplayItem, ItemKind
 from app.geometry import InputError, SurfaceMesh, Transform
 from app.hold import SeenHold, tip_change_text
 from app.registration import RegistrationResult
+from app.runtime.content import StructureContent
 from app.runtime.display_content import other_depth
 from app.runtime.requests import OperatorRequest, RequestKind
+from app.session import Role
 
 if TYPE_CHECKING:
     from app.runtime.case_recorder import RecordingStatus
@@ -116,6 +118,44 @@ class SetTumor:
         return commands.set_tumor(
             self.frame_from_tumor, self.tumor, sigma_mm=self.sigma_mm, origin=origin
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetStructure:
+    """Guard a structure beside the tumour. See `OperatorCommands.set_structure`.
+
+    The frame of ``surface`` is its name.
+    """
+
+    kind: ClassVar[str] = RequestKind.STRUCTURE
+    loosens: ClassVar = True
+    frame_from_structure: Transform
+    surface: SurfaceMesh
+    role: Role
+    stop_mm: float
+    warn_mm: float
+    sigma_mm: float = 0.0
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Add or replace it; returns the new ``setup_id``."""
+        values = self.stop_mm, self.warn_mm, self.sigma_mm
+        structure = StructureContent(self.surface, self.role, *values)
+        return commands.set_structure(structure, self.frame_from_structure, origin=origin)
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchStructure:
+    """Guard a structure no more, or again. See `OperatorCommands.switch_structure`."""
+
+    kind: ClassVar[str] = RequestKind.SWITCH
+    loosens: ClassVar = True
+    name: str
+    on: bool
+    reason: str = ""
+
+    def apply(self, commands: "OperatorCommands", origin: str) -> str:
+        """Switch it; returns the new ``setup_id``."""
+        return commands.switch_structure(self.name, on=self.on, reason=self.reason, origin=origin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,7 +294,7 @@ class AddNote:
 COMMANDS: dict[str, type[OperatorCommand]] = {
     each.kind: each
     for each in (
-        *(Rearm, SetMargins, SetTumor, SetRegistration, SetTip),
+        *(Rearm, SetMargins, SetTumor, SetStructure, SwitchStructure, SetRegistration, SetTip),
         *(*ITEM_COMMANDS.values(), ChooseDepth, Record, AddNote),
     )
 }

@@ -1,6 +1,7 @@
 """A constraint as another process receives it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from app.fixture import Constraint, MarginState
 
@@ -30,7 +31,7 @@ class ReceivedConstraint:
     ``planes_current``: the half-spaces belong to the tool's present pose; otherwise no motion is
     allowed. ``single_source``: nothing independent can contradict the tracker. ``structures`` are
     empty where the tumour is the only one; ``half_spaces_of`` has the number of the structure of
-    each half-space.
+    each half-space. ``off`` are structures that are not guarded, each with the reason.
 
     >>> import marginguard as mg
     >>> before_the_first_pose = mg.ReceivedConstraint(
@@ -74,4 +75,5 @@ class ReceivedConstraint:
     planes_current: bool
     single_source: bool
     structures: tuple[ReceivedStructure, ...] = ()
+    off: Mapping[str, str] = field(default_factory=dict)
     half_spaces_of: tuple[int, ...] = ()

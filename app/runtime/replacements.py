@@ -1,53 +1,135 @@
-"""Checks of a tumour or a tip that replaces that of a running session."""
+"""Checks of a tumour, a structure or a tip that a running session is given."""
 
-from app.fixture import ProximityEngine, TipProximity
+from collections.abc import Iterable
+
+from app.case.manifest.structures import MAX_STRUCTURES
+from app.fixture import MarginParameterError, ProximityEngine, TipProximity
+from app.fixture.meshes.mesh_checks import checked_mesh
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.runtime.compute import Compute
-from app.runtime.content import SessionContent
-from app.session import ProximityModel, SessionSetup, prepare_replacement, tumor_change
+from app.runtime.content import StructureContent
+from app.session import REFERENCE, ProximityModel, SessionSetup, prepare_replacement, tumor_change
+from app.session.tumor_replacement import TUMOR, mesh_of
 
 MAX_LIVE_TRIANGLES = 400_000
-"""Triangles of a tumour that replaces another one in a live session. They are prepared in seconds,
+"""Triangles of a surface that a live session is given. They are prepared in seconds,
 in compiled code and NumPy, which release the interpreter, so that the constraint is sent
 meanwhile."""
 
 
-def check_size(tumor: SurfaceMesh, max_triangles: int | None) -> None:
-    """Raise `InputError` for a tumour of more triangles; None allows all."""
-    if max_triangles is not None and len(tumor.faces) > max_triangles:
+MAX_REASON = 200
+"""Characters of the reason for which a structure is switched off."""
+
+MAX_SURFACE_SIGMA_MM = 10.0
+"""Largest uncertainty of a surface, as in ``tumor.sigma_mm`` of a ``case.yaml``."""
+
+
+def check_surface(
+    surface: SurfaceMesh, sigma_mm: float, max_triangles: int | None, what: str = TUMOR
+) -> None:
+    """Raise `InputError` for more triangles, where None allows all, or a wrong uncertainty."""
+    if max_triangles is not None and len(surface.faces) > max_triangles:
         raise InputError(
-            f"tumour: has {len(tumor.faces)} triangles; expected at most {max_triangles} in a "
+            f"{what}: has {len(surface.faces)} triangles; expected at most {max_triangles} in a "
             "live session: reduce its resolution"
+        )
+    if not 0.0 <= sigma_mm <= MAX_SURFACE_SIGMA_MM:
+        of_what = "the tumour" if what == TUMOR else what
+        raise InputError(
+            f"uncertainty of {of_what}: is {sigma_mm:.6g} mm; expected 0 to "
+            f"{MAX_SURFACE_SIGMA_MM:g} mm"
         )
 
 
-def replacement_for(
+def check_structure(
     setup: SessionSetup,
-    shown: SessionContent,
-    frame_from_tumor: Transform,
-    tumor: SurfaceMesh,
-    compute: Compute,
-) -> tuple[ProximityModel, str]:
-    """The model of ``tumor``, and its change from that of ``shown``, which was acknowledged.
+    known_frames: Iterable[str],
+    structure: StructureContent,
+    frame_from_structure: Transform,
+) -> None:
+    """Raise unless ``structure`` can be guarded beside the tumour of ``setup``.
 
-    ``compute`` calls what takes long. Raises `InputError` for a session whose tool is unknown.
+    `FrameError` for the name of the tumour or of another frame, such as one of ``known_frames``,
+    and for a frame that moves with the tool or is itself a structure. `InputError` for too many
+    structures and for margins out of range.
     """
-    before = shown.tumor.transformed(shown.frame_from_tumor)
+    what, frame = f"structure {structure.name!r}", frame_from_structure.target
+    tumor, *others = (each.name for each in setup.guarded)
+    if structure.name == tumor:
+        raise FrameError(f"{what}: is the tumour; expected another name, or ~/set_tumor")
+    frames = {REFERENCE, setup.tool_from_tip.source, *setup.shown_frames, *known_frames}
+    frames |= {name for ends in setup.measured_ends for name in ends}
+    if setup.robot is not None:
+        frames |= {setup.robot.base_frame, *(link.name for link in setup.robot.robot.links)}
+    if structure.name in {frame, *frames} - {*others}:
+        raise FrameError(f"{what}: has the name of another frame; expected a name of its own")
+    tool = setup.tool_from_tip
+    if frame in {tumor, *others, *setup.off, tool.target, tool.source}:
+        raise FrameError(
+            f"{what}: is given in frame {frame!r}, that of a structure or of the tool; expected a "
+            "tracked frame that does not move with the tool"
+        )
+    if structure.name not in {*others, *setup.off}:
+        count = len(setup.guarded) + len(setup.off)
+        if count >= MAX_STRUCTURES:
+            raise InputError(
+                f"{what}: the session has {count} structures; expected at most {MAX_STRUCTURES}"
+            )
+    try:
+        setup.margins.replaced(stop_mm=structure.stop_mm, warn_mm=structure.warn_mm)
+    except MarginParameterError as error:
+        raise InputError(f"{what}: {error}") from error
+
+
+def check_reason(reason: str, name: str) -> None:
+    """Raise `InputError` for a reason that is empty or longer than `MAX_REASON` characters."""
+    if not reason.strip() or len(reason) > MAX_REASON:
+        raise InputError(
+            f"structure {name!r}: the reason has {len(reason.strip())} characters; expected 1 to "
+            f"{MAX_REASON} that say why it is not guarded any more"
+        )
+
+
+def model_of(
+    surface: SurfaceMesh,
+    frame_from_surface: Transform,
+    before: SurfaceMesh | None,
+    setup: SessionSetup,
+    tool: SurfaceMesh | None,
+    compute: Compute,
+    what: str = TUMOR,
+) -> tuple[ProximityModel, str]:
+    """The model of ``surface`` and ``tool``, and the change from ``before``, None for a new one.
+
+    ``before`` is in the frame that it moves with. ``compute`` calls what takes long. Raises
+    `InputError` for a session whose tool is unknown, `MeshError` for a surface that is not closed.
+    """
+    moved = ""
+    if before is not None and before.frame != frame_from_surface.target:
+        moved = (
+            f"{what} replaced: it moves with {frame_from_surface.target!r}, not {before.frame!r}"
+        )
+        before = None
     model: ProximityModel
     if isinstance(setup.proximity, TipProximity):
-        model = TipProximity(tumor)
-    elif shown.tool is None:
+        checked_mesh(surface, mesh_of(what))
+        model = TipProximity(surface)
+    elif tool is None:
+        verb = "guarded" if before is None and not moved else "replaced"
         raise InputError(
-            "tumour: cannot be replaced, because the tool's surface is unknown; expected a "
+            f"{what}: cannot be {verb}, because the tool's surface is unknown; expected a "
             "session with a tool mesh"
         )
     elif isinstance(setup.proximity, ProximityEngine):
-        made = compute(prepare_replacement, before, tumor, frame_from_tumor)
-        return setup.proximity.with_tumor(made.prepared), made.change.text
+        made = compute(prepare_replacement, before, surface, frame_from_surface, what)
+        text = moved if made.change is None else made.change.text
+        return setup.proximity.with_tumor(made.prepared), text
     else:
-        model = ProximityEngine(tumor, shown.tool)
-    change = compute(tumor_change, before, tumor.transformed(frame_from_tumor))
-    return model, change.text
+        model = ProximityEngine(surface, tool)
+    if before is None:
+        return model, moved
+    placed = surface.transformed(frame_from_surface)
+    return model, compute(tumor_change, before, placed, None, what).text
 
 
 MAX_TIP_SIGMA_MM = 10.0

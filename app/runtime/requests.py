@@ -50,6 +50,9 @@ class RequestKind(StrEnum):
     REARM = "rearm"
     MARGINS = "set_margins"
     TUMOR = "set_tumor"
+    STRUCTURE = "set_structure"
+    SWITCH = "switch_structure"
+    """Of a structure that is guarded no more, or again."""
     REGISTRATION = "register"
     RECORD = "record"
     TIP = "set_tip"
@@ -105,6 +108,8 @@ class Allowed:
 ADMITTED: dict[str, Allowed] = {
     RequestKind.MARGINS: Allowed(per_s=2.0, burst=20.0),
     RequestKind.TUMOR: Allowed(per_s=0.2, burst=5.0),
+    RequestKind.STRUCTURE: Allowed(per_s=0.2, burst=5.0),
+    RequestKind.SWITCH: Allowed(per_s=0.5, burst=5.0),
     RequestKind.REGISTRATION: Allowed(per_s=0.5, burst=5.0),
     RequestKind.RECORD: Allowed(per_s=0.5, burst=5.0),
     RequestKind.TIP: Allowed(per_s=0.5, burst=5.0),

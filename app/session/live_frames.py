@@ -159,13 +159,8 @@ class LiveFrames:
     """
 
     def __init__(self, setup: SessionSetup, clock: SourceClock, edges: Sequence[Edge] = ()) -> None:
-        self._setup = setup
+        self._take_setup(setup)
         self._began_ns: int | None = None
-        self._ends = setup.measured_ends
-        own = [(edge.target, edge.source) for edge in setup.static_edges]
-        base = None if setup.robot is None else setup.robot.base_frame
-        self._own_edges = frozenset(own)
-        self._own_frames = frozenset(child for _, child in own if child != base)
         self._named = frozenset(edges)
         self._clock = clock
         self._recent = RecentSamples()
@@ -181,6 +176,19 @@ class LiveFrames:
         self._first_ns: int | None = None
         self._missing_frames: str | None = None
         self.left_out: Counter[str] = Counter()
+
+    def use(self, setup: SessionSetup) -> None:
+        """Use the edges that another setup of the session needs, from the next sample on."""
+        if setup is not self._setup:
+            self._take_setup(setup)
+            self._find_used()
+
+    def _take_setup(self, setup: SessionSetup) -> None:
+        self._setup, self._ends = setup, setup.measured_ends
+        own = [(edge.target, edge.source) for edge in setup.static_edges]
+        base = None if setup.robot is None else setup.robot.base_frame
+        self._own_edges = frozenset(own)
+        self._own_frames = frozenset(child for _, child in own if child != base)
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -328,12 +336,15 @@ class LiveFrames:
                 self._refuse(f"edges beyond {MAX_EDGES}")
                 return False
         self._edges[edge] = None
-        self._used = self._named & self._edges.keys() if self._named else self._edges_in_use()
-        self._auxiliary.find(self._edges, self._used, self._setup.frame_from_tumor.target)
-        self._missing_frames = None
+        self._find_used()
         if self._first_ns is None:
             self._first_ns = host_ns
         return edge in self._used
+
+    def _find_used(self) -> None:
+        self._used = self._named & self._edges.keys() if self._named else self._edges_in_use()
+        self._auxiliary.find(self._edges, self._used, self._setup.frame_from_tumor.target)
+        self._missing_frames = None
 
     def _refuse(self, why: str) -> None:
         """Count a rejected edge; with named ``edges`` all others are ignored without a count."""

@@ -183,6 +183,8 @@ class LiveSession:
         """
         with self._stepping:
             yield self._session
+            with self._changed:
+                self._frames.use(self._session.setup)
 
     def stop(self) -> None:
         """End `steps`, even while it waits. Thread-safe."""

@@ -72,23 +72,26 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
 
 
 def _structure_changes(before: SessionSetup, after: SessionSetup) -> list[str]:
-    """One text each for a further structure that is gone, replaced or guarded by less."""
+    """One text each for a further structure that is off or gone, replaced or guarded by less."""
     kept = {each.name: each for each in after.structures}
     found = []
     for old in before.structures:
         new = kept.get(old.name)
         if new is None:
-            found.append(f"structure {old.name!r} removed")
+            reason = after.off.get(old.name)
+            gone = "removed" if reason is None else f"switched off: {reason}"
+            found.append(f"structure {old.name!r} {gone}")
             continue
         changes = [
             f"{name} lowered from {getattr(old, name):g} to {getattr(new, name):g}"
             for name in ("stop_mm", "warn_mm", "sigma_mm")
             if getattr(new, name) < getattr(old, name)
         ]
+        what = f"structure {old.name!r}: "
         if (old.proximity, old.frame_from_structure) != (new.proximity, new.frame_from_structure):
-            changes.insert(0, "replaced")
+            what, changes = "", [new.change or f"{what}replaced", *changes]
         if changes:
-            found.append(f"structure {old.name!r}: {', '.join(changes)}")
+            found.append(f"{what}{', '.join(changes)}")
     return found
 
 

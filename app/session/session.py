@@ -94,7 +94,7 @@ class Session:
         with self._hold.latched_by_error():
             structures = tuple(each.guard.decide(each) for each in observed)
             combined = self._combined.of(structures, self.setup.proximity.radius_mm)
-            decision = self._hold.applied(combined, found)
+            decision = self._hold.applied(combined, found, structures)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
@@ -120,6 +120,7 @@ class Session:
             between_frames=structures[0].between_frames,
             structures=structures if len(structures) > 1 else (),
             half_spaces_of=self._combined.half_spaces_of,
+            off=self.setup.off,
         )
 
     def hold(self, cause: str, *, doubt: bool = False) -> None:
@@ -152,8 +153,9 @@ class Session:
         A change that loosens what the session permits (`app.session.loosening`) latches ``hold``
         until `rearm`, with its text in `hold_causes`; then the result is True. Looser margins apply
         from that re-arm on: ``setup`` is then `requested`, not yet in use. If the tumour, the tool,
-        the registration or a pose of one of them changes, the state is also UNKNOWN up to the next
-        full evaluation. ``tumor_change`` describes a new tumour for the operator. Raises
+        the registration or a pose of one of them changes, or a structure is replaced or gone, the
+        state is also UNKNOWN up to the next full evaluation; an added structure is guarded from the
+        next step on. ``tumor_change`` describes a new tumour for the operator. Raises
         `FrameError` for a tumour in another frame, because the constraint is expressed in it.
         """
         tumor, known = setup.frame_from_tumor.source, self.setup.frame_from_tumor.source
@@ -161,7 +163,7 @@ class Session:
             raise FrameError(f"the tumour's frame is {tumor!r}; expected {known!r}, as before")
         loosened = self._acknowledged.change(self.setup, setup, tumor_change)
         self._hold.change(self._acknowledged.changes, latch=loosened)
-        if _places(setup) != _places(self.setup):
+        if loosened and _places(setup) != _places(self.setup):
             # A retreat from a tumour that no operator has acknowledged may approach the true one.
             self._hold.doubt()
         self.requested = setup
@@ -186,11 +188,11 @@ class Session:
             before.motion_frame,
         )
         known = {guard.structure.name: guard for guard in self._guards}
-        self._guards, replaced = [], len(known) != len(setup.guarded)
+        self._guards, replaced = [], not known.keys() <= {each.name for each in setup.guarded}
         for structure in setup.guarded:
             guard = known.get(structure.name)
             if guard is None:
-                guard, replaced = self._guard(structure), True
+                guard = self._guard(structure)
             elif guard.use(structure, setup, motion_changed=motion_changed):
                 replaced = True
             self._guards.append(guard)

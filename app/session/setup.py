@@ -1,7 +1,7 @@
 """Setup of a session: everything that is fixed before its first step."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -180,7 +180,8 @@ class SessionSetup:
     surface along its normal, ``tip_sigma_mm`` that of the calibrated tip in its worst direction; 0
     where they are not stated. ``shown_frames``: tracked frames of display items, which no decision
     uses. ``structures``: further structures; the tumour is the first of `guarded`, and its frame is
-    that of the constraint.
+    that of the constraint. ``off``: structures that an operator has switched off, each with the
+    reason; they are not among ``structures``.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
@@ -201,6 +202,7 @@ class SessionSetup:
     tip_sigma_mm: float = 0.0
     shown_frames: tuple[str, ...] = ()
     structures: tuple[Structure, ...] = ()
+    off: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:

@@ -142,7 +142,7 @@ class StepResult:
     and is outside at both ends; the decision's proximity is then that of this point.
     ``structures`` are the decisions on each structure, the tumour first; empty for the tumour
     alone. ``decision`` is then that on all of them (`app.session.structure_guard`), and
-    ``half_spaces_of`` the number of the structure of each half-space.
+    ``half_spaces_of`` the number of the structure of each half-space. ``off`` as in `SessionSetup`.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -168,6 +168,7 @@ class StepResult:
     between_frames: PathDepth | None = None
     structures: tuple[StructureStep, ...] = ()
     half_spaces_of: tuple[int, ...] = ()
+    off: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> "StepResult":
         """The step as that of a session with the structure ``name`` alone, without its hold.

@@ -1,10 +1,10 @@
 """A structure that a session guards: a target or a forbidden one, with its shape and margins."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from app.fixture import FixtureDecision, MarginParameters, Proximity, SweptProximity
 from app.geometry import Stamp, Transform
@@ -52,7 +52,8 @@ class Structure:
     ``frame_from_structure``: its pose there; the source is its name. ``proximity``: distance model
     of the tool and the structure. ``stop_mm`` and ``warn_mm`` replace those of the session's
     margins, which give the rest. ``sigma_mm``: standard deviation of its surface along the normal,
-    0 where it is not stated.
+    0 where it is not stated. ``change``: how it differs from the one that it replaces, for the
+    operator.
     """
 
     frame_from_structure: Transform
@@ -61,6 +62,7 @@ class Structure:
     warn_mm: float
     sigma_mm: float = 0.0
     role: Role = Role.FORBIDDEN
+    change: str = ""
 
     @property
     def name(self) -> str:
@@ -92,6 +94,23 @@ class StructureStep:
     decision: FixtureDecision
     structure_from_tip: Transform | None
     between_frames: PathDepth | None
+
+
+class Named(Protocol):
+    """A structure, in whichever form."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+
+_Named = TypeVar("_Named", bound=Named)
+
+
+def with_named(structures: Iterable[_Named], new: _Named) -> tuple[_Named, ...]:
+    """``structures`` with ``new`` for the one of its name, or as the last one."""
+    found = {each.name: each for each in structures}
+    return tuple((found | {new.name: new}).values())
 
 
 def governing_number(steps: Sequence[StructureStep]) -> int:

@@ -1,4 +1,4 @@
-"""A tumour that replaces another one: prepared, and compared in size, position and overlap."""
+"""A surface that replaces another one: prepared, and compared in size, position and overlap."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.fixture.meshes.face_measures import solid_of
+from app.fixture.meshes.mesh_checks import checked_mesh
 from app.fixture.proximity.distance_field import MIN_NODES, build_field
 from app.fixture.proximity.engine import PreparedTumor, checked_tumor, prepared_checked
 from app.fixture.surfaces.bvh import indexed_bvh
 from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
 from app.geometry import FloatArray, FrameError, SurfaceMesh, Transform, weld_vertices
+
+TUMOR = "tumour"
 
 MAX_VOLUME_FACTOR = 2.0
 """A volume that differs by more than this factor is named. Repeated segmentations of one lesion
@@ -28,13 +31,15 @@ class TumorChange:
 
     Volumes in mm3; ``sizes_mm`` (3,) of the bounding box, before and after; ``shift_mm`` of the
     centroid. ``overlap`` is the part of the smaller tumour that lies in the other one, from 0 to 1,
-    measured at `_POINTS` points: 0 may be an overlap of less than about 0.2 %.
+    measured at `_POINTS` points: 0 may be an overlap of less than about 0.2 %. ``what`` names it:
+    the tumour or another structure.
     """
 
     volumes_mm3: tuple[float, float]
     sizes_mm: tuple[FloatArray, FloatArray]
     shift_mm: float
     overlap: float
+    what: str = TUMOR
 
     @property
     def volume_factor(self) -> float:
@@ -48,7 +53,7 @@ class TumorChange:
         if self.volume_factor > MAX_VOLUME_FACTOR:
             found.append(f"THE VOLUME DIFFERS BY MORE THAN A FACTOR OF {MAX_VOLUME_FACTOR:g}")
         if self.overlap == 0.0:
-            found.append("IT DOES NOT OVERLAP THE FORMER TUMOUR")
+            found.append(f"IT DOES NOT OVERLAP THE FORMER {self.what.split()[0].upper()}")
         return tuple(found)
 
     @property
@@ -61,7 +66,7 @@ class TumorChange:
             f"centroid moved by {self.shift_mm:.1f} mm, "
             f"{100.0 * self.overlap:.0f} % of the smaller one in the other"
         )
-        return f"tumour replaced: {'; '.join((*self.warnings, numbers))}"
+        return f"{self.what} replaced: {'; '.join((*self.warnings, numbers))}"
 
 
 InsideTest = Callable[[FloatArray], NDArray[np.bool_]]
@@ -69,7 +74,10 @@ InsideTest = Callable[[FloatArray], NDArray[np.bool_]]
 
 
 def tumor_change(
-    before: SurfaceMesh, after: SurfaceMesh, inside_after: InsideTest | None = None
+    before: SurfaceMesh,
+    after: SurfaceMesh,
+    inside_after: InsideTest | None = None,
+    what: str = TUMOR,
 ) -> TumorChange:
     """Compare two closed surfaces in one frame. Takes 0.1 s, or seconds for large surfaces.
 
@@ -94,6 +102,7 @@ def tumor_change(
         sizes_mm=(sizes[0], sizes[1]),
         shift_mm=float(np.linalg.norm(shift)),
         overlap=_overlap(*smaller, *larger),
+        what=what,
     )
 
 
@@ -136,30 +145,41 @@ _FEW_NODES = 1000
 
 
 class TumorReplacement(NamedTuple):
-    """A tumour prepared for `app.fixture.ProximityEngine`, and its change from another one."""
+    """A surface prepared for `app.fixture.ProximityEngine`, and its change from another one."""
 
     prepared: PreparedTumor
-    change: TumorChange
+    change: TumorChange | None
 
 
 def prepare_replacement(
-    before: SurfaceMesh, tumor: SurfaceMesh, frame_from_tumor: Transform
+    before: SurfaceMesh | None,
+    tumor: SurfaceMesh,
+    frame_from_tumor: Transform,
+    what: str = TUMOR,
 ) -> TumorReplacement:
     """Check and prepare ``tumor``, and compare it with ``before``, in the frame of that.
 
-    One function for both, because the comparison needs the tree that the check has built. Raises
-    `MeshError` for a surface that bounds no solid, and `FrameError` if ``frame_from_tumor`` does
-    not lead from the frame of ``tumor`` to that of ``before``.
+    ``what`` names the tumour or another structure, ``before`` is None for a new one. One function
+    for both, because the comparison needs the tree that the check has built. Raises `MeshError`
+    for a surface that bounds no solid, and `FrameError` if ``frame_from_tumor`` does not lead from
+    the frame of ``tumor`` to that of ``before``.
     """
-    checked = checked_tumor(tumor)
+    checked = checked_mesh(tumor, mesh_of(what))
+    if before is None:
+        return TumorReplacement(prepared_checked(checked), None)
     tumor_from_frame = frame_from_tumor.inverse()
 
     def inside_tumor(points_mm: FloatArray) -> NDArray[np.bool_]:
         numbers = winding_numbers(checked.dipoles, tumor_from_frame.apply(points_mm))
         return np.asarray(numbers > 0)
 
-    change = tumor_change(before, tumor.transformed(frame_from_tumor), inside_tumor)
+    change = tumor_change(before, tumor.transformed(frame_from_tumor), inside_tumor, what)
     return TumorReplacement(prepared_checked(checked), change)
+
+
+def mesh_of(what: str) -> str:
+    """Name of the mesh of ``what``, for messages."""
+    return "the tumour's mesh" if what == TUMOR else f"the mesh of {what}"
 
 
 def load_replacement() -> None:

@@ -1,29 +1,30 @@
-"""Operator services of a session: ``~/set_tumor``, ``~/register``, ``~/record``, ``~/rearm``."""
+"""Operator services of a session: surfaces, registration, recordings, and the re-arm."""
 
-import ctypes
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
 from marginguard_msgs.msg import FixtureConstraint
-from marginguard_msgs.srv import Rearm, Register, SetTumor
-from numpy.typing import NDArray
+from marginguard_msgs.srv import Rearm, Register, SetStructure, SetTumor, SwitchStructure
 from std_srvs.srv import SetBool
 
 from app.bridge import messages
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.control.operator_requests import OVER_ROS, OperatorRequests
+from app.bridge.control.surface_requests import (
+    ArrayRequest,
+    StructureArrayRequest,
+    StructureRequest,
+    SurfaceRequest,
+)
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.topics import NEWEST, Topic
-from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
+from app.geometry import FloatArray, Stamp
 from app.hold import SeenHold
 from app.registration import RegistrationResult, register_points
 from app.runtime import LatestValue, OperatorCommands, RequestKind
-from app.runtime.replacements import MAX_LIVE_TRIANGLES
 
 MAX_POINTS = 1_000
 
@@ -32,84 +33,12 @@ MAX_WAITING = 1000
 default of 10 a burst of another node would drop a valid request."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TumorRequest:
-    """The content of a `SetTumor.Request`, in its units.
-
-    ``position_m`` (3,) and ``quaternion`` (4,), xyzw, are its pose in ``frame_id``. ``triangles``
-    (m, 3) are vertex indices, ``vertices_m`` (n, 3) positions.
-    """
-
-    frame_id: str
-    position_m: FloatArray
-    quaternion: FloatArray
-    triangles: NDArray[np.uint32]
-    vertices_m: FloatArray
-
-
-class _Array(ctypes.Structure):  # a string or a sequence
-    _fields_ = [("data", ctypes.c_void_p), ("size", ctypes.c_size_t), ("room", ctypes.c_size_t)]
-
-
-class _Request(ctypes.Structure):
-    _fields_ = [
-        ("sec", ctypes.c_int32),
-        ("nanosec", ctypes.c_uint32),
-        ("frame_id", _Array),
-        ("pose", ctypes.c_double * 7),
-        ("triangles", _Array),  # of uint32[3]
-        ("vertices", _Array),  # of double[3]
-    ]
-
-
-def _convert(address: int) -> TumorRequest:
-    request = _Request.from_address(address)
-    frame_id = ctypes.string_at(request.frame_id.data, request.frame_id.size)
-    pose = np.array(request.pose)
-    return TumorRequest(
-        frame_id.decode("utf-8", "replace"),
-        pose[:3],
-        pose[3:],
-        _rows(request.triangles, np.uint32),
-        _rows(request.vertices, np.float64),
-    )
-
-
-def _rows(sequence: _Array, dtype: Any) -> NDArray[Any]:
-    rows = np.empty((sequence.size, 3), dtype=dtype)
-    ctypes.memmove(rows.ctypes.data, sequence.data, rows.nbytes)  # releases the GIL
-    return rows
-
-
-_converter = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)(_convert)
-SetTumor.Request.__class__.__import_type_support__()
-
-_new_capsule = ctypes.pythonapi.PyCapsule_New
-_new_capsule.restype = ctypes.py_object
-_new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
-
-
-class _ArrayMetaclass(type(SetTumor.Request)):  # type: ignore[misc]  # built by rosidl
-    """The type support of the request, with another conversion to Python."""
-
-    _CONVERT_TO_PY = _new_capsule(ctypes.cast(_converter, ctypes.c_void_p), None, None)
-
-
-class ArrayRequest(SetTumor.Request, metaclass=_ArrayMetaclass):  # type: ignore[misc]
-    """A `SetTumor.Request` that rclpy receives as a `TumorRequest`.
-
-    rclpy converts a message element by element while it holds the GIL: 1 s for 300 000 triangles,
-    during which no constraint is sent. This type replaces that conversion by copies of the two
-    arrays. The layout of the C structures is the one that rosidl_generator_c defines.
-    """
-
-
 class OperatorServices:
-    """Serves ``~/set_tumor``, ``~/register`` and ``~/record`` until the node is closed.
+    """Serves ``~/set_tumor``, ``~/register``, ``~/record`` and others until the node is closed.
 
     A refused request changes nothing and has a reason.
 
-    Each service runs in its own thread, one request at a time. Computing the field of a new tumour
+    Each service runs in its own thread, one request at a time. Computing the field of a new surface
     takes seconds, during which the session continues with the old one, and any change waits for
     the current step, during which samples must be received. The recorder takes seconds to start.
     ``requests`` checks who may send them and how many, before a thread is started.
@@ -120,8 +49,14 @@ class OperatorServices:
     ) -> None:
         self._commands = commands
         self._requests = requests
+        structure, switch = RequestKind.STRUCTURE, RequestKind.SWITCH
         for service, name, handle, kind, received_as in (
             (SetTumor, "~/set_tumor", self._set_tumor, RequestKind.TUMOR, ArrayRequest),
+            (
+                *(SetStructure, "~/set_structure", self._set_structure),
+                *(structure, StructureArrayRequest),
+            ),
+            (SwitchStructure, "~/switch_structure", self._switch_structure, switch, None),
             (Register, "~/register", self._register, RequestKind.REGISTRATION, None),
             (SetBool, "~/record", self._record, RequestKind.RECORD, None),
         ):
@@ -134,22 +69,28 @@ class OperatorServices:
         with self._requests.refusals(kind):
             self._requests.check(kind, name)
 
-    def _set_tumor(self, request: TumorRequest, response: SetTumor.Response) -> None:
+    def _set_tumor(self, request: SurfaceRequest, response: SetTumor.Response) -> None:
         with self._requests.refusals(RequestKind.TUMOR):
-            frame_from_tumor, tumor = self._tumor(request)
+            frame = self._commands.setup.frame_from_tumor.source
+            tumor, frame_from_tumor = request.surface(frame), request.pose(frame)
         response.model_id = self._commands.set_tumor(frame_from_tumor, tumor, origin=OVER_ROS)
         response.success = True
 
-    def _tumor(self, request: TumorRequest) -> tuple[Transform, SurfaceMesh]:
-        frame = self._commands.setup.frame_from_tumor.source
-        tumor = _surface(request, frame)
-        frame_from_tumor = Transform.from_quaternion(
-            tuple(request.quaternion.tolist()),
-            messages.MM_PER_M * request.position_m,
-            target=request.frame_id,
-            source=frame,
+    def _set_structure(self, request: StructureRequest, response: SetStructure.Response) -> None:
+        with self._requests.refusals(RequestKind.STRUCTURE):
+            structure, frame_from_structure = request.structure(), request.pose(request.name)
+        response.setup_id = self._commands.set_structure(
+            structure, frame_from_structure, origin=OVER_ROS
         )
-        return frame_from_tumor, tumor
+        response.success = True
+
+    def _switch_structure(
+        self, request: SwitchStructure.Request, response: SwitchStructure.Response
+    ) -> None:
+        response.setup_id = self._commands.switch_structure(
+            request.name, on=request.on, reason=request.reason, origin=OVER_ROS
+        )
+        response.success = True
 
     def _register(self, request: Register.Request, response: Register.Response) -> None:
         with self._requests.refusals(RequestKind.REGISTRATION):
@@ -184,17 +125,6 @@ def _registration(request: Register.Request) -> RegistrationResult:
         fixed_frame=request.fixed_frame,
         moving_frame=request.moving_frame,
     )
-
-
-def _surface(request: TumorRequest, frame: str) -> SurfaceMesh:
-    triangles, vertices = request.triangles, request.vertices_m
-    # Before they are copied and checked, which takes longer than their count.
-    if not 0 < len(triangles) <= MAX_LIVE_TRIANGLES or len(vertices) > 3 * MAX_LIVE_TRIANGLES:
-        raise BridgeError(
-            f"the surface has {len(triangles)} triangles and {len(vertices)} vertices; "
-            f"expected 1 to {MAX_LIVE_TRIANGLES} triangles in a live session: reduce its resolution"
-        )
-    return SurfaceMesh(frame, messages.MM_PER_M * vertices, triangles.astype(np.int64))
 
 
 def _points_mm(points: list[Point]) -> FloatArray:

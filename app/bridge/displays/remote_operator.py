@@ -35,7 +35,7 @@ _DISPLAYS = {PAGE_NODE: "the page", PANEL_NODE: "the panel", API_NODE: "the Pyth
 
 REPLY_S, LONG_REPLY_S = 10.0, 120.0
 """Longest wait for a command; for those of `_LONG`, which take seconds."""
-_LONG = frozenset({RequestKind.TUMOR, RequestKind.RECORD})
+_LONG = frozenset({RequestKind.TUMOR, RequestKind.STRUCTURE, RequestKind.RECORD})
 
 _Value = TypeVar("_Value")
 

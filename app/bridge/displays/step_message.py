@@ -11,6 +11,7 @@ import numpy as np
 from marginguard_msgs.msg import SessionStep, StepPoint, StepProximity
 from marginguard_msgs.msg import StructureStep as StructureStepMessage
 
+from app.bridge.constraint_message import off_messages
 from app.bridge.ros_errors import BridgeError
 from app.case import Activation, JointSample, TrackingFrame
 from app.fixture import (
@@ -118,6 +119,7 @@ def step_message(
         message.proximity = [_proximity_message(decision.proximity)]
     message.margin_mm = _margin_numbers(decision.margin)
     message.structures = [_structure_message(each) for each in step.structures]
+    message.off = off_messages(step.off)
     if decision.constraint is not None:
         message.half_spaces = array("d", decision.constraint.rows.tobytes())
         message.free = np.array(decision.constraint.free)
@@ -206,6 +208,7 @@ def _step(
         edges=_edges(message, content, samples, links, joints),
         between_frames=_path(message, tumor, tip),
         structures=tuple(_structure(each, content) for each in message.structures),
+        off={each.name: each.reason for each in message.off},
     )
     others = len(set(message.known).union(range(message.new_poses)))
     return step, samples[others:]

@@ -344,4 +344,5 @@ def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
             for each in message.structures
         ],
         half_space_structures=message.half_space_structures,
+        off=message.off,
     )

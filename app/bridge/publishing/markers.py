@@ -176,6 +176,18 @@ def _marker(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker:
     return marker
 
 
+def structure_marker(name: str, color: ColorRGBA) -> Marker:
+    """Marker of the further structure ``name``, in its own frame."""
+    return _surface(f"structure/{name}", name, color, 0)
+
+
+def removed_structure(name: str) -> MarkerArray:
+    """Removes the marker of a further structure that is not guarded any more."""
+    marker = structure_marker(name, ColorRGBA())
+    marker.action, marker.points = Marker.DELETE, []
+    return MarkerArray(markers=[marker])
+
+
 class _StructureShape:
     """Marker of one further structure, serialised for each of its states."""
 
@@ -186,12 +198,7 @@ class _StructureShape:
             state: serialized(
                 MarkerArray(
                     markers=[
-                        _surface(
-                            f"structure/{structure.name}",
-                            structure.name,
-                            color_message(state.color, TUMOR_ALPHA),
-                            0,
-                        )
+                        structure_marker(structure.name, color_message(state.color, TUMOR_ALPHA))
                     ]
                 ),
                 points_m,

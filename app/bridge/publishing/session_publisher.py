@@ -17,7 +17,7 @@ from app.bridge.heartbeat import steady_ns
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.publishing.diagnostics import Diagnostics
-from app.bridge.publishing.markers import PreparedShapes
+from app.bridge.publishing.markers import PreparedShapes, removed_structure
 from app.bridge.publishing.serialized import (
     PUBLISH_ALL,
     FrameTree,
@@ -161,6 +161,7 @@ class SessionPublisher:
             single_source=step.single_source,
             structures=step.structures,
             half_spaces_of=step.half_spaces_of,
+            off=step.off,
         )
         # Read before the time that has been spent: a stop in between shortens the validity.
         since_ns = steady_ns()
@@ -305,6 +306,8 @@ class SessionPublisher:
             if name not in self._structure_publishers:
                 # Each its own, which keeps its last message for those who subscribe later.
                 self._structure_publishers[name] = self._publisher(topics.MARKERS)
+        for name in self._structure_publishers.keys() - {*self._shapes.structures}:
+            self._structure_publishers[name].publish(removed_structure(name))
         self._show_surfaces(MarginState.UNKNOWN, {})
 
     def _send(self, topic: Topic, message: object) -> None:

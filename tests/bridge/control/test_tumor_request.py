@@ -7,7 +7,7 @@ from marginguard_msgs.srv import SetTumor
 from rclpy.serialization import deserialize_message, serialize_message
 from shape_msgs.msg import MeshTriangle
 
-from app.bridge.control.operator_services import ArrayRequest, TumorRequest
+from app.bridge.control.surface_requests import ArrayRequest, SurfaceRequest
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +33,7 @@ def test_arrays_equal_the_conversion_of_rclpy(frame: str, triangles: int, vertic
     data = serialize_message(request)
     expected = deserialize_message(data, SetTumor.Request)
     found = deserialize_message(data, ArrayRequest)
-    assert type(found) is TumorRequest
+    assert type(found) is SurfaceRequest
     assert found.frame_id == expected.header.frame_id
     at, turn = expected.pose.position, expected.pose.orientation
     assert found.position_m.tolist() == [at.x, at.y, at.z]
