@@ -110,22 +110,19 @@ def model_of(
             f"{what} replaced: it moves with {frame_from_surface.target!r}, not {before.frame!r}"
         )
         before = None
-    model: ProximityModel
-    if isinstance(setup.proximity, TipProximity):
-        checked_mesh(surface, mesh_of(what))
-        model = TipProximity(surface)
-    elif tool is None:
+    is_tip = isinstance(setup.proximity, TipProximity)
+    if tool is None and not is_tip:
         verb = "guarded" if before is None and not moved else "replaced"
         raise InputError(
             f"{what}: cannot be {verb}, because the tool's surface is unknown; expected a "
             "session with a tool mesh"
         )
-    elif isinstance(setup.proximity, ProximityEngine):
+    if isinstance(setup.proximity, ProximityEngine):
         made = compute(prepare_replacement, before, surface, frame_from_surface, what)
         text = moved if made.change is None else made.change.text
         return setup.proximity.with_tumor(made.prepared), text
-    else:
-        model = ProximityEngine(surface, tool)
+    checked_mesh(surface, mesh_of(what))
+    model = TipProximity(surface) if tool is None or is_tip else ProximityEngine(surface, tool)
     if before is None:
         return model, moved
     placed = surface.transformed(frame_from_surface)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from geometry_msgs.msg import Point
-from marginguard_msgs.srv import Register, SetTumor
+from marginguard_msgs.srv import Register, SetStructure, SetTumor, SwitchStructure
 from shape_msgs.msg import MeshTriangle
 
 from tests.bridge.peers import as_plain
@@ -16,9 +16,18 @@ VALUES = {bool: (1, "bool"), int: (2, "integer"), float: (3, "double"), str: (4,
 """Type and field of a parameter's value in rcl_interfaces/ParameterValue."""
 
 
-def tumor(size, frame="needle", is_open=False):
+KINDS = {
+    "SetTumor_Request": ("SetTumor", "set_tumor"),
+    "SetStructure_Request": ("SetStructure", "set_structure"),
+    "SwitchStructure_Request": ("SwitchStructure", "switch_structure"),
+    "Register_Request": ("Register", "register"),
+}
+"""Name and service of each request."""
+
+
+def tumor(size, frame="needle", is_open=False, request=None):
     """Request with a tetrahedron of ``size`` m; ``is_open`` omits one of its faces."""
-    request = SetTumor.Request()
+    request = request or SetTumor.Request()
     request.header.frame_id = frame
     request.pose.orientation.w = 1.0
     request.pose.position.x = 0.001
@@ -26,6 +35,17 @@ def tumor(size, frame="needle", is_open=False):
     faces = FACES[1:] if is_open else FACES
     request.mesh.triangles = [MeshTriangle(vertex_indices=list(face)) for face in faces]
     return request
+
+
+def structure(size=0.03, frame="needle", is_open=False, **values):
+    """Request to guard a vessel of the shape of `tumor`, with 1 and 3 mm as distances."""
+    given = {"name": "vessel", "role": "forbidden", "stop_distance": 0.001, "warn_distance": 0.003}
+    return tumor(size, frame, is_open, SetStructure.Request(**given | values))
+
+
+def switch(on, reason="", name="vessel"):
+    """Request to guard a structure no more, or again."""
+    return SwitchStructure.Request(name=name, on=on, reason=reason)
 
 
 def pairs(noise):
@@ -41,7 +61,7 @@ def pairs(noise):
 
 def call_of(request, node="/marginguard"):
     """The argument of ``caller.py`` for a request of an operator."""
-    kind, name = ("SetTumor", "set_tumor") if hasattr(request, "mesh") else ("Register", "register")
+    kind, name = KINDS[type(request).__name__]
     return f"{node}/{name}:marginguard_msgs/srv/{kind}:{json.dumps(as_plain(request))}"
 
 

@@ -139,17 +139,23 @@ def test_higher_distances_apply_at_once_without_a_hold(run):
     assert run.session.hold_causes == ()
 
 
-def test_added_structure_restarts_the_margin_and_counts_from_then_on(run):
+def test_added_structure_counts_from_the_next_step_on_without_a_hold(run):
     nerve = ball("nerve", "needle", [0.0, 0.0, 70.0])
     assert not run.use(WALL, VESSEL, nerve)
     step = run.step()
     assert [each.name for each in step.structures] == ["tumor", "wall", "vessel", "nerve"]
-    assert step.decision.hold  # a margin was known: an operator re-arms
-    run.session.rearm()
-    assert not run.step().decision.hold
+    assert step.decision.state is MarginState.NEGATIVE
+    assert not step.decision.hold
     assert run.step(tip_mm=(0.0, 0.0, 55.0)).decision.state is MarginState.WARNING
     assert run.use(WALL, VESSEL)
     assert run.session.hold_causes == ("structure 'nerve' removed",)
+
+
+def test_added_structure_that_the_tool_is_inside_of_stops_it_at_once(run):
+    run.use(WALL, VESSEL, ball("nerve", "needle", [0.0, 0.0, 45.0]))
+    decision = run.step().decision
+    assert decision.state is MarginState.POSITIVE
+    assert Reason.INSIDE in decision.reasons
 
 
 def test_planes_before_a_change_are_not_published_after_it(run):

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
+from marginguard_msgs.srv import SetStructure
 
 from app.bridge.control import OperatorServices
 from app.bridge.control.operator_requests import OperatorList, OperatorRequests
@@ -14,7 +15,7 @@ from app.geometry import SurfaceMesh
 from app.runtime import OperatorCommands, PassiveOutput, StepHolds, content_of
 from app.session import Session, setup_from_case
 from tests.bridge.conftest import DEADLINE_S
-from tests.bridge.service_calls import CALLER, call_of, pairs, tumor
+from tests.bridge.service_calls import CALLER, call_of, pairs, structure, switch, tumor
 
 pytestmark = pytest.mark.slow
 
@@ -122,6 +123,59 @@ def test_valid_tumor_is_used_and_invalid_ones_change_nothing(
     assert edges["needle", "tumor"] is session.setup.frame_from_tumor
     assert len(edges) == len(setup.static_edges)
     assert session.setup.proximity is not setup.proximity
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {
+            "role: is 'organ'; expected one of target, forbidden": structure(role="organ"),
+            "the surface has 0 triangles": SetStructure.Request(name="vessel", role="target"),
+            "the mesh of structure 'vessel' is not closed": structure(is_open=True),
+            "finite": structure(math.nan),
+            "'tumor': is the tumour": structure(name="tumor"),
+        },
+        {
+            "frame name ''": structure(name=""),
+            "frame name 'a b'": structure(frame="a b"),
+            "stop_mm": structure(stop_distance=0.5),
+            "uncertainty of structure 'vessel': is nan": structure(sigma=math.nan),
+            "'wall': is not guarded; expected one of": switch(False, "x", "wall"),
+        },
+    ],
+    ids=["surface", "values"],
+)
+def test_wrong_structure_is_refused_in_one_line(commands, output, start_receiver, wrong):
+    replies = start_receiver(*map(call_of, wrong.values()), script=CALLER).take(len(wrong))
+    for text, reply in zip(wrong, replies, strict=True):
+        assert (reply["success"], reply["setup_id"]) == (False, "")
+        assert text in reply["message"]
+        assert "\n" not in reply["message"]
+    assert output.contents == []
+
+
+def test_structure_is_guarded_in_its_units(commands, session, start_receiver):
+    before = commands.content.setup_id
+    (reply,) = start_receiver(call_of(structure(sigma=0.0004)), script=CALLER).take(1)
+    assert (reply["success"], reply["message"]) == (True, "")
+    assert reply["setup_id"] == commands.content.setup_id != before
+    (shown,), (guarded,) = commands.content.structures, session.setup.structures
+    assert shown.surface.vertices_mm.max() == pytest.approx(30.0)
+    for each in (shown, guarded):
+        assert (each.name, each.role) == ("vessel", "forbidden")
+        distances_mm = each.stop_mm, each.warn_mm, each.sigma_mm
+        assert distances_mm == pytest.approx((1.0, 3.0, 0.4))
+    assert guarded.frame_from_structure.translation_mm.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_structure_is_switched_off_with_a_reason_and_on(commands, session, output, start_receiver):
+    sent = structure(), switch(False), switch(False, "resected"), switch(True)
+    added, refused, off, on = start_receiver(*map(call_of, sent), script=CALLER).take(4)
+    assert not refused["success"] and "reason has 0 characters" in refused["message"]
+    assert [each["success"] for each in (added, off, on)] == [True, True, True]
+    assert added["setup_id"] == on["setup_id"] != off["setup_id"]
+    assert [len(each.structures) for each in output.contents] == [1, 0, 1]
+    assert session.hold_causes == ("a change that loosened the session was undone",)
 
 
 def test_session_continues_while_a_new_tumor_is_prepared(commands, output, case):
