@@ -100,16 +100,17 @@ def as_line(step: StepResult, time_text: str = "", *, color: bool = False) -> st
 
 
 def _structures(step: StepResult) -> dict[str, Any]:
-    """Each of several structures, the tumour first; no key without further ones."""
+    """Each of several structures, the tumour first, and those that are off; no key for none."""
+    off = {"off": dict(step.off)} if step.off else {}
     if not step.structures:
-        return {}
+        return off
     found = []
     for each in step.structures:
         proximity = each.decision.proximity
         distance_mm = None if proximity is None else _finite(proximity.signed_distance_mm)
         state = each.decision.state.name
         found.append({"name": each.name, "state": state, "signed_distance_mm": distance_mm})
-    return {"structures": found}
+    return {"structures": found, **off}
 
 
 def as_json_line(

@@ -81,13 +81,18 @@ def check_structure(
         raise InputError(f"{what}: {error}") from error
 
 
-def check_reason(reason: str, name: str) -> None:
-    """Raise `InputError` for a reason that is empty or longer than `MAX_REASON` characters."""
-    if not reason.strip() or len(reason) > MAX_REASON:
+def checked_reason(reason: str, name: str) -> str:
+    """``reason`` in one line; raises `InputError` if it is empty or above `MAX_REASON` characters.
+
+    Characters that cannot be printed are replaced by question marks.
+    """
+    line = "".join(each if each.isprintable() else "?" for each in " ".join(reason.split()))
+    if not 0 < len(line) <= MAX_REASON:
         raise InputError(
-            f"structure {name!r}: the reason has {len(reason.strip())} characters; expected 1 to "
+            f"structure {name!r}: the reason has {len(line)} characters; expected 1 to "
             f"{MAX_REASON} that say why it is not guarded any more"
         )
+    return line
 
 
 def model_of(

@@ -8,7 +8,7 @@ from typing import Any
 
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.runtime.content import SessionContent, StructureContent
-from app.runtime.replacements import check_reason, check_structure, check_surface, model_of
+from app.runtime.replacements import check_structure, check_surface, checked_reason, model_of
 from app.runtime.requests import RequestKind
 from app.runtime.session_changes import ContentChange, SessionChanges
 from app.session import ProximityModel, SessionSetup, Structure
@@ -141,8 +141,7 @@ class StructureCommands(SessionChanges):
                 self._forget_off(name)
                 done.append(f"{what} is guarded again{f': {reason}' if reason.strip() else ''}")
             else:
-                check_reason(reason, name)
-                reason = " ".join(reason.split())
+                reason = checked_reason(reason, name)
                 shown = next(each for each in self._content.structures if each.name == name)
                 self._change(
                     lambda content: content.without_structure(name),

@@ -56,6 +56,7 @@ from .shown_state import (
     governing_name,
     margin_display,
     named,
+    off_line,
     structure_line,
     structure_title,
 )
@@ -130,6 +131,7 @@ __all__ = [
     "mean_dwell_pose",
     "moment_text",
     "named",
+    "off_line",
     "place_letters",
     "prepare_replacement",
     "robot_from_case",

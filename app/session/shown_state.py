@@ -83,6 +83,11 @@ def structure_line(structure: StructureStep) -> str:
     return f"{line}, {proximity.signed_distance_mm:.1f} mm"
 
 
+def off_line(name: str, reason: str) -> str:
+    """Line on a structure that is switched off, as ``chest wall: OFF, not in the field``."""
+    return f"{structure_title(name)}: OFF, {reason}"
+
+
 def named(text: str, structure: str) -> str:
     """``text``, which is on the tumour, for the ``structure`` in words; as it is for empty."""
     if not structure:

@@ -93,7 +93,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
 
 
 def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
-    """Each of several structures; unknown while the session is silent."""
+    """Each of several structures, unknown while the session is silent; then those that are off."""
     found: list[dict[str, str | bool]] = []
     for each in shown.step.structures:
         decision = each.decision
@@ -112,9 +112,13 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
                 "label": "INSIDE" if display.key == MarginState.POSITIVE.name else display.label,
                 "distance": distance_text(distance_mm),
                 "governs": each is shown.step.governing,
+                "off": "",
             }
         )
-    return found
+    return found + [
+        {"name": name, "title": structure_title(name), "shown": "OFF", "off": reason}
+        for name, reason in shown.step.off.items()
+    ]
 
 
 _MAX_CAUSE_CHARS = 60

@@ -33,7 +33,7 @@ def vessel(**changes):
 
 
 LARGER = vessel(surface=SurfaceMesh("vessel", 2.0 * TETRAHEDRON, FACES), stop_mm=0.5)
-OFF, ON = SwitchStructure("vessel", False, REASON), SwitchStructure("vessel", True)
+OFF, ON = SwitchStructure("vessel", False, f" {REASON}\n"), SwitchStructure("vessel", True)
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ from app.session import (
     StepResult,
     banner_states,
     margin_display,
+    off_line,
     structure_line,
 )
 from app.workflow import Workflow, WorkflowOutput
@@ -277,6 +278,8 @@ class ShownSession:
     def reasons(self) -> str:
         """Reasons of the displayed decision, a line for each cause of its hold and each structure.
 
+        Structures that are switched off are listed as such.
+
         "stale" instead of the reasons and structures when the scene shows it as unknown.
         """
         if self._last is None or self.display is None:
@@ -287,7 +290,8 @@ class ShownSession:
         if self.readout()[0] is not decision.state:
             reasons, structures = str(Reason.STALE), []
         causes = (f"hold: {cause}" for cause in self._last.step.hold_causes)
-        return "\n".join([reasons, *causes, *structures])
+        off = (off_line(*each) for each in self._last.step.off.items())
+        return "\n".join([reasons, *causes, *structures, *off])
 
     def activation(self) -> str:
         """The activation, unknown while the display is stale; empty if it is not told."""

@@ -12,7 +12,7 @@ import time
 
 import rclpy
 from marginguard_msgs.msg import FixtureConstraint
-from marginguard_msgs.srv import Rearm, SetTumor
+from marginguard_msgs.srv import Rearm, SetStructure, SetTumor, SwitchStructure
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -35,6 +35,8 @@ class Peer:
         names = {
             "rearm": Rearm,
             "set_tumor": SetTumor,
+            "set_structure": SetStructure,
+            "switch_structure": SwitchStructure,
             "set_parameters_atomically": SetParametersAtomically,
         }
         self.clients = {
