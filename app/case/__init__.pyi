@@ -78,7 +78,13 @@ from .readers.recording_format import (
     recording_kinds,
 )
 from .readers.rosbag2.bag_frames import read_mcap
-from .session_values import RegistrationValues, SessionValues, received_values, sent_values
+from .session_values import (
+    RegistrationValues,
+    SessionValues,
+    StructureValues,
+    received_values,
+    sent_values,
+)
 from .tracking_frames import Activation, ActivationTrail, JointSample, TrackingFrame
 from .tumor import (
     SEGMENTATION_ENDING,
@@ -161,6 +167,7 @@ __all__ = [
     "SphereEntry",
     "StructureEntry",
     "StructureMargins",
+    "StructureValues",
     "TfSourceEntry",
     "ToolEntry",
     "TopicSourceEntry",

@@ -15,10 +15,15 @@ from app.case.manifest.case_file import MANIFEST_NAME, Provenance
 from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.margins import MarginEntry
 from app.case.manifest.parts import TUMOR_MESH_FRAME
-from app.case.manifest.structures import PlainParts
+from app.case.manifest.structures import PlainParts, as_schema_2
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.readers.rosbag2 import CHANGES_NAME
-from app.case.session_values import RegistrationValues, SessionValues, check_frames
+from app.case.session_values import (
+    RegistrationValues,
+    SessionValues,
+    StructureValues,
+    check_frames,
+)
 from app.case.tracking_frames import TrackingFrame
 from app.files.atomic_io import new_folder, write_file
 from app.files.meshes import write_exact_ply, write_mesh
@@ -189,6 +194,8 @@ def _write(live: LiveCase, folder: Path, in_use: SessionValues | None) -> None:
         values["clock"] = {"estimate": True}  # the offset of the two clocks is unknown
     values["recording"] = {"path": RECORDING_FOLDER}
     if in_use is not None:
+        if in_use.structures is not None and values["schema"] == 1:
+            values = as_schema_2(values)
         _use(in_use, values, folder)
     text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")
@@ -206,6 +213,9 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
         write_exact_ply(folder / TUMOR_NAME, in_use.tumor)
         tumor.pop("contour", None)
         tumor["mesh"] = {"path": TUMOR_NAME, "units": "mm"}
+    if in_use.structures is not None:
+        others = enumerate(in_use.structures, start=1)
+        values["structures"] = [tumor, *(_structure(each, n, folder) for n, each in others)]
     parts.set_margins(margin_values(in_use.margins))
     for name, keys in in_use.items.items():
         if name in values:
@@ -215,6 +225,21 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     if in_use.registration is not None:
         placed = parts.placed
         placed["registration"] = _given(in_use.registration, placed["registration"])
+
+
+def _structure(structure: StructureValues, number: int, folder: Path) -> dict[str, Any]:
+    """Write the surface of ``structure`` to ``folder``; return its entry in ``case.yaml``."""
+    file, pose = f"structure_{number}_of_session.ply", structure.frame_from_structure
+    write_exact_ply(folder / file, structure.surface)
+    return {
+        "name": pose.source,
+        "role": structure.role,
+        "frame": pose.target,
+        "mesh": {"path": file, "units": "mm"},
+        "pose": {"matrix": pose.matrix.ravel().tolist()},
+        "sigma_mm": structure.sigma_mm,
+        "margins": {"stop_mm": structure.stop_mm, "warn_mm": structure.warn_mm},
+    }
 
 
 def _given(registration: RegistrationValues, before: dict[str, Any]) -> dict[str, Any]:

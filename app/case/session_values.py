@@ -1,7 +1,7 @@
 """Values that a live session uses at present in the place of its ``live.yaml``, for a recording.
 
 The session and its recorder are two processes: the values are a line of JSON and the bytes of the
-tumour's surface, so that its coordinates stay exact and nothing is encoded in the session's thread.
+surfaces, so that coordinates stay exact and nothing is encoded in the session's thread.
 """
 
 import json
@@ -14,7 +14,7 @@ import numpy as np
 from app.case.manifest.margins import MarginEntry
 from app.geometry import FloatArray, FrameError, InputError, SurfaceMesh, Transform
 
-_MAX_LINE = 65_536
+_MAX_LINE = 262_144
 _MAX_POINTS = 10_000_000
 
 
@@ -31,12 +31,24 @@ class RegistrationValues:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SessionValues:
-    """Tips, tumour, registration and margins in force.
+class StructureValues:
+    """A structure that is guarded beside the tumour, with the keys of a ``case.yaml``."""
 
-    ``tumor`` is None while it is that of ``live.yaml``, ``registration`` while none was accepted
-    in the session, ``image_depth_mm`` without several depths of the images. ``items``: the keys of
-    ``case.yaml`` of each display item that an operator can change.
+    surface: SurfaceMesh
+    frame_from_structure: Transform
+    role: str
+    stop_mm: float
+    warn_mm: float
+    sigma_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionValues:
+    """Tips, tumour, structures, registration and margins in force.
+
+    ``tumor`` and ``structures`` are None while they are those of ``live.yaml``, ``registration``
+    while none was accepted in the session, ``image_depth_mm`` without several depths of the
+    images. ``items``: the keys of ``case.yaml`` of each display item that an operator can change.
     """
 
     tool_from_tip: Transform
@@ -48,12 +60,13 @@ class SessionValues:
     registration: RegistrationValues | None = None
     items: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     image_depth_mm: float | None = None
+    structures: tuple[StructureValues, ...] | None = None
 
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:
     """Yield the bytes from which `received_values` makes ``values``."""
     tumor, registered = values.tumor, values.registration
-    shape = None if tumor is None else [tumor.frame, len(tumor.vertices_mm), len(tumor.faces)]
+    structures = values.structures
     yield (
         json.dumps(
             {
@@ -62,17 +75,29 @@ def sent_values(values: SessionValues) -> Iterator[bytes]:
                 "frame_from_tumor": _plain(values.frame_from_tumor),
                 "tumor_sigma_mm": values.tumor_sigma_mm,
                 "margins": asdict(values.margins),
-                "tumor": shape,
+                "tumor": None if tumor is None else _shape(tumor),
                 "registration": None if registered is None else _plain_registration(registered),
                 "items": values.items,
                 "image_depth_mm": values.image_depth_mm,
+                "structures": None
+                if structures is None
+                else [
+                    {
+                        "surface": _shape(each.surface),
+                        "pose": _plain(each.frame_from_structure),
+                        "role": str(each.role),
+                        "distances_mm": [each.stop_mm, each.warn_mm, each.sigma_mm],
+                    }
+                    for each in structures
+                ],
             }
         ).encode()
         + b"\n"
     )
-    if tumor is not None:
-        yield np.ascontiguousarray(tumor.vertices_mm, dtype="<f8").tobytes()
-        yield np.ascontiguousarray(tumor.faces, dtype="<i4").tobytes()
+    surfaces = [each.surface for each in structures or ()]
+    for surface in surfaces if tumor is None else (tumor, *surfaces):
+        yield np.ascontiguousarray(surface.vertices_mm, dtype="<f8").tobytes()
+        yield np.ascontiguousarray(surface.faces, dtype="<i4").tobytes()
 
 
 def received_values(stream: BinaryIO) -> SessionValues:
@@ -93,6 +118,9 @@ def received_values(stream: BinaryIO) -> SessionValues:
             None if registered is None else _registration(registered),
             {name: dict(keys) for name, keys in plain["items"].items()},
             None if depth_mm is None else float(depth_mm),
+            None
+            if plain["structures"] is None
+            else tuple(_structure(stream, each) for each in plain["structures"]),
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(
@@ -113,6 +141,19 @@ def check_frames(values: SessionValues, tool_from_tip: Transform, tumor: Transfo
                 f"{found.source!r} in {found.target!r} as in the session, which began before the "
                 "file was changed"
             )
+
+
+def _shape(surface: SurfaceMesh) -> list[str | int]:
+    return [surface.frame, len(surface.vertices_mm), len(surface.faces)]
+
+
+def _structure(stream: BinaryIO, plain: dict[str, Any]) -> StructureValues:
+    return StructureValues(
+        _surface(stream, *plain["surface"]),
+        _transform(plain["pose"]),
+        str(plain["role"]),
+        *map(float, plain["distances_mm"]),
+    )
 
 
 def _plain(transform: Transform) -> dict[str, Any]:

@@ -114,7 +114,7 @@ class OperatorCommands(StructureCommands):
     def start_recording(self, name: str = "", *, origin: str) -> RecordingStatus:
         """Record the session as a new case called ``name``, or by date. Takes seconds.
 
-        The case contains the tumour, tip, registration and margins in use now; those that are
+        The case contains the structures, tip, registration and margins in use now; those that are
         replaced while it is recorded are noted in it.
 
         Raises `InputError` as `CaseRecorder.start`; the session is not affected.

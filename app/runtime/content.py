@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.case import Case, MarginEntry, RegistrationValues, SessionValues
+from app.case import Case, MarginEntry, RegistrationValues, SessionValues, StructureValues
 from app.fixture import FIXTURE_FRAME, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
@@ -224,6 +224,16 @@ class SessionContent:
             ),
             items={each.name: each.keys for each in self.items},
             image_depth_mm=None if self.image_depth is None else self.image_depth.depth_mm,
+            structures=None
+            if self.structures == initial.structures
+            else tuple(
+                StructureValues(
+                    each.surface,
+                    self.static_edge(each.name),
+                    *(each.role, each.stop_mm, each.warn_mm, each.sigma_mm),
+                )
+                for each in self.structures
+            ),
         )
 
     def setup(self, base: SessionSetup) -> SessionSetup:

@@ -52,7 +52,7 @@ class RequestKind(StrEnum):
     TUMOR = "set_tumor"
     STRUCTURE = "set_structure"
     SWITCH = "switch_structure"
-    """Of a structure that is guarded no more, or again."""
+    """A structure is guarded no more, or again."""
     REGISTRATION = "register"
     RECORD = "record"
     TIP = "set_tip"

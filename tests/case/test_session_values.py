@@ -1,6 +1,7 @@
 """Values of a session reach its recorder unchanged and become those of the recorded case."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from app.case import (
     MarginEntry,
     RegistrationValues,
     SessionValues,
+    StructureValues,
     begin_case,
     load_manifest,
     open_live,
     received_values,
     sent_values,
 )
+from app.case.manifest.structures import as_schema_2
 from app.files.meshes import load_mesh, write_exact_ply
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 
@@ -44,6 +47,40 @@ VALUES = SessionValues(
 )
 
 
+WITH_STRUCTURES = replace(
+    VALUES,
+    structures=tuple(
+        StructureValues(
+            SurfaceMesh(name, np.multiply(BALL.vertices, size), BALL.faces),
+            Transform(frame, name, TURN, [1 / 3, 40.0, -7.1]),
+            *(role, 1.25, 3.5, 0.1),
+        )
+        for name, frame, role, size in (
+            ("chest_wall", "reference", "forbidden", 1 / 3),
+            ("lesion", "needle", "target", 0.7),
+        )
+    ),
+)
+
+
+def test_structures_arrive_unchanged_and_the_stream_goes_on_after_them():
+    for tumor in (VALUES.tumor, None):
+        values = replace(WITH_STRUCTURES, tumor=tumor)
+        stream = io.BytesIO(b"".join(sent_values(values)) + b"next")
+        found = received_values(stream).structures
+        assert stream.read() == b"next"
+        for mine, sent in zip(found, values.structures, strict=True):
+            assert np.array_equal(mine.surface.vertices_mm, sent.surface.vertices_mm)
+            assert np.array_equal(mine.surface.faces, sent.surface.faces)
+            assert mine.surface.frame == mine.frame_from_structure.source
+            pose = mine.frame_from_structure
+            assert pose.target == sent.frame_from_structure.target
+            assert np.array_equal(pose.matrix, sent.frame_from_structure.matrix)
+            assert (mine.role, mine.stop_mm, mine.warn_mm, mine.sigma_mm) == (
+                *(sent.role, sent.stop_mm, sent.warn_mm, sent.sigma_mm),
+            )
+
+
 def test_values_arrive_unchanged_and_the_stream_goes_on_after_them():
     stream = io.BytesIO(b"".join(sent_values(VALUES)) + b"next")
     found = received_values(stream)
@@ -64,7 +101,14 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them():
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"[]\n", b"{}\n", b"\xff\n", b"".join(sent_values(VALUES))[:-5]]
+    "content",
+    [
+        b"",
+        b"[]\n",
+        b"{}\n",
+        b"\xff\n",
+        *(b"".join(sent_values(each))[:-5] for each in (VALUES, WITH_STRUCTURES)),
+    ],
 )
 def test_other_bytes_are_refused(content):
     with pytest.raises(InputError, match=r"^values of the session: .* expected those that a live"):
@@ -82,6 +126,28 @@ def live_file(project_root, tmp_path):
         return path
 
     return written
+
+
+@pytest.mark.parametrize("schema", [1, 2])
+@pytest.mark.parametrize("count", [0, 2])
+def test_case_of_a_recording_has_the_structures_of_the_session(tmp_path, live_file, schema, count):
+    path = live_file()
+    if schema == 2:
+        path.write_text(yaml.safe_dump(as_schema_2(yaml.safe_load(path.read_text()))))
+    values = replace(WITH_STRUCTURES, structures=WITH_STRUCTURES.structures[:count])
+    begin_case(open_live(path), tmp_path / "case", values)
+    manifest = load_manifest(tmp_path / "case")
+    assert manifest.margins.stop_mm == 1.5
+    assert manifest.tumor.frame_from_tumor.translation_mm[2] == 31.7
+    assert len(manifest.structures) == count
+    for mine, sent in zip(manifest.structures, values.structures, strict=True):
+        assert (mine.name, mine.role, mine.sigma_mm) == (sent.surface.frame, sent.role, 0.1)
+        assert (mine.margins.stop_mm, mine.margins.warn_mm) == (1.25, 3.5)
+        pose = sent.frame_from_structure.matrix
+        assert np.array_equal(mine.frame_from_tumor.matrix, pose)
+        found = load_mesh(tmp_path / "case" / mine.shape.path, units="mm", frame=mine.name)
+        bounds = np.array(sent.surface.bounds_mm)
+        assert np.array_equal(np.array(found.bounds_mm), bounds)
 
 
 def test_case_of_a_recording_has_the_values_of_the_session(tmp_path, project_root):

@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--session-values",
         action="store_true",
         help="for a live session: with --until-eof and --config, standard input begins with the "
-        "tumour, tip, registration and margins that it uses at present; they are those of the case",
+        "structures, tip, registration and margins that it uses at present; the case has these",
     )
     add_json(parser)
 

@@ -4,7 +4,8 @@
 
 One line of JSON each, in mm with all digits: ``stamps_ns`` of tool and tumour, ``pose`` (the 4x4
 matrix ``tumor_from_tip``), ``distance_mm``, ``margin_mm`` (stop margin and the part of the
-uncertainty in it). Steps without a known margin are left out.
+uncertainty in it), ``structures`` (name, state, distance and stop margin of each of several). Steps
+without a known margin are left out.
 """
 
 import json
@@ -27,6 +28,15 @@ def plain(step):
         "pose": step.tumor_from_tip.matrix.tolist(),
         "distance_mm": decision.proximity.signed_distance_mm,
         "margin_mm": [decision.margin.stop_mm, decision.margin.tre_mm],
+        "structures": [
+            [
+                each.name,
+                each.decision.state.name,
+                each.decision.proximity.signed_distance_mm,
+                each.decision.margin.stop_mm,
+            ]
+            for each in step.structures
+        ],
     }
 
 

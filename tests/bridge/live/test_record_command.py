@@ -253,5 +253,5 @@ def test_replaced_tumour_is_noted_in_the_recording(
     assert corners == {(0, 0, 0), (0.02, 0, 0), (0, 0.02, 0), (0, 0, 0.02)}
     opened = open_case(case)
     assert any(opened.recorded_frames())
-    note = "changes.yaml: tumour, registration, tip or margins were replaced"
+    note = "changes.yaml: tumour, structures, registration, tip or margins were replaced"
     assert any(note in each for each in opened.notes())

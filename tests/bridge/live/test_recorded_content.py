@@ -17,7 +17,8 @@ from app.case import open_case
 from app.fixture import ProximityEngine
 from app.geometry import SurfaceMesh, Transform
 from app.registration import register_points
-from app.runtime import prepare_live
+from app.runtime import StructureContent, prepare_live
+from app.session import Role
 from tests.bridge.live.replayed_margins import plain
 from tests.bridge.live.test_record_command import TRACKED
 from tests.waiting import DEADLINE_S
@@ -107,8 +108,8 @@ def session(start_sender, live_yaml, tmp_path):
             margins.join()
 
 
-def assert_same(of_session, content, folder: Path):
-    """A replay of the case ``folder`` in another process has the margins of the session."""
+def replayed(of_session, folder: Path):
+    """Pairs of a step of the session and the same step of a replay of the case ``folder``."""
     done = subprocess.run(
         [sys.executable, str(REPLAY), str(folder)], capture_output=True, text=True, check=True
     )
@@ -116,6 +117,12 @@ def assert_same(of_session, content, folder: Path):
     of_case = {tuple(row["stamps_ns"]): row for row in rows}
     pairs = [(of_session[key], of_case[key]) for key in sorted(of_session.keys() & of_case.keys())]
     assert len(pairs) >= FRAMES // 2
+    return pairs
+
+
+def assert_same(of_session, content, folder: Path):
+    """A replay of the case ``folder`` in another process has the margins of the session."""
+    pairs = replayed(of_session, folder)
     case = open_case(folder)
     # The search of a session begins at the closest point of the step before, which may be another
     # one here: the same search, pose by pose, shows whether the contents are the same.
@@ -172,6 +179,46 @@ def test_replay_gives_the_margins_of_a_session_with_another_tumour_tip_and_regis
     of_session = margins.between(since_ns, time.time_ns())
     assert all(each["margin_mm"][1] > 2.0 * 0.45 for each in of_session.values())
     assert_same(of_session, commands.content, status.folder)
+
+
+def test_replay_has_the_states_of_the_structures_that_the_session_guarded(session):
+    commands, margins = session
+    tumor, edge = commands.content.tumor, commands.content.frame_from_tumor
+    for name, shift_mm, role in (
+        ("lesion", 6.0, Role.TARGET),
+        ("vessel", 14.0, Role.FORBIDDEN),
+        ("nerve", 60.0, Role.FORBIDDEN),
+    ):
+        surface = moved(SurfaceMesh(name, tumor.vertices_mm, tumor.faces))
+        pose = Transform(edge.target, name, edge.rotation, edge.translation_mm + shift_mm / 3)
+        structure = StructureContent(surface, role, 1.25, 4.0, 0.3)
+        commands.set_structure(structure, pose, origin="a test")
+    commands.switch_structure("nerve", on=False, reason="far away", origin="a test")
+    status = commands.start_recording("structures", origin="a test")
+    since_ns = time.time_ns()
+    margins.wait_for_breach_after(since_ns)
+    until_ns = time.time_ns()
+    commands.switch_structure("vessel", on=False, reason="resected", origin="a test")
+    commands.stop_recording(origin="a test")
+
+    case = open_case(status.folder)
+    assert [each.name for each in case.manifest.structures] == ["lesion", "vessel"]
+    noted = yaml.safe_load((status.folder / "tracking" / "changes.yaml").read_text())["changes"]
+    assert [change["replaced"] for change in noted] == ["structures"]
+    pairs = replayed(margins.between(since_ns, until_ns), status.folder)
+    found = [list(zip(*(each["structures"] for each in pair), strict=True)) for pair in pairs]
+    assert {len(each) for each in found} == {3}
+    states = set()
+    # The first steps of the replay do not know the hysteresis of the session.
+    for mine, replayed_one in (each for step in found[10:] for each in step):
+        assert mine[0] == replayed_one[0]
+        assert mine[3] == replayed_one[3]
+        # Each search begins at the closest point of the step before.
+        assert mine[2] == pytest.approx(replayed_one[2], abs=0.05)
+        states.add((mine[1], replayed_one[1]))
+    same = [one[1] == other[1] for step in found[10:] for one, other in step]
+    assert np.mean(same) > 0.98
+    assert len({one for one, _ in states}) > 1
 
 
 def test_change_during_a_recording_is_noted_with_its_time_and_not_in_the_case(session, domain_id):

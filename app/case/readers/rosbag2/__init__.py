@@ -46,8 +46,8 @@ def _note_changes(path: Path, note: Note) -> None:
 
     if is_file(path / CHANGES_NAME):
         note(
-            f"{path.name}/{CHANGES_NAME}: tumour, registration, tip or margins were replaced "
-            "during this recording; here they are those of the case throughout"
+            f"{path.name}/{CHANGES_NAME}: tumour, structures, registration, tip or margins were "
+            "replaced during this recording; here they are those of the case throughout"
         )
 
 
