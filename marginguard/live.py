@@ -18,8 +18,10 @@ from app.runtime import (
     SetItemTip,
     SetMargins,
     SetRegistration,
+    SetStructure,
     SetTip,
     SetTumor,
+    SwitchStructure,
 )
 from app.session import StepResult
 from marginguard.constraints import prepare_ros
@@ -38,9 +40,11 @@ __all__ = [
     "Record",
     "SetMargins",
     "SetRegistration",
+    "SetStructure",
     "SetStylusTip",
     "SetTip",
     "SetTumor",
+    "SwitchStructure",
     "live_session",
 ]
 
@@ -60,6 +64,8 @@ class LiveSession:
     >>> stylus = mg.Transform.identity("stylus", "stylus_tip")
     >>> place = mg.Transform.identity("needle", "tumor")
     >>> ball = mg.open_case(mg.example_case()).content.tumor
+    >>> wall = mg.SurfaceMesh("wall", ball.vertices_mm, ball.faces)
+    >>> beside = mg.Transform.identity("reference", "wall")
     >>> corners = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 0.0, 50.0]]
     >>> frames = {"fixed_frame": "reference", "moving_frame": "base"}
     >>> base = mg.register_points(corners, corners, **frames)
@@ -67,12 +73,13 @@ class LiveSession:
     ...     mg.AddNote("first cut"), mg.ChooseDepth(40.0), mg.LengthenNeedle(5.0), mg.Record(True),
     ...     mg.Rearm(seq=4711, nonce=9301742), mg.SetMargins(stop_mm=2.0, warn_mm=6.0),
     ...     mg.SetTip(tip, 0.2), mg.SetStylusTip(stylus, 0.2), mg.SetTumor(place, ball, 0.3),
-    ...     mg.SetRegistration(base),
+    ...     mg.SetRegistration(base), mg.SetStructure(beside, wall, "forbidden", 1.0, 4.0),
+    ...     mg.SwitchStructure("wall", on=False, reason="not in the field"),
     ... ]
     >>> print(*[command.kind for command in commands[:5]])
     note image_depth needle_length record rearm
     >>> print(*[command.kind for command in commands[5:]])
-    set_margins set_tip set_stylus_tip set_tumor register
+    set_margins set_tip set_stylus_tip set_tumor register set_structure switch_structure
     """
 
     def __init__(self, steps: Iterator[StepResult], client: Any) -> None:

@@ -15,7 +15,7 @@ from app.registration import RegistrationResult
 from app.runtime.content import StructureContent
 from app.runtime.display_content import other_depth
 from app.runtime.requests import OperatorRequest, RequestKind
-from app.session import Role
+from app.session.structure import role_of
 
 if TYPE_CHECKING:
     from app.runtime.case_recorder import RecordingStatus
@@ -124,22 +124,26 @@ class SetTumor:
 class SetStructure:
     """Guard a structure beside the tumour. See `OperatorCommands.set_structure`.
 
-    The frame of ``surface`` is its name.
+    The frame of ``surface`` is its name. ``role``: "target" or "forbidden"; raises `InputError` for
+    another one.
     """
 
     kind: ClassVar[str] = RequestKind.STRUCTURE
     loosens: ClassVar = True
     frame_from_structure: Transform
     surface: SurfaceMesh
-    role: Role
+    role: str
     stop_mm: float
     warn_mm: float
     sigma_mm: float = 0.0
 
+    def __post_init__(self) -> None:
+        role_of(self.role)
+
     def apply(self, commands: "OperatorCommands", origin: str) -> str:
         """Add or replace it; returns the new ``setup_id``."""
         values = self.stop_mm, self.warn_mm, self.sigma_mm
-        structure = StructureContent(self.surface, self.role, *values)
+        structure = StructureContent(self.surface, role_of(self.role), *values)
         return commands.set_structure(structure, self.frame_from_structure, origin=origin)
 
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Protocol, TypeVar
 
 from app.fixture import FixtureDecision, MarginParameters, Proximity, SweptProximity
-from app.geometry import Stamp, Transform
+from app.geometry import InputError, Stamp, Transform
 from app.session.path_depth import PathDepth
 
 
@@ -19,6 +19,13 @@ class Role(StrEnum):
 
     TARGET = "target"
     FORBIDDEN = "forbidden"
+
+
+def role_of(text: str) -> Role:
+    """The role that ``text`` names. Raises `InputError` for another text."""
+    if text not in list(Role):
+        raise InputError(f"role: is {text[:40]!r}; expected one of {', '.join(Role)}")
+    return Role(text)
 
 
 class ProximityModel(Protocol):

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.long
 
 COMMANDS = {
     *("AddNote", "ChooseDepth", "LengthenNeedle", "Rearm", "Record", "SetMargins"),
-    *("SetRegistration", "SetStylusTip", "SetTip", "SetTumor"),
+    *("SetRegistration", "SetStructure", "SetStylusTip", "SetTip", "SetTumor", "SwitchStructure"),
 }
 SHOWN_IN = {
     **dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint"),

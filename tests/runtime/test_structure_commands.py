@@ -234,6 +234,11 @@ def test_wrong_request_is_refused_in_one_line_and_changes_nothing(command, error
     assert (last.kind, last.accepted) == (command.kind, False)
 
 
+def test_other_role_is_refused_where_the_command_is_made():
+    with pytest.raises(InputError, match=r"^role: is 'organ'; expected one of target, forbidden$"):
+        vessel(role="organ")
+
+
 def test_more_structures_or_triangles_than_allowed_are_refused(world, monkeypatch):
     monkeypatch.setattr("app.runtime.replacements.MAX_STRUCTURES", 2)
     request(world, vessel(), OFF)

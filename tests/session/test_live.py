@@ -1,5 +1,6 @@
 """Live session in simulated time: times of the steps; old poses make the margin unknown."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,7 @@ from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration
-from app.session import LiveSession, RobotSetup, Session, SessionSetup
+from app.session import LiveSession, RobotSetup, Session, SessionSetup, Structure
 from app.session.live_session import NO_PLAYBACK, PlaybackRule
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
@@ -616,3 +617,29 @@ def test_samples_of_a_refused_playback_do_not_train_the_clock():
     left_out = host.live.left_out()
     assert left_out["samples during a refused playback"] >= 50
     assert "times that the source's clock was set back" not in left_out
+
+
+def test_poses_of_a_structure_are_used_from_when_it_is_added():
+    host = tracked(0, 1000)
+    for at_ms in range(0, 1000, 20):
+        host.arrive(at_ms + 3.1, sample("tracker", "clip", (0.0, 0.0, 0.001 * at_ms), at_ms))
+    ball = AnalyticSphere(1.0)
+    ball.frames = ("vessel", None)
+    pose = Transform("clip", "vessel", np.eye(3), [0.0, 50.0, 0.0])
+
+    def add():
+        with host.live.between_steps() as session:
+            structures = (Structure(pose, ball, 1.0, 3.0),)
+            assert not session.use(replace(session.setup, structures=structures))
+
+    host.at(500, add)
+    steps = host.run(990)
+    assert host.live.edges == (("tracker", "cautery"), ("tracker", "clip"), ("tracker", "needle"))
+    before = [step for at, step in steps if 100 < at < 500]
+    after = [step for at, step in steps if at > 560]
+    assert {len(step.frame.poses) for step in before if step.frame.poses} == {2}
+    assert {len(step.structures) for step in after} == {2}
+    for step in (*before, *after):
+        assert step.decision.state is MarginState.NEGATIVE
+        assert not step.decision.hold
+    assert host.live.left_out()

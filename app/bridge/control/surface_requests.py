@@ -13,7 +13,7 @@ from app.bridge.ros_errors import BridgeError
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.runtime import StructureContent
 from app.runtime.replacements import MAX_LIVE_TRIANGLES
-from app.session import Role
+from app.session.structure import role_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,15 +63,12 @@ class StructureRequest(SurfaceRequest):
     sigma_m: float
 
     def structure(self) -> StructureContent:
-        """The structure in mm. Raises `BridgeError` for another role, and as `surface`."""
-        if self.role not in list(Role):
-            raise BridgeError(f"role: is {self.role[:40]!r}; expected one of {', '.join(Role)}")
+        """The structure in mm. Raises `InputError` for another role, and as `surface`."""
+        role = role_of(self.role)
         stop_mm, warn_mm, sigma_mm = (
             messages.MM_PER_M * each for each in (self.stop_m, self.warn_m, self.sigma_m)
         )
-        return StructureContent(
-            self.surface(self.name), Role(self.role), stop_mm, warn_mm, sigma_mm
-        )
+        return StructureContent(self.surface(self.name), role, stop_mm, warn_mm, sigma_mm)
 
 
 _SurfaceValues = tuple[str, FloatArray, FloatArray, NDArray[Any], NDArray[Any]]

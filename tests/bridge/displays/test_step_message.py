@@ -59,6 +59,12 @@ def test_displayed_step_has_every_number_of_the_step(steps, case):
     assert any(step.decision.proximity and step.decision.proximity.contact for step in steps)
 
 
+def test_structures_that_are_off_are_displayed_with_their_reasons(steps, case):
+    off = {"chest_wall": "not in the field", "nerve": "ä"}
+    found, _ = step_of(sent(replace(steps[0], off=off)), case.content)
+    assert found.off == off
+
+
 def test_edges_lead_to_the_same_poses_in_other_frames(steps, case):
     for step in steps[::7]:
         found = step_of(sent(step), case.content)[0].edges

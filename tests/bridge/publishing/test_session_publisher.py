@@ -14,7 +14,8 @@ from app.bridge.ros_errors import BridgeError
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import StepTiming
+from app.runtime import StepTiming, StructureContent
+from app.session import Role
 from tests.session_content import registered
 from tests.waiting import DEADLINE_S
 
@@ -272,6 +273,23 @@ def test_new_tumor_is_published_with_its_prepared_shapes(
     assert greens == [0.5, 1.0]  # grey until there is a step
     for marker in tumors:
         assert max(point["x"] for point in marker["points"]) == 0.02
+
+
+def test_marker_of_a_structure_that_is_not_guarded_any_more_is_deleted(
+    domain_id, content, make_step, start_receiver
+):
+    vessel = SurfaceMesh("vessel", content.tumor.vertices_mm, content.tumor.faces)
+    edge = Transform.identity("needle", "vessel")
+    both = content.with_structure(StructureContent(vessel, Role.FORBIDDEN, 1.0, 3.0), edge)
+    with SessionPublisher(both, domain_id=domain_id) as ros:
+        receiver = start_receiver(f"{MARKERS}:5:latched")
+        lines = receiver.take(2)
+        ros.prepare(content)(content)
+        ros.publish(make_step(0), StepTiming())
+        lines += receiver.take(3)
+    markers = [marker for line in lines for marker in line["message"]["markers"]]
+    found = [each for each in markers if each["ns"] == "structure/vessel"]
+    assert [(each["action"], each["id"]) for each in found] == [(0, 0), (2, 0)]
 
 
 def test_close_is_idempotent(domain_id, content):

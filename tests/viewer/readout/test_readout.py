@@ -189,3 +189,11 @@ def test_cautery_of_a_silent_session_is_unknown(parts):
         assert values["activation"]["state"] == state.value
         assert {**values, "activation": None} == readout(shown)
         assert readout(told.as_unknown("nothing comes"))["activation"]["state"] == "unknown"
+
+
+def test_structure_that_is_off_is_listed_with_its_reason(parts):
+    known = parts.feed.shown[BREACH_FRAME]
+    step = replace(known.step, off={"chest_wall": "not in the field"})
+    assert readout(replace(known, step=step))["structures"] == [
+        {"name": "chest_wall", "title": "chest wall", "shown": "OFF", "off": "not in the field"}
+    ]
