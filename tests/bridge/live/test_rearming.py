@@ -71,6 +71,10 @@ class Content:
     """Test double of a content."""
 
     margins: None = None
+    structures: tuple[()] = ()
+
+    def with_margins(self, setup):
+        return self
 
 
 CONTENT = Content()
