@@ -65,10 +65,10 @@ class ScenePresenter:
     def set_content(self, content: SessionContent) -> None:
         """Use ``content`` from the next step on.
 
-        Another tumour, tool or robot: everything is removed from the scene, and the next step adds
-        the new parts. Another registration, other margins or another tip of a display item change
-        the nodes that exist. The margin surface is removed if the tumour or the stop margin
-        changed.
+        Another tumour, structure, tool or robot: everything is removed from the scene, and the
+        next step adds the new parts. Another registration, other margins or another tip of a
+        display item change the nodes that exist. The margin surface is removed if the tumour or
+        the stop margin changed.
         """
         if content is self.content:
             return
@@ -336,14 +336,21 @@ class ScenePresenter:
         )
 
 
+def _shown_structures(content: SessionContent) -> list[tuple[object, ...]]:
+    """All by which the models of the structures differ, but their poses in their frames."""
+    return [
+        (each.surface, each.role, content.static_edge(each.name).target)
+        for each in content.structures
+    ]
+
+
 def _has_same_parts(first: SessionContent, second: SessionContent) -> bool:
     """True if both show the same surfaces and the same robot."""
     if (
         first.tumor is not second.tumor
         or first.tool is not second.tool
         or first.tip_frame != second.tip_frame
-        or [each.surface for each in first.structures]
-        != [each.surface for each in second.structures]
+        or _shown_structures(first) != _shown_structures(second)
     ):
         return False
     if first.robot is None or second.robot is None:

@@ -9,10 +9,11 @@ from app.case import Activation
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import ShownItem
+from app.runtime import ShownItem, StructureContent
 from app.scene import ScenePresenter
 from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
+from app.session import Role
 from app.session.step_result import KnownEdges
 from tests.scene.conftest import posed
 
@@ -278,3 +279,24 @@ def test_cautery_has_a_text_node_where_it_is_told(application, present, make_ste
     assert node.GetText() == "UNKNOWN"
     presenter.clear()
     assert application.scene.GetFirstNodeByName("CauteryState") is None
+
+
+def test_structures_that_are_added_moved_and_switched_off_are_shown_as_such(
+    present, content, make_step
+):
+    presenter = present()
+    presenter.show(make_step())
+    assert not presenter.scene.structures.nodes
+    surface = SurfaceMesh("vessel", content.tumor.vertices_mm, content.tumor.faces)
+    vessel = StructureContent(surface, Role.FORBIDDEN, 1.0, 3.0)
+    for parent in ("needle", "reference"):
+        edge = Transform(parent, "vessel", np.eye(3), [50.0, 0.0, 0.0])
+        presenter.set_content(content.with_structure(vessel, edge))
+        presenter.show(make_step())
+        assert [*presenter.scene.structures.nodes] == ["vessel"]
+        before = world(presenter, "needle") if parent == "needle" else np.eye(4)
+        np.testing.assert_allclose(world(presenter, "vessel"), before @ edge.matrix, atol=1e-9)
+    presenter.set_content(content)
+    presenter.show(make_step())
+    assert not presenter.scene.structures.nodes
+    assert presenter.scene.tree.node("vessel") is None
