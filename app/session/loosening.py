@@ -4,6 +4,8 @@ A loosening latches a hold (`app.session.Session.use`). A change that only tight
 once.
 """
 
+from dataclasses import replace
+
 from app.geometry import Transform
 from app.hold import loosened_margins, moved_text, tip_change_text
 from app.registration import RegistrationResult
@@ -31,6 +33,10 @@ class AcknowledgedSetup:
         if not loosens and not self.changes:
             self._setup = after  # tightening needs no consent
             return False
+        # Nor does an added structure, which is missed when it is replaced or off before the re-arm.
+        known = {each.name for each in (*self._setup.structures, *before.structures)}
+        added = tuple(each for each in after.structures if each.name not in known)
+        self._setup = replace(self._setup, structures=(*self._setup.structures, *added))
         self.changes = tuple(loosenings(self._setup, after, self._tumor_change) or [_UNDONE])
         return loosens
 

@@ -138,6 +138,22 @@ def test_structure_that_is_on_again_before_the_rearm_still_needs_it(world):
     assert not rearm(world).decision.hold
 
 
+def test_structure_that_is_added_on_hold_is_named_when_it_changes_before_the_rearm(
+    world,
+):
+    steps(world)
+    looser = world.session.setup.margins.replaced(stop_mm=0.5)
+    world.commands.set_margins(looser, origin="a test")
+    request(world, vessel(), LARGER)
+    of_margins, replaced = world.session.hold_causes
+    assert of_margins.startswith("stop_mm lowered")
+    assert replaced.startswith("structure 'vessel' replaced: THE VOLUME DIFFERS")
+    request(world, OFF)
+    assert world.session.hold_causes == (of_margins, "structure 'vessel' switched off: resected")
+    assert steps(world).decision.hold
+    assert not rearm(world).decision.hold
+
+
 def test_structure_that_is_off_may_be_replaced(world):
     request(world, vessel())
     steps(world)
