@@ -86,7 +86,13 @@ def output(stepping):
 
 
 @pytest.fixture
-def commands(ros, session, output, case, setup, stepping):
+def allowed():
+    """Nodes that may send requests; None for every node."""
+    return
+
+
+@pytest.fixture
+def commands(ros, session, output, case, setup, stepping, allowed):
     """Operator commands of a session of the recorded case, served by the node."""
 
     @contextmanager
@@ -96,7 +102,7 @@ def commands(ros, session, output, case, setup, stepping):
 
     content = replace(content_of(case, setup, tip_only=True), tool=case.tool_mesh())
     made = OperatorCommands(between_steps, content, (output,), holds=StepHolds())
-    OperatorServices(ros, made, OperatorRequests(ros, made.requests, OperatorList(ros, None)))
+    OperatorServices(ros, made, OperatorRequests(ros, made.requests, OperatorList(ros, allowed)))
     return made
 
 
@@ -166,6 +172,22 @@ def test_structure_is_guarded_in_its_units(commands, session, start_receiver):
         distances_mm = each.stop_mm, each.warn_mm, each.sigma_mm
         assert distances_mm == pytest.approx((1.0, 3.0, 0.4))
     assert guarded.frame_from_structure.translation_mm.tolist() == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("allowed", [["/console"]])
+def test_only_operators_change_structures(commands, session, output, start_receiver):
+    listed = []
+    commands.requests.listen(listed.append)
+    sent = structure(), switch(False, "x", "wall")
+    replies = start_receiver(*map(call_of, sent), script=CALLER).take(2)
+    for reply in replies:
+        assert (reply["success"], reply["setup_id"]) == (False, "")
+        assert "has a client and is no operator; expected clients of /console" in reply["message"]
+    assert [(each.kind, each.origin, each.accepted) for each in listed] == [
+        ("set_structure", "ROS", False),
+        ("switch_structure", "ROS", False),
+    ]
+    assert output.contents == [] and session.setup.structures == ()
 
 
 def test_structure_is_switched_off_with_a_reason_and_on(commands, session, output, start_receiver):
