@@ -7,7 +7,7 @@ import pytest
 
 from app.fixture import LimiterParameters, MarginState, Reason, limit_twist
 from app.geometry import FrameError, TrackingStatus, Transform
-from app.session import Role, Session, SessionSetup, Structure
+from app.session import Role, Session, SessionSetup, Structure, off_line
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, lost, sample
 from tests.refusals import refused
 from tests.session.test_tumor_velocity import EXPECTED, breath, joints, make_setup
@@ -263,3 +263,7 @@ def test_corridor_narrower_than_the_margins_allows_no_way_across():
         )
         # Stopped across the corridor, free out of it: the needle is 0.002 mm above the tip.
         np.testing.assert_allclose(twist[:3], [0.0, *way[1:]], atol=0.05)
+
+
+def test_structure_that_is_off_has_a_line_with_its_name_in_words_and_the_reason():
+    assert off_line("chest_wall", "not in the field") == "chest wall: OFF, not in the field"

@@ -34,7 +34,7 @@ default of 10 a burst of another node would drop a valid request."""
 
 
 class OperatorServices:
-    """Serves ``~/set_tumor``, ``~/register``, ``~/record`` and others until the node is closed.
+    """Serves the requests of operators but the re-arm, each by its kind, until the node is closed.
 
     A refused request changes nothing and has a reason.
 
@@ -49,17 +49,14 @@ class OperatorServices:
     ) -> None:
         self._commands = commands
         self._requests = requests
-        structure, switch = RequestKind.STRUCTURE, RequestKind.SWITCH
-        for service, name, handle, kind, received_as in (
-            (SetTumor, "~/set_tumor", self._set_tumor, RequestKind.TUMOR, ArrayRequest),
-            (
-                *(SetStructure, "~/set_structure", self._set_structure),
-                *(structure, StructureArrayRequest),
-            ),
-            (SwitchStructure, "~/switch_structure", self._switch_structure, switch, None),
-            (Register, "~/register", self._register, RequestKind.REGISTRATION, None),
-            (SetBool, "~/record", self._record, RequestKind.RECORD, None),
+        for kind, service, handle, received_as in (
+            (RequestKind.TUMOR, SetTumor, self._set_tumor, ArrayRequest),
+            (RequestKind.STRUCTURE, SetStructure, self._set_structure, StructureArrayRequest),
+            (RequestKind.SWITCH, SwitchStructure, self._switch_structure, None),
+            (RequestKind.REGISTRATION, Register, self._register, None),
+            (RequestKind.RECORD, SetBool, self._record, None),
         ):
+            name = f"~/{kind}"
             check = partial(self._check, kind, name)
             ServiceServer(
                 ros, service, name, handle, in_thread=True, check=check, received_as=received_as

@@ -202,7 +202,7 @@ def _all_counts(counts: Sequence[Counts]) -> Mapping[str, int]:
 def served_operators(
     ros: RosNode, run: LiveRun, config: LiveCase, displays: Sequence[str], instance_id: str
 ) -> Iterator[None]:
-    """Serve ``~/rearm``, ``~/set_tumor``, ``~/register``, ``~/record`` and margins as parameters.
+    """Serve ``~/rearm``, `OperatorServices` and margins as parameters.
 
     And ``~/command`` for displays; the nodes ``displays`` may send it besides the operators of
     ``config``. All of them change the session through the commands of ``run``.
