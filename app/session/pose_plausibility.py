@@ -4,20 +4,20 @@ Pure: reads no clock. A pose that moves as its sensor cannot is not used, and me
 contradict each other are a fault of the margin.
 """
 
-import math
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from types import MappingProxyType
 
-from app.case import PlausibilityEntry, TrackingFrame
+from app.case import JointSample, PlausibilityEntry, TrackingFrame
 from app.fixture import Reason
-from app.geometry import NS_PER_S, Edge, Stamp, TrackedTransform, Transform, shortest_path
-from app.registration import RegistrationDrift, check_drift
+from app.geometry import Edge, Stamp, TrackedTransform, Transform, shortest_path
+from app.registration import RegistrationDrift
+from app.session.joint_check import JointCheck
 from app.session.pose_tree import PoseTree, is_too_far
 from app.session.relations import Problems, Relations
-from app.session.sensor_motion import ZERO, MotionLimits, SensorMotion, Vector
-from app.session.setup import REFERENCE, RobotSetup, SessionSetup
+from app.session.sensor_motion import MotionLimits, SensorMotion
+from app.session.setup import REFERENCE, SessionSetup
 
 
 class MotionCheck:
@@ -79,154 +79,6 @@ class MotionCheck:
         return sensor.update(pose, min(ns, now.ns))
 
 
-MEAN_S = 0.25
-"""Time constant of the mean. It removes the jitter of the tracker, so that a difference that stays
-is found below the bound of a single one; a constant error of velocity v appears as v times this."""
-
-SHARE_OF_BOUND = 0.5
-"""Default limit, as a share of the bound of a single difference. In the simulated case, with a
-registration error, breath and jitter, the mean reaches a quarter of the bound of 5 mm."""
-
-START_NS = NS_PER_S
-"""Time after the first difference from which the mean's start is fixed: four time constants."""
-
-
-class MeanDrift:
-    """Mean of differences (3,) in mm, tracked minus predicted, with exponential weights.
-
-    It is exceeded if both the mean and its change since the start are longer than ``limit_mm``: the
-    error of an accepted registration, which is there from the start, is no drift. An error that
-    grows at ``r`` mm/s from 0 is found before it is ``limit_mm + r * MEAN_S``, and from a constant
-    error of ``e`` mm before ``limit_mm + e + r * MEAN_S``.
-    """
-
-    def __init__(self, limit_mm: float) -> None:
-        self.limit_mm = limit_mm
-        self._mean: Vector = ZERO
-        self._start: Vector = ZERO
-        self._first_ns: int | None = None
-        self._last_ns = 0
-        self._elapsed_ns = 0
-        """Time measured before the clock was set back."""
-
-    @property
-    def length_mm(self) -> float:
-        """Length of the mean."""
-        return math.hypot(*self._mean)
-
-    def update(self, difference: Vector, now: Stamp) -> None:
-        """Add a difference measured at ``now``."""
-        since_ns = now.ns - self._last_ns
-        if self._first_ns is None:
-            self._first_ns, since_ns = now.ns, 0
-            self._mean = self._start = difference
-        elif since_ns < 0:  # the source's clock was set back: what has drifted stays drifted
-            self._elapsed_ns += self._last_ns - self._first_ns
-            self._first_ns, since_ns = now.ns, 0
-            self._mean = difference
-        self._last_ns = now.ns
-        share = 1.0 - math.exp(-since_ns / (MEAN_S * NS_PER_S))
-        a, b, c = self._mean
-        x, y, z = difference
-        self._mean = (a + share * (x - a), b + share * (y - b), c + share * (z - c))
-        if self._elapsed_ns + now.ns - self._first_ns <= START_NS:
-            self._start = self._mean
-
-    @property
-    def exceeded(self) -> bool:
-        """True if the mean has left its limit."""
-        return self.length_mm > self.limit_mm and math.dist(self._mean, self._start) > self.limit_mm
-
-    @property
-    def text(self) -> str:
-        """The mean and its limit."""
-        return (
-            f"the tool is {self.length_mm:.3g} mm from its position by the joints in the mean; "
-            f"expected at most {self.limit_mm:g} mm"
-        )
-
-
-class JointCheck:
-    """Compares the tracked tip with its prediction by joints and registration.
-
-    ``mean_mm`` is the limit of `MeanDrift`; None takes `SHARE_OF_BOUND` of the bound of a single
-    difference.
-    """
-
-    def __init__(self, robot: RobotSetup | None, mean_mm: float | None) -> None:
-        self._robot = robot
-        self._reference_from_root = _reference_from_root(robot)
-        bound_mm = 1.0 if robot is None else robot.max_drift.translation_mm
-        self._mean = MeanDrift(SHARE_OF_BOUND * bound_mm if mean_mm is None else mean_mm)
-        self._drift: RegistrationDrift | None = None
-        self._silent = False
-
-    @property
-    def is_configured(self) -> bool:
-        """True if the robot has joints and a registration: it can contradict the tracker."""
-        robot = self._robot
-        return robot is not None and not robot.follows_tool and robot.registration is not None
-
-    @property
-    def is_silent(self) -> bool:
-        """True if the configured joints are not known now: nothing checks the tracker."""
-        return self._silent
-
-    def drifts(self) -> dict[str, str]:
-        """The last difference and the mean that are beyond their limits, one line each, by name.
-
-        A drift does not end when the joint states stop.
-        """
-        drifts = {}
-        if self._drift is not None and not self._drift.accepted:
-            drifts["single"] = self._drift.reason
-        if self._mean.exceeded:
-            drifts["mean"] = self._mean.text
-        return drifts
-
-    def update(
-        self, links: Mapping[str, Transform], reference_from_tip: Transform | None, now: Stamp
-    ) -> RegistrationDrift | None:
-        """Difference at ``now`` between the tracked ``reference_from_tip`` and its prediction.
-
-        ``links`` are ``root_from_link``, empty while the joints are not known. None where one of
-        the two is not known.
-        """
-        self._silent = self.is_configured and not links
-        robot = self._robot
-        if (
-            robot is None
-            or robot.follows_tool
-            or self._reference_from_root is None
-            or not links
-            or reference_from_tip is None
-        ):
-            return None
-        link = self._reference_from_root @ links[robot.tool_link]
-        # Without a known mount the link gives the tip's position, not its orientation.
-        predicted = (
-            Transform.unchecked(
-                link.target,
-                reference_from_tip.source,
-                reference_from_tip.rotation,
-                link.translation_mm,
-            )
-            if robot.link_from_tip is None
-            else link @ robot.link_from_tip
-        )
-        x, y, z = (reference_from_tip.translation_mm - predicted.translation_mm).tolist()
-        self._mean.update((x, y, z), now)
-        self._drift = check_drift(predicted, reference_from_tip, robot.max_drift)
-        return self._drift
-
-
-def _reference_from_root(robot: RobotSetup | None) -> Transform | None:
-    """The registration with the base renamed to the robot's root link: they are one frame."""
-    if robot is None or robot.registration is None:
-        return None
-    return robot.registration.transform.renamed(source=robot.robot.root_link)
-
-
 SINGLE_SOURCE = "one source: nothing checks the tracker"
 """Text of `StepResult.single_source` for people."""
 
@@ -284,10 +136,14 @@ class Plausibility:
         return self._motion.remove_implausible(frame, self._used)
 
     def drift(
-        self, links: Mapping[str, Transform], reference_from_tip: Transform | None, now: Stamp
+        self,
+        links: Mapping[str, Transform],
+        joints: JointSample | None,
+        reference_from_tip: Transform | None,
+        now: Stamp,
     ) -> RegistrationDrift | None:
         """Difference between the tracked tool and the tool by joints; None if one is not known."""
-        return self._joints.update(links, reference_from_tip, now)
+        return self._joints.update(links, joints, reference_from_tip, now)
 
     def faults(self, poses: PoseTree, now: Stamp) -> Mapping[Reason, str]:
         """The faults of this step, each with one line that names values and limits.

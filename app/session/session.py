@@ -77,7 +77,7 @@ class Session:
         if in_reference.transform is not None:
             reference_from_tip = in_reference.transform @ self.setup.tool_from_tip
         links, robot_problem = self._links.at(frame, reference_from_tip, self._poses.limits)
-        drift = self._plausibility.drift(links, reference_from_tip, frame.stamp)
+        drift = self._plausibility.drift(links, self._links.joints, reference_from_tip, frame.stamp)
         found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}

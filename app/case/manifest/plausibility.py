@@ -175,7 +175,8 @@ class PlausibilityEntry:
         float | None,
         Number(
             "largest mean difference, over about 0.25 s, between the tool's position by tracker "
-            "and by robot; default: half of registration.max_drift_mm",
+            "and by robot, and its largest sudden change; default: half of "
+            "registration.max_drift_mm",
             optional=True,
             above=0.0,
         ),

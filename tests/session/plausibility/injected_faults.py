@@ -36,7 +36,7 @@ class Fault:
 
 
 FAULTS = (
-    *(Fault(f"jump of {mm:g} mm", lambda _, mm=mm: mm) for mm in (100.0, 10.0, 5.0)),
+    *(Fault(f"jump of {mm:g} mm", lambda _, mm=mm: mm) for mm in (100.0, 10.0, 5.0, 4.0)),
     *(Fault(f"turn of {deg:g} degrees", turn_deg=deg) for deg in (180.0, 30.0)),
     Fault("tool and tumour swapped"),
     *(

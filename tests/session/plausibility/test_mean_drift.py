@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.geometry import NS_PER_S, Stamp
-from app.session.pose_plausibility import MEAN_S, START_NS, MeanDrift
+from app.session.joint_check import MEAN_S, START_NS, MeanDrift
 
 pytestmark = pytest.mark.slow
 

@@ -230,6 +230,45 @@ def test_configured_limit_of_the_mean_is_used(touch):
     assert Reason.REGISTRATION_DRIFT in faults(held(session, tracker, joints, 50)[-1])
 
 
+def test_jump_against_the_registration_error_is_found_with_its_second_sample(touch):
+    """The mean of the difference stays within 2.5 mm: only its change shows the jump of 4 mm."""
+    robot, joints = robot_setup(touch)
+    session, tracker = Session(make_setup(robot)), Tracker()
+    tracker.shift = {"cautery": np.array([0.0, -2.0, 0.0])}
+    assert {frozenset(faults(step)) for step in held(session, tracker, joints)} == {frozenset()}
+    tracker.shift = {"cautery": np.array([0.0, 2.0, 0.0])}
+    first, second = held(session, tracker, joints, 2)
+    assert faults(first) == set()
+    assert faults(second) == {Reason.REGISTRATION_DRIFT}
+    assert second.decision.state is MarginState.UNKNOWN
+    assert second.decision.hold
+    assert "within two samples; expected at most 2.5 mm" in second.frames_problem
+    # It lasts for as long as the tool is there, and cannot be re-armed.
+    assert faults(held(session, tracker, joints, 500)[-1]) == {Reason.REGISTRATION_DRIFT}
+    with pytest.raises(NotRearmableError):
+        session.rearm()
+    tracker.shift = {"cautery": np.array([0.0, -2.0, 0.0])}
+    assert faults(held(session, tracker, joints, 50)[-1]) == set()
+
+
+def test_jump_is_found_when_each_sensor_has_a_frame_of_its_own(touch):
+    """Sensors of tf are stamped one after another; joints come with every third frame."""
+    robot, joints = robot_setup(touch)
+    session, tracker = Session(make_setup(robot)), Tracker()
+    found_ms, jumped_ms = [], 3000.0
+    for _ in range(160):
+        if tracker.at_ms == jumped_ms:
+            tracker.shift = {"cautery": np.array([0.0, 4.0, 0.0])}
+        whole = tracker.frame()
+        for late_ms, each in zip((-4.0, -2.0, 0.0), whole.poses, strict=True):
+            at_ms = tracker.at_ms + late_ms
+            stamped = replace(each, stamp=Stamp(round(at_ms * NS_PER_MS)))
+            own = () if late_ms else (joint_sample(joints, at_ms - 1.0),)
+            if Reason.REGISTRATION_DRIFT in faults(session.step(frame(at_ms, stamped, joints=own))):
+                found_ms.append(at_ms)
+    assert jumped_ms + 20.0 <= found_ms[0] <= jumped_ms + 40.0
+
+
 def test_silent_joints_are_lost_redundancy_at_once_and_latch_the_hold(touch):
     robot, joints = robot_setup(touch)
     session, tracker = Session(make_setup(robot)), Tracker()
