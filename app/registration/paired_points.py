@@ -194,7 +194,8 @@ def fit_registration(
     """Return the result for finite pairs (n, 3), before the acceptance is evaluated."""
     check_pair_geometry(fixed, moving)
     transform = fit_rigid(fixed, moving, noise, fixed_frame, moving_frame)
-    residuals = np.linalg.norm(fixed - transform.apply(moving), axis=1)
+    misfits = fixed - transform.apply(moving)
+    residuals = np.linalg.norm(misfits, axis=1)
     fre = math.sqrt(float(np.mean(residuals**2)))
     if noise is None:
         scatter = np.broadcast_to(np.eye(3), (len(fixed), 3, 3))
@@ -216,8 +217,23 @@ def fit_registration(
         accepted=False,
         reason="acceptance is not evaluated",
         method="paired_points",
-        degrees_of_freedom=3 * len(fixed) - 6 if noise is None else None,
+        degrees_of_freedom=_freedom(misfits) if noise is None else None,
     )
+
+
+def _freedom(misfits: FloatArray) -> int:
+    """Degrees of freedom of the variance that is estimated from misfits (n, 3), at most 3n - 6.
+
+    Fewer if the noise differs by direction, as that of a tracker does: those of a sum of three
+    estimated variances (Satterthwaite, "An approximate distribution of estimates of variance
+    components", 1946). Three misfits lie in a plane by construction and do not show it.
+    """
+    count = 3 * len(misfits) - 6
+    scatter = misfits.T @ misfits
+    square = float((scatter * scatter).sum())
+    if len(misfits) == MIN_POINTS or square == 0.0:
+        return count
+    return max(1, round(count * float(np.trace(scatter)) ** 2 / (3.0 * square)))
 
 
 def _motion_covariance(fixed: FloatArray, scatter: FloatArray) -> tuple[FloatArray, float]:

@@ -29,7 +29,8 @@ class RegistrationResult:
         Of the small motion (rad, mm) defined in `app.registration.small_motion`, in the fixed
         frame. None if the uncertainty is not known.
     ``degrees_of_freedom``
-        Degrees of freedom of the noise estimate; None if the noise was given.
+        Degrees of freedom of the noise estimate, fewer where the residuals differ by direction;
+        None if the noise was given.
     ``condition``
         Condition number of the fit, dimensionless and 1 at best: rotations are scaled by the spread
         of the points. NaN for a given registration.

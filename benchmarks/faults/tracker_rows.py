@@ -56,6 +56,8 @@ def tracker_rows() -> Iterator[Row]:
             yield Row(name, variant, partial(_fault, state=state), source, limit, risk)
         limit, risk = (f"{CREEP_BOUND_MM:g} mm", "") if second else ("none", SINGLE_SOURCE)
         yield Row("creep 2 mm/s", variant, _creep, second or "", limit, risk)
+    small = partial(_fault, state={"offset_mm": 4.0})
+    yield Row("tool jumps 4 mm", live, small, "joints", stale)
     silent = partial(_fault, state={"joints": False}, limit_ms=JOINTS_LIMIT_MS)
     limit = f"{JOINTS_LIMIT_MS:g} ms"
     yield Row("joints fall silent", live, silent, "configured joints", limit)
