@@ -69,7 +69,7 @@ def governing_name(step: StepResult) -> str:
 
 def structure_title(name: str) -> str:
     """The name of a structure in words."""
-    return name.replace("_", " ")
+    return "tumour" if name == "tumor" else name.replace("_", " ")
 
 
 def structure_line(structure: StructureStep) -> str:

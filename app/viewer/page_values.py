@@ -14,7 +14,6 @@ from app.session import (
     HOLD,
     SHOWN_STATES,
     SINGLE_SOURCE,
-    BreachList,
     ShownState,
     StepResult,
     advice_text,
@@ -77,7 +76,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         hold=latched,
         rearm=_rearm(shown.seen, decision.state),
         breaches=shown.breaches,
-        history=_history(decision.state, shown.breach_list),
+        history=_history(shown),
         margins=(shown.content.margins.stop_mm, shown.content.margins.warn_mm),
         **_margins(decision, shown.content),
         registration=_registration(shown.content),
@@ -212,12 +211,15 @@ def _values(
     }
 
 
-def _history(state: MarginState, breaches: BreachList) -> str:
+def _history(shown: ViewState) -> str:
     """The breaches so far, which stay after the tool has left the tumour; empty without one."""
-    if not breaches.count:
+    text = shown.breach_list.text
+    if not text:
         return ""
-    now = "clear now, " if state is MarginState.NEGATIVE else ""
-    return f"{now}{breaches.text}"
+    if shown.step.structures:  # those of the others are in the report
+        text = f"{text} (tumour)"
+    now = "clear now, " if shown.step.decision.state is MarginState.NEGATIVE else ""
+    return f"{now}{text}"
 
 
 def _rearm(seen: SeenHold | None, state: MarginState) -> dict[str, int | str] | None:
