@@ -20,6 +20,7 @@ from app.fixture import ProximityEngine
 from app.geometry import Transform
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.truth import Surfaces
+from tests.viewer.pictures import capture
 
 pytestmark = pytest.mark.long
 
@@ -142,9 +143,7 @@ def world(project_root, tmp_path):
     return folder
 
 
-def test_mouse_drags_the_tool_to_the_plane_and_not_further(
-    start, browser, can_draw, judge, world, tmp_path
-):
+def test_mouse_drags_the_tool_to_the_plane_and_not_further(start, browser, can_draw, judge, world):
     words = ("simulate", str(world), "--with", "live", "--with", "control", "--view")
     group = start("-m", "app.cli", *words)
     url = group.line(lambda line: line.startswith("view: http")).removeprefix("view: ")
@@ -165,7 +164,7 @@ def test_mouse_drags_the_tool_to_the_plane_and_not_further(
         if len(distances) and distances[-1] < NEAR_MM and judge.force_n() > PUSH_N:
             pressed += 1
             if pressed == 10:
-                page.screenshot(path=tmp_path / "hand_page.png")
+                capture(page, "hand_page")
     page.mouse.up()
     sent = len(judge.wrenches)
     while len(judge.wrenches) < sent + 100 or judge.force_n(20) > 0.0:

@@ -12,7 +12,7 @@ from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, write_ses
 from tests.bridge.live.conftest import start as start
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import accepted, choose, resize, wait_for
-from tests.viewer.test_operation_page import picture
+from tests.viewer.pictures import picture
 from tests.viewer.test_ultrasound_page import pixels_of
 
 pytestmark = pytest.mark.long
@@ -53,7 +53,7 @@ def test_operator_chooses_another_depth_after_a_question(browser, two_depths, st
         page.click("#us-depth summary")
         expect(page.locator("#us-depth-choice option")).to_have_text(["40 mm", "60 mm"])
         page.select_option("#us-depth-choice", "60")
-        picture(page, "depth", "#us-depth-confirm")
+        picture(page, "ultrasound_depth", "#us-depth-confirm")
         resize(page, 390, 844)
         page.click("#us-depth-confirm", trial=True)  # nothing covers it
         resize(page, 1280, 720)

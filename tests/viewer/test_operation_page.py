@@ -1,11 +1,9 @@
 """The whole workflow on the live page, on a simulated operation: from ultrasound to a report."""
 
 import json
-import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,18 +21,14 @@ from tests.viewer.page_actions import (
     choose,
     confirm,
     download,
-    resize,
     wait_for,
     wait_until_uncovered,
 )
+from tests.viewer.pictures import picture
 from tests.viewer.test_contour_page import click, has_points
 from tests.viewer.test_ultrasound_page import pixels_of
 
 pytestmark = pytest.mark.long
-
-SIZES = {"1920": (1920, 1080), "1440": (1440, 900), "1280": (1280, 800), "390": (390, 844)}
-PICTURES = os.environ.get("MARGINGUARD_WORKFLOW_PICTURES", "")
-"""Folder for a picture of each step and size; none by default."""
 
 COUNT_CLICKS = """
 addEventListener("pointerdown", (event) => {
@@ -42,12 +36,6 @@ addEventListener("pointerdown", (event) => {
 }, true);"""
 MAX_CLICKS = 35
 """From the empty page to the finished recording, but those on the outline in the images."""
-
-HIDE_PATHS = """() => {
-  const paths = document.querySelectorAll("#recording-folder, #request");
-  for (const path of paths) path.style.visibility = "hidden";
-}"""
-"""Folders of this machine do not belong into a picture."""
 
 BORDER_LEVEL = 75.0
 CLICKS = 10
@@ -59,23 +47,6 @@ def operation(start, tmp_path):
     child = start("-m", "app.cli", "simulate", "operation", str(tmp_path / "operation"))
     child.line(lambda line: line.startswith("simulated operation"))
     return child
-
-
-def picture(page, name, part):
-    """Keep a picture of the page at each size, with ``part`` in view, if a folder is given."""
-    if not PICTURES:
-        return
-    for size, (width, height) in SIZES.items():
-        resize(page, width, height)
-        page.locator(part).scroll_into_view_if_needed()
-        page.evaluate(HIDE_PATHS)
-        page.wait_for_timeout(1500)
-        is_covered = True
-        while is_covered:  # on a busy machine pictures are late at a new size
-            wait_until_uncovered(page)
-            page.screenshot(path=Path(PICTURES) / f"workflow_{name}_{size}.png")
-            is_covered = page.evaluate("'lost' in document.body.dataset")
-    resize(page, 1280, 720)
 
 
 def reach(operation, phase):
@@ -110,7 +81,7 @@ def calibrate(page, operation, kind):
     verdict = page.locator("#calibration-verdict")
     expect(verdict).to_have_attribute("data-ok", "true")
     expect(page.locator("#calibration-covered")).to_contain_text("8 of 8")
-    picture(page, kind, "#calibration")
+    picture(page, f"workflow_{kind}", "#calibration")
     page.click("#calibration-stop")
     confirm(page, "calibration-use")
     expect(page.locator("#calibration-title")).to_have_text("")
@@ -161,7 +132,7 @@ def contour(page, operation):
             count += 1
             repeated += click_until_added(page, column, row, count)
         if plane == PLANES // 2:
-            picture(page, "contour", "#ultrasound")
+            picture(page, "workflow_contour", "#ultrasound")
     page.click("#contour-add")
     page.fill("#contour-calibration", "0.5")
     page.press("#contour-calibration", "Tab")
@@ -194,7 +165,7 @@ def test_workflow_from_ultrasound_to_the_report(
         expect(state_of(page, "connect")).to_have_attribute("data-state", "done")
         expect(state_of(page, "contour")).to_have_attribute("data-state", "not done")
         choose(page, "prepare", "connect")
-        picture(page, "connect", "#workflow")
+        picture(page, "workflow_connect", "#workflow")
         clicks.end("connect")
         choose(page, "prepare", "calibrate")
         calibrate(page, operation, "pivot")
@@ -215,14 +186,14 @@ def test_workflow_from_ultrasound_to_the_report(
         reach(operation, "touch")
         verdict = page.locator("#registration-verdict")
         expect(verdict).to_have_attribute("data-ok", "true")
-        picture(page, "register", "#registration")
+        picture(page, "workflow_register", "#registration")
         page.click("#registration-stop")
         confirm(page, "registration-use")
         expect(page.locator("#fre")).to_contain_text("points, FRE")
         clicks.end("register")
 
         choose(page, "operate")
-        picture(page, "hold", "#state-label")
+        picture(page, "workflow_hold", "#state-label")
         confirm(page, "rearm")
         expect(page.locator(".hold")).to_have_count(0)
         page.click("#record summary")
@@ -230,10 +201,10 @@ def test_workflow_from_ultrasound_to_the_report(
         page.click("#record-confirm")
         expect(page.locator("#recording-mark")).to_be_visible()
         reach(operation, "approach")
-        picture(page, "navigate", "#state-label")
+        picture(page, "workflow_navigate", "#state-label")
         reach(operation, "breach")
         expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
-        picture(page, "breach", "#state-label")
+        picture(page, "workflow_breach", "#state-label")
         reach(operation, "retreat")
         expect(page.locator("#state-label")).not_to_have_text("IN TUMOUR")
         expect(page.locator("#breaches li")).to_have_count(1)
@@ -271,7 +242,7 @@ def test_workflow_from_ultrasound_to_the_report(
         expect(page.locator("#breaches li")).to_have_count(1)
         page.locator("#breaches button").first.click()
         expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
-        picture(page, "review", "#state-label")
+        picture(page, "workflow_review", "#state-label")
         page.click("#export summary")
         report = download(page, "#export-report-html").read_text(encoding="utf-8")
         assert f"{breach['min_signed_distance_mm']:.2f} mm" in report

@@ -8,8 +8,8 @@ from tests.bridge.live.conftest import start as start
 from tests.viewer.calibrated_tool import KNOWN_MM, STYLUS, STYLUS_TIP_MM, move, write_session
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import accepted, choose, confirm
+from tests.viewer.pictures import picture
 from tests.viewer.test_calibration_page import look, saved_tip
-from tests.viewer.test_operation_page import picture
 
 pytestmark = pytest.mark.long
 
