@@ -39,7 +39,7 @@ def test_sections_do_not_overlap_and_are_not_cut_off(page, width, height):
     resize(page, width, height)
     boxes = read(
         page,
-        "[...document.querySelectorAll('.bar, .status > *, .view, .side > *, .time')]"
+        "[...document.querySelectorAll('.bar, .status > *, .view, .looks, .side > *, .time')]"
         ".map(e => { const b = e.getBoundingClientRect();"
         " return [b.left, b.top, b.right, b.bottom, e.scrollWidth - e.clientWidth]; })",
     )

@@ -11,7 +11,7 @@ from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
-from app.session import RobotSetup, moment_text
+from app.session import RobotSetup, Role, StructureStep, moment_text
 from app.synthetic.motion import TOUCH_URDF
 from app.viewer.page_values import distance_text, readout, reason_text
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
@@ -44,6 +44,18 @@ def test_unknown_says_what_to_do_and_a_known_state_does_not(parts):
     assert readout(lost)["todo"].startswith("Bring tool and sensors into the tracker's view")
     assert readout(known)["todo"] == ""
     assert "terminal" in readout(known.as_unknown("the session has ended"))["todo"]
+
+
+def test_breaches_of_several_structures_are_named_as_those_of_the_tumour(parts):
+    shown = parts.feed.shown[BREACH_FRAME]
+    step = shown.step
+    path = step.between_frames
+    tumor = StructureStep("tumor", Role.TARGET, step.decision, step.tumor_from_tip, path)
+    wall = replace(tumor, name="chest_wall", role=Role.FORBIDDEN)
+    values = readout(replace(shown, step=replace(step, structures=(tumor, wall))))
+    assert [each["title"] for each in values["structures"]] == ["tumour", "chest wall"]
+    assert values["history"] == f"{readout(shown)['history']} (tumour)"
+    assert readout(shown)["history"].startswith("1 breach so far")
 
 
 def test_known_state_has_its_worst_reason():
