@@ -20,11 +20,12 @@ from app.fixture import ProximityEngine
 from app.geometry import Transform
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.truth import Surfaces
+from tests.viewer.page_actions import choose
 from tests.viewer.pictures import capture
 
 pytestmark = pytest.mark.long
 
-SIZE = {"width": 960, "height": 600}
+SIZE = {"width": 1000, "height": 700}
 """A small page: two cores draw it, simulate and show it in a browser."""
 
 STOP_MM = 1.0
@@ -32,8 +33,8 @@ NEAR_MM = 8.0
 """The tool is at its plane: the stop margin, and what age and errors of the poses add to it."""
 
 PUSH_N = 3.0
-TIP = "trame.state.get('hand')?.tip[1]"
-"""Where the tip is in the picture, in percent of its height from above."""
+FROM_THE_SIDE = """trame.state.get('look') === 'Side' && trame.state.get('orientation').letters
+    .some((each) => each.letter === 'R' && Math.hypot(each.x, each.y) < 0.05)"""
 LIMIT_S = 240.0
 
 
@@ -87,14 +88,12 @@ class Mouse:
     def __init__(self, page):
         self.page = page
         page.locator("button", has_text="Side").click()
-        # This view has the tumour in its centre; the tip is far above the picture.
-        self._wait_for(f"{TIP} < 0")
+        self._wait_for(FROM_THE_SIDE)  # the tip above, the tumour below it
         self.box = page.locator("main.view").bounding_box()
         page.mouse.move(*self._pixel((90.0, 50.0)))
-        while (tip := self._wait_for(TIP)) < 5.0:
-            page.mouse.wheel(0.0, 120.0)  # zoom out until the tip is in the picture
-            self._wait_for(f"{TIP} > {tip} + 0.1")
-        self._target = self._pixel((50.0, 52.0))  # on the tumour
+        page.mouse.wheel(0.0, 120.0)  # no longer follow the tip
+        self._wait_for("trame.state.get('look') !== 'Side'")
+        self._target = self._pixel((50.0, 77.0))  # on the tumour
 
     def press_on(self):
         """Grip the tool where it is not held, and pull its tip to the tumour.
@@ -152,6 +151,7 @@ def test_mouse_drags_the_tool_to_the_plane_and_not_further(start, browser, can_d
     page = context.new_page()
     page.goto(url)
     page.wait_for_selector("body:not([data-lost]) #grip", timeout=60_000)
+    choose(page, "operate")
     mouse = Mouse(page)
     distances, pressed = np.zeros(0), 0
     end_s = time.monotonic() + LIMIT_S

@@ -20,6 +20,7 @@ from app.robot.primitives import cone
 from app.runtime import place_text
 from tests.cli.edited_world import STONE_MM, TABLE_TOP_MM, write_edited_world
 from tests.page_rules import violations
+from tests.viewer.page_actions import press
 from tests.viewer.pictures import picture
 
 pytestmark = pytest.mark.long
@@ -172,6 +173,7 @@ def test_edits_on_the_page_are_those_of_the_physics(simulation, page, judge, bro
     since = judge.messages
     editor.until(lambda: judge.messages > since + 200)
     assert editor.is_at("stone", on_shelf, 0.5)  # a second later
+    press(page, "2")
     picture(page, "world_page", "#world")
 
     vertices, faces = cone(10.0, 30.0)
