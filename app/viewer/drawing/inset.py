@@ -15,6 +15,8 @@ _SIDES = {"right": 0.71, "left": 0.01}
 """Left edge at each side of the picture."""
 _BOTTOM, _SIZE = 0.70, 0.28
 """Parts of the picture's width and height, as the frame in page.css."""
+_LABEL = 0.16
+"""Part of the picture's width that the distance has on the right of the tip."""
 _BACKGROUND = (0.085, 0.115, 0.145)
 
 
@@ -61,7 +63,8 @@ class OverviewInset:
     ) -> None:
         """Draw the models of ``scene`` and ``bodies``; ``camera`` is called when it is placed.
 
-        It changes sides where it would cover one of the points ``uncovered`` (n, 3) in RAS.
+        It changes sides where it would cover one of the points ``uncovered`` (n, 3) in RAS, or
+        the distance beside it.
         """
         if self._covers(self.side, uncovered):
             other = next(side for side in _SIDES if side != self.side)
@@ -87,7 +90,7 @@ class OverviewInset:
             self._main.SetWorldPoint(*point, 1.0)
             self._main.WorldToView()
             x, y = (0.5 * (value + 1.0) for value in self._main.GetViewPoint()[:2])
-            if left <= x <= left + _SIZE and _BOTTOM <= y <= _BOTTOM + _SIZE:
+            if left - _LABEL <= x <= left + _SIZE and _BOTTOM <= y <= _BOTTOM + _SIZE:
                 return True
         return False
 
