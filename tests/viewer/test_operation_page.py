@@ -125,9 +125,10 @@ def contour(page, operation):
     for plane in range(PLANES):
         reach(operation, f"sweep {plane}")
         before = int(part.get_attribute("data-image") or 0)
-        # The images on the way have been sent before the phase was reported.
+        # Images of the motion have been sent before its end was reported, 10 each second; a page
+        # that is not covered shows those of the last 2 s.
         number = "Number(document.querySelector('#ultrasound > div').dataset.image)"
-        wait_for(page, f"{number} > arg + 6", before)
+        wait_for(page, f"{number} > arg + 25", before)
         for column, row in clicks_on(page):
             count += 1
             repeated += click_until_added(page, column, row, count)
