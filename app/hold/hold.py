@@ -97,8 +97,10 @@ class Hold:
         lasting = self._started and any(reason is not Reason.RECOVERING for reason in begun)
         self._latched = self._latched or lasting or doubts
         self._doubted = self._doubted or doubts
+        # A change explains that all is measured anew.
+        explained = {Reason.RECOVERING, Reason.STARTING} if self._changes else {Reason.RECOVERING}
         for reason in faults:
-            if reason is not Reason.RECOVERING:
+            if reason not in explained:
                 self._add_fault(outside.get(reason) or reason.text)
         constraint, reasons = decision.constraint, decision.reasons
         if self._latched:

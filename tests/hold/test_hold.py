@@ -100,6 +100,14 @@ def test_changes_come_before_faults_of_which_the_first_and_the_newest_are_kept()
     assert hold.causes[-1] == "fault 19"
 
 
+def test_a_change_explains_the_measurement_anew():
+    hold = running()
+    hold.change(["tumour replaced"], latch=True)
+    hold.restart()
+    hold.applied(decision(Reason.STARTING), {})
+    assert hold.causes == ("tumour replaced",)
+
+
 def test_the_text_of_the_caller_names_a_fault():
     hold = running()
     hold.applied(decision(Reason.SECOND_SENDER), {Reason.SECOND_SENDER: "process 7 sends too"})
