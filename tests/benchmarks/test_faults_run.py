@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
 def test_faults_are_injected_into_a_running_session(tmp_path: Path, project_root: Path) -> None:
     """Whole program: guard, tracker, controller. The limit is long, because the machine is busy."""
     path = tmp_path / "faults.json"
-    rows = ["INVALID", "NaN", "tool jumps 10 mm (live"]
+    rows = ["INVALID (live*", "NaN", "tool jumps 10 mm (live"]
     options = ["--trials", "1", "--constraint-hz", "100", "--stale-ms", "400"]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.faults", *options, "--json", str(path), "--rows", *rows],
