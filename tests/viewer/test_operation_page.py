@@ -121,14 +121,12 @@ def click_until_added(page, column, row, count):
 def contour(page, operation):
     """Click on the outline in the images of all planes; return the number of points."""
     page.click("#contour-add")
-    part, count, repeated = page.locator("#ultrasound > div"), 0, 0
+    count, repeated = 0, 0
     for plane in range(PLANES):
         reach(operation, f"sweep {plane}")
-        before = int(part.get_attribute("data-image") or 0)
-        # Images of the motion have been sent before its end was reported, 10 each second; a page
-        # that is not covered shows those of the last 2 s.
-        number = "Number(document.querySelector('#ultrasound > div').dataset.image)"
-        wait_for(page, f"{number} > arg + 25", before)
+        # Images of the motion are older than the report of its end.
+        now = time.strftime("%H:%M:%S")
+        wait_for(page, "document.querySelector('#us-time').textContent.slice(0, 8) > arg", now)
         for column, row in clicks_on(page):
             count += 1
             repeated += click_until_added(page, column, row, count)
