@@ -16,14 +16,6 @@ RandomBits = Callable[[int], int]
 """Returns a random integer of that many bits, as `secrets.randbits` does."""
 
 
-class Decided(Protocol):
-    """A structure with the decision on it."""
-
-    @property
-    def decision(self) -> FixtureDecision:
-        """The decision."""
-
-
 class NotRearmableError(MarginGuardError):
     """The hold cannot be ended, because the fault is still present."""
 
@@ -67,34 +59,26 @@ class Hold:
         self,
         decision: FixtureDecision,
         outside: Mapping[Reason, str],
-        parts: Sequence["Decided"] = (),
+        parts: Sequence[FixtureDecision] = (),
     ) -> FixtureDecision:
         """``decision`` with this hold. Call it once for each decision, in their order.
 
-        ``parts``: the structures that it is about, if they are several. One that is added to a
-        known session is UNKNOWN until it is measured, which latches no hold by itself.
+        ``parts``: the decisions on the structures that it is about, if they are several. A
+        structure that is added to a known session is UNKNOWN until it is measured, which latches
+        no hold by itself.
         ``outside``: texts of faults that the caller found, which name them better than the reason.
         """
         self._known = decision.state is not MarginState.UNKNOWN
-        is_starting = Reason.STARTING in decision.reasons
-        self._started = self._started or not is_starting
+        self._started = self._started or Reason.STARTING not in decision.reasons
         if not decision.hold and not self._latched:
             # A hold that ends by itself had no change, because a change is latched.
             self._doubted, self._faults = False, ()
             return decision
         faults = [reason for reason in decision.reasons if reason.is_fault]
         doubts = not POSE_DOUBTS.isdisjoint(faults)
-        begun = faults
-        if is_starting and self._started:  # a structure was added, and is not measured yet
-            decisions = [each.decision for each in parts]
-            begun = [
-                reason
-                for each in decisions
-                if Reason.STARTING not in each.reasons
-                for reason in each.reasons
-                if reason.is_fault
-            ]
-        lasting = self._started and any(reason is not Reason.RECOVERING for reason in begun)
+        begun = [each for each in parts or (decision,) if Reason.STARTING not in each.reasons]
+        found = {reason for each in begun for reason in each.reasons if reason.is_fault}
+        lasting = self._started and not found <= {Reason.RECOVERING}
         self._latched = self._latched or lasting or doubts
         self._doubted = self._doubted or doubts
         # A change explains that all is measured anew.

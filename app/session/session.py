@@ -94,7 +94,7 @@ class Session:
         with self._hold.latched_by_error():
             structures = tuple(each.guard.decide(each) for each in observed)
             combined = self._combined.of(structures, self.setup.proximity.radius_mm)
-            decision = self._hold.applied(combined, found, structures)
+            decision = self._hold.applied(combined, found, [each.decision for each in structures])
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
