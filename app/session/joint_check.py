@@ -76,10 +76,7 @@ class MeanDrift:
             self._first_ns, since_ns = now.ns, 0
             self._mean = difference
         self._last_ns = now.ns
-        share = 1.0 - math.exp(-since_ns / (MEAN_S * NS_PER_S))
-        a, b, c = self._mean
-        x, y, z = difference
-        self._mean = (a + share * (x - a), b + share * (y - b), c + share * (z - c))
+        self._mean = _between(self._mean, difference, _share(since_ns))
         if self._elapsed_ns + now.ns - self._first_ns <= START_NS:
             self._start = self._mean
 
@@ -189,8 +186,7 @@ class SuddenChange:
             return
         self._noise.update(off_mm * off_mm, 1.0)
         self._count += 1
-        share = 1.0 - math.exp((before.ns - ns) / (MEAN_S * NS_PER_S))
-        share = max(share, 1.0 / self._count)
+        share = max(_share(ns - before.ns), 1.0 / self._count)
         self._mean = _between(self._mean, before.difference, share)
         self._velocity = _between(self._velocity, velocity, share)
 
@@ -203,6 +199,11 @@ class SuddenChange:
         elif ns - self._near_since_ns >= ENDS_AFTER_NS:
             self.text = ""
             self._last.clear()
+
+
+def _share(duration_ns: int) -> float:
+    """Weight of a value beside a mean that is ``duration_ns`` older."""
+    return 1.0 - math.exp(-duration_ns / (MEAN_S * NS_PER_S))
 
 
 def _difference(a: Vector, b: Vector) -> Vector:
