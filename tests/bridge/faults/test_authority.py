@@ -14,14 +14,19 @@ PEER, STRUCTURE_PEER = HERE / "authority_peer.py", HERE / "structure_peer.py"
 SENDER = HERE.parent / "live" / "sender.py"
 
 
-def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(
-    start_sender, start, live_yaml, tmp_path
-):
+@pytest.fixture
+def audited(start_sender, start, live_yaml, tmp_path):
+    """A live session with a sender, and its audit log."""
     config = str(live_yaml(TF, stale_after_ms=5_000.0))
     audit = tmp_path / "audit.jsonl"
     options = ("--constraint-hz", "100", "--config", config, "--audit", str(audit))
     live = start("-m", "app.cli", "live", *options)
     start_sender("tf", "again")
+    return live, audit
+
+
+def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(start, audited):
+    live, audit = audited
     peer = start(PEER)
 
     def reported():
@@ -60,14 +65,8 @@ def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(
     assert "Traceback" not in live.log.read_text()
 
 
-def test_structure_is_added_switched_off_and_on_and_replaced_in_a_live_session(
-    start_sender, start, live_yaml, tmp_path
-):
-    config = str(live_yaml(TF, stale_after_ms=5_000.0))
-    audit = tmp_path / "audit.jsonl"
-    options = ("--constraint-hz", "100", "--config", config, "--audit", str(audit))
-    live = start("-m", "app.cli", "live", *options)
-    start_sender("tf", "again")
+def test_structure_is_added_switched_off_and_on_and_replaced_in_a_live_session(start, audited):
+    live, audit = audited
     peer = start(STRUCTURE_PEER)
 
     def reported():
