@@ -109,7 +109,9 @@ def _structures(step: StepResult) -> dict[str, Any]:
         proximity = each.decision.proximity
         distance_mm = None if proximity is None else _finite(proximity.signed_distance_mm)
         state = each.decision.state.name
-        found.append({"name": each.name, "state": state, "signed_distance_mm": distance_mm})
+        values = {"name": each.name, "state": state, "signed_distance_mm": distance_mm}
+        far = each.at_least_mm
+        found.append(values if far is None else values | {"at_least_mm": far})
     return {"structures": found, **off}
 
 

@@ -29,6 +29,7 @@ from .registration_checks import (
     predict_layout_tre,
     predict_tre,
     tre_covariances,
+    tre_growth,
     tre_upper_bound,
 )
 from .registration_result import RegistrationResult, given_registration
@@ -98,6 +99,7 @@ __all__ = [
     "solve_robot_world",
     "tip_transform",
     "tre_covariances",
+    "tre_growth",
     "tre_upper_bound",
     "usable_poses",
 ]

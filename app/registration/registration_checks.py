@@ -63,6 +63,17 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
+def tre_growth(result: RegistrationResult) -> float:
+    """Largest increase of `predict_tre` per mm between two points; 0 without a covariance.
+
+    The errors of two points differ by the small rotation times their difference; a root mean
+    square is at most the sum of those of its parts (Minkowski).
+    """
+    if result.covariance is None:
+        return 0.0
+    return math.sqrt(max(float(np.linalg.eigvalsh(_trace_terms(result)[0])[-1]), 0.0))
+
+
 @lru_cache(maxsize=16)  # called in every step of a session, which has one registration
 def _trace_terms(result: RegistrationResult) -> tuple[FloatArray, FloatArray, float]:
     """Return A, b, c with the trace of ``J C J^T`` at a point p equal to ``p A p - 2 b p + c``."""

@@ -1,28 +1,25 @@
 """Session: one pure step from a tracker frame to a decision with its constraint."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 from app.case import TrackingFrame
-from app.fixture import (
-    Reason,
-)
-from app.geometry import (
-    Edge,
-    FrameError,
-    Transform,
-)
+from app.fixture import Reason
+from app.geometry import Edge, FrameError, Stamp, Transform
 from app.hold import Hold, tightest_margins
+from app.session.combined_decision import CombinedDecision
+from app.session.far_structures import FarDistance, FarStructures
 from app.session.link_poses import RobotLinks
 from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.pose_plausibility import Plausibility
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult, known_edges
-from app.session.structure import Structure
-from app.session.structure_guard import CombinedDecision, StructureGuard
+from app.session.structure import Structure, StructureStep
+from app.session.structure_guard import Observed, StructureGuard
 
 NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
@@ -32,9 +29,12 @@ class Session:
     """Joins tracking, registration, robot and fixture. Reads no clock: frames carry the time.
 
     ``free_motion``: a controller obeys the constraints, so they say how far its tool may move.
+    ``skip_far``: structures that are far are not measured (`app.session.far_structures`).
     """
 
-    def __init__(self, setup: SessionSetup, *, free_motion: bool = False) -> None:
+    def __init__(
+        self, setup: SessionSetup, *, free_motion: bool = False, skip_far: bool = False
+    ) -> None:
         self.setup = self.requested = setup
         self._free_motion = free_motion
         self._static_edges = setup.static_edges
@@ -45,6 +45,7 @@ class Session:
         self._tool_frames = _tool_frames(setup)
         self._guards = [self._guard(each) for each in setup.guarded]
         self._combined = CombinedDecision()
+        self._far = FarStructures(setup) if skip_far else None
         self._links = RobotLinks(setup.robot)
         self._plausibility = Plausibility(setup)
         self._checked_edges: tuple[Edge, ...] = ()
@@ -71,6 +72,8 @@ class Session:
         if problems:  # the clock went back
             for guard in self._guards:
                 guard.forget_path()
+            if self._far is not None:
+                self._far.forget_path()
         tool = self.setup.tool_from_tip.target
         tools = {frame: self._poses.pose(frame, tool) for frame in self._tool_frames}
         in_reference, reference_from_tip = tools[REFERENCE], None
@@ -81,20 +84,17 @@ class Session:
         found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
-        observed = [
-            guard.observe(
-                self._poses,
-                frame.stamp,
-                tools,
-                reference_from_tip,
-                problems | found.keys(),
-            )
-            for guard in self._guards
-        ]
+        observed, far = self._observe(
+            frame.stamp, tools, reference_from_tip, problems | found.keys()
+        )
         with self._hold.latched_by_error():
-            structures = tuple(each.guard.decide(each) for each in observed)
-            combined = self._combined.of(structures, self.setup.proximity.radius_mm)
+            structures = self._decide(observed, far, tools)
+            far_mm = min((each.clearance_mm for each in far.values()), default=math.inf)
+            combined = self._combined.of(structures, self.setup.proximity.radius_mm, far_mm)
             decision = self._hold.applied(combined, found, [each.decision for each in structures])
+        if self._far is not None:
+            decisions = {number: structures[number].decision for number in observed}
+            self._far.end(frame.stamp, far, decisions)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
@@ -122,6 +122,59 @@ class Session:
             half_spaces_of=self._combined.half_spaces_of,
             off=self.setup.off,
         )
+
+    def _observe(
+        self,
+        now: Stamp,
+        tools: Mapping[str, MeasuredPose],
+        reference_from_tip: Transform | None,
+        problems: frozenset[Reason],
+    ) -> tuple[dict[int, Observed], dict[int, FarDistance]]:
+        """Measurements of the structures by number, the first one's first, and the far others.
+
+        The governing structure is measured: the smallest clearance is not that of a far one.
+        """
+
+        def observe(number: int) -> Observed:
+            self._wake(number)
+            guard = self._guards[number]
+            return guard.observe(self._poses, now, tools, reference_from_tip, problems)
+
+        observed = {0: observe(0)}
+        far = {} if self._far is None else self._far.found(tools, observed[0].observation)
+        for number in range(1, len(self._guards)):
+            if number not in far:
+                observed[number] = observe(number)
+        while far:
+            nearest = min(far, key=lambda number: far[number].clearance_mm)
+            measured_mm = min(each.largest_clearance_mm for each in observed.values())
+            if measured_mm <= far[nearest].clearance_mm:
+                break
+            observed[nearest] = observe(nearest)
+            del far[nearest]
+        return observed, far
+
+    def _wake(self, number: int) -> None:
+        """Let the guard of a structure continue if it was far at the last step."""
+        seen = None if self._far is None else self._far.last_seen(number)
+        if seen is not None:
+            self._guards[number].continue_from(*seen)
+
+    def _decide(
+        self,
+        observed: Mapping[int, Observed],
+        far: Mapping[int, FarDistance],
+        tools: Mapping[str, MeasuredPose],
+    ) -> tuple[StructureStep, ...]:
+        decided = {number: each.guard.decide(each) for number, each in observed.items()}
+        for number, distance in far.items():
+            guard = self._guards[number]
+            poses = tools[guard.structure.frame_from_structure.target], tools[REFERENCE]
+            used = poses if self.setup.robot is not None else poses[:1]
+            stamp = min(pose.oldest for pose in used if pose.oldest is not None)
+            seq = decided[0].decision.seq
+            decided[number] = guard.far(distance.at_least_mm, stamp, seq)
+        return tuple(decided[number] for number in range(len(self._guards)))
 
     def hold(self, cause: str, *, doubt: bool = False) -> None:
         """Latch ``hold`` from the next step on, for a ``cause`` that is not visible in the frames.
@@ -182,6 +235,10 @@ class Session:
         self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
         self._tool_frames = _tool_frames(setup)
+        if self._far is not None:
+            for number in range(len(self._guards)):
+                self._wake(number)
+            self._far.use(setup)
         self._plausibility.use(setup, before)
         motion_changed = (setup.tumor_motion, setup.motion_frame) != (
             before.tumor_motion,

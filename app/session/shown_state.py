@@ -9,6 +9,7 @@ A latched hold is a state of the banner: a green CLEAR above it would say "go" a
 It has the dark ground of STOP, text in another colour, and a striped edge.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -73,11 +74,16 @@ def structure_title(name: str) -> str:
 
 
 def structure_line(structure: StructureStep) -> str:
-    """Name, state and distance of a structure, as ``chest wall: CLOSE, 3.1 mm``."""
+    """Name, state and distance of a structure, as ``chest wall: CLOSE, 3.1 mm``.
+
+    A far one is ``at least 52 mm`` away.
+    """
     decision = structure.decision
     display, proximity = margin_display(decision), decision.proximity
     label = "INSIDE" if decision.state is MarginState.POSITIVE else display.label
     line = f"{structure_title(structure.name)}: {label}"
+    if structure.at_least_mm is not None:
+        return f"{line}, at least {math.floor(structure.at_least_mm)} mm"
     if decision.state is MarginState.UNKNOWN or proximity is None:
         return line
     return f"{line}, {proximity.signed_distance_mm:.1f} mm"

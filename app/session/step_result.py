@@ -141,7 +141,7 @@ class StepResult:
     deepest point on the path from the last known pose if the tool passed through the tumour there
     and is outside at both ends; the decision's proximity is then that of this point.
     ``structures`` are the decisions on each structure, the tumour first; empty for the tumour
-    alone. ``decision`` is then that on all of them (`app.session.structure_guard`), and
+    alone. ``decision`` is then that on all of them (`app.session.combined_decision`), and
     ``half_spaces_of`` the number of the structure of each half-space. ``off`` as in `SessionSetup`.
 
     >>> import marginguard as mg

@@ -93,7 +93,9 @@ class StructureStep:
     """One structure at one step, decided by its own margins, without the session's hold.
 
     ``structure_from_tip`` is None while its frame or the tool's is not known; ``between_frames`` as
-    in `StepResult`. All vectors of ``decision`` are in the structure's frame ``name``.
+    in `StepResult`. All vectors of ``decision`` are in the structure's frame ``name``. A far
+    structure was not measured (`app.session.far_structures`): the tool is at least ``at_least_mm``
+    away, the state is NEGATIVE, and its decision has no distance, margin and planes.
     """
 
     name: str
@@ -101,6 +103,7 @@ class StructureStep:
     decision: FixtureDecision
     structure_from_tip: Transform | None
     between_frames: PathDepth | None
+    at_least_mm: float | None = None
 
 
 class Named(Protocol):
@@ -121,8 +124,9 @@ def with_named(structures: Iterable[_Named], new: _Named) -> tuple[_Named, ...]:
 
 
 def governing_number(steps: Sequence[StructureStep]) -> int:
-    """The number of the governing one of ``steps``, at least one."""
-    return min(range(len(steps)), key=lambda number: _rank(steps[number].decision))
+    """The number of the governing one of ``steps``, at least one: never a far structure."""
+    near = (number for number, each in enumerate(steps) if each.at_least_mm is None)
+    return min(near, key=lambda number: _rank(steps[number].decision))
 
 
 def _rank(decision: FixtureDecision) -> tuple[int, float]:

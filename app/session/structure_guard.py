@@ -1,26 +1,21 @@
-"""One structure beside the tool, from step to step, and the decision on all of them."""
+"""One structure beside the tool, from step to step."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, partial
-from typing import TypeAlias
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from app.fixture import (
-    Constraint,
     FixtureDecision,
     MarginMonitor,
     MarginObservation,
+    MarginState,
     Proximity,
     Reason,
     RecentWitnesses,
     path_mm,
-    worst_first,
 )
-from app.fixture.control.constraint import MAX_PLANES
-from app.fixture.proximity.values import FreeMotion, Witnesses
 from app.geometry import (
     FloatArray,
     Freshness,
@@ -33,7 +28,7 @@ from app.registration import RegistrationResult, predict_tre
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity
 from app.session.setup import REFERENCE, SessionSetup
-from app.session.structure import Structure, StructureStep, governing_number
+from app.session.structure import Structure, StructureStep
 
 _DEPTH_TOLERANCE_MM = 0.1
 _DEPTH_EVALUATIONS = 16
@@ -93,6 +88,18 @@ class StructureGuard:
         """The clock went back: no sweep from the pose before the jump."""
         self._last = None
 
+    def continue_from(self, now: Stamp, frame_from_tip: Transform | None) -> None:
+        """Continue after steps at which the structure was far and not measured.
+
+        ``frame_from_tip`` is the tip in the structure's tracked frame at the last of them, at
+        ``now``; None if no path leads from there to the present.
+        """
+        self._monitor.continue_from(now)
+        self._recent, self._velocity, self._last = RecentWitnesses(), self._new_velocity(), None
+        if frame_from_tip is not None:
+            pose = self._structure_from_frame @ frame_from_tip
+            self._last = PathPoint(now, pose, self.structure.proximity.evaluate(pose, now))
+
     def observe(
         self,
         poses: PoseTree,
@@ -100,7 +107,7 @@ class StructureGuard:
         tools: Mapping[str, MeasuredPose],
         reference_from_tip: Transform | None,
         problems: frozenset[Reason],
-    ) -> "_Observed":
+    ) -> "Observed":
         """Measure the structure with the present ``poses``.
 
         ``tools`` are those of the tool by frame: in the structure's, and in the reference frame,
@@ -134,9 +141,9 @@ class StructureGuard:
             unchanged_ns=max(pose.unchanged_ns for pose in used),
             tumor_twist=self._twist(poses, now),
         )
-        return _Observed(self, observation, structure_from_tip, between)
+        return Observed(self, observation, structure_from_tip, between)
 
-    def decide(self, observed: "_Observed") -> StructureStep:
+    def decide(self, observed: "Observed") -> StructureStep:
         """The decision on what `observe` has measured."""
         structure = self.structure
         return StructureStep(
@@ -146,6 +153,22 @@ class StructureGuard:
             observed.structure_from_tip,
             observed.between_frames,
         )
+
+    def far(self, at_least_mm: float, stamp: Stamp | None, seq: int) -> StructureStep:
+        """The step of the structure, which is far and was not measured."""
+        decision = FixtureDecision(
+            MarginState.NEGATIVE,
+            (Reason.CLEAR,),
+            proximity=None,
+            margin=None,
+            constraint=None,
+            hold=False,
+            stamp=stamp,
+            seq=seq,
+            constraint_is_current=True,
+        )
+        structure = self.structure
+        return StructureStep(structure.name, structure.role, decision, None, None, at_least_mm)
 
     def _twist(self, poses: PoseTree, now: Stamp) -> FloatArray | None:
         if self._velocity is None:
@@ -229,7 +252,7 @@ class StructureGuard:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Observed:
+class Observed:
     """Measurement of one structure, before the decision on it."""
 
     guard: StructureGuard
@@ -237,136 +260,10 @@ class _Observed:
     structure_from_tip: Transform | None
     between_frames: PathDepth | None
 
-
-class CombinedDecision:
-    """Joins the decisions on all structures to that of the session, in the tumour's frame.
-
-    The state is the worst. The reasons are those of all structures. Distance and margin are those
-    of the *governing* structure: of the worst state, and among these of the smallest clearance. The
-    constraint holds the planes of all structures, the governing one first, or none that is current
-    unless all are: to leave one structure may mean to approach another.
-    """
-
-    def __init__(self) -> None:
-        self._constraint: Constraint | None = None
-        self.half_spaces_of: tuple[int, ...] = ()
-        """The structure of each half-space, as its number in ``steps``; empty for one structure."""
-
-    def restart(self) -> None:
-        """Forget the planes: a structure, the tool or the registration has changed."""
-        self._constraint = None
-
-    def of(self, steps: Sequence[StructureStep], radius_mm: float) -> FixtureDecision:
-        """The decision on ``steps``, the tumour's first; ``radius_mm`` is that of the tool.
-
-        With one structure it is the decision on that.
-        """
-        if len(steps) == 1:
-            return steps[0].decision
-        governing = governing_number(steps)
-        decision = steps[governing].decision
-        place = cache(partial(_tumor_from, steps))
-        current = all(each.decision.constraint_is_current for each in steps)
-        hold = any(each.decision.hold for each in steps)
-        if current:
-            joined = _joined(steps, governing, place, radius_mm, hold=hold)
-            self._constraint, self.half_spaces_of = (None, ()) if joined is None else joined
-        elif self._constraint is not None:
-            self._constraint = self._constraint.on_hold()
-        stamps = [each.decision.stamp for each in steps]
-        known = [stamp for stamp in stamps if stamp is not None]
-        reasons = {reason for each in steps for reason in each.decision.reasons}
-        if len(reasons) > 1:
-            reasons.discard(Reason.CLEAR)
-        return replace(
-            decision,
-            reasons=worst_first(reasons),
-            proximity=_in_tumor_frame(decision.proximity, governing, place),
-            constraint=self._constraint,
-            hold=hold,
-            seq=steps[0].decision.seq,
-            stamp=min(known) if len(known) == len(stamps) else None,
-            constraint_is_current=current,
-        )
-
-
-def _tumor_from(steps: Sequence[StructureStep], number: int) -> Transform | None:
-    """The structure in the tumour's frame, both as the tool sees them; None if not known."""
-    tumor_from_tip = steps[0].structure_from_tip
-    structure_from_tip = steps[number].structure_from_tip
-    if tumor_from_tip is None or structure_from_tip is None:
-        return None
-    return tumor_from_tip @ structure_from_tip.inverse()
-
-
-_Place: TypeAlias = Callable[[int], Transform | None]
-"""`_tumor_from` of the structures of one step."""
-
-
-def _in_tumor_frame(proximity: Proximity | None, number: int, place: _Place) -> Proximity | None:
-    if number == 0 or proximity is None:
-        return proximity
-    placed = place(number)
-    if placed is None:
-        return None
-    rows = proximity.witnesses.rows.copy()
-    rows[:, 1:4], rows[:, 4:7] = placed.apply(rows[:, 1:4]), placed.apply(rows[:, 4:7])
-    rows[:, 7:] = placed.rotate(rows[:, 7:])
-    return replace(proximity, witnesses=Witnesses.of_rows(rows))
-
-
-def _joined(
-    steps: Sequence[StructureStep],
-    governing: int,
-    place: _Place,
-    radius_mm: float,
-    *,
-    hold: bool,
-) -> tuple[Constraint, tuple[int, ...]] | None:
-    """The planes of all structures in the tumour's frame, `MAX_PLANES` at most, and whose they are.
-
-    The governing plane is first. Of more planes the nearest are kept; the free motion then ends
-    before one of the others is reached: a point of the tool at the lever ``radius_mm`` moves by the
-    way of the tip and the angle times the lever at most.
-    """
-    planes: list[FloatArray] = []
-    owners: list[int] = []
-    free = FreeMotion(math.inf, math.inf)
-    for number in (governing, *(each for each in range(len(steps)) if each != governing)):
-        constraint = steps[number].decision.constraint
-        if constraint is None or steps[number].structure_from_tip is None:
-            return None
-        planes.append(constraint.rows)
-        owners += [number] * len(constraint)
-        free = _smaller(free, constraint.free)
-    rows = np.concatenate(planes)
-    if len(rows) > MAX_PLANES:
-        # A clearance is the same in every frame.
-        clearances = np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
-        order = 1 + np.argsort(clearances[1:], kind="stable")
-        nearest_left_out_mm = max(float(clearances[order[MAX_PLANES - 1]]), 0.0)
-        turn_rad = nearest_left_out_mm / radius_mm if radius_mm > 0.0 else math.inf  # a point
-        free = _smaller(free, FreeMotion(nearest_left_out_mm, turn_rad))
-        kept = [0, *np.sort(order[: MAX_PLANES - 1]).tolist()]
-        rows, owners = rows[kept], [owners[number] for number in kept]
-    for number in set(owners) - {0}:
-        placed = place(number)
-        if placed is None:
-            return None
-        own = np.array(owners) == number
-        rows[own] = _placed_rows(rows[own], placed)
-    return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
-
-
-def _smaller(one: FreeMotion, other: FreeMotion) -> FreeMotion:
-    return FreeMotion(min(one.distance_mm, other.distance_mm), min(one.turn_rad, other.turn_rad))
-
-
-def _placed_rows(rows: FloatArray, placed: Transform) -> FloatArray:
-    """``rows`` (k, 10) of a constraint after a motion: offset, normal, tool point, velocity."""
-    moved = rows.copy()
-    moved[:, 1:4] = placed.rotate(rows[:, 1:4])
-    moved[:, 4:7] = placed.apply(rows[:, 4:7])
-    moved[:, 7:] = placed.rotate(rows[:, 7:])
-    moved[:, 0] += moved[:, 1:4] @ placed.translation_mm
-    return moved
+    @property
+    def largest_clearance_mm(self) -> float:
+        """Upper bound of the clearance by which the structure may govern."""
+        proximity = self.observation.proximity
+        if proximity is None:
+            return -math.inf
+        return proximity.lower_bound_mm - self.guard.structure.stop_mm

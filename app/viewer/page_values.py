@@ -1,5 +1,6 @@
 """Values of the page beside the picture."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,6 +17,7 @@ from app.session import (
     SINGLE_SOURCE,
     ShownState,
     StepResult,
+    StructureStep,
     advice_text,
     banner_states,
     governing_name,
@@ -99,8 +101,6 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
         is_known = not shown.silent and decision.state is not MarginState.UNKNOWN
         display = margin_display(decision) if is_known else SHOWN_STATES[MarginState.UNKNOWN.name]
         title = structure_title(each.name)
-        proximity = decision.proximity
-        distance_mm = None if proximity is None or not is_known else proximity.signed_distance_mm
         found.append(
             {
                 "name": each.name,
@@ -109,7 +109,7 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
                 "shown": display.key,
                 "symbol": display.symbol,
                 "label": "INSIDE" if display.key == MarginState.POSITIVE.name else display.label,
-                "distance": distance_text(distance_mm),
+                "distance": _structure_distance(each) if is_known else distance_text(None),
                 "governs": each is shown.step.governing,
                 "off": "",
             }
@@ -118,6 +118,13 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
         {"name": name, "title": structure_title(name), "shown": "OFF", "off": reason}
         for name, reason in shown.step.off.items()
     ]
+
+
+def _structure_distance(structure: StructureStep) -> str:
+    if structure.at_least_mm is not None:
+        return f"\N{GREATER-THAN OR EQUAL TO} {math.floor(structure.at_least_mm)}"
+    proximity = structure.decision.proximity
+    return distance_text(None if proximity is None else proximity.signed_distance_mm)
 
 
 _MAX_CAUSE_CHARS = 60

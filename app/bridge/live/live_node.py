@@ -147,7 +147,7 @@ def _live_run(
     """The session: steps through the samples of ``inputs`` and gives each step to ``outputs``."""
     config = prepared.config
     live = LiveSession(
-        Session(prepared.setup, free_motion=True),
+        Session(prepared.setup, free_motion=True, skip_far=True),
         host_ns=_host_clock(config.stamps_of_host),
         stamps_of_host=config.stamps_of_host,
         edges=named_edges(config.source),

@@ -1,0 +1,103 @@
+"""A session that does not measure far structures decides as one that measures all."""
+
+import numpy as np
+import pytest
+
+from app.case import TrackingFrame
+from app.fixture import MarginState, Reason
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus
+from app.session import Session
+from app.session.far_structures import BEYOND_MM
+from tests.session.structure_worlds import random_bodies, setup_of, tracker_poses
+
+
+def roaming_frames(rng, count):
+    """A tool that passes among structures at up to 0.3 m/s; every thirtieth frame has a fault."""
+    phases, turn, now_ns = rng.uniform(0.0, 6.0, size=3), rng.normal(size=3), 10**10
+    for at in range(count):
+        now_ns += 20 * NS_PER_MS
+        tip_mm = 120.0 * np.sin(2.0 * np.pi * np.array([0.23, 0.31, 0.17]) * at / 50.0 + phases)
+        turn = turn + 0.02 * rng.normal(size=3)
+        samples = {
+            name: TrackedTransform(pose, Stamp(now_ns), TrackingStatus.OK)
+            for name, pose in tracker_poses(rng, tip_mm, turn).items()
+        }
+        if at > 2 and rng.random() < 1.0 / 30.0:
+            match rng.integers(4):
+                case 0:
+                    lost = str(rng.choice(list(samples)))
+                    samples[lost] = TrackedTransform.lost(
+                        "tracker", lost, Stamp(now_ns), TrackingStatus.OUT_OF_VIEW
+                    )
+                case 1:
+                    del samples[str(rng.choice(list(samples)))]
+                case 2:
+                    now_ns += NS_PER_S  # a gap
+                case 3:
+                    now_ns -= NS_PER_S  # the clock goes back
+        yield TrackingFrame(Stamp(now_ns), tuple(samples.values()), ())
+
+
+def same_decision(found, expected):
+    """The values of a decision that do not depend on planes."""
+    for name in ("state", "reasons", "margin", "hold", "stamp", "constraint_is_current"):
+        assert getattr(found, name) == getattr(expected, name), name
+    assert (found.proximity is None) == (expected.proximity is None)
+    if found.proximity is not None:
+        # A search that starts elsewhere may end elsewhere within the tolerance of far distances.
+        assert found.proximity.lower_bound_mm <= expected.proximity.signed_distance_mm
+        assert expected.proximity.lower_bound_mm <= found.proximity.signed_distance_mm
+        assert found.proximity.contact == expected.proximity.contact
+
+
+def clearances_mm(constraint):
+    rows = constraint.rows
+    return np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
+
+
+def compare(seed, structures, frames):
+    """Returns how many structures were measured, far, and far at a step before they were not."""
+    rng = np.random.default_rng(seed)
+    bodies = random_bodies(rng, structures, spread_mm=100.0)
+    skipping, measuring = (
+        Session(setup_of(bodies), free_motion=True, skip_far=skip) for skip in (True, False)
+    )
+    counts, before = np.zeros(3, int), set()
+    for frame in roaming_frames(rng, frames):
+        found, expected = skipping.step(frame), measuring.step(frame)
+        same_decision(found.decision, expected.decision)
+        assert found.hold_causes == expected.hold_causes
+        assert (found.between_frames is None) == (expected.between_frames is None)
+        far = set()
+        for number, (each, exact) in enumerate(
+            zip(found.structures, expected.structures, strict=True)
+        ):
+            if each.at_least_mm is None:
+                same_decision(each.decision, exact.decision)
+                continue
+            far.add(number)
+            assert each.at_least_mm <= exact.decision.proximity.signed_distance_mm
+            assert exact.decision.state is MarginState.NEGATIVE
+            assert exact.decision.reasons == (Reason.CLEAR,) == each.decision.reasons
+            assert each.decision.stamp == exact.decision.stamp
+            assert number not in found.half_spaces_of
+        if far and found.decision.constraint_is_current:
+            least_mm = min(
+                clearances_mm(expected.structures[number].decision.constraint).min()
+                for number in far
+            )
+            free = found.decision.constraint.free
+            assert free.distance_mm <= least_mm and least_mm > BEYOND_MM
+            assert free.turn_rad * skipping.setup.proximity.radius_mm <= least_mm
+        counts += len(found.structures) - len(far), len(far), len(before - far)
+        before = far
+        if found.decision.hold and found.decision.state is not MarginState.UNKNOWN:
+            skipping.rearm()
+            measuring.rearm()
+    return counts
+
+
+@pytest.mark.parametrize(("seed", "structures"), [(1, 3), (2, 8), (3, 2)])
+def test_far_structures_change_no_decision(seed, structures):
+    measured, far, woken = compare(seed, structures, frames=400)
+    assert far > 50 and measured > 400 and woken > 10
