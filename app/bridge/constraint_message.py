@@ -105,6 +105,7 @@ class ConstraintBuilder:
                     name=each.name,
                     state=int(each.decision.state),
                     signed_distance=_known_distance(each.decision),
+                    lower_bound=_known_bound(each),
                 )
                 for each in structures
             ],
@@ -132,6 +133,16 @@ class ConstraintBuilder:
     def _until(self, stamp: Stamp) -> Stamp:
         """The last time at which planes of ``stamp`` are valid."""
         return stamp.shifted(self._stale_after_ns, stamp.clock)
+
+
+def _known_bound(structure: StructureStep) -> float:
+    """A lower bound of the signed distance in m, NaN if it is not known."""
+    proximity, far_mm = structure.decision.proximity, structure.at_least_mm
+    if far_mm is not None:
+        return _metres(far_mm)
+    if structure.decision.state is MarginState.UNKNOWN or proximity is None:
+        return math.nan
+    return _metres(proximity.lower_bound_mm)
 
 
 def _known_distance(decision: FixtureDecision) -> float:
@@ -326,7 +337,12 @@ def off_messages(off: Mapping[str, str]) -> list[StructureOff]:
 def _structures(message: FixtureConstraint, topic: str) -> tuple[ReceivedStructure, ...]:
     try:
         return tuple(
-            ReceivedStructure(each.name, MarginState(each.state), _mm(each.signed_distance))
+            ReceivedStructure(
+                each.name,
+                MarginState(each.state),
+                _mm(each.signed_distance),
+                _mm(each.lower_bound),
+            )
             for each in message.structures
         )
     except ValueError as error:

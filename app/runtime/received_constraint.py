@@ -8,11 +8,15 @@ from app.fixture import Constraint, MarginState
 
 @dataclass(frozen=True, slots=True)
 class ReceivedStructure:
-    """One of several structures: its state, and its distance in mm, None if it is not known."""
+    """One of several structures: its state, its distance and a lower bound of that, in mm.
+
+    None if it is not known. A far structure has the lower bound alone.
+    """
 
     name: str
     state: MarginState
     signed_distance_mm: float | None
+    lower_bound_mm: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,18 @@
 """A session that does not measure far structures decides as one that measures all."""
 
+import json
+
 import numpy as np
 import pytest
 
 from app.case import TrackingFrame
+from app.cli.live_lines import as_json_line
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus
-from app.session import Session
+from app.session import Session, structure_line
 from app.session.far_structures import BEYOND_MM
+from marginguard import open_case
+from tests.session.far_step import far_step
 from tests.session.structure_worlds import random_bodies, setup_of, tracker_poses
 
 
@@ -95,6 +100,18 @@ def compare(seed, structures, frames):
             skipping.rearm()
             measuring.rearm()
     return counts
+
+
+def test_far_structure_is_written_with_the_bound_of_its_distance(project_root):
+    case = open_case(project_root / "data" / "structures_case")
+    step = far_step(case)
+    _, far, wall = step.structures
+    assert 60.0 < far.at_least_mm < 70.0
+    assert structure_line(far) == f"lesion 2: CLEAR, at least {int(far.at_least_mm)} mm"
+    _, far_values, wall_values = json.loads(as_json_line(step, "", case.content))["structures"]
+    assert (far_values["signed_distance_mm"], far_values["at_least_mm"]) == (None, far.at_least_mm)
+    assert wall_values["signed_distance_mm"] == wall.decision.proximity.signed_distance_mm
+    assert "at_least_mm" not in wall_values
 
 
 @pytest.mark.parametrize(("seed", "structures"), [(1, 3), (2, 8), (3, 2)])

@@ -255,6 +255,8 @@ def _structure_message(step: StructureStep) -> StructureStepMessage:
     )
     if decision.proximity is not None:
         message.proximity = [_proximity_message(decision.proximity)]
+    if step.at_least_mm is not None:
+        message.at_least_mm = [step.at_least_mm]
     if step.structure_from_tip is not None:
         message.structure_from_tip = array("d", _pose_numbers(step.structure_from_tip))
     return message
@@ -269,7 +271,8 @@ def _structure(message: StructureStepMessage, content: SessionContent) -> Struct
     pose = _transforms(message.structure_from_tip)
     decision = _decided(message, constraint=None, stamp=None, seq=0)
     placed = _placed(message.name, content.tip_frame, pose)
-    return StructureStep(message.name, roles[message.name], decision, placed, None)
+    far_mm = message.at_least_mm[0] if len(message.at_least_mm) else None
+    return StructureStep(message.name, roles[message.name], decision, placed, None, far_mm)
 
 
 def _margin_numbers(margin: AppliedMargin | None) -> "array[float]":

@@ -339,7 +339,10 @@ def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
         base=message.base,
         structures=[
             StructureState(
-                name=each.name, state=FixtureConstraint.UNKNOWN, signed_distance=math.nan
+                name=each.name,
+                state=FixtureConstraint.UNKNOWN,
+                signed_distance=math.nan,
+                lower_bound=math.nan,
             )
             for each in message.structures
         ],

@@ -1,5 +1,6 @@
 """A step as a message: the display computes with exactly the numbers of the guard."""
 
+import math
 from array import array
 from dataclasses import fields, replace
 
@@ -10,9 +11,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 import marginguard as mg
 from app.bridge import BridgeError
+from app.bridge.constraint_message import ConstraintBuilder
 from app.bridge.displays.step_message import StepOrigin, seen_of, step_message, step_of
 from app.geometry import TrackedTransform
 from app.hold import SeenHold
+from tests.session.far_step import far_step
 from tests.session.test_step_pickle import assert_same
 
 pytestmark = pytest.mark.slow
@@ -63,6 +66,22 @@ def test_structures_that_are_off_are_displayed_with_their_reasons(steps, case):
     off = {"chest_wall": "not in the field", "nerve": "ä"}
     found, _ = step_of(sent(replace(steps[0], off=off)), case.content)
     assert found.off == off
+
+
+def test_far_structure_is_displayed_with_a_lower_bound_of_its_distance(project_root):
+    case = mg.open_case(project_root / "data" / "structures_case")
+    step, content = far_step(case), case.content
+    assert [each.at_least_mm is None for each in step.structures] == [True, False, True]
+    found, _ = step_of(sent(step), content)
+    for shown, each in zip(found.structures, step.structures, strict=True):
+        assert shown.at_least_mm == each.at_least_mm
+        assert shown.decision.state is each.decision.state
+        assert_same(shown.decision.proximity, each.decision.proximity)
+    message = ConstraintBuilder(content).message(step.decision, structures=step.structures)
+    bounds = [each.lower_bound for each in message.structures]
+    _, far, wall = step.structures
+    assert bounds[1:] == [far.at_least_mm / 1000.0, wall.decision.proximity.lower_bound_mm / 1000.0]
+    assert [math.isnan(each.signed_distance) for each in message.structures] == [False, True, False]
 
 
 def test_edges_lead_to_the_same_poses_in_other_frames(steps, case):

@@ -56,6 +56,9 @@ def test_breaches_of_several_structures_are_named_as_those_of_the_tumour(parts):
     assert [each["title"] for each in values["structures"]] == ["tumour", "chest wall"]
     assert values["history"] == f"{readout(shown)['history']} (tumour)"
     assert readout(shown)["history"].startswith("1 breach so far")
+    far = replace(wall, at_least_mm=52.9)
+    values = readout(replace(shown, step=replace(step, structures=(tumor, far))))
+    assert values["structures"][1]["distance"] == "\N{GREATER-THAN OR EQUAL TO} 52"
 
 
 def test_known_state_has_its_worst_reason():
