@@ -8,7 +8,7 @@ from itertools import count
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from marginguard_msgs.msg import FixtureConstraint, HalfSpace
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureState
 from rclpy.serialization import deserialize_message, serialize_message
 
 from app.bridge.publishing.constraint_stream import ConstraintStream, RawConstraint
@@ -58,6 +58,7 @@ def constraint(frame="tumor", planes=2):
         warn_distance=0.005,
         sigma_tre=0.0002,
         model_id="sha256:1",
+        structures=[StructureState(name="wall", signed_distance=0.02, lower_bound=0.019)],
     )
     for plane in message.half_spaces:
         plane.normal.z = 1.0
@@ -240,6 +241,9 @@ def test_expired_constraint_is_repeated_as_stale_on_hold():
     assert all(plane.tumor_velocity.x == 0.0 for plane in stale.half_spaces)
     assert math.isnan(stale.signed_distance)
     assert math.isnan(stale.lower_bound)
+    (wall,) = stale.structures
+    assert (wall.name, wall.state) == ("wall", FixtureConstraint.UNKNOWN)
+    assert math.isnan(wall.signed_distance) and math.isnan(wall.lower_bound)
 
 
 def test_constraint_after_a_stale_one_is_held_as_latched():
