@@ -8,7 +8,9 @@ from trame_server.state import State
 from app.case import DISPLAY_ITEMS, MAX_DEPTH_MM, ItemKind
 from app.fixture import MarginParameters
 from app.geometry import InputError
-from app.runtime import ITEM_COMMANDS, ChooseDepth, Rearm, Record, SetMargins
+from app.geometry.frames import MAX_FRAME_CHARS
+from app.runtime import ITEM_COMMANDS, ChooseDepth, Rearm, Record, SetMargins, SwitchStructure
+from app.runtime.replacements import MAX_REASON
 from app.scene import MarkerStyle
 from app.scene.margin_display import (
     MAX_SIZE_MM,
@@ -188,7 +190,8 @@ class ImageControls:
 class LiveControls:
     """Re-arms a live session, whose hold the page shows; records it.
 
-    Changes its margins, the lengths of its display items and the depth of its images.
+    Changes its margins, the lengths of its display items and the depth of its images, and switches
+    its structures.
     """
 
     def __init__(self, commands: Commands, operator: LiveOperator) -> None:
@@ -196,6 +199,7 @@ class LiveControls:
         commands.add("rearm", self._rearm, integer(0, _MAX_SEQ), text(len(str(_MAX_NONCE))))
         stop, warn = number(0.0, _MAX_STOP_MM), number(0.0, _MAX_WARN_MM)
         commands.add("margins", self._set_margins, stop, warn, stop, warn)
+        commands.add("switch", self._switch, text(MAX_FRAME_CHARS), boolean, text(MAX_REASON))
         commands.add("record", self._record, boolean, text(_MAX_RECORDING_NAME))
         step = number(-_MAX_LENGTH_STEP, _MAX_LENGTH_STEP)
         for item in DISPLAY_ITEMS:
@@ -207,6 +211,10 @@ class LiveControls:
     def _record(self, start: bool, name: str) -> None:
         if not self._operator.request(Record(start, name.strip())):
             raise InputError("recording: " + _LATER)
+
+    def _switch(self, name: str, on: bool, reason: str) -> None:
+        if not self._operator.request(SwitchStructure(name, on, reason.strip())):
+            raise InputError("structure: " + _LATER)
 
     def _lengthen(self, name: str, by_mm: float) -> None:
         if not self._operator.request(ITEM_COMMANDS[name](by_mm)):

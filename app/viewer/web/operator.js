@@ -1,5 +1,5 @@
-// What an operator types: event notes, and in a live session the margins, the recording and the lengths of items. The
-// fields keep what is being typed while the values of the page change.
+// What an operator types: event notes, and in a live session the margins, the structures that are guarded, the recording
+// and the lengths of items. The fields keep what is being typed while the values of the page change.
 
 const NOTE = `
   <input id="note-text" type="text" maxlength="200" aria-label="Note on this moment" placeholder="note on this moment">
@@ -12,6 +12,13 @@ const MARGINS = `
     <p>Change the margins? Smaller ones hold the robot, and apply when an operator re-arms.</p>
     <button id="margins-confirm" type="button">Change the margins</button>
     <p class="answer" id="margins-answer" role="status"></p></details>`;
+const SWITCH = `
+  <details id="switch"><summary>Switch...</summary>
+    <label>Structure <select id="switch-name"></select></label>
+    <label>Reason <input id="switch-reason" type="text" maxlength="200"></label>
+    <p id="switch-question"></p>
+    <button id="switch-confirm" type="button"></button>
+    <p class="answer" id="switch-answer" role="status"></p></details>`;
 const RECORD = `
   <details id="record"><summary>Start or stop...</summary>
     <label id="record-name-label">Name <input id="record-name" type="text" maxlength="64" pattern="[A-Za-z0-9][A-Za-z0-9_.\\-]*"
@@ -75,6 +82,37 @@ export function listenToOperator(trame) {
         if (!seen || !fields.every((field) => field.value !== "" && field.reportValidity())) return;
         const values = fields.map((field) => Number(field.value));
         if (await send("margins-answer", "margins", [...seen, ...values])) find("margins").open = false;
+      });
+    }
+    const switches = document.querySelector(".switch-tools");
+    if (switches && !switches.firstElementChild) {
+      switches.innerHTML = SWITCH;
+      const name = find("switch-name"), reason = find("switch-reason");
+      const isOff = () => name.selectedOptions[0]?.dataset.off === "true";
+      const ask = () => {
+        reason.required = !isOff();
+        find("switch-question").textContent = isOff()
+          ? "Guard this structure again?"
+          : "Guard this structure no more? The robot is held until an operator re-arms.";
+        find("switch-confirm").textContent = isOff() ? "Switch on" : "Switch off";
+      };
+      find("switch").addEventListener("toggle", () => {
+        const further = trame.state.get("now").structures.slice(1); // the first is the tumour
+        name.replaceChildren(...further.map((each) => {
+          const option = new Option(each.off ? `${each.title}, off` : each.title, each.name);
+          option.dataset.off = Boolean(each.off);
+          return option;
+        }));
+        find("switch-answer").textContent = "";
+        ask();
+      });
+      name.addEventListener("change", ask);
+      find("switch-confirm").addEventListener("click", async () => {
+        if (!name.value || !reason.reportValidity()) return;
+        if (await send("switch-answer", "switch", [name.value, isOff(), reason.value])) {
+          reason.value = "";
+          find("switch").open = false;
+        }
       });
     }
     const record = document.querySelector(".record-tools");

@@ -8,7 +8,16 @@ import pytest
 
 from app.geometry import Transform
 from app.hold import RearmRefusedError
-from app.runtime import ITEM_COMMANDS, ChooseDepth, ImageDepth, Rearm, Record, SetMargins, SetTip
+from app.runtime import (
+    ITEM_COMMANDS,
+    ChooseDepth,
+    ImageDepth,
+    Rearm,
+    Record,
+    SetMargins,
+    SetTip,
+    SwitchStructure,
+)
 from app.viewer import LiveOperator
 from app.viewer.address import Role
 from app.viewer.controls import LiveControls
@@ -122,6 +131,8 @@ def test_malformed_rearm_is_refused(args, page):
     [
         ("rearm", (1, str(2**64 - 1)), Rearm(1, 2**64 - 1)),
         ("margins", (*SEEN, 2.0, 6.0), SetMargins(2.0, 6.0)),
+        ("switch", ("vessel", False, " no field "), SwitchStructure("vessel", False, "no field")),
+        ("switch", ("vessel", True, ""), SwitchStructure("vessel", True)),
         ("needle_length", (5,), ITEM_COMMANDS["needle"](5)),
         ("image_depth", (40, 60), ChooseDepth(60)),
         ("record", (True, " today "), Record(True, "today")),

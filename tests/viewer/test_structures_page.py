@@ -1,0 +1,58 @@
+"""A structure of a live session is switched off and on from the page."""
+
+import pytest
+import yaml
+from playwright.sync_api import expect
+
+from tests.page_rules import violations
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import accepted, choose
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def live_server(serve_live, project_root, tmp_path):
+    """A session with the three structures of the shipped case; no tracker sends poses."""
+    live, case = (
+        yaml.safe_load((project_root / "data" / name).read_text())
+        for name in ("live_example/live.yaml", "structures_case/case.yaml")
+    )
+    for structure in case["structures"][1:]:
+        mesh = structure["mesh"]
+        mesh["path"] = f"package://marginguard/structures_case/{mesh['path']}"
+    del live["tumor"], live["margins"]["stop_mm"], live["margins"]["warn_mm"]
+    tool, robot = live.pop("tool"), live.pop("robot")
+    robot |= {"name": "robot_base", "holds": "cautery", "registration": live.pop("registration")}
+    live |= {"schema": 2, "structures": case["structures"], "robots": [robot]}
+    config = tmp_path / "live.yaml"
+    config.write_text(yaml.safe_dump(live | {"tools": [{"name": "cautery", **tool}]}))
+    return serve_live(config)
+
+
+@pytest.mark.timeout(900)
+def test_structure_is_switched_off_and_on_from_the_page(browser, live_server):
+    with watching(browser, live_server) as watched:
+        page = watched.page
+        row = page.locator("#structures li", has_text="chest wall")
+        choose(page, "operate")
+        expect(row.locator(".state")).to_have_text("? UNKNOWN")
+        page.click("#switch summary")
+        assert page.locator("#switch-name option").all_inner_texts() == ["lesion 2", "chest wall"]
+        page.select_option("#switch-name", "chest_wall")
+        page.click("#switch-confirm")
+        assert page.locator("#switch-reason:invalid").count() == 1
+        page.fill("#switch-reason", "not in the field")
+        assert violations(page) == []
+        page.click("#switch-confirm")
+        expect(row).to_contain_text("not guarded: not in the field")
+        expect(page.locator("#request")).to_contain_text(accepted("switch_structure"))
+        with watching(browser, live_server, live_server.view_url) as seen:
+            expect(seen.page.locator("#structures")).to_contain_text("not in the field")
+            expect(seen.page.locator("#switch")).to_have_count(0)
+        page.click("#switch summary")
+        page.select_option("#switch-name", "chest_wall")
+        expect(page.locator("#switch-question")).to_have_text("Guard this structure again?")
+        page.click("#switch-confirm")
+        expect(row.locator(".state")).to_have_text("? UNKNOWN")
+        assert watched.errors == []
