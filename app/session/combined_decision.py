@@ -7,6 +7,7 @@ from functools import cache, partial
 from typing import TypeAlias
 
 import numpy as np
+import scipy  # loads `scipy.optimize` on first use
 
 from app.fixture import Constraint, FixtureDecision, Proximity, Reason, worst_first
 from app.fixture.control.constraint import MAX_PLANES
@@ -58,6 +59,9 @@ class CombinedDecision:
         reasons = {reason for each in steps for reason in each.decision.reasons}
         if len(reasons) > 1:
             reasons.discard(Reason.CLEAR)
+        planes = self._constraint if current else None
+        if planes is not None and is_narrow(planes.rows, self.half_spaces_of):
+            reasons.add(Reason.NARROW)
         return replace(
             decision,
             reasons=worst_first(reasons),
@@ -136,6 +140,28 @@ def _joined(
         own = np.array(owners) == number
         rows[own] = _placed_rows(rows[own], placed)
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
+
+
+NARROW_MM = 10.0
+"""Way in mm within which a tool may leave the stop margins of all structures at once."""
+
+
+def is_narrow(rows: FloatArray, owners: Sequence[int]) -> bool:
+    """True if the tool is in the stop margins of two structures, and cannot leave all close by.
+
+    ``rows`` (k, 10) are those of a constraint, ``owners`` the structures of its planes. The
+    shortest translation to where all planes have a clearance of at least 0 is a least distance
+    problem (Lawson and Hanson, "Solving Least Squares Problems", 1974, chapter 23); beyond
+    `NARROW_MM` the planes say nothing about the structures.
+    """
+    missing_mm = rows[:, 0] - np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7])
+    if len({owner for owner, mm in zip(owners, missing_mm, strict=True) if mm > 0.0}) < 2:
+        return False
+    problem = np.vstack([rows[:, 1:4].T, missing_mm / NARROW_MM])
+    target = np.array([0.0, 0.0, 0.0, 1.0])
+    share = 1.0 - problem[3] @ scipy.optimize.nnls(problem, target)[0]
+    # The way is sqrt(1 / share - 1) times `NARROW_MM`; without a solution the share is 0.
+    return bool(share < 0.5)
 
 
 def _free_up_to(clearance_mm: float, radius_mm: float) -> FreeMotion:

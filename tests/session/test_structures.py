@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 import trimesh
 
+from app.case import TrackingFrame
+from app.fixture import LimiterParameters, MarginState, Reason, limit_twist
+from app.geometry import Stamp, SurfaceMesh, TrackedTransform, Transform
+from app.session import Role, Session
 from tests.fixture.control.guarded_loop import Guard
-from tests.session.structure_worlds import check_jumps, compare_with_single_sessions, judge_planes
+from tests.session.structure_worlds import (
+    TIP,
+    Body,
+    check_jumps,
+    compare_with_single_sessions,
+    judge_planes,
+    setup_of,
+)
 from tests.session.vessel_pushes import LOSS_MM, STOP_MM, push
 
 pytestmark = pytest.mark.slow
@@ -32,3 +43,38 @@ def test_tool_does_not_enter_a_vessel_beside_the_tumour(project_root, seed):
     cautery = trimesh.load(project_root / "data" / "recorded_case" / "cautery.stl")
     assert push(seed, cautery) >= STOP_MM - LOSS_MM
     assert push(seed, cautery, Guard) < 0.0  # knows the tumour alone
+
+
+def corridor_step(gap_mm, opening_rad=0.0):
+    """The tool between two walls, ``gap_mm`` from each, which open along x by the angle."""
+    bodies = []
+    for name, side in (("s0", 1.0), ("s1", -1.0)):
+        box = trimesh.creation.box([80.0, 10.0, 60.0])
+        turn = Transform.from_rotation_vector(
+            [0.0, 0.0, side * 0.5 * opening_rad],
+            [0.0, side * (1.0 + gap_mm + 5.0), 0.0],
+            target="reference",
+            source=name,
+        )
+        mesh = SurfaceMesh(name, box.vertices, box.faces)
+        bodies.append(Body(mesh, turn, 1.0, 6.0, 0.0, Role.TARGET))
+    stamp, session = Stamp(10**9), Session(setup_of(bodies), free_motion=True)
+    poses = {"reference": Transform.identity("tracker", "reference")}
+    poses["cautery"] = Transform.identity("tracker", "cautery_tip") @ TIP.inverse()
+    samples = [TrackedTransform.valid(pose, stamp) for pose in poses.values()]
+    return session.step(TrackingFrame(stamp, tuple(samples), ()))
+
+
+@pytest.mark.parametrize(
+    ("gap_mm", "opening_rad", "narrow"),
+    [(0.5, 0.0, True), (0.9, 0.0, True), (1.2, 0.0, False), (0.9, 0.5, False)],
+)
+def test_corridor_narrower_than_tool_and_margins_stops_it_and_says_so(gap_mm, opening_rad, narrow):
+    decision = corridor_step(gap_mm, opening_rad).decision
+    assert (Reason.NARROW in decision.reasons) is narrow
+    assert (decision.state, decision.hold) == (MarginState.WARNING, False)
+    if narrow:  # between the walls it is not moved, and can be pulled out
+        for side in (20.0, -20.0):
+            asked = np.array([0.0, side, -20.0, 0.0, 0.0, 0.0])
+            allowed = limit_twist(asked, decision.constraint, np.zeros(3), LimiterParameters())
+            assert allowed[:3] == pytest.approx([0.0, 0.0, -20.0], abs=0.1)
