@@ -86,7 +86,7 @@ def sender(folder: Path, seconds: float, case: Path) -> None:
     frames = list(prepared.case.frames())
     steps = 0
     builder = ConstraintBuilder(prepared.content)
-    session = Session(setup, free_motion=True)
+    session = Session(setup, free_motion=True, skip_far=True)
     for frame in frames[:50]:
         builder.message(session.step(frame).decision)  # kernels are compiled before the run
     period_ns = (frames[-1].stamp.ns - frames[0].stamp.ns) // (len(frames) - 1)
@@ -111,7 +111,7 @@ def sender(folder: Path, seconds: float, case: Path) -> None:
                 break
             time.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
             if frame is frames[0]:
-                session = Session(setup, free_motion=True)
+                session = Session(setup, free_motion=True, skip_far=True)
             decision = session.step(frame).decision
             stream.publish(builder.message(decision), valid_ns=setup.margins.stale_after_ns)
             steps += 1
