@@ -119,7 +119,8 @@ def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(
     project_root: Path, pages: dict[str, str]
 ) -> None:
     tasks = TASK.findall(pages["docs/contributing_guide.md"])
-    assert [int(number) for number, *_ in tasks] == list(range(1, 20))
+    assert len(tasks) > 15
+    assert [int(number) for number, *_ in tasks] == list(range(1, 1 + len(tasks)))
     for _, task, file_cell, tests_cell in tasks:
         (changed,), (tests,) = CODE.findall(file_cell), CODE.findall(tests_cell)
         path = project_root / changed

@@ -131,7 +131,7 @@ class ConstraintBuilder:
         return message
 
     def _until(self, stamp: Stamp) -> Stamp:
-        """The last time at which planes of ``stamp`` are valid."""
+        """The time at which planes of ``stamp`` expire."""
         return stamp.shifted(self._stale_after_ns, stamp.clock)
 
 

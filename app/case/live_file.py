@@ -193,8 +193,8 @@ NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 NODE_NAME_EXPECTED = "a node's name with its namespace, such as /console or /room/console"
 
 _OPERATORS = ListOf(
-    "nodes that may call ~/rearm, ~/set_tumor, ~/set_structure, ~/switch_structure, ~/register and "
-    "set parameters; a guard against mistakes, not against attackers; default: every node",
+    "nodes that may call ~/rearm and the other services that change or record the session, and set "
+    "parameters; a guard against mistakes, not against attackers; default: every node",
     Text("name of a node", pattern=NODE_NAME, expected=NODE_NAME_EXPECTED),
     optional=True,
     if_empty="leave it out to accept every node",

@@ -204,9 +204,6 @@ class StampHistory(Generic[_Value]):
             self._first = 0
 
 
-# Every package calls this module; none compares ages by itself. No clock is read here.
-
-
 class Freshness(Enum):
     """Verdict on one sample. Only ``VALID`` samples may be used or shown as current."""
 

@@ -1,7 +1,8 @@
 """Commands of an operator to a session, each declared once with its arguments.
 
 The service of a live node, the page, the panel and the Python API send and carry out these
-commands and no others. To add one: declare it here, with its kind in `RequestKind`.
+commands and no others. To add one: declare it here, with its kind in `RequestKind` and its rate in
+`ADMITTED`.
 """
 
 from collections.abc import Callable

@@ -30,8 +30,8 @@ class ReceivedConstraint:
     ``instance_id`` is another run of the session, which does not know earlier holds: stop.
     ``rearm_nonce`` identifies a hold that has to be re-armed, 0 if none has. ``hold_causes`` are
     texts on what began and prolonged the hold. ``simulated``: the poses are not those of a patient.
-    ``setup_id`` changes with the tumour, its pose and the registration. ``max_tool_speed_mm_s`` and
-    ``max_tool_turn_rad_s`` are what the margins assume of the tool.
+    ``setup_id`` changes with the structures, their poses and the registration.
+    ``max_tool_speed_mm_s`` and ``max_tool_turn_rad_s`` are what the margins assume of the tool.
     ``planes_current``: the half-spaces belong to the tool's present pose; otherwise no motion is
     allowed. ``single_source``: nothing independent can contradict the tracker. ``structures`` are
     empty where the tumour is the only one; ``half_spaces_of`` has the number of the structure of
