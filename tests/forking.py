@@ -120,7 +120,8 @@ class ForkedProcess:
     def send_signal(self, number: int) -> None:
         """Send the signal if the process still runs."""
         if self.poll() is None:
-            os.kill(self.pid, number)
+            with contextlib.suppress(ProcessLookupError):  # its parent reaps it before it tells
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         """Send SIGKILL."""
@@ -144,8 +145,9 @@ class WarmParent:
 
     def __init__(self, modules: Sequence[str]) -> None:
         self._socket, other = socket.socketpair()
-        # One thread: the threads of a BLAS would not exist in a forked process.
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        # One thread: the threads of a BLAS would not exist in a forked process. Its output is
+        # buffered, as that of a user's command is.
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": ""}
         with other:
             self._server = subprocess.Popen(
                 [sys.executable, __file__, str(other.fileno()), *modules],

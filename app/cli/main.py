@@ -6,6 +6,7 @@ terminated, 141 when the reader of standard output has closed it, as shells repo
 
 import atexit
 import gc
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -134,8 +135,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as end:
         return TERMINATED if isinstance(end, Terminated) else INTERRUPTED
     except BrokenPipeError:
-        # Nothing more can be printed, but the caller must not take this for success.
-        sys.stderr.close()
+        # Nothing more can be printed, but the caller must not take this for success. What is
+        # buffered goes nowhere, so that the interpreter does not fail to write it as it ends.
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
         return NO_READER
     except Exception as error:
         from app.geometry import MarginGuardError

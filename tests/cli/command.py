@@ -5,11 +5,14 @@ import json
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from app.cli.main import main
-from app.report import ReplayLog
+from app.report import ReplayLog, ReplayRecord, summarise
 from app.report.rows import margin_csv
 from app.runtime import ReplayRun, prepare_case
 
@@ -47,6 +50,26 @@ def run_json(*words: object, status: int = 0) -> Any:
     return json.loads(run(*words, "--json", status=status).out)
 
 
+@cache
+def replayed(case: Path) -> tuple[Any, bytes]:
+    """The summary of a replay without ROS, and the bytes of its ``margin.csv``; one for all tests.
+
+    The other files of a report take seconds.
+    """
+    records = []
+
+    def summary_of(record: ReplayRecord) -> dict[str, Any]:
+        records.append(record)
+        return summarise(record)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.report.summarise", summary_of)
+        summary = run_json("replay", case, "--no-ros")
+    (record,) = records
+    others = {each.name: each.rows for each in record.structures}
+    return summary, margin_csv(record.rows, others).encode()
+
+
 def refused(*words: object) -> str:
     """The one line with which a command refuses bad input; nothing else is printed."""
     printed = run(*words, status=2)
@@ -60,4 +83,5 @@ def margin_table(case: Path, rate: float | None = None) -> bytes:
     log, prepared = ReplayLog(), prepare_case(case)
     for _ in ReplayRun(prepared, clock_ns=time.monotonic_ns, rate=rate, outputs=[log]).steps():
         pass
-    return margin_csv(log.rows).encode()
+    others = {name: each.rows for name, each in log.structures.items()}
+    return margin_csv(log.rows, others).encode()

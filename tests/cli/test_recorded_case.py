@@ -5,7 +5,7 @@ import json
 import pytest
 import yaml
 
-from tests.cli.command import margin_table, run, run_json
+from tests.cli.command import margin_table, replayed, run, run_json
 from tests.cut_case import write_cut_case
 from tests.ros_domain import domain_id as domain_id
 from tests.shipped_case import SHAFT, SHIPPED_CASE
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def summary():
     """Summary of a replay of the whole case."""
-    return run_json("replay", SHIPPED_CASE, "--no-ros")
+    return replayed(SHIPPED_CASE)[0]
 
 
 @pytest.fixture(scope="module")

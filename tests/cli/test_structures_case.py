@@ -1,15 +1,16 @@
 """Cases of schema 2 by the command line: ground truth of the shipped one, conversion of others."""
 
 import csv
+import shutil
 
 import pytest
 import yaml
 
 from app.case import open_case
 from app.cli.main import main
-from tests.cli.command import margin_table, run_json
+from tests.cli.command import margin_table, replayed, run_json
 from tests.cut_case import write_cut_case
-from tests.shipped_case import SHAFT, SHIPPED_CASE
+from tests.shipped_case import BASE, SHAFT, SHIPPED_CASE
 
 pytestmark = pytest.mark.slow
 
@@ -17,15 +18,8 @@ CASE = SHIPPED_CASE.parent / "structures_case"
 FURTHER = ["lesion_2", "chest_wall"]
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory):
-    """Report of a replay of the whole case."""
-    folder = tmp_path_factory.mktemp("report")
-    return folder, run_json("replay", CASE, "--no-ros", "--report", folder)
-
-
-def test_every_check_of_the_case_passes(out):
-    _, summary = out
+def test_every_check_of_the_case_passes():
+    summary, _ = replayed(CASE)
     expected = yaml.safe_load((CASE / "expected.yaml").read_text())
     assert [check["result"] for check in summary["expected"]] == ["pass"] * len(summary["expected"])
     assert [each["name"] for each in summary["structures"]] == FURTHER
@@ -40,12 +34,12 @@ def test_every_check_of_the_case_passes(out):
         assert len(checks) == 2 * len(intervals) + 1
 
 
-def test_tumour_is_decided_as_in_the_case_with_the_tumour_alone(out):
+def test_tumour_is_decided_as_in_the_case_with_the_tumour_alone():
     """But for ``latched``: the hold is that of the session."""
-    folder, summary = out
+    summary, table = replayed(CASE)
     rows, alone = (
-        list(csv.DictReader(text.splitlines()))
-        for text in ((folder / "margin.csv").read_text(), margin_table(SHIPPED_CASE).decode())
+        list(csv.DictReader(text.decode().splitlines()))
+        for text in (table, replayed(SHIPPED_CASE)[1])
     )
     of_structures = [key for key in rows[0] if key not in alone[0]]
     assert of_structures == [
@@ -57,6 +51,22 @@ def test_tumour_is_decided_as_in_the_case_with_the_tumour_alone(out):
         true["reasons"] = ";".join(r for r in true["reasons"].split(";") if r != "latched")
         assert row.items() >= true.items()
     assert summary["inside_frames"] > 0
+
+
+def test_report_has_the_columns_of_each_structure(tmp_path, without_scene):
+    case = write_cut_case(tmp_path / "case", SHAFT["start_s"] - 1.0, 3.0)
+    values = yaml.safe_load((CASE / "case.yaml").read_text())
+    del values["expected"]
+    values["recording"] = {"path": "tracking.mcap"}
+    values["robots"][0]["registration"] = {"method": "given", "matrix": BASE}
+    (case / "case.yaml").write_text(yaml.safe_dump(values))
+    for name in FURTHER:
+        shutil.copy(CASE / f"{name}.stl", case)
+    summary = run_json("replay", case, "--no-ros", "--report", tmp_path / "report")
+    assert [len(each["breaches"]) for each in summary["structures"]] == [2, 1]
+    rows = list(csv.DictReader((tmp_path / "report" / "margin.csv").read_text().splitlines()))
+    for name in FURTHER:
+        assert {"POSITIVE", "WARNING"} <= {row[f"{name}_state"] for row in rows}
 
 
 def test_case_in_schema_2_gives_the_same_table(tmp_path):
