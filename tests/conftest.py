@@ -2,6 +2,7 @@
 
 import gc
 import os
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -73,10 +74,17 @@ def _path(argument: str) -> str:
     return argument.partition("::")[0]
 
 
+def _scope(path: str) -> str:
+    """Files that one worker runs: the folder in `TOGETHER`, or else the file itself."""
+    return next((folder for folder in TOGETHER if path.startswith(folder)), path)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the most expensive files first, so that the workers end together."""
-    seconds = seconds_by_file()
-    items.sort(key=lambda item: -seconds.get(_path(item.nodeid), 0.0))
+    """Run the most expensive files and folders first, so that the workers end together."""
+    seconds = Counter[str]()
+    for path, time_s in seconds_by_file().items():
+        seconds[_scope(path)] += time_s
+    items.sort(key=lambda item: -seconds[_scope(_path(item.nodeid))])
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -92,8 +100,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
     class Scheduling(LoadFileScheduling):  # type: ignore[misc]
         def _split_scope(self, nodeid: str) -> str:
-            path = _path(nodeid)
-            return next((folder for folder in TOGETHER if path.startswith(folder)), path)
+            return _scope(_path(nodeid))
 
     return Scheduling(config, log)
 

@@ -13,6 +13,7 @@ import contextlib
 import ctypes
 import gc
 import importlib
+import inspect
 import io
 import json
 import os
@@ -37,6 +38,7 @@ _MESSAGES = {
 }
 PLAIN = (
     *("numpy", "pyigtl", "rclpy.action", "rclpy.executors", "rclpy.serialization"),
+    *("rosidl_generator_py", "type_description_interfaces.msg"),
     *(
         f"{name}.{folder}" if "_" in name else f"{name}_msgs.{folder}"
         for folder, names in _MESSAGES.items()
@@ -49,6 +51,7 @@ COMMAND = (
     *("app.cli.main", "app.cli.replay_report", "app.analysis", "app.report", "app.runtime"),
     *("app.bridge.calls", "app.bridge.control", "app.bridge.live", "app.case.readers.mrml"),
     *("app.cli.live_lines", "app.robot.link_kernel", "jinja2", "yaml", "yourdfpy"),
+    "rosbags.typesys.stores.ros2_jazzy",
     "tests.loaded_kernels",
 )
 """Modules of the commands of this project."""
@@ -331,6 +334,8 @@ def main() -> None:
         threads = sum(1 for _ in Path("/proc/self/task").iterdir()) - 1
         if threads > _LTTNG_THREADS:
             sys.exit(f"{modules} have started {threads} threads, which a fork would lose")
+        # rclpy finds the caller of a log message by a function that looks at all modules once.
+        inspect.getmodule(inspect.currentframe())
         gc.collect()
         gc.freeze()  # no collection of a forked process scans what it shares with this one
         request = _Server(requests).serve()
