@@ -137,8 +137,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # Nothing more can be printed, but the caller must not take this for success. What is
         # buffered goes nowhere, so that the interpreter does not fail to write it as it ends.
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
         return NO_READER
     except Exception as error:
         from app.geometry import MarginGuardError

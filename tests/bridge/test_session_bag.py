@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from app.cli.bag_writing import BagProcess, bag_of
 from app.cli.main import main
 from app.geometry import SurfaceMesh
-from app.runtime import ReplayRun, prepare_case
+from app.runtime import PreparedCase, ReplayRun, prepare_case
 from tests.cli.small_case import FRAMES, write_small_case
 
 pytestmark = pytest.mark.slow
@@ -27,6 +27,11 @@ MARKERS = "/marginguard/markers"
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_small_case(tmp_path_factory.mktemp("bag") / "case")
+
+
+@pytest.fixture(scope="module")
+def prepared(case: Path) -> PreparedCase:
+    return prepare_case(case)
 
 
 @pytest.fixture(scope="module")
@@ -53,14 +58,14 @@ def decoded(folder: Path) -> list[tuple[str, int, object]]:
         ]
 
 
-def test_rosbags_reads_the_distances_of_the_replay(case, messages):
+def test_rosbags_reads_the_distances_of_the_replay(prepared, messages):
     distances = [message.data for topic, _, message in messages if topic == MARGIN_MM]
     constraints = [message for topic, _, message in messages if topic == CONSTRAINT]
     assert len(distances) == FRAMES
     assert len(constraints) == FRAMES + 1  # the last one is on hold
     assert constraints[-1].hold
     assert [each.seq for each in constraints] == list(range(FRAMES + 1))
-    replay = ReplayRun(prepare_case(case), clock_ns=time.monotonic_ns)
+    replay = ReplayRun(prepared, clock_ns=time.monotonic_ns)
     expected = [step.decision.proximity.signed_distance_mm for step in replay.steps()]
     assert distances == pytest.approx(expected)
     for distance, constraint in zip(distances, constraints, strict=False):
@@ -126,16 +131,15 @@ def test_a_bag_that_fails_is_not_kept(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_replay_that_was_stopped_leaves_no_bag(case, tmp_path):
-    replay = ReplayRun(prepare_case(case), clock_ns=time.monotonic_ns)
+def test_a_replay_that_was_stopped_leaves_no_bag(prepared, tmp_path):
+    replay = ReplayRun(prepared, clock_ns=time.monotonic_ns)
     with BagProcess() as bag, bag_of(bag, replay, tmp_path / "bag", lambda: False):
         next(replay.steps())
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("other_tumor", [False, True])
-def test_a_change_of_the_content_is_in_the_bag(case, messages, tmp_path, other_tumor):
-    prepared = prepare_case(case)
+def test_a_change_of_the_content_is_in_the_bag(prepared, messages, tmp_path, other_tumor):
     content = prepared.content
     if other_tumor:
         vertices = content.tumor.vertices_mm + 0.5
