@@ -5,13 +5,14 @@ project; a fork costs 10 ms. A forked process has its own environment, arguments
 standard streams, runs its program as ``__main__`` and ends as an interpreter does, so that what
 measures coverage writes its data. Use a real process where the start of an interpreter is tested.
 
-    forking.py FD MODULE ...   serves requests on the socket FD; imports the modules first
+    forking.py FD MODULE ...   serves users that connect to the socket FD; imports the modules first
 """
 
 import atexit
 import contextlib
 import ctypes
 import gc
+import hashlib
 import importlib
 import inspect
 import io
@@ -144,17 +145,36 @@ class ForkedProcess:
 
 
 class WarmParent:
-    """An interpreter that has imported ``modules`` and forks processes on request."""
+    """An interpreter that has imported ``modules`` and forks processes on request.
+
+    All workers of a run of pytest-xdist share it. It ends with the last of them.
+    """
 
     def __init__(self, modules: Sequence[str]) -> None:
-        self._socket, other = socket.socketpair()
-        # One thread: the threads of a BLAS would not exist in a forked process. Its output is
-        # buffered, as that of a user's command is.
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": ""}
-        with other:
+        run = os.environ.get("PYTEST_XDIST_TESTRUNUID", os.getpid())
+        digest = hashlib.sha256(" ".join(modules).encode()).hexdigest()[:16]
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._server: subprocess.Popen[bytes] | None = None
+        while True:
+            try:
+                self._socket.connect(f"\0marginguard-{run}-{digest}")
+                return
+            except ConnectionRefusedError:
+                self._begin(f"\0marginguard-{run}-{digest}", modules)
+
+    def _begin(self, address: str, modules: Sequence[str]) -> None:
+        with socket.socket(socket.AF_UNIX) as listener:
+            try:
+                listener.bind(address)
+            except OSError:
+                return  # another worker begins it
+            listener.listen()
+            # One thread: the threads of a BLAS would not exist in a forked process. Its output is
+            # buffered, as that of a user's command is.
+            environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": ""}
             self._server = subprocess.Popen(
-                [sys.executable, __file__, str(other.fileno()), *modules],
-                pass_fds=[other.fileno()],
+                [sys.executable, __file__, str(listener.fileno()), *modules],
+                pass_fds=[listener.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 env=environment,
@@ -191,14 +211,15 @@ class WarmParent:
         return ForkedProcess(read_status, os.fdopen(write_in, "w"), *outputs)
 
     def close(self) -> None:
-        """End the parent; processes that still run are killed."""
+        """Let the parent end with its last user; processes that still run then are killed."""
         self._socket.close()
-        self._server.wait()
+        if self._server is not None:
+            self._server.wait()
 
 
 @cache
 def warm_parent(modules: Sequence[str]) -> WarmParent:
-    """The parent with these modules; one per test process, started at the first call."""
+    """The parent with these modules, started at the first call."""
     parent = WarmParent(modules)
     atexit.register(parent.close)
     return parent
@@ -227,32 +248,35 @@ def run_forked(*arguments: object, **options: Any) -> "subprocess.CompletedProce
 class _Server:
     """Forks on request, and reports process ids and exit statuses."""
 
-    def __init__(self, requests: socket.socket) -> None:
-        self._requests = requests
+    def __init__(self, listener: socket.socket) -> None:
+        self._listener = listener
+        self._users: list[socket.socket] = []
         self._children: dict[int, tuple[int, int]] = {}
         """Process id and descriptor for its status, by the descriptor of the process."""
 
     def serve(self) -> dict[str, Any] | None:
-        """Serve until the socket is closed; in a forked process, return its request."""
+        """Serve until all users have gone; in a forked process, return its request."""
         while True:
-            ready, _, _ = select.select([self._requests, *self._children], [], [])
+            ready, _, _ = select.select([self._listener, *self._users, *self._children], [], [])
             for each in ready:
-                if each is not self._requests:
+                if each is self._listener:
+                    self._users.append(each.accept()[0])
+                elif each in self._children:
                     self._report(each)
-            if self._requests in ready:
-                size, descriptors, _, _ = socket.recv_fds(self._requests, _SIZE.size, 4)
-                if not size:
-                    return None
-                request = self._fork(json.loads(self._read(_SIZE.unpack(size)[0])), descriptors)
-                if request is not None:
+                elif (request := self._answer(each)) is not None:
                     return request
+            if not self._users:
+                return None
 
-    def _read(self, count: int) -> bytes:
-        parts = []
-        while count:
-            parts.append(self._requests.recv(count))
-            count -= len(parts[-1])
-        return b"".join(parts)
+    def _answer(self, user: socket.socket) -> dict[str, Any] | None:
+        """Fork on a request of ``user``; in the forked process, return it."""
+        size, descriptors, _, _ = socket.recv_fds(user, _SIZE.size, 4)
+        if size:
+            payload = user.recv(_SIZE.unpack(size)[0], socket.MSG_WAITALL)
+            return self._fork(json.loads(payload), descriptors)
+        self._users.remove(user)
+        user.close()
+        return None
 
     def _fork(self, request: dict[str, Any], descriptors: Sequence[int]) -> dict[str, Any] | None:
         parent, status = os.getpid(), descriptors[3]
@@ -270,7 +294,8 @@ class _Server:
         statuses = [each for _, each in self._children.values()]
         for descriptor in (*descriptors, *self._children, *statuses):
             os.close(descriptor)
-        self._requests.close()
+        for connection in (self._listener, *self._users):
+            connection.close()
         return request
 
     def _report(self, process: int) -> None:
@@ -328,7 +353,7 @@ def main() -> None:
     descriptor, *modules = sys.argv[1:]
     sys.path[0] = str(Path(__file__).parents[1])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal; the tests end this process
-    with socket.socket(fileno=int(descriptor)) as requests:
+    with socket.socket(fileno=int(descriptor)) as listener:
         for module in modules:
             importlib.import_module(module)
         threads = sum(1 for _ in Path("/proc/self/task").iterdir()) - 1
@@ -338,7 +363,7 @@ def main() -> None:
         inspect.getmodule(inspect.currentframe())
         gc.collect()
         gc.freeze()  # no collection of a forked process scans what it shares with this one
-        request = _Server(requests).serve()
+        request = _Server(listener).serve()
     if request is not None:
         _run(request)
 
