@@ -51,7 +51,7 @@ pytest = $(python) -m pytest -n $(2) --dist loadfile --no-loadscope-reorder --ma
   --tier $(1) --junitxml out/tests/$(1).xml
 
 test: $(test)
-	@$(call pytest,suite,3) $(PYTEST_ARGS)
+	@$(call pytest,suite,4) $(PYTEST_ARGS)
 
 # Each test file names its tier: tests/tiers.py.
 test-fast: $(test)
