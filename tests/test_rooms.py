@@ -37,6 +37,7 @@ MAY_IMPORT = {
     },
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
     "control": {"geometry", "files", "robot", "fixture"},
+    "planning": {"geometry", "robot", "fixture"},
     "contour": {"geometry", "case", "fixture"},
     "cohort": {"geometry", "files", "synthetic"},
     "dicom": {"geometry"},
@@ -68,6 +69,7 @@ MAY_IMPORT = {
         "session",
         "runtime",
         "analysis",
+        "planning",
     },
     "viewer": {
         "geometry",

@@ -23,6 +23,8 @@ is estimated: cells are divided to a sixth of its standard deviation, where the 
 _REACH = 4.5
 """Errors beyond this many standard deviations, a share below 2e-5, are left out."""
 
+_KEPT = float(ndtr(_REACH) - ndtr(-_REACH)) ** 2
+
 _FIRST_CELLS = 6
 _MAX_LEVELS = 10
 _FINEST_MM = 1e-3
@@ -61,7 +63,7 @@ def hit_probability(
         )
         distance_mm = axis_mm - radius_mm
         lowest_mm = distance_mm - spread_mm - np.where(axis_mm <= 0.0, depth_mm, 0.0)
-        share = np.prod(ndtr(centers + half) - ndtr(centers - half), axis=1)
+        share = np.prod(ndtr(centers + half) - ndtr(centers - half), axis=1) / _KEPT
         value = share * _hit_share(distance_mm, sigma_mm)
         doubt = np.maximum(
             share * _hit_share(lowest_mm, sigma_mm) - value,

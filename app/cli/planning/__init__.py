@@ -1,0 +1,1 @@
+"""Plans of ``marginguard plan``, one module each."""
