@@ -19,6 +19,9 @@ _DPI = 110
 _MAX_DOTS = 20_000
 """Entries in the picture; more would hide each other."""
 
+_BELOW_MM = 25.0
+"""Depth of a section below the deepest target."""
+
 
 def needle_page(
     plan: NeedlePlan,
@@ -103,6 +106,7 @@ def _section_png(
 ) -> bytes:
     """A section along each corridor: depth downward, through the centre of what is nearest."""
     figure = Figure(figsize=(3.0 * len(corridors), 5.0), dpi=_DPI, layout="constrained")
+    deepest_mm = max(each.depth_mm for each in corridors)
     all_axes = figure.subplots(1, len(corridors), squeeze=False, sharey=True)[0]
     for number, (axes, each) in enumerate(zip(all_axes, corridors, strict=True), start=1):
         down = (each.target_mm - each.entry_mm) / each.depth_mm
@@ -113,8 +117,8 @@ def _section_png(
         axes.plot([0.0, 0.0], [0.0, each.depth_mm], color=INK, lw=1.8)
         axes.axhline(0.0, color=LINE, lw=0.8)
         axes.set_title(f"corridor {number}", fontsize=10, color=INK)
-        axes.set_xlim(-0.5 * each.depth_mm, 0.5 * each.depth_mm)
-        axes.set_ylim(1.25 * max(c.depth_mm for c in corridors), -5.0)
+        axes.set_xlim(-0.5 * deepest_mm, 0.5 * deepest_mm)
+        axes.set_ylim(deepest_mm + _BELOW_MM, -5.0)
         axes.set_aspect("equal")
         axes.tick_params(labelsize=8, colors=HATCH)
         axes.set_xlabel("mm", fontsize=8)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from app.geometry import FloatArray, SurfaceMesh
+from app.geometry import FloatArray, InputError, SurfaceMesh
 from app.planning import (
     EntryRegion,
     ForbiddenStructure,
@@ -80,7 +80,7 @@ class Scene:
                 error=self.sigma_mm,
                 k_sigma=self.k_sigma,
             )
-        except NoCorridorError:
+        except (NoCorridorError, InputError):  # InputError: beyond the length of the needle
             return None
 
 

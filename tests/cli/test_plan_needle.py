@@ -1,0 +1,87 @@
+"""`marginguard plan needle` on the shipped case with three structures."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.cli.command import refused, run
+from tests.shipped_case import SHIPPED_CASE
+
+pytestmark = pytest.mark.slow
+
+CASE = SHIPPED_CASE.parent / "structures_case"
+NEEDLE = ("--length-mm", 120, "--diameter-mm", 1.2, "--bend-mm", 2, "--sigma-mm", 1)
+DISC = ("--entry-frame", "reference", "--entry-disc", -15, -133, -27, -0.25, -0.34, 0.9, 40)
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    """The plan of the shipped case with its robot, its page, and what was printed."""
+    folder = tmp_path_factory.mktemp("plan")
+    out, report = folder / "plan.json", folder / "report"
+    printed = run(
+        "plan", "needle", CASE, *NEEDLE, *DISC, "--robot", "--out", out, "--report", report
+    )
+    return json.loads(out.read_text()), (report / "needle.html").read_text(), printed.out
+
+
+def test_plan_has_corridors_with_distances_ids_and_joints(planned):
+    plan, _, printed = planned
+    assert plan["poses_at_s"] == 0.0
+    assert plan["model_id"].startswith("sha256:")
+    assert plan["entries"]["count"] == 100_000
+    for corridor in plan["corridors"]:
+        (wall,) = corridor["structures"]
+        assert wall["name"] == "chest_wall"
+        assert wall["clearance_mm"] >= wall["required_mm"] == 4.0
+        assert corridor["depth_mm"] <= 120.0
+        assert len(corridor["joints"]) >= 2
+    assert printed.splitlines() == plan["corridors"][0]["reasons"]
+
+
+def test_page_has_both_pictures_and_no_script(planned):
+    _, page, _ = planned
+    assert page.count("data:image/png;base64,") == 2
+    assert "chest_wall" in page
+    assert "<script" not in page
+
+
+def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
+    # A skin above the chest wall, as an open surface.
+    skin = trimesh.creation.icosphere(4, 60.0, vertex_normals=False)
+    skin.apply_translation([-5.0, -119.0, -63.0])
+    skin.update_faces(skin.triangles_center[:, 2] > -40.0)
+    skin.export(tmp_path / "skin.stl")
+    at = ("--at-s", 20, "--target", "lesion_2", "--target-point", 0, 0, 1)
+    skin_of_file = ("--entry", tmp_path / "skin.stl", "--entry-frame", "reference")
+    found = run("plan", "needle", CASE, *NEEDLE, *skin_of_file, *at)
+    plan = json.loads(found.out)
+    assert 20.0 <= plan["poses_at_s"] < 20.1
+    entry = np.array(plan["corridors"][0]["entry_mm"])
+    assert np.linalg.norm(entry - [-5.0, -119.0, -63.0]) == pytest.approx(60.0, abs=0.5)
+    assert {tuple(each["target_mm"]) for each in plan["corridors"]} == {
+        tuple(plan["corridors"][0]["target_mm"])
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (
+            ("--target", "liver"),
+            "--target: is 'liver'; expected one of tumor, lesion_2, chest_wall",
+        ),
+        (("--target-point", 0, 0, 50), "mm outside of its structure; expected a point inside"),
+        (("--at-s", -1), "--at-s: is -1.0; expected 0 or more"),
+        (("--at-s", 1e6), "the recording ends before; expected a time at which"),
+        (("--at-s", 61), "needle"),
+        (("--length-mm", 20), "expected at most the length of the needle, 20 mm"),
+        (("--length-mm", -1), "needle: length_mm is -1.0; expected more than 0"),
+        (("--entry-box", 0, 0, 0, 1, 1, 1), "--entry-box: is of a disc; expected with --entry"),
+        (("--target", "tumor", "--sigma-mm", 30), "chest_wall blocks"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(words, problem):
+    assert problem in refused("plan", "needle", CASE, *NEEDLE, *DISC, *words)
