@@ -59,6 +59,17 @@ from .margins import (
     margin_table,
     plot_margin,
 )
+from .planning import (
+    Corridor,
+    EntryRegion,
+    ForbiddenStructure,
+    Needle,
+    NeedlePlan,
+    NeedleRobot,
+    NeedleTarget,
+    NoCorridorError,
+    plan_needle,
+)
 from .values import InputError, MarginGuardError, Transform
 
 __version__: str
@@ -68,7 +79,10 @@ __all__ = [
     "Breach",
     "ChooseDepth",
     "Constraint",
+    "Corridor",
+    "EntryRegion",
     "FixtureRule",
+    "ForbiddenStructure",
     "InputError",
     "JointLimits",
     "LengthenNeedle",
@@ -77,6 +91,11 @@ __all__ = [
     "MarginGuardError",
     "MarginParameters",
     "MarginState",
+    "Needle",
+    "NeedlePlan",
+    "NeedleRobot",
+    "NeedleTarget",
+    "NoCorridorError",
     "PivotResult",
     "PlainConstraint",
     "PreparedCase",
@@ -110,6 +129,7 @@ __all__ = [
     "margin_table",
     "open_case",
     "plain_constraint",
+    "plan_needle",
     "plot_margin",
     "predict_tre",
     "prepare_ros",

@@ -15,7 +15,7 @@ from app.fixture.meshes.mesh_checks import checked_mesh
 from app.fixture.surfaces.box_bounds import box_to_point_squared, interval_gap, project_on_axis
 from app.fixture.surfaces.closest_point import signed_closest_point
 from app.fixture.surfaces.surface import Surface, surface_of_bvh
-from app.fixture.surfaces.traversal import Stack, corners_of, leaf_of, leaf_range
+from app.fixture.surfaces.traversal import Stack, corners_of, leaf_range
 from app.fixture.surfaces.triangles import (
     closest_of_segments,
     closest_on_triangle,
@@ -97,22 +97,13 @@ def _distance_to_surface(
     The distance is 0 where they intersect. ``start`` is a triangle that is likely near.
     """
     best, triangle = limit * limit, start
-    squared = _to_triangle_squared(surface, start, p, q, best)
-    best = min(best, squared)
+    bound = _box_bound_squared(surface.boxes, 0, p, q)
+    if bound >= best:
+        return limit, start
+    best = min(best, _to_triangle_squared(surface, start, p, q, best))
     first_leaf = (1 << surface.levels) - 1
-    own_leaf = leaf_of(surface, start)
-    # Descend directly to the leaf of ``start``: the boxes on that path are likely near.
-    top, node = -1, 0
-    for level in range(surface.levels - 1, -1, -1):
-        child = ((own_leaf + 1) >> level) - 1
-        sibling = 4 * node + 3 - child
-        bound = _box_bound_squared(surface.boxes, sibling, p, q)
-        if bound < best:
-            top += 1
-            stack.nodes[top], stack.bounds[top] = sibling, bound
-        node = child
-    top += 1
-    stack.nodes[top], stack.bounds[top] = node, 0.0
+    top = 0
+    stack.nodes[0], stack.bounds[0] = 0, bound
     while top >= 0 and best > 0.0:
         node, bound = stack.nodes[top], stack.bounds[top]
         top -= 1

@@ -151,14 +151,20 @@ def _rated(
     reserve = np.full(len(open_entries), FREE_MM)
     worst = np.full(len(open_entries), -1)
     for number, (_, surface, required_mm) in enumerate(guarded):
-        limit = radius + required_mm + FREE_MM
-        # No depth is searched: the reserve of an axis that meets the structure is negative anyway.
+        # Only distances that leave less than those before are needed, and no depths.
+        limit = radius + required_mm + reserve
+        near = np.flatnonzero(limit > 0.0)
         axis_mm = needle_distances(
-            surface, region.points_mm[open_entries], target_mm, limit, tolerance_mm=math.inf
+            surface,
+            region.points_mm[open_entries[near]],
+            target_mm,
+            limit[near],
+            tolerance_mm=math.inf,
         )
-        left = axis_mm - radius - required_mm
-        worst[left < reserve] = number + len(_OWN_OBSTACLES)
-        reserve = np.minimum(reserve, left)
+        left = axis_mm - radius[near] - required_mm
+        less = left < reserve[near]
+        worst[near[less]] = number + len(_OWN_OBSTACLES)
+        reserve[near[less]] = left[less]
     blocked[open_entries[reserve < 0.0]] = worst[reserve < 0.0]
     scores = np.full(len(depth), math.nan)
     allowed = open_entries[reserve >= 0.0]

@@ -25,6 +25,15 @@ class NeedleRobot:
     ``frame_from_root`` places the robot's root link in the frame of the plan. ``link_from_tip``
     places the tip of the needle in the link that holds it; +z points from the hub to the tip.
     Raises `FrameError` for a transform of other frames.
+
+    >>> import numpy as np
+    >>> import marginguard as mg
+    >>> arm = mg.open_case(mg.example_case()).setup.robot
+    >>> reference_from_root = arm.registration.transform.renamed(source=arm.robot.root_link)
+    >>> robot = mg.NeedleRobot(arm.robot, reference_from_root, arm.link_from_tip)
+    >>> entry, target = np.array([-15.0, -133.0, -27.0]), np.array([-5.0, -119.0, -63.0])
+    >>> len(robot.insertion(entry, target)), robot.insertion(20.0 * entry, target)
+    (9, ())
     """
 
     robot: Robot

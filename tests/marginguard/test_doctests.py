@@ -14,9 +14,14 @@ COMMANDS = {
     *("AddNote", "ChooseDepth", "LengthenNeedle", "Rearm", "Record", "SetMargins"),
     *("SetRegistration", "SetStructure", "SetStylusTip", "SetTip", "SetTumor", "SwitchStructure"),
 }
+PLANNING = {
+    *("Corridor", "EntryRegion", "ForbiddenStructure", "Needle", "NeedlePlan", "NeedleTarget"),
+    "NoCorridorError",
+}
 SHOWN_IN = {
     **dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint"),
     **dict.fromkeys(COMMANDS, "LiveSession"),
+    **dict.fromkeys(PLANNING, "plan_needle"),
 }
 """Names -> the name whose example shows them together."""
 
