@@ -17,7 +17,7 @@ from app.planning.corridor_distance import needle_distances
 
 MAX_ERROR = 0.003
 """Largest error of a probability, of a structure whose surface has no error: certain. With one it
-is estimated: cells are divided to a sixth of its standard deviation, where the integrand is smooth.
+is estimated: cells are divided to a quarter of its standard deviation, where the integrand is smooth.
 """
 
 _REACH = 4.5
@@ -73,7 +73,7 @@ def hit_probability(
         order = np.argsort(doubt)
         allowed = 0.5 * MAX_ERROR / (level + 1) ** 2
         count = int(np.searchsorted(np.cumsum(doubt[order]), allowed, side="right"))
-        is_fine = level == _MAX_LEVELS or spread_mm <= sigma_mm / 6.0
+        is_fine = level == _MAX_LEVELS or spread_mm <= sigma_mm / 4.0
         if is_fine or settled_doubt + float(doubt.sum()) <= MAX_ERROR:
             probability += float(value.sum())
             break

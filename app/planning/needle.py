@@ -101,8 +101,10 @@ def plan_needle(
     chosen = of_targets.argmax(axis=0)
     scores = of_targets.max(axis=0)
     scores[scores < 0.0] = math.nan
+    scores.flags.writeable = False
     obstacles = (*_OWN_OBSTACLES, *(each.name for each in structures))
     blocked = np.where(np.isnan(scores), rated[0][1], -1)
+    blocked.flags.writeable = False
     plan = NeedlePlan(region, (), scores, blocked, obstacles)
     if np.isnan(scores).all():
         raise _no_corridor(plan, target, needle)

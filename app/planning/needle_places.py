@@ -117,12 +117,25 @@ class EntryRegion:
 class NeedleTarget:
     """Points (m, 3) that the tip may reach, in ``frame``, and the ``centrality`` (m,) of each.
 
-    Centrality is 1 at the best place and 0 at the edge of a structure.
+    Centrality is 1 at the best place and 0 at the edge of a structure. Raises `InputError` for no
+    points, numbers that are not finite and a centrality that is not from 0 to 1.
     """
 
     frame: str
     points_mm: FloatArray
     centrality: FloatArray
+
+    def __post_init__(self) -> None:
+        points = points_of(self.points_mm, "target")
+        centrality = np.array(self.centrality, dtype=np.float64)
+        if centrality.shape != (len(points),) or not ((centrality >= 0) & (centrality <= 1)).all():
+            raise InputError(
+                f"target: centrality is {centrality.tolist()}; expected 0 to 1 for each of "
+                f"{len(points)} points"
+            )
+        centrality.flags.writeable = False
+        object.__setattr__(self, "points_mm", points)
+        object.__setattr__(self, "centrality", centrality)
 
     @classmethod
     def of_points(

@@ -25,6 +25,8 @@ from app.planning.corridor_distance import (
 from app.planning.needle import DISTINCT_MM
 from app.robot import load_robot
 
+pytestmark = pytest.mark.slow
+
 FRAME = "patient"
 NEEDLE = Needle(length_mm=100.0, diameter_mm=1.0, bend_mm=2.0)
 REGION = EntryRegion.of_disc(FRAME, [0, 0, 60], [0, 0, 1], 40.0, count=2000)
@@ -186,6 +188,7 @@ REFUSED = {
     "segment of three points": lambda: EntryRegion.of_segment(FRAME, np.eye(3), [0, 0, 1]),
     "target outside": lambda: NeedleTarget.of_points(FRAME, [[0, 0, 30]], ball([0, 0, 0], 9.0)),
     "target that is not finite": lambda: NeedleTarget.of_points(FRAME, [[0, math.inf, 0]]),
+    "centrality above 1": lambda: NeedleTarget(FRAME, [[0, 0, 0]], [1.5]),
     "target beyond the length": lambda: plan(needle=Needle(50.0, 1.0, 0.0)),
     "negative error": lambda: plan(error=-1.0),
     "negative k": lambda: plan(k_sigma=-1.0),
