@@ -30,6 +30,7 @@ BROUGHT_BY = {
     "msgpack": "trame-slicer",
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
+    "coal": "coal",  # its wheel does not name the module
     "pinocchio": "pin",  # its wheel does not name the module
     "dask": "distributed",  # pins the matching version
     "av": "av",  # optional

@@ -16,8 +16,9 @@ from app.geometry import FloatArray, InputError
 from app.planning.corridor_distance import needle_distances
 
 MAX_ERROR = 0.003
-"""Largest error of a probability, of a structure whose surface has no error: certain. With one it
-is estimated: cells are divided to a quarter of its standard deviation, where the integrand is smooth.
+"""Largest error of a probability, certain for a structure whose surface has no error.
+
+With one, cells are divided to a quarter of its standard deviation, where the integrand is smooth.
 """
 
 _REACH = 4.5

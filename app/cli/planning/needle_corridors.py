@@ -80,6 +80,7 @@ def run(options: argparse.Namespace) -> int:
     from app.report.needle_page import needle_page
     from app.report.write import check_writable
     from app.runtime import prepare_case
+    from app.runtime.content import surface_digest
     from app.session import Role
 
     if options.out is not None:
@@ -91,12 +92,12 @@ def run(options: argparse.Namespace) -> int:
     if options.entry is not None:
         box = options.entry_box and (options.entry_box[:3], options.entry_box[3:])
         skin = load_mesh(options.entry, units="mm", frame=frame)
-        region = EntryRegion.of_surface(skin, box_mm=box)
+        region, entry_id = EntryRegion.of_surface(skin, box_mm=box), surface_digest(skin)
     elif options.entry_box is not None:
         raise InputError("--entry-box: is of a disc; expected with --entry")
     else:
         disc = options.entry_disc
-        region = EntryRegion.of_disc(frame, disc[:3], disc[3:6], disc[6])
+        region, entry_id = EntryRegion.of_disc(frame, disc[:3], disc[3:6], disc[6]), ""
     prepared = prepare_case(options.case, package_dirs=options.package_dirs, tip_only=True)
     content = prepared.content
     surfaces = {content.tumor.frame: content.tumor} | {
@@ -131,6 +132,7 @@ def run(options: argparse.Namespace) -> int:
         "model_id": content.model_id,
         "registration_id": content.registration_id,
         "frame": frame,
+        "entry_id": entry_id,
         "poses_at_s": at_s,
         "target": name,
         "needle": {"length_mm": needle.length_mm, "diameter_mm": needle.diameter_mm}
