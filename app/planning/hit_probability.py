@@ -27,8 +27,10 @@ _REACH = 4.5
 _KEPT = float(ndtr(_REACH) - ndtr(-_REACH)) ** 2
 
 _FIRST_CELLS = 6
-_MAX_LEVELS = 10
+_CORNERS = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
+_MAX_LEVELS = 20
 _FINEST_MM = 1e-3
+"""Least tolerance of a depth."""
 
 
 def hit_probability(
@@ -50,14 +52,15 @@ def hit_probability(
     basis = _lateral_basis(end_mm - start_mm)
     variances, turn = np.linalg.eigh(basis @ covariance_mm2 @ basis.T)
     # Row k is the shift in mm by one standard deviation of the lateral error k.
-    shifts = np.sqrt(np.maximum(variances, 0.0))[:, None] * (turn.T @ basis)
-    half = _REACH / _FIRST_CELLS
-    ticks = (2.0 * np.arange(_FIRST_CELLS) + 1.0) * half - _REACH
+    sigmas_mm = np.sqrt(np.maximum(variances, 0.0))
+    shifts = sigmas_mm[:, None] * (turn.T @ basis)
+    half = np.full(2, _REACH / _FIRST_CELLS)  # of the sides of a cell, in standard deviations
+    ticks = (2.0 * np.arange(_FIRST_CELLS) + 1.0) * half[0] - _REACH
     centers = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     probability = settled_doubt = 0.0
     for level in range(_MAX_LEVELS + 1):
         offsets = centers @ shifts
-        spread_mm = half * math.sqrt(float((shifts**2).sum()))
+        spread_mm = float(np.linalg.norm(half * sigmas_mm))
         depth_mm = max(0.1 * spread_mm, _FINEST_MM)  # tolerance of a negative distance
         axis_mm = needle_distances(
             surface, start_mm + offsets, end_mm + offsets, tolerance_mm=depth_mm
@@ -74,16 +77,17 @@ def hit_probability(
         order = np.argsort(doubt)
         allowed = 0.5 * MAX_ERROR / (level + 1) ** 2
         count = int(np.searchsorted(np.cumsum(doubt[order]), allowed, side="right"))
-        is_fine = level == _MAX_LEVELS or spread_mm <= sigma_mm / 4.0
-        if is_fine or settled_doubt + float(doubt.sum()) <= MAX_ERROR:
-            probability += float(value.sum())
-            break
+        if spread_mm <= sigma_mm / 4.0 or settled_doubt + float(doubt.sum()) <= MAX_ERROR:
+            return min(probability + float(value.sum()), 1.0)
         probability += float(value[order[:count]].sum())
         settled_doubt += float(doubt[order[:count]].sum())
-        half *= 0.5
-        corners = half * np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
+        # Only the longer sides in mm are halved, so that the cells become square.
+        is_long = half * sigmas_mm > 0.5 * (half * sigmas_mm).max()
+        half = np.where(is_long, 0.5 * half, half)
+        corners = np.unique(np.where(is_long, half, 0.0) * _CORNERS, axis=0)
         centers = (centers[order[count:], None] + corners).reshape(-1, 2)
-    return min(probability, 1.0)
+    # The upper bound, where so many divisions have left a doubt.
+    return min(probability + float((value + doubt)[order[count:]].sum()), 1.0)
 
 
 def covariance_of(error: float | FloatArray) -> FloatArray:

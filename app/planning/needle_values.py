@@ -113,8 +113,8 @@ class NeedlePlan:
 
     ``scores`` (n,) is that of the best target point of each entry, NaN where none is allowed.
     ``blocked`` (n,) is for these the number in ``obstacles`` of what blocks the corridor to the
-    first target point, the structure that it misses the required distance from by the most; -1
-    elsewhere, and where only the corridor to another point is blocked.
+    first target point: of several structures the one whose distance falls short by the most. It is
+    -1 where a corridor is allowed.
     """
 
     region: EntryRegion

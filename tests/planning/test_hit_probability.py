@@ -21,7 +21,7 @@ RADIUS = 0.5 * (10.0 + math.sqrt((BALL.triangles.mean(axis=1) ** 2).sum(axis=1).
 
 
 def random_covariance(rng):
-    root = rng.normal(size=(3, 3))
+    root = rng.normal(size=(3, 3)) * rng.choice([0.0, 0.03, 1.0, 1.0], 3)
     return root @ root.T * rng.choice([0.1, 1.0, 4.0])
 
 

@@ -19,7 +19,7 @@ def test_section_of_a_ball_is_a_circle():
     # 6 mm off the centre, where the circle has a radius of 8 mm.
     origin = 6.0 * np.cross(aside, down) + 3.0 * aside
     lines = _section(MESH, origin, aside, down)
-    radii = np.linalg.norm(lines + [3.0, 0.0], axis=2)
+    radii = np.linalg.norm(lines + np.array([3.0, 0.0]), axis=2)
     assert radii == pytest.approx(np.full_like(radii, 8.0), abs=0.05)
     length = np.linalg.norm(lines[:, 0] - lines[:, 1], axis=1).sum()
     assert length == pytest.approx(2.0 * np.pi * 8.0, rel=0.01)

@@ -92,20 +92,24 @@ def run(options: argparse.Namespace) -> int:
     if options.entry is not None:
         box = options.entry_box and (options.entry_box[:3], options.entry_box[3:])
         skin = load_mesh(options.entry, units="mm", frame=frame)
-        region, entry_id = EntryRegion.of_surface(skin, box_mm=box), surface_digest(skin)
+        region = EntryRegion.of_surface(skin, box_mm=box)
+        entry = {"surface_id": surface_digest(skin), "box_mm": options.entry_box}
     elif options.entry_box is not None:
         raise InputError("--entry-box: is of a disc; expected with --entry")
     else:
         disc = options.entry_disc
-        region, entry_id = EntryRegion.of_disc(frame, disc[:3], disc[3:6], disc[6]), ""
+        region = EntryRegion.of_disc(frame, disc[:3], disc[3:6], disc[6])
+        entry = {"disc_mm": disc}
     prepared = prepare_case(options.case, package_dirs=options.package_dirs, tip_only=True)
     content = prepared.content
     surfaces = {content.tumor.frame: content.tumor} | {
         each.name: each.surface for each in content.structures
     }
     name = options.target or content.tumor.frame
-    if name not in surfaces:
-        raise InputError(f"--target: is {name!r}; expected one of {', '.join(surfaces)}")
+    others = [each for each in content.structures if each.role is Role.FORBIDDEN]
+    targets = surfaces.keys() - {each.name for each in others}
+    if name not in targets:
+        raise InputError(f"--target: is {name!r}; expected {' or '.join(sorted(targets))}")
     step, at_s = _step_with_poses(prepared, [*surfaces], frame, options.at_s)
     placed = {
         each: surface.transformed(step.edges.between(frame, each)[0])
@@ -113,8 +117,7 @@ def run(options: argparse.Namespace) -> int:
     }
     forbidden = [
         ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
-        for each in content.structures
-        if each.role is Role.FORBIDDEN and each.name != name
+        for each in others
     ]
     plan = plan_needle(
         region,
@@ -132,7 +135,7 @@ def run(options: argparse.Namespace) -> int:
         "model_id": content.model_id,
         "registration_id": content.registration_id,
         "frame": frame,
-        "entry_id": entry_id,
+        "entry": entry,
         "poses_at_s": at_s,
         "target": name,
         "needle": {"length_mm": needle.length_mm, "diameter_mm": needle.diameter_mm}
