@@ -159,9 +159,10 @@ class NeedleTarget:
 
     @classmethod
     def of_structure(cls, surface: SurfaceMesh, *, count: int = 5) -> "NeedleTarget":
-        """The centroid and other points inside a structure, spread evenly, ``count`` at most.
+        """The deepest point of a structure, its centroid and others inside, ``count`` at most.
 
-        The centrality is the depth as a share of the largest one. A centroid outside is left out.
+        They are of a grid, spread evenly. The centrality is the depth as a share of the largest
+        one. A centroid outside is left out.
         """
         closed = closed_surface(surface, "the target's mesh")
         low, high = surface.bounds_mm
@@ -172,11 +173,14 @@ class NeedleTarget:
         points, depth = points[depth > 0.0], depth[depth > 0.0]
         if not len(points):
             raise InputError("target: no point inside was found; expected a thicker structure")
-        chosen = [0 if (points[0] == surface.centroid_mm).all() else int(depth.argmax())]
-        gap = np.minimum(np.linalg.norm(points - points[chosen[0]], axis=1), depth)
-        while len(chosen) < min(count, len(points)):
-            chosen.append(int(gap.argmax()))
-            away = np.linalg.norm(points - points[chosen[-1]], axis=1)
+        chosen = [int(depth.argmax())]
+        if chosen != [0] and (points[0] == surface.centroid_mm).all():
+            chosen.append(0)
+        gap = depth
+        for number in range(min(count, len(points))):
+            if number == len(chosen):
+                chosen.append(int(gap.argmax()))
+            away = np.linalg.norm(points - points[chosen[number]], axis=1)
             gap = np.minimum(gap, away)
         return cls(surface.frame, points[chosen], depth[chosen] / depth.max())
 

@@ -77,7 +77,7 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
         (("--length-mm", 20), "expected at most the length of the needle, 20 mm"),
         (("--length-mm", -1), "needle: length_mm is -1.0; expected more than 0"),
         (("--entry-box", 0, 0, 0, 1, 1, 1), "--entry-box: is of a disc; expected with --entry"),
-        (("--target", "tumor", "--sigma-mm", 30), "chest_wall blocks"),
+        (("--target-point", 0, 0, 0, "--sigma-mm", 30), "chest_wall blocks"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(words, problem):

@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--target", metavar="NAME", help="structure to reach (default: the tumour)")
     parser.add_argument(
         "--target-point", type=number, nargs=3, metavar="MM",
-        help="point in the frame of that structure, inside it; default: its centroid and others",
+        help="point in the frame of that structure, inside it; default: its deepest one and others",
     )  # fmt: skip
     parser.add_argument(
         "--at-s", type=number, metavar="S",
