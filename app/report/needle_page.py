@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from app.geometry import FloatArray, SurfaceMesh
 from app.planning import Corridor, ForbiddenStructure, NeedlePlan
@@ -45,7 +46,7 @@ def needle_page(
         rating_header=("corridor", "score", *best.ratings, "depth", "angle"),
         ratings=[
             (
-                *(number, each.score, *each.ratings.values()),
+                *(number, *(f"{value:.2f}" for value in (each.score, *each.ratings.values()))),
                 *(f"{each.depth_mm:.1f} mm", f"{math.degrees(each.angle_rad):.1f} deg"),
             )
             for number, each in enumerate(plan.corridors, start=1)
@@ -111,9 +112,12 @@ def _section_png(
     for number, (axes, each) in enumerate(zip(all_axes, corridors, strict=True), start=1):
         down = (each.target_mm - each.entry_mm) / each.depth_mm
         aside = _towards_nearest(each, down, structures)
-        for surface, color in [(target, CLEAR_BAR), *((s.surface, STOP) for s in structures)]:
+        for surface, color, style in [
+            (target, CLEAR_BAR, "solid"),
+            *((structure.surface, STOP, "dashed") for structure in structures),
+        ]:
             lines = _section(surface, each.entry_mm, aside, down)
-            axes.add_collection(LineCollection(list(lines), colors=color, lw=1.2))
+            axes.add_collection(LineCollection(list(lines), colors=color, ls=style, lw=1.2))
         axes.plot([0.0, 0.0], [0.0, each.depth_mm], color=INK, lw=1.8)
         axes.axhline(0.0, color=LINE, lw=0.8)
         axes.set_title(f"corridor {number}", fontsize=10, color=INK)
@@ -123,6 +127,13 @@ def _section_png(
         axes.tick_params(labelsize=8, colors=HATCH)
         axes.set_xlabel("mm", fontsize=8)
     all_axes[0].set_ylabel("depth [mm]", fontsize=8)
+    kinds = [
+        ("target", CLEAR_BAR, "solid"),
+        ("forbidden", STOP, "dashed"),
+        ("needle", INK, "solid"),
+    ]
+    handles = [Line2D([], [], color=color, ls=style, label=kind) for kind, color, style in kinds]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return _png(figure)
 
 
