@@ -117,7 +117,7 @@ environment: $(site)
 
 # The interfaces are installed together with the ROS wheels, which they load.
 $(run): $(declared) $(interfaces) | $(python)
-	@$(python) tools/install.py -e '.[ros,scene,simulation,notebook,hdf5,cohort,dicom,volume,video]' ./interfaces
+	@$(python) tools/install.py -e '.[ros,scene,simulation,notebook,hdf5,cohort,dicom,volume,video,planning]' ./interfaces
 	@touch $@
 
 $(test): $(run)

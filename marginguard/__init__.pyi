@@ -1,3 +1,11 @@
+from .approaches import (
+    Approach,
+    ApproachError,
+    MotionLimits,
+    Robot,
+    load_robot,
+    plan_approach,
+)
 from .cases import (
     PreparedCase,
     StepResult,
@@ -76,6 +84,8 @@ __version__: str
 
 __all__ = [
     "AddNote",
+    "Approach",
+    "ApproachError",
     "Breach",
     "ChooseDepth",
     "Constraint",
@@ -91,6 +101,7 @@ __all__ = [
     "MarginGuardError",
     "MarginParameters",
     "MarginState",
+    "MotionLimits",
     "Needle",
     "NeedlePlan",
     "NeedleRobot",
@@ -106,6 +117,7 @@ __all__ = [
     "ReceivedConstraint",
     "Record",
     "RegistrationResult",
+    "Robot",
     "RulePermission",
     "SetMargins",
     "SetRegistration",
@@ -125,10 +137,12 @@ __all__ = [
     "limit_twist",
     "live_session",
     "load_mesh",
+    "load_robot",
     "make_case",
     "margin_table",
     "open_case",
     "plain_constraint",
+    "plan_approach",
     "plan_needle",
     "plot_margin",
     "predict_tre",

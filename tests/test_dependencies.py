@@ -34,6 +34,7 @@ BROUGHT_BY = {
     "pinocchio": "pin",  # its wheel does not name the module
     "dask": "distributed",  # pins the matching version
     "av": "av",  # optional
+    "ruckig": "ruckig",  # nor does this one
     "manifold3d": "manifold3d",  # its wheel does not name the module
 }
 """Module -> declared distribution that installs it in the matching version."""
@@ -88,13 +89,16 @@ distributions = cache(metadata.packages_distributions)
     [
         (
             "app",
-            with_extras("ros", "scene", "hdf5", "dicom", "simulation", "cohort", "volume", "video"),
+            with_extras(
+                *("ros", "scene", "hdf5", "dicom", "simulation", "cohort", "volume", "video"),
+                "planning",
+            ),
         ),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),
         (
             "tests",
-            with_extras("ros", "scene", "dicom", "simulation", "cohort", "test"),
+            with_extras("ros", "scene", "dicom", "simulation", "cohort", "planning", "test"),
         ),
     ],
 )

@@ -134,6 +134,8 @@ ONLY_IN = {
     "fcl": {"fixture"},
     "mujoco": {"simulation"},
     "coacd": {"simulation"},
+    "ompl": {"planning"},
+    "ruckig": {"planning"},
     "yourdfpy": {"robot"},
     "rosbags": {"case"},
     "dask": set(),

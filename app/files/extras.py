@@ -17,6 +17,7 @@ _MODULES = {
     "dicom": re.compile(r"highdicom|pydicom"),
     "hdf5": re.compile(r"h5py"),
     "notebook": re.compile(r"pandas|ipykernel"),
+    "planning": re.compile(r"ompl|ruckig"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),
     "simulation": re.compile(r"mujoco|coacd"),
     "video": re.compile(r"av"),

@@ -1,9 +1,9 @@
-"""Planning before the operation: straight needle corridors.
+"""Planning before the operation: straight needle corridors, approaches that touch nothing.
 
-Pure: no clock, no files. Imports `app.geometry`, `app.robot`, `app.fixture` and libraries only.
+Pure: no clock, no files. mm and rad; m for sliding joints, as in `app.robot`.
 """
 
 import lazy_loader
 
-# `__init__.pyi` lists the names. Each is imported on first use: compiled modules load slowly.
+# Names of `__init__.pyi` are imported on first use: compiled modules load slowly.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

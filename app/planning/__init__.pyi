@@ -1,13 +1,21 @@
+from .approach import Approach, ApproachError, plan_approach
+from .collision import CollisionModel, Contact
 from .hit_probability import covariance_of, hit_probability
 from .needle import NoCorridorError, plan_needle
 from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
+from .path_timing import MotionLimits
 
 __all__ = [
+    "Approach",
+    "ApproachError",
+    "CollisionModel",
+    "Contact",
     "Corridor",
     "EntryRegion",
     "ForbiddenStructure",
+    "MotionLimits",
     "Needle",
     "NeedlePlan",
     "NeedleRobot",
@@ -15,5 +23,6 @@ __all__ = [
     "NoCorridorError",
     "covariance_of",
     "hit_probability",
+    "plan_approach",
     "plan_needle",
 ]

@@ -44,6 +44,11 @@ class Robot:
         return self._tree.root
 
     @property
+    def tree(self) -> KinematicTree:
+        """The links and joints in their order from the root, for compiled code."""
+        return self._tree
+
+    @property
     def actuated_joint_names(self) -> tuple[str, ...]:
         """The joints that are not fixed and follow no other joint, in file order."""
         return tuple(

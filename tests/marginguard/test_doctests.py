@@ -18,10 +18,12 @@ PLANNING = {
     *("Corridor", "EntryRegion", "ForbiddenStructure", "Needle", "NeedlePlan", "NeedleTarget"),
     "NoCorridorError",
 }
+APPROACHES = {"Approach", "ApproachError", "MotionLimits", "Robot", "load_robot"}
 SHOWN_IN = {
     **dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint"),
     **dict.fromkeys(COMMANDS, "LiveSession"),
     **dict.fromkeys(PLANNING, "plan_needle"),
+    **dict.fromkeys(APPROACHES, "plan_approach"),
 }
 """Names -> the name whose example shows them together."""
 

@@ -1,15 +1,15 @@
-"""Plan an operation on a case before it begins: straight needle corridors.
+"""Plan an operation before it begins: needle corridors on a case, an approach of a robot.
 
-Exit status: 0; 2 on bad input, and where nothing is allowed: one line says what blocks most.
+Exit status: 0; 2 on bad input, and where there is no plan: one line says why.
 """
 
 import argparse
 
 from app.cli.parsing import CommandParser, add_debug
-from app.cli.planning import needle_corridors
+from app.cli.planning import approach, needle_corridors
 
-SUMMARY = "plan straight needle corridors on a case"
-PLANS = (needle_corridors,)
+SUMMARY = "plan needle corridors on a case, or an approach of a robot"
+PLANS = (needle_corridors, approach)
 
 
 def add_arguments(parser: CommandParser) -> None:

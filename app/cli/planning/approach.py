@@ -1,0 +1,185 @@
+"""Plan an approach of a robot: from joint positions to others, or to a pose of a link, touching
+nothing. Prints the trajectory as JSON.
+
+A file of positions is a mapping of joints to rad, for sliding joints to m, in YAML or JSON; one of
+limits a mapping of joints to acceleration, jerk and, where the robot's file gives none, velocity.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.cli.options import add_package_dirs, input_argument, number, output_path
+
+if TYPE_CHECKING:
+    from app.geometry import SurfaceMesh, Transform
+    from app.planning import Approach, MotionLimits
+    from app.robot import Robot
+
+NAME = "approach"
+SUMMARY = "motion of a robot that touches nothing"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard plan approach``."""
+    parser.add_argument(
+        "robot", type=input_argument, metavar="ROBOT", help="robot file: URDF, .xacro or AMBF"
+    )
+    add_package_dirs(parser)
+    parser.add_argument(
+        "--start", type=input_argument, required=True, metavar="FILE",
+        help="positions of all joints",
+    )  # fmt: skip
+    goal = parser.add_mutually_exclusive_group(required=True)
+    goal.add_argument(
+        "--goal", type=input_argument, metavar="FILE", help="positions of the joints that move"
+    )
+    goal.add_argument(
+        "--goal-pose", nargs=2, metavar=("LINK", "FILE"),
+        help="a link and the transform from it to the root link",
+    )  # fmt: skip
+    parser.add_argument(
+        "--structure", nargs="+", action="append", default=[], metavar="FILE",
+        help="closed surface in mm (.stl, .ply, .obj) and, unless it is in the frame of the root "
+        "link, the transform from its frame to it; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--carried", nargs=2, action="append", default=[], metavar=("LINK", "FILE"),
+        help="surface in mm of a body that a link carries, in its frame; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--limits", type=input_argument, required=True, metavar="FILE",
+        help="limits of the moving joints",
+    )  # fmt: skip
+    parser.add_argument(
+        "--clearance-mm", type=number, required=True, metavar="MM",
+        help="distance that the robot keeps from all structures",
+    )  # fmt: skip
+    parser.add_argument(
+        "--allowed-s", type=number, default=10.0, metavar="S",
+        help="give up after this time (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--out", type=output_path, metavar="FILE", help="write the JSON to this file"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Plan the approach and print or write it."""
+    from app.files import check_output_path, write_file
+    from app.files.extras import check_installed
+    from app.robot import load_robot
+
+    check_installed("ompl", "ruckig")
+    if options.out is not None:
+        check_output_path(options.out)
+    from app.planning import plan_approach
+
+    begin_s = time.monotonic()
+    robot = load_robot(options.robot, package_dirs=options.package_dirs)
+    approach = plan_approach(
+        robot,
+        _numbers(options.start),
+        _goal(options, robot),
+        _structures(options.structure, robot.root_link),
+        clearance_mm=options.clearance_mm,
+        limits=_limits(options.limits),
+        carried=_carried(options.carried),
+        is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
+    )
+    text = json.dumps(_described(robot, approach), allow_nan=False)
+    if options.out is None:
+        print(text)
+    else:
+        write_file(options.out, f"{text}\n".encode())
+    return 0
+
+
+def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
+    return {
+        "robot": robot.name,
+        "joints": list(approach.joints),
+        "held": dict(approach.held),
+        "clearance_mm": approach.clearance_mm,
+        "reasons": list(approach.reasons),
+        "times_ns": approach.times_ns.tolist(),
+        "positions": approach.positions.tolist(),
+        "velocities": approach.velocities.tolist(),
+    }
+
+
+def _goal(options: argparse.Namespace, robot: "Robot") -> "dict[str, float] | Transform":
+    from app.files import read_transform
+
+    if options.goal is not None:
+        return _numbers(options.goal)
+    link, file = options.goal_pose
+    return read_transform(input_argument(file), target=robot.root_link, source=link)
+
+
+def _structures(given: list[list[str]], root: str) -> "dict[str, SurfaceMesh]":
+    """Surfaces in the frame ``root``, by the names of their files."""
+    from app.files import load_mesh, read_transform
+    from app.geometry import InputError
+
+    found: dict[str, SurfaceMesh] = {}
+    for file, *pose in given:
+        name = Path(file).stem
+        if len(pose) > 1 or name in found:
+            problem = f"{len(pose)} transforms" if len(pose) > 1 else "a name that is given already"
+            raise InputError(f"structure {name!r}: has {problem}; expected other files")
+        frame = root if not pose else name
+        mesh = load_mesh(input_argument(file), units="mm", frame=frame)
+        for each in pose:
+            mesh = mesh.transformed(read_transform(input_argument(each), target=root, source=name))
+        found[name] = mesh
+    return found
+
+
+def _carried(given: list[list[str]]) -> "dict[str, SurfaceMesh]":
+    from app.files import load_mesh
+
+    return {
+        Path(file).stem: load_mesh(input_argument(file), units="mm", frame=link)
+        for link, file in given
+    }
+
+
+def _limits(path: Path) -> "dict[str, MotionLimits]":
+    from app.geometry import InputError
+    from app.planning import MotionLimits
+
+    found = {}
+    for joint, values in _mapping(path).items():
+        allowed = {"acceleration", "jerk"}, {"acceleration", "jerk", "velocity"}
+        if not isinstance(values, dict) or set(values) not in allowed:
+            raise InputError(
+                f"{path}: {joint} is {values}; expected acceleration, jerk and maybe velocity"
+            )
+        found[joint] = MotionLimits(**_checked(values, f"{path}: {joint}"))
+    return found
+
+
+def _numbers(path: Path) -> dict[str, float]:
+    return _checked(_mapping(path), str(path))
+
+
+def _mapping(path: Path) -> dict[str, Any]:
+    from app.files.yaml_file import load_yaml
+    from app.geometry import InputError
+
+    values = load_yaml(path)
+    if not (isinstance(values, dict) and all(isinstance(key, str) for key in values)):
+        raise InputError(f"{path}: is no mapping of joints; expected JOINT: NUMBER on each line")
+    return values
+
+
+def _checked(values: dict[str, Any], place: str) -> dict[str, float]:
+    from app.geometry import InputError
+
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{place}: {key} is {value!r}; expected a number")
+    return {key: float(value) for key, value in values.items()}

@@ -1,0 +1,274 @@
+"""Distance of two bodies of triangles, as far as a motion can bring them together (compiled).
+
+Branch and bound over two trees of boxes. The bodies' own motion is bounded for each pair of nodes:
+points near the axis of a joint move little.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.fixture.jit import inlined, kernel
+from app.fixture.surfaces.triangles import closest_of_triangles
+from app.fixture.vectors import Vector, add, cross, dot, row, sub
+from app.geometry import FloatArray
+
+MAX_INTERVALS, MAX_OPEN = 1 << 14, 1 << 18
+"""A motion that needs more intervals, or more pairs in them, is not proven free."""
+
+_STACK = 256
+
+
+class Bodies(NamedTuple):
+    """Triangles of all bodies, and a tree of boxes and spheres over those of each.
+
+    ``corners`` (m, 3, 3), ``spheres`` (m, 4), centre and radius, and unit ``normals`` (m, 3) are
+    those of triangles in the frame of their link. ``nodes`` (n, 16) are those of a `Bvh`: centre
+    and radius of a sphere, three unit axes, half the extent along each. ``first`` (b, 2) are the
+    first triangle and the first node of a body, ``size`` and ``levels`` (b,) its triangles and
+    levels, ``link`` (b,) the row of the link that carries it.
+    """
+
+    corners: FloatArray
+    spheres: FloatArray
+    normals: FloatArray
+    nodes: FloatArray
+    first: NDArray[np.int64]
+    size: NDArray[np.int64]
+    levels: NDArray[np.int64]
+    link: NDArray[np.int64]
+
+
+class Scratch(NamedTuple):
+    """Memory of one search at a time.
+
+    ``middle`` and ``half`` (n,) are a range of joint positions, ``positions`` and ``steps`` (n,)
+    the middle and half the range of every joint k, ``matrices`` the poses of the links there.
+    ``lines`` (b, n, 8) are the joints that move each body, from the body on, in the frame of its
+    link: axis, pivot, and the largest step to either side, in rad and for sliding joints in mm.
+    """
+
+    middle: FloatArray
+    half: FloatArray
+    positions: FloatArray
+    steps: FloatArray
+    matrices: FloatArray
+    lines: FloatArray
+    ends: FloatArray
+    lists: NDArray[np.int64]
+    open: NDArray[np.int64]
+    stack: NDArray[np.int64]
+    bounds: FloatArray
+
+
+def new_scratch(joints: int, bodies: int) -> Scratch:
+    """Allocate the memory for a robot of so many joints and bodies."""
+    return Scratch(
+        np.empty(joints),
+        np.empty(joints),
+        np.empty(joints),
+        np.empty(joints),
+        np.empty((joints + 1, 4, 4)),
+        np.zeros((bodies, joints, 8)),
+        np.empty((MAX_INTERVALS, 2)),
+        np.empty((MAX_INTERVALS, 2), np.int64),
+        np.empty(MAX_OPEN, np.int64),
+        np.empty((_STACK, 2), np.int64),
+        np.empty(_STACK),
+    )
+
+
+@kernel
+def moved_mm(lines: FloatArray, body: int, joints: int, spheres: FloatArray, i: int) -> float:
+    """The longest way of any point of a sphere of ``body`` against the link above so many joints.
+
+    A joint moves a point by at most its step times the distance from its axis, to which the joints
+    between add what they move.
+    """
+    total, center = 0.0, row(spheres, i)
+    for n in range(joints):
+        turn = lines[body, n, 6]
+        if turn > 0.0:
+            axis = (lines[body, n, 0], lines[body, n, 1], lines[body, n, 2])
+            pivot = (lines[body, n, 3], lines[body, n, 4], lines[body, n, 5])
+            lever = cross(axis, sub(center, pivot))
+            total += turn * (math.sqrt(dot(lever, lever)) + spheres[i, 3] + total)
+        total += lines[body, n, 7]
+    return total
+
+
+@kernel
+def _box_gap(
+    nodes: FloatArray, i: int, j: int, x: Vector, y: Vector, z: Vector, shift: Vector, below: float
+) -> float:
+    """A lower bound of the distance of the nodes ``i`` and ``j``; at once if it is not ``below``.
+
+    ``x``, ``y`` and ``z`` are the rows of the rotation of the second into the frame of the first.
+    """
+    center = row(nodes, j)
+    to = sub(add(shift, (dot(x, center), dot(y, center), dot(z, center))), row(nodes, i))
+    gap = float(math.sqrt(dot(to, to)) - nodes[i, 3] - nodes[j, 3])
+    if gap >= below:
+        return gap
+    a, b, c = (
+        (nodes[j, 4], nodes[j, 5], nodes[j, 6]),
+        (nodes[j, 7], nodes[j, 8], nodes[j, 9]),
+        (nodes[j, 10], nodes[j, 11], nodes[j, 12]),
+    )
+    a = (dot(x, a), dot(y, a), dot(z, a))
+    b = (dot(x, b), dot(y, b), dot(z, b))
+    c = (dot(x, c), dot(y, c), dot(z, c))
+    along_a, along_b, along_c = abs(dot(a, to)), abs(dot(b, to)), abs(dot(c, to))
+    first = 0.0
+    for k in range(3):
+        u = (nodes[i, 4 + 3 * k], nodes[i, 5 + 3 * k], nodes[i, 6 + 3 * k])
+        by_a, by_b, by_c = abs(dot(u, a)), abs(dot(u, b)), abs(dot(u, c))
+        half = nodes[i, 13 + k]
+        along_a, along_b, along_c = (
+            along_a - by_a * half,
+            along_b - by_b * half,
+            along_c - by_c * half,
+        )
+        along = (
+            abs(dot(u, to)) - half - by_a * nodes[j, 13] - by_b * nodes[j, 14] - by_c * nodes[j, 15]
+        )
+        if along > 0.0:
+            first += along * along
+    second = 0.0
+    for along in (along_a - nodes[j, 13], along_b - nodes[j, 14], along_c - nodes[j, 15]):
+        if along > 0.0:
+            second += along * along
+    if first == 0.0 and second == 0.0:
+        return gap  # below 0 for boxes that overlap: the deeper, the sooner visited
+    return max(gap, math.sqrt(max(first, second)))
+
+
+@inlined
+def _corner(
+    corners: FloatArray, i: int, k: int, x: Vector, y: Vector, z: Vector, shift: Vector
+) -> Vector:
+    p = (corners[i, k, 0], corners[i, k, 1], corners[i, k, 2])
+    return (dot(x, p) + shift[0], dot(y, p) + shift[1], dot(z, p) + shift[2])
+
+
+@inlined
+def _plane_gap(n: Vector, p: Vector, a: Vector, b: Vector, c: Vector) -> float:
+    """The distance of the triangle ``abc`` from the plane through ``p``; 0 if it crosses it."""
+    x, y, z = dot(n, sub(a, p)), dot(n, sub(b, p)), dot(n, sub(c, p))
+    return max(min(x, y, z), -max(x, y, z), 0.0)
+
+
+@kernel
+def find_nearer(
+    bodies: Bodies,
+    a: int,
+    b: int,
+    clearance: float,
+    joints_a: int,
+    joints_b: int,
+    exact: bool,
+    scratch: Scratch,
+) -> float:
+    """A distance of the bodies ``a`` and ``b`` that the motion can bring below ``clearance``.
+
+    Inf if there is none; less than ``clearance`` only if there is one now. ``exact``: the distance
+    itself if it is below ``clearance``, 0 where surfaces intersect.
+    """
+    matrices, lines = scratch.matrices, scratch.lines
+    stack, bounds = scratch.stack, scratch.bounds
+    f, g = matrices[bodies.link[a]], matrices[bodies.link[b]]
+    to = (g[0, 3] - f[0, 3], g[1, 3] - f[1, 3], g[2, 3] - f[2, 3])
+    # Rows of the rotation of b into the frame of a.
+    x = (
+        f[0, 0] * g[0, 0] + f[1, 0] * g[1, 0] + f[2, 0] * g[2, 0],
+        f[0, 0] * g[0, 1] + f[1, 0] * g[1, 1] + f[2, 0] * g[2, 1],
+        f[0, 0] * g[0, 2] + f[1, 0] * g[1, 2] + f[2, 0] * g[2, 2],
+    )
+    y = (
+        f[0, 1] * g[0, 0] + f[1, 1] * g[1, 0] + f[2, 1] * g[2, 0],
+        f[0, 1] * g[0, 1] + f[1, 1] * g[1, 1] + f[2, 1] * g[2, 1],
+        f[0, 1] * g[0, 2] + f[1, 1] * g[1, 2] + f[2, 1] * g[2, 2],
+    )
+    z = (
+        f[0, 2] * g[0, 0] + f[1, 2] * g[1, 0] + f[2, 2] * g[2, 0],
+        f[0, 2] * g[0, 1] + f[1, 2] * g[1, 1] + f[2, 2] * g[2, 1],
+        f[0, 2] * g[0, 2] + f[1, 2] * g[1, 2] + f[2, 2] * g[2, 2],
+    )
+    shift = (
+        f[0, 0] * to[0] + f[1, 0] * to[1] + f[2, 0] * to[2],
+        f[0, 1] * to[0] + f[1, 1] * to[1] + f[2, 1] * to[2],
+        f[0, 2] * to[0] + f[1, 2] * to[1] + f[2, 2] * to[2],
+    )
+    nodes, corners, spheres, normals = bodies.nodes, bodies.corners, bodies.spheres, bodies.normals
+    first_a, first_b = bodies.first[a, 1], bodies.first[b, 1]
+    leaf_a, leaf_b = (1 << bodies.levels[a]) - 1, (1 << bodies.levels[b]) - 1
+    found, of_a = math.inf, moved_mm(lines, a, joints_a, nodes, first_a)
+    slack = of_a + moved_mm(lines, b, joints_b, nodes, first_b)
+    stack[0, 0], stack[0, 1], top = 0, 0, 0
+    bounds[0] = _box_gap(nodes, first_a, first_b, x, y, z, shift, clearance + slack)
+    while top >= 0:
+        i, j, bound = stack[top, 0], stack[top, 1], bounds[top]
+        top -= 1
+        if bound >= clearance + slack:
+            continue
+        if bound >= clearance and bound - clearance >= of_a + moved_mm(
+            lines, b, joints_b, nodes, first_b + j
+        ):
+            continue
+        if i < leaf_a or j < leaf_b:
+            by_a = j >= leaf_b or (i < leaf_a and nodes[first_a + i, 3] >= nodes[first_b + j, 3])
+            near = (2 * i + 1, j) if by_a else (i, 2 * j + 1)
+            far = (2 * i + 2, j) if by_a else (i, 2 * j + 2)
+            below = clearance + slack
+            to_near = _box_gap(nodes, first_a + near[0], first_b + near[1], x, y, z, shift, below)
+            to_far = _box_gap(nodes, first_a + far[0], first_b + far[1], x, y, z, shift, below)
+            if to_far < to_near:
+                near, far, to_near, to_far = far, near, to_far, to_near
+            if to_far < below:
+                top += 1
+                stack[top, 0], stack[top, 1], bounds[top] = far[0], far[1], to_far
+            if to_near < below:
+                top += 1
+                stack[top, 0], stack[top, 1], bounds[top] = near[0], near[1], to_near
+            continue
+        i, j = i - leaf_a, j - leaf_b
+        count, level, offset = bodies.size[a], bodies.levels[a], bodies.first[a, 0]
+        from_a, to_a = offset + ((i * count) >> level), offset + (((i + 1) * count) >> level)
+        count, level, offset = bodies.size[b], bodies.levels[b], bodies.first[b, 0]
+        from_b, to_b = offset + ((j * count) >> level), offset + (((j + 1) * count) >> level)
+        for n in range(from_b, to_b):
+            center = row(spheres, n)
+            center = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
+            normal = row(normals, n)
+            normal = (dot(x, normal), dot(y, normal), dot(z, normal))
+            d = _corner(corners, n, 0, x, y, z, shift)
+            e = _corner(corners, n, 1, x, y, z, shift)
+            h = _corner(corners, n, 2, x, y, z, shift)
+            moved = of_a + moved_mm(lines, b, joints_b, spheres, n) if slack > 0.0 else 0.0
+            for m in range(from_a, to_a):
+                apart = sub(center, row(spheres, m))
+                reach = clearance + moved + spheres[m, 3] + spheres[n, 3]
+                if dot(apart, apart) >= reach * reach:
+                    continue
+                u = (corners[m, 0, 0], corners[m, 0, 1], corners[m, 0, 2])
+                v = (corners[m, 1, 0], corners[m, 1, 1], corners[m, 1, 2])
+                w = (corners[m, 2, 0], corners[m, 2, 1], corners[m, 2, 2])
+                if (
+                    _plane_gap(row(normals, m), u, d, e, h) >= clearance + moved
+                    or _plane_gap(normal, d, u, v, w) >= clearance + moved
+                ):
+                    continue
+                distance, _, _ = closest_of_triangles(u, v, w, d, e, h)
+                if distance >= clearance + moved:
+                    continue
+                found = distance
+                if exact and distance > 0.0:
+                    clearance = distance
+                elif distance < clearance:
+                    return found
+                else:
+                    # The motion is not proven free: only a collision now is of interest.
+                    slack = moved = of_a = 0.0
+    return found

@@ -1,0 +1,187 @@
+"""Compiled proof that a motion of a robot keeps its clearances.
+
+Continuous, by the bound of the motion and not by samples (Schwarzer, Saha and Latombe, Adaptive
+dynamic collision checking, 2005): two bodies that are ``d`` apart in the middle of an interval stay
+apart by the clearance if no point of either moves by more than ``d`` less the clearance from there.
+An interval for which that does not hold is bisected, for the pairs of bodies that it leaves open.
+"""
+
+import hashlib
+import math
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.fixture.jit import compiled, inlined, kernel
+from app.fixture.vectors import Vector, add, row, sub
+from app.geometry import FloatArray
+from app.planning import collision_distance
+from app.planning.collision_distance import (
+    MAX_INTERVALS,
+    MAX_OPEN,
+    Bodies,
+    Scratch,
+    find_nearer,
+    moved_mm,
+)
+from app.robot import link_kernel
+from app.robot.elements import MM_PER_M
+from app.robot.link_kernel import compute_link_poses
+
+FREE = -1
+
+RESOLUTION_MM = 0.01
+"""An interval in which no point moves by this is not bisected: the motion is not proven free."""
+
+
+class Pairs(NamedTuple):
+    """Pairs (p, 2) of bodies, the clearance (p,) of each, and the joints (p, 2) between them.
+
+    Those are numbers of joints that move the first body, and the second one, against the link above
+    both, counted from the body. Of two bodies of one chain the first is the upper one: it has 0.
+    """
+
+    bodies: NDArray[np.int64]
+    clearance_mm: FloatArray
+    joints: NDArray[np.int64]
+
+
+class Arm(NamedTuple):
+    """Joints k of the links k + 1: the arrays of `compute_link_poses`, and the k-th position.
+
+    That is ``base[k] + gain[k] * q[driver[k]]``. ``axes`` and ``pivots_mm`` (n, 3) are in the frame
+    of the link.
+    """
+
+    slides: NDArray[np.bool_]
+    origins: FloatArray
+    motions: FloatArray
+    parents: NDArray[np.int64]
+    base: FloatArray
+    driver: NDArray[np.int64]
+    gain: FloatArray
+    axes: FloatArray
+    pivots_mm: FloatArray
+
+
+@kernel
+def _fill_lines(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
+    """Write the joints above each body, as the poses and steps in ``scratch`` are."""
+    matrices, lines = scratch.matrices, scratch.lines
+    for body in range(len(bodies.link)):
+        pose, at, n = matrices[bodies.link[body]], bodies.link[body], 0
+        while at > 0:
+            k = at - 1
+            if arm.driver[k] >= 0:
+                frame, step = matrices[at], scratch.steps[k]
+                axis = _turned_back(pose, _turned(frame, row(arm.axes, k)))
+                pivot = _turned(frame, row(arm.pivots_mm, k))
+                pivot = add(pivot, (frame[0, 3], frame[1, 3], frame[2, 3]))
+                pivot = _turned_back(pose, sub(pivot, (pose[0, 3], pose[1, 3], pose[2, 3])))
+                for i in range(3):
+                    lines[body, n, i], lines[body, n, 3 + i] = axis[i], pivot[i]
+                lines[body, n, 6] = 0.0 if arm.slides[k] else step
+                lines[body, n, 7] = MM_PER_M * step if arm.slides[k] else 0.0
+                n += 1
+            at = arm.parents[k]
+
+
+@inlined
+def _turned(pose: FloatArray, p: Vector) -> Vector:
+    return (
+        pose[0, 0] * p[0] + pose[0, 1] * p[1] + pose[0, 2] * p[2],
+        pose[1, 0] * p[0] + pose[1, 1] * p[1] + pose[1, 2] * p[2],
+        pose[2, 0] * p[0] + pose[2, 1] * p[1] + pose[2, 2] * p[2],
+    )
+
+
+@inlined
+def _turned_back(pose: FloatArray, p: Vector) -> Vector:
+    return (
+        pose[0, 0] * p[0] + pose[1, 0] * p[1] + pose[2, 0] * p[2],
+        pose[0, 1] * p[0] + pose[1, 1] * p[1] + pose[2, 1] * p[2],
+        pose[0, 2] * p[0] + pose[1, 2] * p[1] + pose[2, 2] * p[2],
+    )
+
+
+@kernel
+def _set_range(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
+    """Compute poses and lines of the range ``middle`` and ``half`` in ``scratch``."""
+    for k in range(len(arm.base)):
+        scratch.positions[k], scratch.steps[k] = arm.base[k], 0.0
+        driver = arm.driver[k]
+        if driver >= 0:
+            scratch.positions[k] += arm.gain[k] * scratch.middle[driver]
+            scratch.steps[k] = abs(arm.gain[k]) * scratch.half[driver]
+    compute_link_poses(
+        scratch.positions, arm.slides, arm.origins, arm.motions, arm.parents, scratch.matrices
+    )
+    _fill_lines(bodies, arm, scratch)
+
+
+@compiled(error_model="numpy", nogil=True)
+def blocking_pair(
+    bodies: Bodies, pairs: Pairs, arm: Arm, start: FloatArray, end: FloatArray, scratch: Scratch
+) -> int:
+    """`FREE` if the straight motion between joint positions keeps all clearances, or a pair.
+
+    Of that pair the clearance is not kept, or could not be proven. ``start`` and ``end`` (d,) may
+    be equal. Containment is not tested: a motion that begins outside of a body stays outside.
+    """
+    count = len(pairs.clearance_mm)
+    # The end alone comes first: most motions that are not free end in a collision.
+    scratch.ends[0, 0], scratch.ends[0, 1] = 1.0, 1.0
+    scratch.ends[1, 0], scratch.ends[1, 1] = 0.0, 1.0
+    for number in range(2):
+        scratch.lists[number, 0], scratch.lists[number, 1] = 0, count
+    for number in range(count):
+        scratch.open[number] = number
+    used, head, tail = count, 0, 2
+    while head < tail:
+        low, high = scratch.ends[head, 0], scratch.ends[head, 1]
+        middle = 0.5 * (low + high)
+        for joint in range(len(start)):
+            change = end[joint] - start[joint]
+            scratch.middle[joint] = start[joint] + middle * change
+            scratch.half[joint] = 0.5 * (high - low) * abs(change)
+        _set_range(bodies, arm, scratch)
+        begin = used
+        for at in range(scratch.lists[head, 0], scratch.lists[head, 1]):
+            pair = int(scratch.open[at])
+            a, b, clearance = pairs.bodies[pair, 0], pairs.bodies[pair, 1], pairs.clearance_mm[pair]
+            by_a, by_b = pairs.joints[pair, 0], pairs.joints[pair, 1]
+            distance = find_nearer(bodies, a, b, clearance, by_a, by_b, False, scratch)
+            if distance < clearance:
+                return pair
+            if distance < math.inf:
+                moved = moved_mm(scratch.lines, a, by_a, bodies.nodes, bodies.first[a, 1])
+                moved += moved_mm(scratch.lines, b, by_b, bodies.nodes, bodies.first[b, 1])
+                if moved < RESOLUTION_MM or used == MAX_OPEN:
+                    return pair
+                scratch.open[used] = pair
+                used += 1
+        if used > begin:
+            if tail + 2 > MAX_INTERVALS:
+                return int(scratch.open[begin])
+            for side in range(2):
+                scratch.ends[tail, 0] = low if side == 0 else middle
+                scratch.ends[tail, 1] = middle if side == 0 else high
+                scratch.lists[tail, 0], scratch.lists[tail, 1] = begin, used
+                tail += 1
+        head += 1
+    return FREE
+
+
+def _renew_with(function: object, *sources: str) -> None:
+    """Compile ``function`` again when one of the files ``sources``, which it calls, has changed.
+
+    The cache of `compiled` is valid until a file of `app.fixture` or this file changes.
+    """
+    cache_file = cast(Any, function)._cache._cache_file
+    for source in sources:
+        cache_file._version += f" {hashlib.sha256(Path(source).read_bytes()).hexdigest()}"
+
+
+_renew_with(blocking_pair, link_kernel.__file__, collision_distance.__file__)

@@ -1,0 +1,136 @@
+"""Path in joint space from a start to one of several goals, and its shortening.
+
+OMPL searches; a motion is valid if `CollisionModel` proves it, so nothing depends on a step.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from ompl import base, geometric, util
+
+from app.geometry import FloatArray
+from app.planning.collision import CollisionModel
+
+_SEED = 1
+_SHORTCUTS = 60
+
+util.setLogLevel(util.LOG_ERROR)
+util.RNG.setSeed(_SEED)
+
+
+class _ProvenMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no types
+    """Motions that `CollisionModel` proves."""
+
+    def __init__(self, space: base.SpaceInformation, model: CollisionModel) -> None:
+        super().__init__(space)
+        self._model = model
+
+    def checkMotion(self, start: base.State, end: base.State) -> bool:  # noqa: N802 (of OMPL)
+        """True if the straight motion keeps all clearances."""
+        count = len(self._model.joints)
+        return self._model.motion_keeps_clearance(_array(start, count), _array(end, count))
+
+
+def _array(state: base.State, count: int) -> FloatArray:
+    return np.array([state[joint] for joint in range(count)])
+
+
+def find_path(
+    model: CollisionModel,
+    start: FloatArray,
+    goals: FloatArray,
+    limits: tuple[FloatArray, FloatArray],
+    is_over: Callable[[], bool],
+) -> FloatArray | None:
+    """States (k, d) of a path from ``start`` (d,) to one of ``goals`` (g, d), or None.
+
+    Start and goals are within ``limits``, keep their clearances and are inside of nothing. A
+    straight motion is tried first, to the nearest goal, then RRTConnect (Kuffner and LaValle 2000)
+    until ``is_over``.
+    """
+    nearest = goals[np.linalg.norm(goals - start, axis=1).argmin()]
+    if model.motion_keeps_clearance(start, nearest):
+        return np.array([start, nearest])
+    count = len(start)
+    bounds = base.RealVectorBounds(count)
+    for joint, (low, high) in enumerate(zip(*limits, strict=True)):
+        bounds.setLow(joint, float(low))
+        bounds.setHigh(joint, float(high))
+    states = base.RealVectorStateSpace(count)
+    states.setBounds(bounds)
+    space = base.SpaceInformation(states)
+    # A bool of NumPy would raise `std::bad_cast` in OMPL.
+    space.setStateValidityChecker(lambda state: model.keeps_clearance(_array(state, count)))
+    space.setMotionValidator(_ProvenMotions(space, model))
+    space.setup()
+    problem = base.ProblemDefinition(space)
+    problem.addStartState(_state(states, start))
+    goal = base.GoalStates(space)
+    for each in goals:
+        goal.addState(_state(states, each))
+    problem.setGoal(goal)
+    planner = geometric.RRTConnect(space)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(base.PlannerTerminationCondition(is_over))
+    if not problem.hasExactSolution():
+        return None
+    return np.array([_array(state, count) for state in problem.getSolutionPath().getStates()])
+
+
+def _state(space: base.RealVectorStateSpace, positions: FloatArray) -> base.State:
+    state = space.allocState()
+    for joint, position in enumerate(positions.tolist()):
+        state[joint] = position
+    return state
+
+
+def shorten_path(
+    model: CollisionModel, path: FloatArray, speeds: FloatArray, is_over: Callable[[], bool]
+) -> FloatArray:
+    """A path of less time between the same ends: shortcuts that ``model`` proves.
+
+    ``speeds`` (d,) are those of the joints. First via states are left out, then ``_SHORTCUTS``
+    pairs of random points of the path are joined, then via states are left out again.
+    """
+    rng = np.random.default_rng(_SEED)
+    path = _without_detours(model, path, is_over)
+    for _ in range(_SHORTCUTS):
+        if len(path) < 3 or is_over():
+            break
+        times = np.concatenate([[0.0], np.cumsum(_durations(path, speeds))])
+        first, last = np.sort(rng.random(2)) * times[-1]
+        i, j = np.searchsorted(times, [first, last], side="right") - 1
+        if i == j:
+            continue
+        ends = np.array(
+            [[np.interp(at, times, column) for column in path.T] for at in (first, last)]
+        )
+        shorter = np.concatenate([path[: i + 1], ends, path[j + 1 :]])
+        saved = times[-1] - _durations(shorter, speeds).sum()
+        if saved > 1e-3 * times[-1] and model.motion_keeps_clearance(*ends):
+            path = shorter
+    return _without_detours(model, path, is_over)
+
+
+def _durations(path: FloatArray, speeds: FloatArray) -> FloatArray:
+    """Time (k - 1,) of each part at full speed."""
+    return np.asarray((np.abs(np.diff(path, axis=0)) / speeds).max(axis=1))
+
+
+def _without_detours(
+    model: CollisionModel, path: FloatArray, is_over: Callable[[], bool]
+) -> FloatArray:
+    """The path without via states that can be left out, the longest shortcuts first."""
+    kept, at = [path[0]], 0
+    while at < len(path) - 1:
+        onward = at + 1
+        for later in range(len(path) - 1, at + 1, -1):
+            if is_over():
+                break
+            if model.motion_keeps_clearance(path[at], path[later]):
+                onward = later
+                break
+        kept.append(path[onward])
+        at = onward
+    return np.array(kept)

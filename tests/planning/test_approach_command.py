@@ -1,0 +1,75 @@
+"""The command that plans an approach: files in, JSON out, one line for bad input."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from app.cli.parsing import CommandParser
+from app.cli.planning import approach
+from app.geometry import InputError
+from tests.planning.approach_scenes import load
+from tests.tiers import PROJECT_ROOT
+
+pytestmark = pytest.mark.slow
+
+ROBOT = PROJECT_ROOT / "data" / "robots" / "touch" / "touch.urdf"
+JOINTS = ("waist", "shoulder", "elbow", "yaw", "pitch", "roll")
+
+
+@pytest.fixture
+def plan(tmp_path):
+    (tmp_path / "start.yaml").write_text("".join(f"{name}: 0.1\n" for name in JOINTS))
+    (tmp_path / "goal.json").write_text(json.dumps({"waist": 0.5}))
+    limits = "".join(f"{name}: {{acceleration: 5, jerk: 50}}\n" for name in JOINTS)
+    (tmp_path / "limits.yaml").write_text(limits)
+    trimesh.creation.icosphere(2, 20.0).export(tmp_path / "ball.stl")
+    (tmp_path / "pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 900\n0 0 0 1\n")
+
+    def run(*words):
+        parser = CommandParser()
+        approach.add_arguments(parser)
+        given = [str(ROBOT), "--clearance-mm", "5"]
+        for name in ("start.yaml", "limits.yaml"):
+            given += [f"--{name.partition('.')[0]}", str(tmp_path / name)]
+        names = [str(tmp_path / word) if "." in word else word for word in words]
+        return approach.run(parser.parse_args([*given, *names]))
+
+    return run
+
+
+def test_trajectory_is_printed(plan, capsys):
+    assert plan("--goal", "goal.json", "--structure", "ball.stl", "pose.txt") == 0
+    made = json.loads(capsys.readouterr().out)
+    assert made["joints"] == ["waist"]
+    assert made["positions"][0] == [0.1]
+    assert made["positions"][-1] == [0.5]
+    assert made["held"] == dict.fromkeys(JOINTS[1:], 0.1)
+    assert len(made["times_ns"]) == len(made["velocities"])
+
+
+def test_trajectory_to_a_pose_is_written(plan, tmp_path):
+    robot = load("touch")
+    pose = robot.forward_kinematics(dict.fromkeys(JOINTS, 0.3))["stylus"]
+    np.savetxt(tmp_path / "goal.txt", pose.matrix)
+    assert plan("--goal-pose", "stylus", "goal.txt", "--out", "plan.json") == 0
+    made = json.loads((tmp_path / "plan.json").read_text())
+    end = dict(zip(made["joints"], made["positions"][-1], strict=True))
+    assert robot.forward_kinematics(end)["stylus"].distance_mm_to(pose) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "problem"),
+    [
+        ("goal.json", "[1]", "is no mapping of joints; expected JOINT: NUMBER"),
+        ("goal.json", '{"waist": "far"}', "waist is 'far'; expected a number"),
+        ("limits.yaml", "waist: 3", "waist is 3; expected acceleration, jerk and maybe velocity"),
+    ],
+)
+def test_bad_file_is_named(plan, tmp_path, name, text, problem):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as raised:
+        plan("--goal", "goal.json")
+    assert problem in str(raised.value)
+    assert name in str(raised.value)
