@@ -103,4 +103,6 @@ def write_lines(path: Path, panels: Mapping[str, Times], label: str, bold: str) 
 
 
 def _short(count: float) -> str:
+    if count < 1000:
+        return f"{count:g}"
     return f"{count / 1e6:.1f}M" if count >= 1_000_000 else f"{count / 1000:.0f}k"
