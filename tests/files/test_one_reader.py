@@ -50,6 +50,7 @@ READS_OWN_FILES = {
     "cli/scene_process.py": "a picture that a child process wrote",
     "files/video_file.py": "the video that this process wrote",
     "fixture/jit.py": "source code of this project",
+    "planning/collision_kernel.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "cohort/dataset.py": "the journal and the partitions of an earlier run",
     "files/child_process.py": "a table of the kernel",
@@ -108,6 +109,8 @@ OPENS_FILES = {
     # Pipes between processes, and the folder of own caches.
     "files/child_process.py": {"os.fdopen"},
     "cli/caches.py": {"os.open"},
+    # The device null, for what nobody reads any more.
+    "cli/main.py": {"os.open"},
 }
 """Files of ``app`` that open files otherwise than by the bounded read."""
 
