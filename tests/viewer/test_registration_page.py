@@ -36,7 +36,6 @@ def test_robot_is_registered_by_touch_and_the_registration_undone(browser, live_
         page.click("#registration-start")
         start("-m", "app.cli", "tracker", CASE)
         rows = page.locator("#registration tbody tr")
-        expect(verdict).to_contain_text("expected at least 4")
         expect(rows).to_have_count(POINTS)
         expect(verdict).to_have_attribute("data-ok", "true")
         page.click("#registration-stop")
