@@ -109,7 +109,7 @@ OPENS_FILES = {
     # Pipes between processes, and the folder of own caches.
     "files/child_process.py": {"os.fdopen"},
     "cli/caches.py": {"os.open"},
-    # The device null, for what nobody reads any more.
+    # The null device, for buffered output after its pipe was closed.
     "cli/main.py": {"os.open"},
 }
 """Files of ``app`` that open files otherwise than by the bounded read."""
