@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.fixture.jit import compiled, inlined, kernel
-from app.fixture.vectors import Vector, add, row, sub
+from app.fixture.vectors import Vector, add, rotate_inverse, row, sub
 from app.geometry import FloatArray
 from app.planning import collision_distance
 from app.planning.collision_distance import (
@@ -76,10 +76,10 @@ def _fill_lines(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
             k = at - 1
             if arm.driver[k] >= 0:
                 frame, step = matrices[at], scratch.steps[k]
-                axis = _turned_back(pose, _turned(frame, row(arm.axes, k)))
+                axis = rotate_inverse(pose, _turned(frame, row(arm.axes, k)))
                 pivot = _turned(frame, row(arm.pivots_mm, k))
                 pivot = add(pivot, (frame[0, 3], frame[1, 3], frame[2, 3]))
-                pivot = _turned_back(pose, sub(pivot, (pose[0, 3], pose[1, 3], pose[2, 3])))
+                pivot = rotate_inverse(pose, sub(pivot, (pose[0, 3], pose[1, 3], pose[2, 3])))
                 for i in range(3):
                     lines[body, n, i], lines[body, n, 3 + i] = axis[i], pivot[i]
                 lines[body, n, 6] = 0.0 if arm.slides[k] else step
@@ -94,15 +94,6 @@ def _turned(pose: FloatArray, p: Vector) -> Vector:
         pose[0, 0] * p[0] + pose[0, 1] * p[1] + pose[0, 2] * p[2],
         pose[1, 0] * p[0] + pose[1, 1] * p[1] + pose[1, 2] * p[2],
         pose[2, 0] * p[0] + pose[2, 1] * p[1] + pose[2, 2] * p[2],
-    )
-
-
-@inlined
-def _turned_back(pose: FloatArray, p: Vector) -> Vector:
-    return (
-        pose[0, 0] * p[0] + pose[1, 0] * p[1] + pose[2, 0] * p[2],
-        pose[0, 1] * p[0] + pose[1, 1] * p[1] + pose[2, 1] * p[2],
-        pose[0, 2] * p[0] + pose[1, 2] * p[1] + pose[2, 2] * p[2],
     )
 
 
