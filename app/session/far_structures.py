@@ -5,7 +5,7 @@ structure since then, is at least ``d - w`` away. A step then costs what is near
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ class FarStructures:
         """Replace the setup: each structure is measured at the next step."""
         structures, margins = setup.guarded, setup.margins
         self._setup = setup
-        self._asleep: dict[int, FarDistance] = {}
+        self._asleep: frozenset[int] = frozenset()
         self._frames = [each.frame_from_structure.target for each in structures]
         self._names = tuple(dict.fromkeys(self._frames))
         self._needed_frames = {*self._names, *(() if setup.robot is None else (REFERENCE,))}
@@ -126,9 +126,7 @@ class FarStructures:
         """The clock went back: no path from the pose before the jump."""
         self._last = {}
 
-    def end(
-        self, now: Stamp, far: Mapping[int, FarDistance], measured: Mapping[int, FixtureDecision]
-    ) -> None:
+    def end(self, now: Stamp, far: Iterable[int], measured: Mapping[int, FixtureDecision]) -> None:
         """End the step at ``now`` with the structures that were ``far`` and the ``measured`` ones.
 
         After a fault all are measured at the next step.
@@ -139,7 +137,7 @@ class FarStructures:
             for number, decision in measured.items():
                 if number > 0:
                     self._note(number, decision)
-        self._now, self._asleep, self._last = now, dict(far), self._tips
+        self._now, self._asleep, self._last = now, frozenset(far), self._tips
         self._tools, self._tips = {}, {}
 
     def _note(self, number: int, decision: FixtureDecision) -> None:
