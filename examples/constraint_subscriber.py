@@ -8,11 +8,19 @@ unless ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST is set.
     python examples/constraint_subscriber.py
 """
 
+import signal
+import threading
+
 import rclpy
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.signals import SignalHandlerOptions
 
-rclpy.init()
+# rclpy's own handler of signals may shut down in the middle of a wait or of a line.
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
 node = rclpy.create_node("constraint_subscriber")
+stopped = threading.Event()
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda *_: stopped.set())
 
 
 def show(c: FixtureConstraint) -> None:
@@ -21,8 +29,6 @@ def show(c: FixtureConstraint) -> None:
 
 
 node.create_subscription(FixtureConstraint, "/marginguard/constraint", show, 1)
-try:
-    rclpy.spin(node)
-except (KeyboardInterrupt, Exception):
-    if rclpy.ok():  # Ctrl-C ends the context, perhaps in the middle of a wait
-        raise
+while not stopped.is_set():
+    rclpy.spin_once(node, timeout_sec=0.1)
+rclpy.shutdown()
