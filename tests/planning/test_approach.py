@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from app.planning import ApproachError, CollisionModel, MotionLimits, plan_appro
 from app.robot import robot_from_text
 from tests.planning.approach_scenes import (
     LINKS,
+    STEP_MM,
     CoalScene,
     arm_joints,
     limits_of,
@@ -42,23 +44,21 @@ def ball(robot, center, radius=20.0):
     return SurfaceMesh(robot.root_link, shape.vertices + center, shape.faces)
 
 
-def check_with_coal(name, count, seed):
-    """Plan ``count`` random queries; return how many were found, and the least excess in mm."""
-    robot, rng = load(name), np.random.default_rng(seed)
-    found, least = 0, (math.inf, None)
-    for _ in range(count):
-        structures, start, goal, _ = random_problem(robot, rng, CLEARANCE_MM)
-        try:
-            made = plan(robot, start, goal, structures)
-        except ApproachError:
-            continue
-        found += 1
-        assert made.positions[0].tolist() == [start[joint] for joint in made.joints]
-        assert made.positions[-1].tolist() == [goal[joint] for joint in made.joints]
-        scene = CoalScene(robot, structures)
-        excess = scene.closest_mm(made.positions, made.held, made.joints, CLEARANCE_MM)
-        least = min(least, excess, key=lambda each: each[0])
-    return found, least
+@cache
+def problem(name):
+    """A robot among ten structures: robot, structures, start, goal and model."""
+    robot = load(name)
+    seed = {"touch": 7, "ur5": 7, "panda": 9}[name]
+    return robot, *random_problem(robot, np.random.default_rng(seed), CLEARANCE_MM)
+
+
+def excess_mm(robot, structures, start, goal, step_mm=STEP_MM):
+    """The least excess of a plan over its clearance, with its pair; by coal."""
+    made = plan(robot, start, goal, structures)
+    assert made.positions[0].tolist() == [start[joint] for joint in made.joints]
+    assert made.positions[-1].tolist() == [goal[joint] for joint in made.joints]
+    scene = CoalScene(robot, structures, step_mm)
+    return scene.closest_mm(made.positions, made.held, made.joints, CLEARANCE_MM)
 
 
 @pytest.fixture(scope="module")
@@ -72,19 +72,18 @@ def start(touch):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_coal_finds_every_clearance_kept_at_fine_steps(name):
-    found, (excess, pair) = check_with_coal(name, 2, seed=5)
-    assert found >= 1
+def test_coal_finds_the_clearance_kept(name):
+    robot, structures, start, goal, _ = problem(name)
+    excess, pair = excess_mm(robot, structures, start, goal, step_mm=0.5)
     assert excess > -1e-6, pair
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_states_are_blocked_where_coal_finds_a_pair_too_near(name):
-    robot, rng = load(name), np.random.default_rng(8)
-    structures, _, _, model = random_problem(robot, rng, CLEARANCE_MM)
-    scene = CoalScene(robot, structures)
+    robot, structures, _, _, model = problem(name)
+    rng, scene = np.random.default_rng(8), CoalScene(robot, structures)
     blocked = 0
-    for _ in range(60):
+    for _ in range(30):
         state = random_state(robot, rng)
         held = {joint: value for joint, value in state.items() if joint not in model.joints}
         held |= {joint: robot.tree.joint(joint).upper for joint in held}
@@ -95,7 +94,7 @@ def test_states_are_blocked_where_coal_finds_a_pair_too_near(name):
         if abs(excess) > 0.2:  # links may come nearer to each other than `SELF_CLEARANCE_MM`
             assert model.keeps_clearance(positions[0]) == (excess > 0.0)
             blocked += excess < 0.0
-    assert 5 < blocked < 55
+    assert 3 < blocked < 27
 
 
 def test_thin_obstacle_between_two_free_states_blocks_the_motion(touch, start):
@@ -113,8 +112,7 @@ def test_thin_obstacle_between_two_free_states_blocks_the_motion(touch, start):
 
 
 def test_trajectory_keeps_limits_of_velocity_acceleration_and_jerk():
-    robot, rng = load("panda"), np.random.default_rng(2)
-    structures, start, goal, _ = random_problem(robot, rng, CLEARANCE_MM)
+    robot, structures, start, goal, _ = problem("panda")
     made = plan(robot, start, goal, structures)
     assert made.times_ns.dtype == np.int64
     steps_s = np.diff(made.times_ns) * 1e-9
@@ -141,8 +139,7 @@ def test_smaller_of_two_velocity_limits_holds(touch, start):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_goal_pose_of_the_tool_is_reached(name):
-    robot, rng = load(name), np.random.default_rng(4)
-    structures, start, goal, _ = random_problem(robot, rng, CLEARANCE_MM)
+    robot, structures, start, goal, _ = problem(name)
     pose = robot.forward_kinematics({**start, **goal})[LINKS[name]]
     made = plan(robot, start, pose, structures)
     end = {**made.held, **dict(zip(made.joints, made.positions[-1].tolist(), strict=True))}

@@ -7,9 +7,8 @@ from tests.planning.needle_scenes import judged
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("first", range(0, 30, 10))
-def test_corridors_keep_their_distance_and_score_as_the_best_of_an_exhaustive_search(first):
-    verdicts = [judged(seed) for seed in range(first, first + 10)]
+def test_corridors_keep_their_distance_and_score_as_the_best_of_an_exhaustive_search():
+    verdicts = [judged(seed) for seed in range(8)]
     assert sum(each.corridors for each in verdicts) > 0
     assert sum(each.violations for each in verdicts) == 0
     assert sum(each.wrong_entries for each in verdicts) == 0
