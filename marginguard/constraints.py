@@ -19,6 +19,7 @@ from marginguard.values import needs
 
 if TYPE_CHECKING:
     from marginguard_msgs.msg import FixtureConstraint
+    from rclpy.node import Node
 
     from app.bridge.constraint_message import ConstraintReader
 
@@ -32,6 +33,7 @@ __all__ = [
     "RulePermission",
     "constraint_stream",
     "limit_twist",
+    "other_definitions",
     "plain_constraint",
     "prepare_ros",
     "read_constraint",
@@ -130,3 +132,27 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     with needs("ROS 2"):
         from app.bridge.constraint_message import plain_constraint as convert
     return convert(message)
+
+
+def other_definitions(node: "Node", topic: str = DEFAULT_TOPIC) -> dict[str, str]:
+    """Publishers of ``topic`` whose ``FixtureConstraint`` has another definition than ours.
+
+    Type hash by the node's name. While there is one, use no constraint: ROS connects the two and
+    decodes wrong values without an error. A publisher that announces no hash is not listed.
+    ``docs/controller.md`` says when to ask. Needs the extra ``ros``. Raises `InputError` without
+    it, `BridgeError` if other messages are installed than those of this version.
+
+    >>> import rclpy
+    >>> import marginguard as mg
+    >>> where = mg.prepare_ros()
+    >>> rclpy.init()
+    >>> mg.other_definitions(rclpy.create_node("controller"))
+    {}
+    >>> rclpy.shutdown()
+    """
+    with needs("ROS 2"):
+        from marginguard_msgs.msg import FixtureConstraint
+
+        from app.bridge.message_definitions import check_installed, foreign_endpoints
+    check_installed()
+    return foreign_endpoints(node.get_publishers_info_by_topic(topic), FixtureConstraint)

@@ -104,7 +104,8 @@ class Transform:
         if values.shape == (16,):
             values = values.reshape(4, 4)
         values = _checked(values, (4, 4), f"matrix of {name}")
-        if not np.allclose(values[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
+        x, y, z, one = values[3].tolist()
+        if max(abs(x), abs(y), abs(z), abs(one - 1.0)) > 1e-9:
             raise TransformError(
                 f"last row of the matrix of {name} is {values[3].tolist()}; expected 0 0 0 1"
             )

@@ -6,7 +6,8 @@ vectors are along the axes of the constraint's frame, in m and m/s.
 
     python examples/controller/twist_filter.py --frame tumor
 
-Poses that are recorded or simulated allow no motion, unless ``--accept-simulated`` is given.
+Poses that are recorded or simulated allow no motion, unless ``--accept-simulated`` is given. None is
+allowed while a guard has other message definitions.
 """
 
 import argparse
@@ -32,7 +33,8 @@ import marginguard as mg
 
 MM_PER_M = 1000.0
 
-PERIOD_S = 0.005
+TOPIC = "/marginguard/constraint"
+PERIOD_S, COMPARE_S = 0.005, 1.0
 MAX_COMMAND_AGE_NS = 100_000_000
 NEWEST = QoSProfile(depth=1)
 
@@ -47,12 +49,16 @@ class TwistFilter(Node):
         self.desired: tuple[int, np.ndarray] | None = None
         self.tip: tuple[int, np.ndarray] | None = None
         self.logged = ""
-        self.create_subscription(FixtureConstraint, "/marginguard/constraint", self.receive, NEWEST)
+        self.others: dict[str, str] = {}
+        self.compared = ""
+        self.create_subscription(FixtureConstraint, TOPIC, self.receive, NEWEST)
         self.create_subscription(TwistStamped, "desired_twist", self.command, NEWEST)
         self.create_subscription(PointStamped, "tip", self.move, NEWEST)
         self.create_service(Trigger, "controller_rearm", self.rearm)
         self.safe = self.create_publisher(TwistStamped, "safe_twist", NEWEST)
-        self.create_timer(PERIOD_S, self.step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PERIOD_S, self.step, clock=steady)
+        self.create_timer(COMPARE_S, self.compare, clock=steady)
 
     def now_ns(self) -> int:
         """System time; the stamps of the constraint have to be on this clock.
@@ -63,8 +69,20 @@ class TwistFilter(Node):
         return time.time_ns()
 
     def receive(self, message: FixtureConstraint) -> None:
-        """Pass a constraint to the rule."""
-        self.rule.receive(mg.plain_constraint(message), self.now_ns())
+        """Pass a constraint to the rule, unless a guard has other message definitions."""
+        if message.instance_id != self.compared:
+            self.compare()
+            self.compared = message.instance_id
+        if not self.others:
+            self.rule.receive(mg.plain_constraint(message), self.now_ns())
+
+    def compare(self) -> None:
+        """Look for guards whose messages this node would decode wrongly."""
+        others = mg.other_definitions(self, TOPIC)
+        if others != self.others:
+            self.others = others
+            names = ", ".join(others) or "none"
+            self.get_logger().warning(f"guards with other message definitions: {names}")
 
     def command(self, message: TwistStamped) -> None:
         """Keep the desired twist, in mm/s and rad/s."""

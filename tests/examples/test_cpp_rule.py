@@ -23,7 +23,7 @@ def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(
 
 
 def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver: Path) -> None:
-    check_random_lives(cpp_driver, controllers=60)
+    check_random_lives(cpp_driver, controllers=25)
 
 
 def test_cpp_rule_has_no_undefined_behaviour(cpp_sources: Path, tmp_path: Path) -> None:
@@ -32,11 +32,11 @@ def test_cpp_rule_has_no_undefined_behaviour(cpp_sources: Path, tmp_path: Path) 
     if subprocess.run(empty, check=False).returncode != 0:
         pytest.skip("g++ has no sanitizers")
     driver = compiled(cpp_sources, tmp_path / "driver", *SANITIZED)
-    lives = [list(events(np.random.default_rng(seed))) for seed in range(1000, 1060)]
-    lives.append(list(events(np.random.default_rng(1060), LONG)))
+    lives = [list(events(np.random.default_rng(seed))) for seed in range(1000, 1020)]
+    lives.append(list(events(np.random.default_rng(1020), LONG)))
     absurd_ns = (0, 2**63 - 1, -(2**63), 2**63 - 1, 0)
     lives.append([Start(), *(Allow(np.zeros(6), np.zeros(3), now_ns) for now_ns in absurd_ns)])
     found = answers(driver, lives)
-    assert len(found) == (60 * 12 + LONG) * STEPS + len(absurd_ns)
+    assert len(found) == (20 * 12 + LONG) * STEPS + len(absurd_ns)
     reasons = [line.split()[1] for line in found[-len(absurd_ns) :]]
     assert reasons == ["no_message", "no_message", "clock", "clock", "clock"]

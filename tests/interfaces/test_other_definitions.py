@@ -127,6 +127,20 @@ def test_guard_of_another_version_is_not_rearmed(other_site, start):
     assert REMEDY in log
 
 
+def test_controller_of_the_examples_uses_no_constraint_beside_such_a_guard(
+    other_site, start_live, start_sender, start, live_yaml, project_root
+):
+    start_live(str(live_yaml(TRACKED)))
+    other = start(PEER, str(other_site), "publish", "/marginguard/constraint", "FixtureConstraint")
+    filtered = start(project_root / "examples" / "controller" / "twist_filter.py")
+    named = "guards with other message definitions: "
+    wait_until(lambda: f"{named}/other_version" in filtered.log.read_text())
+    other.end(signal.SIGKILL)
+    wait_until(lambda: f"{named}none" in filtered.log.read_text())
+    start_sender("tracked", "again")
+    wait_until(lambda: re.search(r"guard [0-9a-f]{16}\n", filtered.log.read_text()))
+
+
 def test_program_with_messages_of_another_version_does_not_start(
     other_site, domain_id, project_root
 ):
