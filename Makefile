@@ -55,7 +55,7 @@ test: $(test)
 
 # Each test file names its tier: tests/tiers.py.
 test-fast: $(test)
-	@$(call pytest,fast,3) $(PYTEST_ARGS)
+	@$(call pytest,fast,2) $(PYTEST_ARGS)
 
 # Two workers: most of these tests run live sessions, which miss their deadlines on a busy machine.
 test-long: $(test)

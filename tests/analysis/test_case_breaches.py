@@ -7,6 +7,8 @@ from app.analysis.case_breaches import analyse_breaches
 from app.analysis.samples import CaseSamples
 from app.analysis.smoothing import estimate_jitter
 
+pytestmark = pytest.mark.slow
+
 TURN = np.eye(3).ravel().tolist()
 
 

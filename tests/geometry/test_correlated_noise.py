@@ -7,6 +7,8 @@ from app.analysis import estimate_jitter
 from app.geometry.correlated_noise import Correlation, estimate_noise
 from tests.analysis.simulated_breaches import simulate
 
+pytestmark = pytest.mark.slow
+
 MEAN_S = 0.2
 
 

@@ -8,6 +8,8 @@ from matplotlib import image
 from app.report import ReportError
 from app.report.residual_plot import residual_png
 
+pytestmark = pytest.mark.slow
+
 VALUES = np.array([0.2, 0.4, 9.0, 0.1])
 
 

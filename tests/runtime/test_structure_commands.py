@@ -14,6 +14,8 @@ from tests.doubles import frame, sample
 from tests.runtime.command_world import APPLIED, LATCHED, PREPARED, World
 from tests.session_content import FACES, TETRAHEDRON
 
+pytestmark = pytest.mark.slow
+
 NAN = float("nan")
 REASON = "resected"
 

@@ -15,6 +15,8 @@ from marginguard import open_case
 from tests.session.far_step import far_step
 from tests.session.structure_worlds import random_bodies, setup_of, tracker_poses
 
+pytestmark = pytest.mark.slow
+
 
 def roaming_frames(rng, count):
     """A tool that passes among structures at up to 0.3 m/s; every thirtieth frame has a fault."""

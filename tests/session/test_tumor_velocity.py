@@ -23,6 +23,8 @@ from app.session import RobotSetup, Session, SessionSetup
 from app.synthetic.motion import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample
 
+pytestmark = pytest.mark.slow
+
 EXPECTED = TumorMotionParameters(
     swing_mm=5.0, swing_rad=0.01, rate_hz=0.25, jitter_mm=0.1, jitter_rad=0.001
 )

@@ -10,6 +10,8 @@ from app.synthetic import CaseOptions, Recording, SimulatedTracker
 from app.synthetic.case_options import CaseErrors, Encoders, offset_ns
 from app.synthetic.simulation import FIRST_STAMP_NS, ROBOT_TO_TRACKER_OFFSET_NS, TRACKED_FRAMES
 
+pytestmark = pytest.mark.slow
+
 OPTIONS = CaseOptions.of_tracker("aurora").with_values(
     {"tracker.lost": 0.01, "tracker.stamp_sd_s": 0.002}
 )

@@ -8,6 +8,8 @@ from app.synthetic import Clearance, Tumour, tool_mesh
 from app.synthetic.error_budget import Depths
 from app.synthetic.scenario import plan_scenario
 
+pytestmark = pytest.mark.slow
+
 TUMOR_FROM_WORK = Transform.identity("tumor", "work")
 
 

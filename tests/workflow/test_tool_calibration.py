@@ -22,6 +22,8 @@ from tests.workflow.guided import (
     step_with,
 )
 
+pytestmark = pytest.mark.slow
+
 CONTENT = one_link_content()
 TIP_MM, DIVOT_MM = np.array([6.0, -3.0, 118.0]), np.array([50.0, 40.0, 30.0])
 SHAFT = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])

@@ -21,6 +21,8 @@ from app.registration.paired_points import PairNoise, fit_rigid
 from tests.oracles.registration_tre import fitzpatrick_tre
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 
+pytestmark = pytest.mark.slow
+
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 
 

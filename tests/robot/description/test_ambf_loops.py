@@ -9,6 +9,8 @@ import yaml
 from app.robot import AdfError, IkOptions, JointError, UnreachableError, load_adf
 from tests.oracles.ambf_mechanism import link_poses, loop_gaps
 
+pytestmark = pytest.mark.slow
+
 DEPENDENT = {"back-bottom": -1.0, "bottom-end": 1.0, "back-top": -1.0, "yaw-front": 1.0}
 """Joint of the parallelograms -> its position as a multiple of that of ``yaw-back``: opposite sides
 stay parallel."""

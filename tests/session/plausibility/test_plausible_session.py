@@ -14,6 +14,8 @@ from app.registration import DriftBound, given_registration
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, sample
 
+pytestmark = pytest.mark.slow
+
 SENSORS = {
     "needle": np.array([0.0, 0.0, 0.0]),
     "cautery": np.array([40.0, 0.0, 0.0]),
