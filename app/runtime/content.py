@@ -140,6 +140,11 @@ class SessionContent:
         """The structure ``name`` beside the tumour; None without it."""
         return next((each for each in self.structures if each.name == name), None)
 
+    @property
+    def structure_surfaces(self) -> dict[str, SurfaceMesh]:
+        """Surfaces of the structures beside the tumour by name."""
+        return {each.name: each.surface for each in self.structures}
+
     def with_margins(self, setup: SessionSetup) -> "SessionContent":
         """This content with the margins of ``setup`` and the distances of its structures."""
         used = {each.name: (each.stop_mm, each.warn_mm) for each in setup.structures}

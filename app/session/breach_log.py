@@ -3,6 +3,7 @@
 Page, report and analysis share the rules for beginning and end of a breach and for its place.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -24,6 +25,7 @@ from app.geometry import (
     closest_rotation,
     freshness_of,
 )
+from app.session.shown_state import structure_title
 from app.session.step_result import StepResult
 
 TIP_MM = 2.0
@@ -105,6 +107,9 @@ class InsideRuns:
 MAX_LISTED = 200
 """Breaches that are kept in the list: the first one, the deepest one and the last ones."""
 
+_TUMOR = ""
+"""Key of the tumour among the structures, also where it is the only one."""
+
 
 @dataclass(frozen=True, slots=True)
 class BreachEntry:
@@ -117,7 +122,8 @@ class BreachEntry:
     to the point of its surface that is nearest to the deepest point of the tool. ``from_tip_mm``:
     distance of that point of the tool from the tip, None if the tip's pose is not known.
     ``is_open``: the tool is still inside at the last step. ``activation``: on if it was at any
-    step of it, else unknown if it was, None without a source of its state.
+    step of it, else unknown if it was, None without a source of its state. ``structure``: the name
+    of the one that is breached, in whose frame the place is; empty for the tumour alone.
     """
 
     number: int
@@ -133,6 +139,7 @@ class BreachEntry:
     from_tip_mm: float | None
     is_open: bool
     activation: Activation | None = None
+    structure: str = ""
 
     @property
     def duration_s(self) -> float:
@@ -141,8 +148,9 @@ class BreachEntry:
 
     @property
     def place_text(self) -> str:
-        """The place in words; ``centre`` if it has no direction."""
-        return anatomical_words(self.place) or "centre"
+        """The structure, and the place in words; ``centre`` if it has no direction."""
+        place = anatomical_words(self.place) or "centre"
+        return f"{structure_title(self.structure)}, {place}" if self.structure else place
 
     @property
     def part_text(self) -> str:
@@ -165,7 +173,7 @@ class BreachEntry:
 class BreachList:
     """All breaches up to a step: their ``count``, and the ``entries`` that are kept.
 
-    ``is_inside``: the last one is still open.
+    ``is_inside``: one is still open.
     """
 
     count: int = 0
@@ -184,62 +192,100 @@ class BreachList:
         if deepest is None:
             return ""
         noun = "breach" if self.count == 1 else "breaches"
-        return f"{self.count} {noun} so far, deepest {deepest.depth_mm:.1f} mm"
+        where = f" ({structure_title(deepest.structure)})" if deepest.structure else ""
+        return f"{self.count} {noun} so far, deepest {deepest.depth_mm:.1f} mm{where}"
 
 
 class BreachLog:
-    """Lists the breaches of the steps that `observe` is called with, in their order.
+    """Lists the breaches of the steps that `observe` is called with, in the order they begin.
 
-    ``tumor`` gives the centre; `use` replaces it, and keeps the breaches of the tumour before.
+    ``tumor`` and the further ``structures`` by name give the centres; `use` replaces them, and
+    keeps the breaches so far.
     """
 
-    def __init__(self, tumor: SurfaceMesh, stale_after_ns: int) -> None:
-        self._tumor, self._center_mm = tumor, tumor.centroid_mm
-        self._runs = InsideRuns(stale_after_ns)
+    def __init__(
+        self, tumor: SurfaceMesh, stale_after_ns: int, structures: Mapping[str, SurfaceMesh]
+    ) -> None:
+        self._centers: dict[str, tuple[SurfaceMesh, FloatArray]] = {}
+        self._runs: dict[str, InsideRuns] = {}
+        self._open: dict[str, int] = {}
         self._list = BreachList()
         self._first_ns: int | None = None
+        self.use(tumor, stale_after_ns, structures)
 
     @property
     def breaches(self) -> BreachList:
         """The breaches up to the last step."""
         return self._list
 
-    def use(self, tumor: SurfaceMesh, stale_after_ns: int) -> None:
-        """Use another tumour or limit from the next step on."""
-        if tumor is not self._tumor:  # of a large surface it takes a millisecond
-            self._tumor, self._center_mm = tumor, tumor.centroid_mm
-        self._runs.use(stale_after_ns)
+    def use(
+        self, tumor: SurfaceMesh, stale_after_ns: int, structures: Mapping[str, SurfaceMesh]
+    ) -> None:
+        """Use other surfaces or another limit from the next step on."""
+        before, self._centers = self._centers, {}
+        for name, surface in {_TUMOR: tumor, **structures}.items():
+            known = before.get(name)
+            if known is None or known[0] is not surface:
+                known = surface, surface.centroid_mm  # a millisecond for a large surface
+            self._centers[name] = known
+        self._stale_after_ns = stale_after_ns
+        for runs in self._runs.values():
+            runs.use(stale_after_ns)
 
     def observe(self, step: StepResult) -> BreachList:
         """Add ``step``, the next one; return all breaches so far."""
-        step = step.of_tumor
+        stamp_ns = step.frame.stamp.ns
         if self._first_ns is None:
-            self._first_ns = step.frame.stamp.ns
-        proximity = step.decision.proximity
-        if proximity is None or not np.isfinite(proximity.signed_distance_mm):
-            return self._list  # neither begins nor ends a breach
-        found = self._runs.observe(step.frame.stamp.ns, float(proximity.signed_distance_mm))
-        if found is InsideRun.OUTSIDE:
-            self._list = _closed(self._list)
-        else:
-            self._list = self._extended(step, proximity, found)
+            self._first_ns = stamp_ns
+        decisions = {_TUMOR: step.decision}
+        if step.structures:
+            first, *others = step.structures
+            decisions = {_TUMOR: first.decision} | {each.name: each.decision for each in others}
+        for name in self._open.keys() - decisions.keys():
+            self._close(name)  # the structure is off
+        for name, decision in decisions.items():
+            proximity = decision.proximity
+            if proximity is None or not np.isfinite(proximity.signed_distance_mm):
+                continue  # neither begins nor ends a breach
+            runs = self._runs.setdefault(name, InsideRuns(self._stale_after_ns))
+            found = runs.observe(stamp_ns, float(proximity.signed_distance_mm))
+            if found is not InsideRun.CONTINUES:
+                self._close(name)
+            if found is not InsideRun.OUTSIDE:
+                self._extend(name, step, proximity)
         return self._list
 
-    def _extended(self, step: StepResult, proximity: Proximity, found: InsideRun) -> BreachList:
-        before = self._list
-        here = self._entry(step, proximity, before.count + 1)
-        if found is InsideRun.CONTINUES:
-            entries = (*before.entries[:-1], _joined(before.entries[-1], here))
-            return replace(before, entries=entries)
-        entries = (*_closed(before).entries, here)
-        return BreachList(before.count + 1, _limited(entries), is_inside=True)
+    def _close(self, name: str) -> None:
+        """End the open breach of a structure, if there is one."""
+        number = self._open.pop(name, None)
+        if number is not None:
+            self._change(number, lambda entry: replace(entry, is_open=False))
 
-    def _entry(self, step: StepResult, proximity: Proximity, number: int) -> BreachEntry:
-        pose, stamp_ns = step.tumor_from_tip, step.frame.stamp.ns
-        if step.between_frames is not None:
-            pose = step.between_frames.deepest.tumor_from_tip
+    def _extend(self, name: str, step: StepResult, proximity: Proximity) -> None:
+        """Begin a breach of a structure with ``step``, or continue its open one."""
+        here = self._entry(name, step, proximity)
+        number = self._open.setdefault(name, here.number)
+        if number == here.number:
+            entries = _limited((*self._list.entries, here))
+            self._list = BreachList(number, entries, is_inside=True)
+        else:
+            self._change(number, lambda entry: _joined(entry, here))
+
+    def _change(self, number: int, changed: Callable[[BreachEntry], BreachEntry]) -> None:
+        entries = self._list.entries
+        entries = tuple(changed(each) if each.number == number else each for each in entries)
+        self._list = replace(self._list, entries=entries, is_inside=bool(self._open))
+
+    def _entry(self, name: str, step: StepResult, proximity: Proximity) -> BreachEntry:
+        """A breach of this step alone, with the next number."""
+        structure = (name or step.structures[0].name) if step.structures else ""
+        of_one, stamp_ns = step.of(structure), step.frame.stamp.ns
+        pose = of_one.tumor_from_tip
+        if of_one.between_frames is not None:
+            pose = of_one.between_frames.deepest.tumor_from_tip
+        _, center_mm = self._centers.get(name, (None, proximity.on_tumor_mm))
         return BreachEntry(
-            number=number,
+            number=self._list.count + 1,
             first=step.index,
             last=step.index,
             deepest=step.index,
@@ -248,19 +294,12 @@ class BreachLog:
             deepest_ns=stamp_ns,
             begin_s=(stamp_ns - (self._first_ns or 0)) / NS_PER_S,
             depth_mm=-float(proximity.signed_distance_mm),
-            place=place_letters(proximity.on_tumor_mm - self._center_mm),
+            place=place_letters(proximity.on_tumor_mm - center_mm),
             from_tip_mm=_from_tip_mm(proximity.on_tool_mm, pose),
             is_open=True,
             activation=step.frame.activation,
+            structure=structure,
         )
-
-
-def _closed(breaches: BreachList) -> BreachList:
-    """``breaches`` with the last one ended."""
-    if not breaches.is_inside:
-        return breaches
-    last = replace(breaches.entries[-1], is_open=False)
-    return replace(breaches, entries=(*breaches.entries[:-1], last), is_inside=False)
 
 
 def _joined(breach: BreachEntry, here: BreachEntry) -> BreachEntry:
@@ -283,7 +322,7 @@ def _limited(entries: tuple[BreachEntry, ...]) -> tuple[BreachEntry, ...]:
     if len(entries) <= MAX_LISTED:
         return entries
     deepest = max(entries, key=lambda entry: entry.depth_mm)
-    dropped = next(entry for entry in entries[1:] if entry is not deepest)
+    dropped = next(entry for entry in entries[1:] if not (entry is deepest or entry.is_open))
     return tuple(entry for entry in entries if entry is not dropped)
 
 

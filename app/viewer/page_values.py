@@ -223,8 +223,6 @@ def _history(shown: ViewState) -> str:
     text = shown.breach_list.text
     if not text:
         return ""
-    if shown.step.structures:  # those of the others are in the report
-        text = f"{text} (tumour)"
     now = "clear now, " if shown.step.decision.state is MarginState.NEGATIVE else ""
     return f"{now}{text}"
 

@@ -134,7 +134,9 @@ class ViewStateBuilder:
         self._edges: dict[tuple[str, str], Transform] = {}
         self._measured: tuple[Transform, ...] = ()
         self._breaches = 0
-        self._breach_log = BreachLog(content.tumor, content.margins.stale_after_ns)
+        self._breach_log = BreachLog(
+            content.tumor, content.margins.stale_after_ns, content.structure_surfaces
+        )
         self._marks: list[FloatArray] = []
         self._inside = False
         self._elapsed_ns = 0
@@ -144,7 +146,9 @@ class ViewStateBuilder:
         """Attach these to the next steps. The breach marks of another tumour are dropped."""
         if content.tumor is not self._content.tumor:
             self._marks = []
-        self._breach_log.use(content.tumor, content.margins.stale_after_ns)
+        self._breach_log.use(
+            content.tumor, content.margins.stale_after_ns, content.structure_surfaces
+        )
         self._doubts.stale_after_ns = content.margins.stale_after_ns
         if content.tool_from_tip is not self._content.tool_from_tip:
             self._doubts.use_tip(content.tool_from_tip)

@@ -70,7 +70,7 @@ class WorkflowOutput(PassiveOutput):
         self._content = content
         self.begin_ns: int | None = None
         """Stamp of the first step; None before it."""
-        self._breach_log = BreachLog(content.tumor, content.margins.stale_after_ns)
+        self._breach_log = _log_of(content)
 
     @property
     def breaches(self) -> BreachList:
@@ -96,7 +96,13 @@ class WorkflowOutput(PassiveOutput):
 
     def _use(self, content: SessionContent) -> None:
         self._content = content
-        self._breach_log.use(content.tumor, content.margins.stale_after_ns)
+        self._breach_log.use(
+            content.tumor, content.margins.stale_after_ns, content.structure_surfaces
+        )
+
+
+def _log_of(content: SessionContent) -> BreachLog:
+    return BreachLog(content.tumor, content.margins.stale_after_ns, content.structure_surfaces)
 
 
 def recorded_breaches(prepared: "PreparedCase") -> BreachList:
@@ -107,7 +113,7 @@ def recorded_breaches(prepared: "PreparedCase") -> BreachList:
     from app.runtime.replay_run import ReplayRun
 
     content = prepared.content
-    log = BreachLog(content.tumor, content.margins.stale_after_ns)
+    log = _log_of(content)
     for step in ReplayRun(prepared, clock_ns=lambda: 0).steps():
         log.observe(step)
     return log.breaches

@@ -17,6 +17,7 @@ from app.session import (
     SHOWN_STATES,
     STOP,
     BreachLog,
+    Role,
     StepResult,
     banner_states,
     checked_axes,
@@ -25,6 +26,8 @@ from app.session import (
     place_letters,
 )
 from app.session.breach_log import MAX_LISTED
+from app.session.shown_state import structure_title
+from app.session.structure import StructureStep
 from tests.fixture.control.test_state_display import VISIONS, Rgb, seen_ratio
 
 STALE_NS = 200 * NS_PER_MS
@@ -70,7 +73,7 @@ def step_of(
 @pytest.mark.parametrize("seed", range(20))
 def test_breaches_are_those_of_the_report(seed, tumor):
     random = np.random.default_rng(seed)
-    log, rows, now_ns = BreachLog(tumor, STALE_NS), [], 10**9
+    log, rows, now_ns = BreachLog(tumor, STALE_NS, {}), [], 10**9
     steps = []
     for index in range(120):
         now_ns += int(random.choice([STEP_NS, STEP_NS, STEP_NS, 3 * STALE_NS, -STEP_NS]))
@@ -85,8 +88,36 @@ def test_breaches_are_those_of_the_report(seed, tumor):
         ]
 
 
+def test_breaches_of_each_structure_are_those_of_a_log_of_its_own(tumor):
+    """Also of one that is switched off, and of one that is far: neither has a distance."""
+    random, names = np.random.default_rng(3), ("tumor", "chest_wall", "vessel")
+    log = BreachLog(tumor, STALE_NS, dict.fromkeys(names[1:], tumor))
+    own = {name: BreachLog(tumor, STALE_NS, {}) for name in names}
+    for index in range(300):
+        is_on = {name: name == "tumor" or random.random() > 0.05 for name in names}
+        steps = {name: step_of(index, float(random.normal(0.5, 1.0))) for name in names}
+        structures = []
+        for name, step in steps.items():
+            if not is_on[name]:  # its breach ends
+                own[name].observe(step_of(index, 1.0))
+                continue
+            own[name].observe(step)
+            pose = step.tumor_from_tip
+            structures.append(StructureStep(name, Role.TARGET, step.decision, pose, None))
+        found = log.observe(replace(steps["tumor"], structures=tuple(structures)))
+    assert found.count == sum(each.breaches.count for each in own.values()) > 150
+    assert found.is_inside == any(each.breaches.is_inside for each in own.values())
+    for name in names:
+        listed = [replace(e, number=0, structure="") for e in found.entries if e.structure == name]
+        alone = [replace(each, number=0) for each in own[name].breaches.entries]
+        assert listed[1:] == alone[len(alone) - len(listed) + 1 :]
+    assert [e.number for e in found.entries[-9:]] == list(range(found.count - 8, found.count + 1))
+    assert found.text.endswith(f"mm ({structure_title(found.deepest.structure)})")
+    assert found.entries[-1].place_text.startswith(structure_title(found.entries[-1].structure))
+
+
 def test_breach_has_place_part_and_time(tumor):
-    log = BreachLog(tumor, STALE_NS)
+    log = BreachLog(tumor, STALE_NS, {})
     log.observe(step_of(0, 4.0))
     log.observe(step_of(1, -1.0))
     log.observe(step_of(2, -3.25, side=(9.0, 0.0, -10.0), behind_tip_mm=12.4))
@@ -100,13 +131,13 @@ def test_breach_has_place_part_and_time(tumor):
     assert (entry.place, entry.place_text) == ("IR", "inferior right")
     assert (entry.from_tip_mm, entry.part_text) == (pytest.approx(12.4), "12 mm from the tip")
     assert after.text == "1 breach so far, deepest 3.2 mm"
-    by_tip = BreachLog(tumor, STALE_NS).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
+    by_tip = BreachLog(tumor, STALE_NS, {}).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
     assert by_tip.part_text == "tip"
     assert replace(by_tip, from_tip_mm=None).part_text == "part of the tool not known"
 
 
 def test_long_list_keeps_count_first_and_deepest(tumor):
-    log = BreachLog(tumor, STALE_NS)
+    log = BreachLog(tumor, STALE_NS, {})
     for index in range(2 * (MAX_LISTED + 100)):
         depth = -9.0 if index == 20 else -1.0
         found = log.observe(step_of(index, depth if index % 2 == 0 else 3.0))
@@ -144,7 +175,7 @@ def test_tool_inside_the_stop_margin_has_a_display_of_its_own():
 )
 def test_breach_says_whether_the_cautery_was_on(tumor, states, text):
     """It changes neither the number nor the depth of breaches."""
-    log, plain = (BreachLog(tumor, STALE_NS) for _ in range(2))
+    log, plain = (BreachLog(tumor, STALE_NS, {}) for _ in range(2))
     for index, state in enumerate(states):
         log.observe(step_of(index, -1.0 - index, activation=state))
         plain.observe(step_of(index, -1.0 - index))
