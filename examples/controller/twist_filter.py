@@ -6,8 +6,8 @@ vectors are along the axes of the constraint's frame, in m and m/s.
 
     python examples/controller/twist_filter.py --frame tumor
 
-Poses that are recorded or simulated allow no motion, unless ``--accept-simulated`` is given. None is
-allowed while a guard has other message definitions.
+Poses that are recorded or simulated allow no motion, unless ``--accept-simulated`` is given, and no
+constraint does while a guard has other message definitions.
 """
 
 import argparse
