@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import trimesh
@@ -40,10 +41,15 @@ def tool_mesh() -> SurfaceMesh:
 
 
 TOOL = tool_mesh()
-_ANY = trimesh.creation.icosphere(1, radius=1.0)
-_FIRST = ProximityEngine(
-    SurfaceMesh("any", _ANY.vertices, _ANY.faces), TOOL, field_nodes=FIELD_NODES
-)
+
+
+@cache
+def first_engine() -> ProximityEngine:
+    """The engine whose prepared tool the others share. Not made at import: that may compile."""
+    ball = trimesh.creation.icosphere(1, radius=1.0)
+    return ProximityEngine(
+        SurfaceMesh("any", ball.vertices, ball.faces), TOOL, field_nodes=FIELD_NODES
+    )
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ class Body:
 
     def structure(self) -> Structure:
         """The structure with a new engine."""
-        engine = _FIRST.with_tumor(prepared_tumor(self.mesh, FIELD_NODES))
+        engine = first_engine().with_tumor(prepared_tumor(self.mesh, FIELD_NODES))
         return Structure(
             self.frame_from_body, engine, self.stop_mm, self.warn_mm, self.sigma_mm, self.role
         )
