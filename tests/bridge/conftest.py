@@ -176,6 +176,25 @@ def live_yaml(project_root: Path, tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
+@pytest.fixture
+def structures_yaml(project_root: Path, tmp_path: Path) -> Path:
+    """The example's configuration with the three structures of the shipped case."""
+    live, case = (
+        yaml.safe_load((project_root / "data" / name).read_text())
+        for name in ("live_example/live.yaml", "structures_case/case.yaml")
+    )
+    for structure in case["structures"][1:]:
+        mesh = structure["mesh"]
+        mesh["path"] = f"package://marginguard/structures_case/{mesh['path']}"
+    del live["tumor"], live["margins"]["stop_mm"], live["margins"]["warn_mm"]
+    tool, robot = live.pop("tool"), live.pop("robot")
+    robot |= {"name": "robot_base", "holds": "cautery", "registration": live.pop("registration")}
+    live |= {"schema": 2, "structures": case["structures"], "robots": [robot]}
+    path = tmp_path / "live.yaml"
+    path.write_text(yaml.safe_dump(live | {"tools": [{"name": "cautery", **tool}]}))
+    return path
+
+
 def _plain(frame: TrackingFrame) -> dict[str, Any]:
     return {
         "ns": frame.stamp.ns,

@@ -23,7 +23,7 @@ from tests.slicer_module import qt_double, slicer_double
 from tests.slicer_module.marginguard_module import CASE, FOLDER
 
 BREACH_S = middle_s(DEEP)
-SIZE, TOUCH_SIZE = (490, 1641), (490, 1260)
+SIZE, TOUCH_SIZE = (490, 1725), (490, 1310)
 DWELLS_END_S = 19.0
 SECTIONS = ("connect", "tumor", "navigation", "breaches", "notes", "replay")
 

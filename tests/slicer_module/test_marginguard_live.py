@@ -10,6 +10,7 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from tests.bridge.conftest import StartReceiver as StartReceiver
+from tests.bridge.conftest import structures_yaml as structures_yaml
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
@@ -100,6 +101,19 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     status = spin_until(panel_logic, lambda now: now.state is MarginState.UNKNOWN)
     assert status.session == "live session has ended"
     assert tumor_color(application) == MarginState.UNKNOWN.color
+
+
+def test_structure_is_switched_off_and_on(panel_logic, structures_yaml):
+    panel_logic.connect(structures_yaml)
+    guarded = (("lesion_2", True), ("chest_wall", True))
+    spin_until(panel_logic, lambda now: now.structures == guarded)
+    panel_logic.switch_structure("chest_wall", False, " ")
+    spin_until(panel_logic, lambda now: "reason" in now.message)
+    panel_logic.switch_structure("chest_wall", False, "not in the field")
+    status = spin_until(panel_logic, lambda now: now.structures[1:] == (("chest_wall", False),))
+    assert "chest wall: OFF, not in the field" in status.reasons
+    panel_logic.switch_structure("chest_wall", True, "")
+    spin_until(panel_logic, lambda now: now.structures == guarded)
 
 
 def test_missing_configuration_is_reported_in_one_line(panel_logic, tmp_path):

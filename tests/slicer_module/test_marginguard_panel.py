@@ -147,6 +147,7 @@ EXPECTED_CALLS = {
     "useContourButton": [("contour.use",)],
     "applyMarginsButton": [("set_margins", 1.5, 6.5)],
     "rearmButton": [("rearm",)],
+    "switchStructureButton": [],  # there are no structures; the choice is tested below
     "recordButton": [("start_recording",)],
     "stopRecordingButton": [("stop_recording",)],
     "anteriorViewButton": [("view.look_from", Preset.ANTERIOR)],
@@ -250,6 +251,25 @@ def test_depth_is_chosen_among_the_listed_ones_after_a_question(
     assert pressed("useDepthButton") == []
     panel._sections._ultrasound.show(UltrasoundShown())
     assert not panel.ui.useDepthButton.isEnabled()
+
+
+def test_structure_is_switched_with_a_reason_after_a_question(
+    panel, pressed, confirmed, monkeypatch
+):
+    structures = panel._sections._structures
+    structures.show((("lesion_2", True), ("chest_wall", False)), is_live=True)
+    panel.ui.structureReasonLineEdit.setText("not in the field")
+    switched = ("switch_structure", "lesion_2", False, "not in the field")
+    assert pressed("switchStructureButton") == [switched]
+    assert panel.ui.structureReasonLineEdit.text() == ""
+    panel.ui.structureComboBox.setCurrentIndex(1)
+    assert panel.ui.structureComboBox.currentText() == "chest wall, off"
+    assert pressed("switchStructureButton") == [("switch_structure", "chest_wall", True, "")]
+    assert confirmed == [f"lesion 2: guard it no more? The {HELD}", "chest wall: guard it again?"]
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
+    assert pressed("switchStructureButton") == []
+    structures.show((("lesion_2", True),), is_live=False)
+    assert not panel.ui.switchStructureButton.isEnabled()
 
 
 def test_landmarks_are_registered_from_chosen_lists(panel, pressed, application):

@@ -1,9 +1,9 @@
 """A structure of a live session is switched off and on from the page."""
 
 import pytest
-import yaml
 from playwright.sync_api import expect
 
+from tests.bridge.conftest import structures_yaml as structures_yaml
 from tests.page_rules import violations
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import accepted, choose
@@ -12,22 +12,9 @@ pytestmark = pytest.mark.long
 
 
 @pytest.fixture
-def live_server(serve_live, project_root, tmp_path):
-    """A session with the three structures of the shipped case; no tracker sends poses."""
-    live, case = (
-        yaml.safe_load((project_root / "data" / name).read_text())
-        for name in ("live_example/live.yaml", "structures_case/case.yaml")
-    )
-    for structure in case["structures"][1:]:
-        mesh = structure["mesh"]
-        mesh["path"] = f"package://marginguard/structures_case/{mesh['path']}"
-    del live["tumor"], live["margins"]["stop_mm"], live["margins"]["warn_mm"]
-    tool, robot = live.pop("tool"), live.pop("robot")
-    robot |= {"name": "robot_base", "holds": "cautery", "registration": live.pop("registration")}
-    live |= {"schema": 2, "structures": case["structures"], "robots": [robot]}
-    config = tmp_path / "live.yaml"
-    config.write_text(yaml.safe_dump(live | {"tools": [{"name": "cautery", **tool}]}))
-    return serve_live(config)
+def live_server(serve_live, structures_yaml):
+    """A session with three structures; no tracker sends poses."""
+    return serve_live(structures_yaml)
 
 
 @pytest.mark.timeout(900)

@@ -58,8 +58,11 @@ class GuidedSection:
         ui.calibrationLabel.setText(calibration.text)
         if status.coverage is None and self._coverage is not None:
             ui.coverageLabel.clear()
+            ui.coverageLabel.setMinimumHeight(0)
         elif status.coverage is not None and status.coverage is not self._coverage:
-            ui.coverageLabel.setPixmap(coverage_picture(status.coverage))
+            picture = coverage_picture(status.coverage)
+            ui.coverageLabel.setPixmap(picture)
+            ui.coverageLabel.setMinimumHeight(picture.height())  # a narrow panel would cut it off
         self._coverage = status.coverage
         ui.startPivotButton.setEnabled(calibration.can_start)
         ui.startSpinButton.setEnabled(calibration.can_start)

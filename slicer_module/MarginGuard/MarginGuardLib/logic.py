@@ -18,6 +18,7 @@ from app.runtime import (
     SetMargins,
     SetRegistration,
     SetTumor,
+    SwitchStructure,
     register_case,
 )
 from app.scene import points_of_markups
@@ -159,6 +160,11 @@ class PanelLogic:
         """Use both from the next step on; if one is invalid, neither is changed."""
         self.session.running()
         self.session.request(SetMargins(stop_mm, warn_mm))
+
+    def switch_structure(self, name: str, on: bool, reason: str) -> None:
+        """Guard a structure no more, for a ``reason``, or again."""
+        self.session.running()
+        self.session.request(SwitchStructure(name, on, reason.strip()))
 
     def set_tumor(self, node: vtkMRMLNode | None, segment: str = "") -> None:
         """Use the surface of ``node`` as tumour; its distance field is built in the background."""
@@ -338,6 +344,13 @@ class PanelLogic:
             return ""
         return self._directions.text(step, operator.content, operator.compute)
 
+    def _structures(self) -> tuple[tuple[str, bool], ...]:
+        step = self.session.shown_step
+        if step is None:
+            return ()
+        guarded = [(each.name, True) for each in step.structures[1:]]
+        return (*guarded, *((name, False) for name in step.off))
+
     def _recording(self) -> RecordingStatus | None:
         operator = self.session.operator
         return None if operator is None else operator.recording
@@ -385,6 +398,7 @@ class PanelLogic:
             items=self.items.shown(),
             ultrasound=self.ultrasound.shown(),
             tools=self.items.tools(),
+            structures=self._structures(),
         )
 
 

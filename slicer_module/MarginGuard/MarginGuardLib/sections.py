@@ -9,6 +9,7 @@ import slicer
 from app.case import DISPLAY_ITEMS, DisplayItem, ItemKind
 from app.runtime import ShownItem
 from app.scene import Preset
+from app.session import structure_title
 
 from .contour import ContourShown
 from .events import SessionEvents
@@ -128,6 +129,41 @@ def _add_row(layout: Any, item: DisplayItem, on_click: OnClick) -> tuple[Any, li
     return label, buttons
 
 
+class StructureSection:
+    """Guards a structure beside the tumour no more, with a reason, or again; after a question."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._ui = ui
+        self._structures: tuple[tuple[str, bool], ...] = ()
+        on_click(ui.switchStructureButton, self._switch)
+
+    def show(self, structures: tuple[tuple[str, bool], ...], *, is_live: bool) -> None:
+        """Show the names of ``structures``, and whether each is guarded."""
+        ui = self._ui
+        if structures != self._structures:
+            self._structures = structures
+            ui.structureComboBox.clear()
+            for name, is_guarded in structures:
+                title = structure_title(name)
+                ui.structureComboBox.addItem(title if is_guarded else f"{title}, off")
+        for widget in (ui.structureComboBox, ui.structureReasonLineEdit, ui.switchStructureButton):
+            widget.setEnabled(is_live and bool(structures))
+
+    def _switch(self, logic: Any) -> None:
+        index = self._ui.structureComboBox.property("currentIndex")
+        if not 0 <= index < len(self._structures):
+            return
+        name, is_guarded = self._structures[index]
+        title = structure_title(name)
+        question = f"{title}: guard it again?"
+        if is_guarded:
+            question = f"{title}: guard it no more? The robot is held until an operator re-arms."
+        if slicer.util.confirmOkCancelDisplay(question):
+            reason = self._ui.structureReasonLineEdit.property("text")
+            logic.switch_structure(name, not is_guarded, reason)
+            self._ui.structureReasonLineEdit.setText("")
+
+
 class UltrasoundSection:
     """Connects the buttons, and shows the image's state and the depths."""
 
@@ -217,6 +253,7 @@ class Sections:
         self._events = EventsSection(ui, on_click)
         self._contour = ContourSection(ui, on_click)
         self._items = ItemsSection(ui, on_click)
+        self._structures = StructureSection(ui, on_click)
         self._ultrasound = UltrasoundSection(ui, on_click)
 
     def show(self, status: PanelStatus, events: SessionEvents) -> None:
@@ -224,6 +261,7 @@ class Sections:
         self._guided.show(status)
         self._contour.show(status.contour, status.tools)
         self._items.show(status.items, is_live=status.is_live)
+        self._structures.show(status.structures, is_live=status.is_live)
         self._ultrasound.show(status.ultrasound)
         self._events.show(
             events,

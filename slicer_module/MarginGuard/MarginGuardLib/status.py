@@ -25,7 +25,8 @@ class PanelStatus:
     no source tells it.
     ``calibration`` with its ``coverage``, and ``touch``: the guided calibration, and registration
     by touch; without a ``phase`` where there is no session for it.
-    ``items``: the display items, ``tools``: the tools with a tip.
+    ``items``: the display items, ``tools``: the tools with a tip. ``structures``: names of those
+    beside the tumour, and whether each is guarded.
     """
 
     state: MarginState
@@ -55,6 +56,7 @@ class PanelStatus:
     items: tuple[ShownItem, ...]
     ultrasound: UltrasoundShown
     tools: tuple[str, ...]
+    structures: tuple[tuple[str, bool], ...]
 
 
 REPEAT_NS = 1_000_000_000
