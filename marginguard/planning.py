@@ -1,4 +1,4 @@
-"""Straight needle corridors from the skin to a target, past forbidden structures."""
+"""Straight needle corridors from the skin to a target, and guidance of a needle along one."""
 
 from collections.abc import Sequence
 
@@ -9,10 +9,13 @@ from app.planning import (
     EntryRegion,
     ForbiddenStructure,
     Needle,
+    NeedleGuidance,
+    NeedlePath,
     NeedlePlan,
     NeedleRobot,
     NeedleTarget,
     NoCorridorError,
+    guide_needle,
 )
 from marginguard.values import checked, checked_list
 
@@ -21,10 +24,13 @@ __all__ = [
     "EntryRegion",
     "ForbiddenStructure",
     "Needle",
+    "NeedleGuidance",
+    "NeedlePath",
     "NeedlePlan",
     "NeedleRobot",
     "NeedleTarget",
     "NoCorridorError",
+    "guide_needle",
     "plan_needle",
 ]
 

@@ -2,6 +2,7 @@ from .approach import Approach, ApproachError, plan_approach
 from .collision import CollisionModel, Contact
 from .hit_probability import covariance_of, hit_probability
 from .needle import NoCorridorError, plan_needle
+from .needle_guidance import NeedleGuidance, NeedlePath, guide_needle
 from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
@@ -17,11 +18,14 @@ __all__ = [
     "ForbiddenStructure",
     "MotionLimits",
     "Needle",
+    "NeedleGuidance",
+    "NeedlePath",
     "NeedlePlan",
     "NeedleRobot",
     "NeedleTarget",
     "NoCorridorError",
     "covariance_of",
+    "guide_needle",
     "hit_probability",
     "plan_approach",
     "plan_needle",

@@ -23,6 +23,7 @@ SHOWN_IN = {
     **dict.fromkeys(("FixtureRule", "PlainConstraint", "RulePermission"), "plain_constraint"),
     **dict.fromkeys(COMMANDS, "LiveSession"),
     **dict.fromkeys(PLANNING, "plan_needle"),
+    "NeedleGuidance": "guide_needle",
     **dict.fromkeys(APPROACHES, "plan_approach"),
 }
 """Names -> the name whose example shows them together."""
