@@ -80,6 +80,7 @@ from .planning import (
     NeedleTarget,
     NoCorridorError,
     guide_needle,
+    needle_constraint,
     plan_needle,
 )
 from .values import InputError, MarginGuardError, Transform
@@ -147,6 +148,7 @@ __all__ = [
     "load_robot",
     "make_case",
     "margin_table",
+    "needle_constraint",
     "open_case",
     "other_definitions",
     "plain_constraint",

@@ -16,6 +16,7 @@ from app.planning import (
     NeedleTarget,
     NoCorridorError,
     guide_needle,
+    needle_constraint,
 )
 from marginguard.values import checked, checked_list
 
@@ -31,6 +32,7 @@ __all__ = [
     "NeedleTarget",
     "NoCorridorError",
     "guide_needle",
+    "needle_constraint",
     "plan_needle",
 ]
 

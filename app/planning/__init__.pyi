@@ -2,6 +2,7 @@ from .approach import Approach, ApproachError, plan_approach
 from .collision import CollisionModel, Contact
 from .hit_probability import covariance_of, hit_probability
 from .needle import NoCorridorError, plan_needle
+from .needle_constraint import needle_constraint
 from .needle_guidance import NeedleGuidance, NeedlePath, guide_needle
 from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
@@ -27,6 +28,7 @@ __all__ = [
     "covariance_of",
     "guide_needle",
     "hit_probability",
+    "needle_constraint",
     "plan_approach",
     "plan_needle",
 ]
