@@ -56,12 +56,12 @@ def withdrawal_mm_s(pose, **values):
     return -float(limit_twist(pull, planes, pose.translation_mm, LIMITS)[:3] @ WAY)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_pushed_needle_never_leaves_its_path_and_can_always_be_withdrawn(seed):
     rng = np.random.default_rng(seed)
     pose = on_path(rng.uniform(0.0, 0.9), rng)
     reached_mm, deepest_mm = 0.0, -math.inf
-    for step in range(300):
+    for step in range(200):
         if step % 20 == 0:
             push = rng.normal(size=6) * np.repeat([120.0, 2.0], 3)
             push[:3] += rng.uniform(-20.0, 80.0) * WAY
