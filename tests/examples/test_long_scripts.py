@@ -1,4 +1,4 @@
-"""Examples on whole cases: a review of the shipped case, and a scene for 3D Slicer."""
+"""Examples on whole cases: a review of the shipped case, a scene for 3D Slicer, a needle."""
 
 import json
 import re
@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from app.files import load_mesh
 from tests.examples.conftest import NUMBER, RunExample, numbers
+from tests.oracles.needle_oracle import NeedleOracle
 
 pytestmark = pytest.mark.long
 
@@ -48,3 +50,34 @@ def test_saved_scene_shows_the_deepest_step(
     ends = [np.array(point["position"]) for point in points["markups"][0]["controlPoints"]]
     assert abs(np.linalg.norm(ends[0] - ends[1]) - 3.0) < 0.02
     assert "MarginGuard-CauteryToTracker-Seq.seq.mha" in files
+
+
+def test_needle_arrives_on_its_corridor_when_the_target_is_near(
+    run_example: RunExample, project_root: Path, tmp_path: Path
+) -> None:
+    printed = run_example("needle_insertion.py", folder=tmp_path)
+    plan = json.loads((tmp_path / "needle" / "plan.json").read_text())
+    ((missed_mm, farthest_mm, wall_mm),) = numbers(
+        rf"{NUMBER} mm beside the target, never further than {NUMBER} mm .* than {NUMBER} mm to",
+        printed,
+    )
+    # The tolerance of 1 mm, noise of 0.2 mm along each axis and a window of 1 mm.
+    assert missed_mm < 2.0
+    assert 0.3 < farthest_mm < 1.5
+    # The breath sin^4(pi t / 4 s) of 3.6 mm is more than 1 mm for half of the first 4 s.
+    ((waited_s,),) = numbers(rf"{NUMBER} s of them waiting", printed)
+    away_s = 4.0 - 8.0 / np.pi * np.arcsin((1.0 / np.hypot(3.0, 2.0)) ** 0.25)
+    assert abs(waited_s - away_s) < 0.03
+    waits = numbers(rf"s: +{NUMBER} mm to go.*waits", printed).ravel()
+    assert np.ptp(waits) < 1.0  # it keeps its depth, but for noise
+    # Coal's distance of the planned needle from the chest wall.
+    folder = project_root / "data" / "structures_case"
+    case = yaml.safe_load((folder / "case.yaml").read_text())
+    (wall,) = [each for each in case["structures"] if each["role"] == "forbidden"]
+    mesh = load_mesh(folder / wall["mesh"]["path"], units="mm", frame="wall")
+    wall_from = np.linalg.inv(np.reshape(wall["pose"]["matrix"], (4, 4)))
+    best = plan["corridors"][0]
+    ends = np.array([best["entry_mm"], best["target_mm"]]) @ wall_from[:3, :3].T + wall_from[:3, 3]
+    assert abs(wall_mm - NeedleOracle(mesh).clearance(*ends, 0.6)) < 1.5
+    assert "svg" in (tmp_path / "needle" / "needle.html").read_text()
+    assert (tmp_path / "needle" / "insertion.png").read_bytes().startswith(b"\x89PNG")
