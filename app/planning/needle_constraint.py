@@ -17,8 +17,10 @@ LEVER_MM = 20.0
 """The second point is where the shaft passes the entry, or as far behind the tip if that is more:
 a needle that is not yet deep is held by its direction."""
 
-_FREE = FreeMotion(5.0, 0.01)
-"""A needle that slides by this and turns by that leaves its planes by 0.05 mm at most."""
+_FREE = FreeMotion(5.0, 0.04)
+"""A needle that turns and then slides leaves its planes by the product of both: by 0.05 mm where
+each uses half of this.
+"""
 
 _SIDES = np.array([(math.cos(k * math.tau / 3.0), math.sin(k * math.tau / 3.0)) for k in range(3)])
 """Inward normals of the sides of the triangle, across the path."""
@@ -37,8 +39,8 @@ def needle_constraint(
 
     No point of the inserted shaft moves further than ``tolerance_mm`` from the axis, and the tip
     no deeper than the target; without ``may_advance`` (`NeedlePath.is_target_near`) it stays at its
-    depth. Withdrawal is always allowed. The origin of the needle's frame is the tip, and +z points
-    from the hub to the tip.
+    depth. Withdrawal is always allowed. The path is assumed at rest. The needle's frame has its
+    origin at the tip, and +z points from the hub to the tip.
 
     ``guard`` is the constraint of the structures in the same frame. Its hold remains, and its
     nearest plane; the free motion ends before one of the others is reached. ``shaft_mm``: the

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.fixture import Constraint, FreeMotion, LimiterParameters, limit_twist
-from app.geometry import FrameError, InputError, Transform
+from app.fixture import (
+    Constraint,
+    FixtureRule,
+    FreeMotion,
+    LimiterParameters,
+    MarginState,
+    limit_twist,
+)
+from app.geometry import NS_PER_MS, NS_PER_S, FrameError, InputError, Transform
 from app.planning import NeedlePath, needle_constraint
 from app.planning.needle_constraint import LEVER_MM
+from tests.doubles import simulated_message
 
 PATH = NeedlePath("ct", [12.0, -30.0, 70.0], [-20.0, 15.0, 12.0])
 WAY = (PATH.target_mm - PATH.entry_mm) / PATH.depth_mm
@@ -76,6 +84,31 @@ def test_pushed_needle_never_leaves_its_path_and_can_always_be_withdrawn(seed):
     assert reached_mm > 0.4 * TOLERANCE_MM  # the pushes use the tolerance
 
 
+@pytest.mark.parametrize(("latency", "period"), [(0, 1), (4, 5), (7, 8)])
+def test_late_planes_hold_the_needle_by_the_rule_of_a_controller(latency, period):
+    """Latency and period in steps; the robot follows a velocity with a lag of 10 ms."""
+    rng = np.random.default_rng(latency)
+    pose, twist = on_path(0.2, rng), np.zeros(6)
+    rule, sent = FixtureRule(frame="ct", accept_simulated=True), []
+    reached_mm, start_mm = 0.0, depth_of(pose)
+    for step in range(300):
+        now_ns = NS_PER_S + round(step * STEP_S * NS_PER_S)
+        if step % period == 0:
+            planes, valid_ns = constraint(pose), 200 * NS_PER_MS
+            sent.append(simulated_message(planes, MarginState.NEGATIVE, step, now_ns, valid_ns))
+        if step >= latency and (step - latency) % period == 0:
+            rule.receive(sent.pop(0), now_ns)
+        if step % 20 == 0:
+            push = rng.normal(size=6) * np.repeat([60.0, 1.0], 3)
+            push[:3] += 40.0 * WAY
+        allowed = rule.allow(push, pose.translation_mm, now_ns).twist
+        twist = twist + (allowed - twist) * -math.expm1(-STEP_S / 0.01)
+        pose = moved(pose, twist)
+        reached_mm = max(reached_mm, farthest_mm(pose))
+    assert 0.1 < reached_mm <= TOLERANCE_MM + ALLOWED_MM
+    assert start_mm + 2.0 < depth_of(pose) <= PATH.depth_mm + ALLOWED_MM
+
+
 def test_pushed_needle_arrives_at_the_target():
     pose = on_path(0.0, np.random.default_rng(0), lateral_mm=0.3, tilt_rad=0.01)
     push = np.concatenate([30.0 * WAY, np.zeros(3)])
@@ -127,7 +160,7 @@ def test_nearest_plane_of_the_guard_remains_and_the_next_one_ends_the_free_motio
     planes = constraint(pose, guard=guard, shaft_mm=100.0)
     assert len(planes) == 8
     assert planes.rows[0].tolist() == guard.rows[0].tolist()
-    assert planes.free == FreeMotion(2.0, 0.01)
+    assert planes.free == FreeMotion(2.0, 0.02)
     push = np.concatenate([50.0 * WAY, np.zeros(3)])
     allowed = limit_twist(push, planes, pose.translation_mm, LIMITS)[:3] @ WAY
     assert allowed == pytest.approx(0.5 / LIMITS.tau_s, abs=1e-6)
