@@ -19,6 +19,8 @@ from app.planning import NeedlePath, needle_constraint
 from app.planning.needle_constraint import LEVER_MM
 from tests.doubles import simulated_message
 
+pytestmark = pytest.mark.slow
+
 PATH = NeedlePath("ct", [12.0, -30.0, 70.0], [-20.0, 15.0, 12.0])
 WAY = (PATH.target_mm - PATH.entry_mm) / PATH.depth_mm
 TOLERANCE_MM, STEP_S = 1.0, 0.005
