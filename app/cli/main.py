@@ -84,8 +84,12 @@ MAX_LINE_CHARS = 500
 """Longest error line; the middle of a longer one is left out."""
 
 
-def build_parser() -> CommandParser:
-    """The parser of the whole command line."""
+def build_parser(given: Sequence[str] = ()) -> CommandParser:
+    """The parser of the whole command line, or of the command alone that ``given`` begins with.
+
+    To declare the options of all of them takes 15 ms.
+    """
+    wanted = next((word for word in given if not word.startswith("-")), "")
     parser = CommandParser(
         prog="marginguard",
         description="Margin guard for image-guided robotic intervention. "
@@ -102,11 +106,12 @@ def build_parser() -> CommandParser:
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():
         subparser = subparsers.add_parser(name, help=module.SUMMARY, description=module.__doc__)
-        module.add_arguments(subparser)
+        if name == wanted or wanted not in COMMANDS:
+            module.add_arguments(subparser)
         add_debug(subparser)
         subparser.set_defaults(run=module.run)
     parser.moved = MOVED
-    parser.set_defaults(parser=parser, debug=False)  # 'doctor completion' describes it
+    parser.set_defaults(debug=False)
     return parser
 
 
@@ -124,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     atexit.register(_skip_last_collection)
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        options = build_parser().parse_args(given)
+        options = build_parser(given).parse_args(given)
     except UsageError as error:
         print_error(error.message, "usage", as_json=wants_json(given))
         raise

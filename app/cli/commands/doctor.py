@@ -117,8 +117,11 @@ def _run_completion(options: argparse.Namespace) -> int:
     """
     import shtab
 
-    _complete_paths(options.parser, shtab.FILE, shtab.DIRECTORY)
-    print(shtab.complete(options.parser, options.shell))
+    from app.cli.main import build_parser
+
+    parser = build_parser()
+    _complete_paths(parser, shtab.FILE, shtab.DIRECTORY)
+    print(shtab.complete(parser, options.shell))
     return 0
 
 
