@@ -138,6 +138,7 @@ def test_controller_of_the_examples_uses_no_constraint_beside_such_a_guard(
     other.end(signal.SIGKILL)
     wait_until(lambda: f"{named}none" in filtered.log.read_text())
     start_sender("tracked", "again")
+    start(project_root / "examples" / "controller" / "push.py")
     wait_until(lambda: re.search(r"guard [0-9a-f]{16}\n", filtered.log.read_text()))
 
 
