@@ -21,7 +21,7 @@ Every input but the constraint has to have a single sender; the rule judges that
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -63,6 +63,20 @@ MAX_SILENCE_NS = 100 * NS_PER_MS
 
 _REPORT_NS = NS_PER_S
 _MIN_REPORT_NS = 100 * NS_PER_MS
+
+
+def control_periods() -> Iterator[bool]:
+    """Yield at each control period; True for one that begins more than a period late."""
+    due_ns, is_late = time.monotonic_ns(), False
+    while True:
+        yield is_late
+        due_ns += PERIOD_NS
+        ahead_ns = due_ns - time.monotonic_ns()
+        is_late = ahead_ns < -PERIOD_NS
+        if ahead_ns > 0:
+            time.sleep(ahead_ns / NS_PER_S)
+        elif is_late:
+            due_ns = time.monotonic_ns()
 
 
 class ImpedanceOutput:
@@ -166,17 +180,12 @@ class ControlNode:
 
     def run(self, stop: threading.Event) -> None:
         """Step until ``stop``; the last command is 0."""
-        due_ns = time.monotonic_ns()
         try:
-            while not stop.is_set():
+            for is_late in control_periods():
+                self.late_steps += is_late
+                if stop.is_set():
+                    break
                 self.step()
-                due_ns += PERIOD_NS
-                ahead_ns = due_ns - time.monotonic_ns()
-                if ahead_ns > 0:
-                    time.sleep(ahead_ns / NS_PER_S)
-                elif ahead_ns < -PERIOD_NS:
-                    self.late_steps += 1
-                    due_ns = time.monotonic_ns()
         finally:
             joints = self._description.tool.joints
             self._send(joints, [0.0] * len(joints), self._clock_ns())

@@ -121,22 +121,33 @@ class NewestMessage:
             self._data = data
 
 
-class ArmInputs:
-    """Joints of ``arm`` and the wrench on ``hand_topic``."""
+class JointInput(NewestMessage):
+    """Joints of ``arm``."""
 
-    def __init__(self, ros: RosNode, arm: str, hand_topic: str, *, hand_in_tool: bool) -> None:
-        self._in_tool = hand_in_tool
-        self._joints = NewestMessage(ros, f"{arm}/measured_js", JointState)
-        self._wrench = NewestMessage(ros, hand_topic, WrenchStamped)
+    def __init__(self, ros: RosNode, arm: str) -> None:
+        super().__init__(ros, f"{arm}/measured_js", JointState)
 
-    def joints(self) -> JointMeasurement | None:
+    def measurement(self) -> JointMeasurement | None:
         """The newest joint positions, with the stamp of their message."""
-        message = self._joints.message()
+        message = self.message()
         if message is None:
             return None
         return JointMeasurement(
             ns_of(message.header.stamp), tuple(message.name), tuple(message.position)
         )
+
+
+class ArmInputs:
+    """Joints of ``arm`` and the wrench on ``hand_topic``."""
+
+    def __init__(self, ros: RosNode, arm: str, hand_topic: str, *, hand_in_tool: bool) -> None:
+        self._in_tool = hand_in_tool
+        self._joints = JointInput(ros, arm)
+        self._wrench = NewestMessage(ros, hand_topic, WrenchStamped)
+
+    def joints(self) -> JointMeasurement | None:
+        """The newest joint positions, with the stamp of their message."""
+        return self._joints.measurement()
 
     def wrench(self) -> WrenchMeasurement | None:
         """The hand's newest wrench, with the stamp of its message."""

@@ -126,6 +126,21 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, STREAM)
 PLAYBACK = Topic("/marginguard_tracker/playback", String, LATCHED)
 """Announces a playback of a recording: its case and provenance. See `app.bridge.playback`."""
 
+MOTION = (
+    "servo_jv",
+    "servo_jp",
+    "servo_cp",
+    "servo_cv",
+    "servo_cf",
+    "body/servo_cf",
+    "move_jp",
+    "move_jr",
+    "move_cp",
+    "interpolate_jp",
+    "interpolate_cp",
+)
+"""Inputs of CRTK, in the namespace of an arm, that move it. One node alone may send on them."""
+
 EVERY_STEP = (
     TF,
     JOINT_STATES,

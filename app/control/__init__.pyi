@@ -16,6 +16,9 @@ from .controller import (
     ToolKinematics,
     WrenchMeasurement,
 )
+from .path_follower import PathFollower, PlannedMotion
+from .plan_execution import ExecutionStep, Outcome, PlanExecution
+from .plan_file import read_plan
 from .warm_up import warm_up
 
 __all__ = [
@@ -28,14 +31,20 @@ __all__ = [
     "ControlReason",
     "ControllerParameters",
     "CooperativeController",
+    "ExecutionStep",
     "HalfAxis",
     "HandAdmittance",
     "ImpedanceParameters",
     "JointMeasurement",
+    "Outcome",
+    "PathFollower",
+    "PlanExecution",
+    "PlannedMotion",
     "PoseMeasurement",
     "ToolKinematics",
     "WrenchMeasurement",
     "half_axis",
     "open_control",
+    "read_plan",
     "warm_up",
 ]

@@ -72,6 +72,13 @@ class ToolKinematics:
                 f"expected one of {', '.join(link.name for link in robot.links)}"
             )
         self.joints = robot.actuated_joint_names
+        self.slides = np.array([robot.tree.joint(name).slides for name in self.joints])
+        """(n,) true for the joints whose positions are in m."""
+
+    @property
+    def robot_name(self) -> str:
+        """The name in the robot's file."""
+        return self._robot.name
 
     @property
     def base(self) -> str:
@@ -217,10 +224,12 @@ class CooperativeController:
     ) -> ControlDecision:
         """The decision at ``now_ns``; without motion for any measurement that is not usable."""
         self._watch(now_ns)
-        positions = self._positions(joints, now_ns)
+        positions = positions_of(
+            joints, self._tool.joints, self.parameters.max_joints_age_ns, now_ns
+        )
         if positions is None:
             return self._still(ControlReason.NO_JOINTS)
-        if pose is None or not _is_fresh(pose.stamp_ns, self.parameters.max_pose_age_ns, now_ns):
+        if pose is None or not is_fresh(pose.stamp_ns, self.parameters.max_pose_age_ns, now_ns):
             return self._still(ControlReason.NO_POSE)
         if wrench is None or not self._is_usable(wrench, now_ns):
             return self._still(ControlReason.NO_WRENCH)
@@ -234,9 +243,9 @@ class CooperativeController:
         desired = self._hand.twist(force, torque, now_ns)
         rule_from_base = pose.rule_from_base
         decision = self._rule.allow_joints(
-            _turned(rule_from_base.rotation, desired),
+            turned(rule_from_base.rotation, desired),
             rule_from_base.apply(base_from_tip.translation_mm),
-            _turned(rule_from_base.rotation, jacobian),
+            turned(rule_from_base.rotation, jacobian),
             positions,
             self._limits,
             now_ns,
@@ -263,21 +272,9 @@ class CooperativeController:
             age_ns = now_ns - self._valid_ns
             self._latched = self._latched or not 0 <= age_ns <= self.parameters.watchdog_ns
 
-    def _positions(self, joints: JointMeasurement | None, now_ns: int) -> FloatArray | None:
-        """Positions (n,) in the order of the arm; None if one is missing, old or not finite."""
-        if joints is None or len(joints.names) != len(joints.positions):
-            return None
-        if not _is_fresh(joints.stamp_ns, self.parameters.max_joints_age_ns, now_ns):
-            return None
-        named = dict(zip(joints.names, joints.positions, strict=True))
-        if len(named) != len(joints.names) or any(name not in named for name in self._tool.joints):
-            return None
-        found = np.array([named[name] for name in self._tool.joints], dtype=np.float64)
-        return found if bool(np.isfinite(found).all()) else None
-
     def _is_usable(self, wrench: WrenchMeasurement, now_ns: int) -> bool:
         values = (np.asarray(wrench.force_n), np.asarray(wrench.torque_n_m))
-        return _is_fresh(wrench.stamp_ns, self.parameters.max_wrench_age_ns, now_ns) and all(
+        return is_fresh(wrench.stamp_ns, self.parameters.max_wrench_age_ns, now_ns) and all(
             each.shape == (3,) and bool(np.isfinite(each).all()) for each in values
         )
 
@@ -291,11 +288,26 @@ class CooperativeController:
         )
 
 
-def _is_fresh(stamp_ns: int, max_age_ns: int, now_ns: int) -> bool:
+def positions_of(
+    measured: JointMeasurement | None, joints: tuple[str, ...], max_age_ns: int, now_ns: int
+) -> FloatArray | None:
+    """Positions (n,) of ``joints``; None if one is missing, old or not finite."""
+    if measured is None or len(measured.names) != len(measured.positions):
+        return None
+    if not is_fresh(measured.stamp_ns, max_age_ns, now_ns):
+        return None
+    named = dict(zip(measured.names, measured.positions, strict=True))
+    if len(named) != len(measured.names) or any(name not in named for name in joints):
+        return None
+    found = np.array([named[name] for name in joints], dtype=np.float64)
+    return found if bool(np.isfinite(found).all()) else None
+
+
+def is_fresh(stamp_ns: int, max_age_ns: int, now_ns: int) -> bool:
     """True for a measurement that is not too old; one from the future is an error of a clock."""
     return freshness_of(stamp_ns, now_ns, FreshnessLimits(max_age_ns)) is Freshness.VALID
 
 
-def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
+def turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
     """``rows`` (6, ...) of two stacked vectors in other axes."""
     return np.concatenate([rotation @ rows[:3], rotation @ rows[3:]])

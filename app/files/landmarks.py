@@ -5,7 +5,6 @@ in RAS, the axes that Slicer displays.
 """
 
 import csv
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 
 from app.files.bounded_io import read_bounded
 from app.files.document import Section
+from app.files.json_file import read_json
 from app.files.keys import Block, ListOf, Numbers, Text
 from app.files.numbers import parse_numbers
 from app.geometry import FloatArray, InputError
@@ -95,7 +95,7 @@ def _position(name: str, numbers: Sequence[float] | FloatArray, path: Path) -> F
 
 def _markups(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
     """Return labels and positions of the file's first list, and its coordinate system."""
-    document = _json(path)
+    document = read_json(path, _MAX_BYTES)
     try:
         (markup, *_) = document["markups"]
         axes = str(markup.get("coordinateSystem", "LPS"))
@@ -157,18 +157,3 @@ def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
     except csv.Error as error:
         raise InputError(f"{path}: row {len(points) + 1} is not a point: {error}") from error
     return points, axes
-
-
-def _json(path: Path) -> Any:
-    try:
-        return json.loads(read_bounded(path, _MAX_BYTES), object_pairs_hook=_unique_names)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not JSON: {error}") from error
-
-
-def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Refuse duplicate names: Slicer takes the first of two values, Python the last."""
-    values = dict(pairs)
-    if len(values) != len(pairs):
-        raise ValueError(f"duplicate name among {', '.join(name for name, _ in pairs[:5])}")
-    return values

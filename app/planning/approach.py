@@ -31,8 +31,9 @@ class Approach:
 
     ``times_ns`` (n,) from 0, ``positions`` and ``velocities`` (n, d) are of ``joints``, in rad, for
     sliding joints in m; on the straight line between two samples the clearance is kept as well. The
-    joints that are not named stay at ``held``. ``reasons`` are sentences on how it was found.
-    ``made_from`` are the ids that were given, such as those of registration and structures.
+    joints that are not named stay at ``held``. ``limits`` are those that were used, ``reasons``
+    sentences on how it was found, ``made_from`` the ids that were given, such as those of
+    registration and structures.
     """
 
     joints: tuple[str, ...]
@@ -41,6 +42,7 @@ class Approach:
     positions: FloatArray
     velocities: FloatArray
     clearance_mm: float
+    limits: Mapping[str, MotionLimits]
     reasons: tuple[str, ...]
     made_from: Mapping[str, str]
 
@@ -122,6 +124,10 @@ def plan_approach(
         positions,
         velocities,
         clearance_mm,
+        {
+            name: MotionLimits(acceleration, jerk, velocity)
+            for name, (velocity, acceleration, jerk) in zip(joints, rows.T.tolist(), strict=True)
+        },
         _reasons(found, path, len(goals)),
         dict(made_from or {}),
     )

@@ -16,7 +16,7 @@ from app.bridge.message_origin import Origin, ReceiveFrom
 from app.bridge.messages import MM_PER_M, ns_of
 from app.bridge.node import RosNode
 from app.bridge.sender_names import nodes_text, publishers_text
-from app.bridge.topics import NEWEST, Topic
+from app.bridge.topics import MOTION, NEWEST, Topic
 from app.simulation import (
     ArmCommand,
     JointPositionCommand,
@@ -31,9 +31,6 @@ _PARTICIPANT_BYTES = 12
 
 MAX_AHEAD_NS = 5_000_000
 """A command may be stamped as much ahead: physics and sender are two processes."""
-
-OTHER_MOTION = ("move_jp", "move_jr", "move_cp", "interpolate_jp", "interpolate_cp")
-"""Motion topics of CRTK that a simulated arm does not follow; a sender on them is a second one."""
 
 _MAX_BYTES = 1 << 20
 
@@ -195,7 +192,7 @@ class ArmCommands:
         self._node = ros.node
         self._lock = threading.Lock()
         self._arrived: tuple[str, Any, int] | None = None
-        topics = [f"/{name}/{each}" for each in (*READERS, *OTHER_MOTION)]
+        topics = [f"/{name}/{each}" for each in MOTION]
         self._binding = ControllerBinding(ros.node, topics)
         self._problem = ""
         for topic, (kind, _) in READERS.items():

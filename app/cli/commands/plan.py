@@ -1,4 +1,5 @@
-"""Plan an operation before it begins: needle corridors on a case, an approach of a robot.
+"""Plan an operation before it begins: needle corridors on a case, an approach of a robot, which
+can then be executed.
 
 Exit status: 0; 2 on bad input, and where there is no plan: one line says why.
 """
@@ -6,10 +7,10 @@ Exit status: 0; 2 on bad input, and where there is no plan: one line says why.
 import argparse
 
 from app.cli.parsing import CommandParser, add_debug
-from app.cli.planning import approach, needle_corridors
+from app.cli.planning import approach, execute, needle_corridors
 
-SUMMARY = "plan needle corridors on a case, or an approach of a robot"
-PLANS = (needle_corridors, approach)
+SUMMARY = "plan needle corridors on a case, or an approach of a robot, and execute it"
+PLANS = (needle_corridors, approach, execute)
 
 
 def add_arguments(parser: CommandParser) -> None:

@@ -8,6 +8,7 @@ limits a mapping of joints to acceleration, jerk and, where the robot's file giv
 import argparse
 import json
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="give up after this time (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
+        "--guard", nargs="?", const="/marginguard/constraint", metavar="TOPIC",
+        help="take the setup of the guard that runs, for 'plan execute': topic of its constraint "
+        "(default: %(const)s)",
+    )  # fmt: skip
+    parser.add_argument(
         "-o", "--out", type=output_path, metavar="FILE", help="write the JSON to this file"
     )
 
@@ -75,6 +81,7 @@ def run(options: argparse.Namespace) -> int:
     check_installed("ompl", "ruckig")
     if options.out is not None:
         check_output_path(options.out)
+    made_from = {} if options.guard is None else {"setup_id": _setup_of(options.guard)}
     from app.planning import plan_approach
 
     begin_s = time.monotonic()
@@ -88,6 +95,7 @@ def run(options: argparse.Namespace) -> int:
         limits=_limits(options.limits),
         carried=_carried(options.carried),
         is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
+        made_from=made_from,
     )
     text = json.dumps(_described(robot, approach), allow_nan=False)
     if options.out is None:
@@ -102,12 +110,26 @@ def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
         "robot": robot.name,
         "joints": list(approach.joints),
         "held": dict(approach.held),
+        "limits": {name: asdict(limits) for name, limits in approach.limits.items()},
         "clearance_mm": approach.clearance_mm,
+        "made_from": dict(approach.made_from),
         "reasons": list(approach.reasons),
         "times_ns": approach.times_ns.tolist(),
         "positions": approach.positions.tolist(),
         "velocities": approach.velocities.tolist(),
     }
+
+
+def _setup_of(topic: str) -> str:
+    """The ``setup_id`` of the guard whose constraint is on ``topic``."""
+    from app.cli.ros import load_bridge, print_reach
+
+    load_bridge("which '--guard' needs")
+    print_reach()
+    from app.bridge.constraint_message import ConstraintReader
+
+    with ConstraintReader(topic) as reader:
+        return reader.read().setup_id
 
 
 def _goal(options: argparse.Namespace, robot: "Robot") -> "dict[str, float] | Transform":

@@ -1,0 +1,134 @@
+"""Follow a timed path at a variable rate: never off the path, within the limits of the joints."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from app.geometry import NS_PER_S, FloatArray, InputError
+
+MAX_STOP_S = 0.5
+"""A faster motion, which could not stop in this time, is slowed down to it."""
+
+_MAX_STEP_NS = 20_000_000
+"""A step that comes later moves the arm as far as this one."""
+
+_ROUNDING_S = 1e-9
+
+_ASIDE = 1e-6
+"""Largest velocity, rad/s or m/s, across the line to the next sample."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedMotion:
+    """A path of ``joints`` from rest to rest, straight between samples, as it was planned.
+
+    ``times_ns`` (k,) from 0, ``positions`` and ``velocities`` (k, d), in rad, for sliding joints in
+    m. ``held`` are the positions of all other joints, ``accelerations`` (d,) the limits of
+    ``joints``, ``setup_id`` that of the guard when it was planned; empty if none was asked.
+    ``robot`` is the name of the robot.
+
+    Raises `InputError` for other shapes and numbers, and for a motion that is not at rest where its
+    direction changes.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    held: Mapping[str, float]
+    times_ns: NDArray[np.int64]
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    setup_id: str
+
+    def __post_init__(self) -> None:
+        shape = len(self.times_ns), len(self.joints)
+        arrays = self.positions, self.velocities, self.accelerations
+        if [each.shape for each in arrays] != [shape, shape, shape[1:]] or 0 in shape:
+            shapes = ", ".join(str(each.shape) for each in arrays)
+            raise InputError(f"plan: has arrays {shapes}; expected {shape} twice, and {shape[1:]}")
+        if not all(np.isfinite(each).all() for each in (*arrays, list(self.held.values()))):
+            raise InputError("plan: has NaN or infinity; expected finite numbers")
+        if self.times_ns[0] != 0 or (np.diff(self.times_ns) <= 0).any():
+            raise InputError("plan: its times do not increase from 0; expected increasing ones")
+        if set(self.joints) & set(self.held) or len(set(self.joints)) != shape[1]:
+            raise InputError("plan: names a joint twice; expected each joint once")
+        if not (self.accelerations > 0.0).all():
+            raise InputError("plan: has a limit of 0 or less; expected limits above 0")
+        steps = np.diff(self.positions, axis=0)
+        lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+        lines = np.divide(steps, lengths, out=np.zeros_like(steps), where=lengths > 0.0)
+        for ends in (self.velocities[:-1], self.velocities[1:]):
+            along = np.maximum((ends * lines).sum(axis=1, keepdims=True), 0.0)
+            if np.abs(ends - along * lines).max(initial=0.0) > _ASIDE:
+                raise InputError("plan: moves off the lines of its samples; expected rest at turns")
+        if self.velocities[[0, -1]].any():
+            raise InputError("plan: begins or ends in motion; expected rest")
+
+
+class PathFollower:
+    """The place on the path of ``motion``, which `step` moves on; the rate 1 is that of the plan.
+
+    Pure. A rate between 0 and 1 slows the motion down in time, so that the joints stay on the path;
+    it changes as fast as the accelerations of the plan allow.
+    """
+
+    def __init__(self, motion: PlannedMotion) -> None:
+        times_s = motion.times_ns / NS_PER_S
+        self._accelerations, self._end_s = motion.accelerations, float(times_s[-1])
+        self._last = motion.positions[-1]
+        self._path = None
+        if len(times_s) > 1:
+            self._path = CubicHermiteSpline(times_s, motion.positions, motion.velocities)
+        self._rests_s = times_s[~motion.velocities.any(axis=1)]
+        stop_s = float((np.abs(motion.velocities) / motion.accelerations).max())
+        self._max_rate = min(1.0, MAX_STOP_S / stop_s) if stop_s > 0.0 else 1.0
+        self.stop_s = stop_s * self._max_rate
+        """Longest time in which the joints can stop."""
+        self._at_s, self.rate = 0.0, 0.0
+
+    @property
+    def progress(self) -> float:
+        """Share of the planned time that is behind, 0 to 1."""
+        return 1.0 if self._end_s == 0.0 else self._at_s / self._end_s
+
+    @property
+    def positions(self) -> FloatArray:
+        """Positions (d,) on the path."""
+        if self._path is None or self._at_s >= self._end_s:
+            return self._last
+        return np.asarray(self._path(self._at_s))
+
+    @property
+    def planned_velocities(self) -> FloatArray:
+        """Velocities (d,) here at the rate 1."""
+        return self._planned(self._at_s)
+
+    def step(self, share: float, elapsed_ns: int) -> FloatArray:
+        """Positions (d,) after ``elapsed_ns``, at a rate that tends to ``share``, 0 to 1."""
+        step_s = min(max(elapsed_ns, 0), _MAX_STEP_NS) / NS_PER_S
+        if step_s > 0.0:
+            self.rate = self._next_rate(min(max(share, 0.0), self._max_rate), step_s)
+            # A step that passed a state of rest would cut its corner.
+            rest_s = float(self._rests_s[self._rests_s > self._at_s].min(initial=self._end_s))
+            ahead_s = self._at_s + self.rate * step_s
+            self._at_s = ahead_s if ahead_s < rest_s - _ROUNDING_S else rest_s
+        return self.positions
+
+    def _planned(self, at_s: float) -> FloatArray:
+        if self._path is None or at_s >= self._end_s:
+            return np.zeros_like(self._last)
+        return np.asarray(self._path(at_s, 1))
+
+    def _next_rate(self, desired: float, step_s: float) -> float:
+        """The rate nearest to ``desired`` at which no joint exceeds its acceleration."""
+        now = self.rate * self._planned(self._at_s)
+        ahead = self._planned(self._at_s + self.rate * step_s)
+        moving = ahead != 0.0
+        speed, change = np.abs(ahead[moving]), self._accelerations[moving] * step_s
+        along = now[moving] * np.sign(ahead[moving])
+        lowest = float(((along - change) / speed).max(initial=0.0))
+        highest = float(((along + change) / speed).min(initial=self._max_rate))
+        return min(max(desired, lowest), max(highest, lowest), self._max_rate)
