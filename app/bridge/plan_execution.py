@@ -24,13 +24,16 @@ from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import publishers_text
 from app.bridge.topics import MOTION, NEWEST, Topic
-from app.control import ControlDescription, ExecutionStep, PlanExecution, PlannedMotion
-from app.geometry import NS_PER_S, Stamp
+from app.control import ControlDescription, ExecutionStep, Outcome, PlanExecution, PlannedMotion
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 
 NODE_NAME = "marginguard_execute"
 
-WAIT_S = 5.0
-"""Longest wait for joints, poses and a constraint that allow the start."""
+LISTEN_S, WAIT_S = 1.0, 5.0
+"""Time for other nodes to appear, and longest wait for inputs that allow the start."""
+
+_LOOK_NS = 100 * NS_PER_MS
+"""Time between two looks for other senders."""
 
 _REPORT_NS = NS_PER_S
 
@@ -67,46 +70,57 @@ class ExecutionNode:
         if not self._wait_for_start():
             return None
         command = self._ros.publisher(Topic(f"{self._arm}/servo_jp", JointState, NEWEST))
-        reported_ns = time.monotonic_ns()
+        reported_ns = looked_ns = time.monotonic_ns()
         for _ in control_periods():
             step = self._step(command.publish)
             if step.is_over:
                 return step
-            if time.monotonic_ns() - reported_ns >= _REPORT_NS:
-                reported_ns = time.monotonic_ns()
+            now_ns = time.monotonic_ns()
+            if now_ns - looked_ns >= _LOOK_NS:
+                looked_ns = now_ns
+                others = self._other_senders(own=1)
+                if others:
+                    self._execution.end(Outcome.OTHER_SENDER, others)
+            if now_ns - reported_ns >= _REPORT_NS:
+                reported_ns = now_ns
                 report(step)
         raise AssertionError("the periods do not end")
 
     def _wait_for_start(self) -> bool:
         """True when nothing forbids the motion, False when it is cancelled."""
-        end_ns = time.monotonic_ns() + round(WAIT_S * NS_PER_S)
-        problem = ""
+        begin_ns = time.monotonic_ns()
         for _ in control_periods():
+            waited_s = (time.monotonic_ns() - begin_ns) / NS_PER_S
             if self._cancelled.is_set():
                 return False
             self._receive()
             problem = self._execution.problem(
                 self._joints.measurement(), self._base.measurement(), self._clock_ns()
             )
-            if not problem:
+            if not problem and waited_s >= LISTEN_S:
                 break
-            if time.monotonic_ns() > end_ns:
+            if waited_s > WAIT_S:
                 senders = [*filter(None, [self._joints.problem(), self._base.problem()])]
                 raise BridgeError("; ".join([problem, *senders]))
+        others = self._other_senders(own=0)
+        if others:
+            raise BridgeError(others)
+        return True
+
+    def _other_senders(self, own: int) -> str:
+        """Names the nodes that may move the arm if there are more than ``own``; else empty."""
         names = [f"{self._arm}/{each}" for each in MOTION]
+        if sum(map(self._ros.node.count_publishers, names)) <= own:
+            return ""
         infos = [
             each for name in names for each in self._ros.node.get_publishers_info_by_topic(name)
         ]
-        if infos:
-            raise BridgeError(
-                f"arm {self._arm}: {publishers_text(infos)} may move it; expected no other sender"
-            )
-        return True
+        return f"arm {self._arm}: {publishers_text(infos)} may move it; expected this one alone"
 
     def _step(self, send: Callable[[JointState], None]) -> ExecutionStep:
         """One period: read, decide, send. The command has the time after the reading."""
         if self._cancelled.is_set():
-            self._execution.cancel()
+            self._execution.end(Outcome.CANCELLED, "cancelled by an operator")
         self._receive()
         joints, pose = self._joints.measurement(), self._base.measurement()
         now_ns = self._clock_ns()

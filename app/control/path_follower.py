@@ -78,7 +78,7 @@ class PathFollower:
     def __init__(self, motion: PlannedMotion) -> None:
         times_s = motion.times_ns / NS_PER_S
         self._accelerations, self._end_s = motion.accelerations, float(times_s[-1])
-        self._last = motion.positions[-1]
+        self._last: FloatArray = motion.positions[-1]
         self._path = None
         if len(times_s) > 1:
             self._path = CubicHermiteSpline(times_s, motion.positions, motion.velocities)

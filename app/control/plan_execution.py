@@ -33,6 +33,9 @@ FOLLOW_RAD, FOLLOW_M = 0.01, 0.001
 MEMORY_NS = 200 * NS_PER_MS
 """An arm that is farther behind its commands does not follow them."""
 
+LATE_NS = 100 * NS_PER_MS
+"""A measurement that is late brakes the motion at once, and ends it after this time."""
+
 BLOCKED_NS = 2 * NS_PER_S
 _LEAST_RATE = 0.01
 
@@ -42,6 +45,8 @@ class Outcome(StrEnum):
 
     ARRIVED = "arrived"
     CANCELLED = "cancelled"
+    OTHER_SENDER = "other_sender"
+    """Another node may move the arm."""
     RULE = "rule"
     """The constraint is missing, invalid, too old, on hold or of another guard."""
     OTHER_SETUP = "other_setup"
@@ -52,6 +57,9 @@ class Outcome(StrEnum):
     """The arm does not follow."""
     BLOCKED = "blocked"
     """The planes have allowed no motion along the path for 2 s."""
+
+
+_LATE = (Outcome.NO_JOINTS, Outcome.NO_POSE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +121,9 @@ class PlanExecution:
         self._now_ns: int | None = None
         self._run_ns = 0
         """Time of all steps, which a clock that is set back does not shorten."""
+        self._usable_ns = 0
+        self._twists = np.zeros((6, len(motion.joints)))
+        """Jacobian of the moving joints in the rule's frame, when it was last known."""
         self._ended: _Stop | None = None
         self._standing_ns: int | None = None
 
@@ -125,9 +136,10 @@ class PlanExecution:
         """Use ``constraint``, which has just arrived."""
         self._rule.receive(constraint, now_ns)
 
-    def cancel(self) -> None:
-        """Stop within the accelerations of the plan, for good."""
-        self._end(Outcome.CANCELLED, "cancelled by an operator")
+    def end(self, outcome: Outcome, text: str) -> None:
+        """Stop within the accelerations of the plan, for good; the first call counts."""
+        if self._ended is None:
+            self._ended = _Stop(outcome, text)
 
     def problem(
         self, joints: JointMeasurement | None, pose: PoseMeasurement | None, now_ns: int
@@ -155,20 +167,18 @@ class PlanExecution:
         """The command at ``now_ns``: the next place on the path, or a stop on it."""
         elapsed_ns = 0 if self._now_ns is None else max(now_ns - self._now_ns, 0)
         self._now_ns, self._run_ns = now_ns, self._run_ns + elapsed_ns
-        share, twists = 0.0, None
+        share = 0.0
         checked = self._check(joints, pose, now_ns)
-        if isinstance(checked, _Stop):
-            self._end(*checked)
-        else:
-            share, twists = checked
+        if not isinstance(checked, _Stop):
+            share, self._twists = checked
+            self._usable_ns = self._run_ns
+        elif checked.outcome not in _LATE or self._run_ns - self._usable_ns > LATE_NS:
+            self.end(*checked)
         if self._ended is not None:
             share = 0.0
         self._follower.step(share, elapsed_ns)
         velocities = self._follower.rate * self._follower.planned_velocities
-        if twists is None:
-            self._rule.stand(now_ns)  # no step allows motion after this one
-        else:
-            self._rule.command(twists @ velocities, now_ns)
+        self._rule.command(self._twists @ velocities, now_ns)
         sent = self._all(self._follower.positions)
         self._sent.append((self._run_ns, sent))
         while self._run_ns - self._sent[0][0] > MEMORY_NS:
@@ -189,9 +199,9 @@ class PlanExecution:
             self._standing_ns = self._run_ns
         for_ns = self._run_ns - self._standing_ns
         if is_at_end and for_ns > MEMORY_NS:
-            self._end(Outcome.ARRIVED, "arrived")
+            self.end(Outcome.ARRIVED, "arrived")
         if for_ns > BLOCKED_NS:
-            self._end(
+            self.end(
                 Outcome.BLOCKED,
                 "constraint: its planes allow no motion along the path; expected room",
             )
@@ -270,10 +280,6 @@ class PlanExecution:
         found = self._held.copy()
         found[self._moving] = moving
         return found
-
-    def _end(self, outcome: Outcome, text: str) -> None:
-        if self._ended is None:
-            self._ended = _Stop(outcome, text)
 
 
 def _stop_of(reason: RuleReason) -> _Stop:
