@@ -8,10 +8,12 @@ from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
 from .path_timing import MotionLimits
+from .preview import ApproachPreview, preview_approach
 
 __all__ = [
     "Approach",
     "ApproachError",
+    "ApproachPreview",
     "CollisionModel",
     "Contact",
     "Corridor",
@@ -31,4 +33,5 @@ __all__ = [
     "needle_constraint",
     "plan_approach",
     "plan_needle",
+    "preview_approach",
 ]

@@ -68,7 +68,7 @@ class CollisionModel:
         moving = [*link_bodies(robot), *carried_bodies(robot, carried)]
         moving.sort(key=lambda body: len(robot.tree.path_to(body.link)))  # upper links first
         fixed = [structure(robot, name, mesh) for name, mesh in structures.items()]
-        self._bodies = (*moving, *fixed)
+        self._bodies, self._first_structure = (*moving, *fixed), len(moving)
         names = [body.name for body in self._bodies]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
@@ -95,6 +95,27 @@ class CollisionModel:
             if self._is_inside(a, b) or self._is_inside(b, a):
                 return self._contact(number, 0.0)
         return None
+
+    @property
+    def moving(self) -> tuple[Body, ...]:
+        """Links with a collision mesh, and carried bodies."""
+        return self._bodies[: self._first_structure]
+
+    @property
+    def structures(self) -> tuple[Body, ...]:
+        """The structures, in the root link's frame."""
+        return self._bodies[self._first_structure :]
+
+    def distances_mm(self, state: FloatArray) -> FloatArray:
+        """The distance (s,) of each structure from the nearest body; NaN if none is tested."""
+        # Computes the poses of all links.
+        blocking_pair(self._arrays, self._pairs_of([], []), self._arm, state, state, self._scratch)
+        found = np.full(len(self.structures), np.nan)
+        for other, body in self._pairs.bodies.tolist():
+            number = other - self._first_structure
+            if number >= 0:
+                found[number] = np.fmin(found[number], self._distance_mm(other, body))
+        return found
 
     def keeps_clearance(self, state: FloatArray) -> bool:
         """True if all surfaces are far enough apart; does not test containment."""

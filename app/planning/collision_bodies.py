@@ -15,10 +15,10 @@ from app.robot import Robot
 
 
 class Body:
-    """A surface, its tree, and the points and the closed surface for tests of containment."""
+    """A surface in the frame of a link, with its tree, and points and a solid for containment."""
 
     def __init__(self, name: str, link: str, mesh: SurfaceMesh) -> None:
-        self.name, self.link = name, link
+        self.name, self.link, self.mesh = name, link, mesh
         self.bvh = build_bvh(mesh)
         _, first = np.unique(self.bvh.part, return_index=True)
         self.part_points = self.bvh.corners[first, 0]

@@ -90,7 +90,7 @@ def covered_surface(
     ``breaches_mm`` are places in the tumour's frame. Without ``ras_from_tumor`` (3, 3) the tumour's
     axes are taken as right, anterior and superior.
     """
-    vertices, faces = _simplified(tumor)
+    vertices, faces = simplified(tumor)
     nearest = _nearest(coverage.places_mm, vertices[faces].mean(axis=1))
     turn = np.eye(3) if ras_from_tumor is None else ras_from_tumor
     centroid = tumor.centroid_mm
@@ -103,22 +103,24 @@ def covered_surface(
     )
 
 
-def _simplified(tumor: SurfaceMesh) -> tuple[FloatArray, NDArray[np.integer]]:
-    """Vertices (n, 3) and faces (m, 3) of a mesh like ``tumor`` with about `MAX_FACES` at most.
+def simplified(
+    surface: SurfaceMesh, max_faces: int = MAX_FACES
+) -> tuple[FloatArray, NDArray[np.integer]]:
+    """Vertices (n, 3) and faces (m, 3) of a mesh like ``surface`` with about ``max_faces`` at most.
 
     The vertices are grouped around means that are spread over the surface, and each group becomes
     its mean: the faces have similar sizes. A closed surface stays closed.
     """
-    vertices = tumor.vertices_mm
-    if len(tumor.faces) <= MAX_FACES:
-        return vertices, tumor.faces
-    groups = MAX_FACES // 2  # a closed surface has about twice as many faces as vertices
+    vertices = surface.vertices_mm
+    if len(surface.faces) <= max_faces:
+        return vertices, surface.faces
+    groups = max_faces // 2  # a closed surface has about twice as many faces as vertices
     means = vertices[spread_faces(vertices, groups)]
     sample = vertices[spread_faces(vertices, _MAX_SAMPLE)]
     for _ in range(_ROUNDS):
         means = _means(sample, _nearest(means, sample), means)
     group = _nearest(means, vertices)
-    return _means(vertices, group, means), _without_collapsed(group[tumor.faces])
+    return _means(vertices, group, means), _without_collapsed(group[surface.faces])
 
 
 def _nearest(points: FloatArray, places: FloatArray) -> NDArray[np.intp]:
@@ -244,10 +246,10 @@ def coverage_document(surface: CoveredSurface) -> dict[str, Any]:
     nearest = np.where(surface.nearest_mm <= max(WITHIN_MM), steps, FARTHER)
     places = surface.breaches_mm
     return {
-        "vertices": _packed(np.round(surface.vertices_mm / vertex_mm), "<i2"),
+        "vertices": packed(np.round(surface.vertices_mm / vertex_mm), "<i2"),
         "vertex_mm": vertex_mm,
-        "faces": _packed(surface.faces, "<u2"),
-        "nearest": _packed(nearest, "<u2"),
+        "faces": packed(surface.faces, "<u2"),
+        "nearest": packed(nearest, "<u2"),
         "nearest_mm": 1.0 / STEPS_PER_MM,
         "farther": FARTHER,
         "within_mm": WITHIN_MM,
@@ -297,5 +299,6 @@ def _view_from(direction: FloatArray) -> dict[str, float]:
     return {"azimuth": round(float(np.degrees(np.arctan2(x, y))), 1), "elevation": elevation}
 
 
-def _packed(values: NDArray[Any], kind: str) -> str:
+def packed(values: NDArray[Any], kind: str) -> str:
+    """``values`` row by row as base64, in the type that NumPy names ``kind``."""
     return b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode("ascii")

@@ -29,16 +29,17 @@ def page_style() -> str:
 @cache
 def figure_style() -> str:
     """The style sheets of the figures."""
-    return "".join(map(_text, ("uplot.min.css", "plots.css", "coverage.css")))
+    return "".join(map(_text, ("uplot.min.css", "plots.css", "turn.css")))
 
 
 @cache
 def figure_scripts() -> tuple[str, ...]:
-    """uPlot, the script that draws the plots with it, and that of the coverage.
+    """uPlot, the script that draws the plots with it, and those of the figures that turn.
 
     They are put after the figures.
     """
-    return tuple(map(_text, ("uplot.min.js", "plots.js", "coverage.js")))
+    names = ("uplot.min.js", "plots.js", "turn.js", "coverage.js", "motion.js")
+    return tuple(map(_text, names))
 
 
 def csp_source(text: str) -> str:

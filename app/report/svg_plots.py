@@ -8,7 +8,7 @@ import numpy as np
 
 from app.geometry import FloatArray
 from app.report.colors import CLEAR_BAR, INK, INSIDE_BAR, LINE, STOP_BAR, WARN_BAR
-from app.report.time_plot import TIME_LABEL, TimePlot, extremes, spread
+from app.report.time_plot import TimePlot, extremes, spread
 
 MAX_POINTS = 2000
 MAX_MM = 30.0
@@ -77,7 +77,7 @@ def time_svg(plot: TimePlot, title: str) -> str:
     for line, at in zip(lines, heights, strict=True):
         parts.append(_text(area.right - 4.0, at, line.label, "end", line.color))
     parts.append("</g>")
-    parts.append(area.axis_label(TIME_LABEL))
+    parts.append(area.axis_label(plot.x_label))
     parts.append(_text(area.left, area.top - 4.0, plot.label, "start"))
     return "\n".join([*parts, "</svg>"]) + "\n"
 

@@ -88,6 +88,7 @@ class TimePlot:
     bands: tuple[Band, ...] = ()
     lines: tuple[Line, ...] = ()
     marks: tuple[Mark, ...] = ()
+    x_label: str = TIME_LABEL
 
     def document(self) -> dict[str, Any]:
         """The plot as JSON types, as `web/plots.js` reads it: times as steps in ms."""
@@ -99,7 +100,7 @@ class TimePlot:
             "scale": scale,
             "digits": self.digits,
             "unit": self.unit,
-            "x_label": TIME_LABEL,
+            "x_label": self.x_label,
             "y_label": self.label,
             "y_limits": self.limits,
             "y_top": self.top,

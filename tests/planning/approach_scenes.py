@@ -129,10 +129,10 @@ class CoalScene:
             for link in robot.links
             if link.collisions
         }
-        self.models = {name: _model(mesh.vertices, mesh.faces) for name, mesh in links.items()}
+        self.models = {name: coal_model(mesh.vertices, mesh.faces) for name, mesh in links.items()}
         self.corners = {name: trimesh.bounds.corners(mesh.bounds) for name, mesh in links.items()}
         self.structures = {
-            name: _model(mesh.vertices_mm, mesh.faces) for name, mesh in structures.items()
+            name: coal_model(mesh.vertices_mm, mesh.faces) for name, mesh in structures.items()
         }
         self.request, self.result = coal.DistanceRequest(), coal.DistanceResult()
 
@@ -230,7 +230,7 @@ class CoalScene:
         return np.array(made)
 
 
-def _model(vertices, faces):
+def coal_model(vertices, faces):
     made = coal.BVHModelOBBRSS()
     made.beginModel(len(faces), len(vertices))
     made.addVertices(np.array(vertices))

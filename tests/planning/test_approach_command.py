@@ -53,8 +53,12 @@ def test_trajectory_to_a_pose_is_written(plan, tmp_path):
     robot = load("touch")
     pose = robot.forward_kinematics(dict.fromkeys(JOINTS, 0.3))["stylus"]
     np.savetxt(tmp_path / "goal.txt", pose.matrix)
-    assert plan("--goal-pose", "stylus", "goal.txt", "--out", "plan.json") == 0
+    report = tmp_path / "report"
+    words = ("--goal-pose", "stylus", "goal.txt", "--out", "plan.json", "--report", str(report))
+    assert plan(*words) == 0
     made = json.loads((tmp_path / "plan.json").read_text())
+    assert made["made_from"] == {}
+    assert "touch: approach" in (report / "approach.html").read_text()
     end = dict(zip(made["joints"], made["positions"][-1], strict=True))
     assert robot.forward_kinematics(end)["stylus"].distance_mm_to(pose) < 1e-6
 

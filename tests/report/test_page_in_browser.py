@@ -38,7 +38,7 @@ def test_plot_zooms_and_shows_values(browser, report):
     expect(legend).to_contain_text("-2.00 mm")
     expect(legend).to_contain_text("POSITIVE")
     page.mouse.wheel(0, -200)
-    figure.get_by_role("button", name="whole case").click()
+    figure.get_by_role("button", name="whole time").click()
     page.mouse.move(area["x"] + 0.1 * area["width"], area["y"] + 20)
     expect(legend).to_contain_text(re.compile("12.00 mm"))
     page.emulate_media(media="print")

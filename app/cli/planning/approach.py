@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.cli.options import add_package_dirs, input_argument, number, output_path
+from app.cli.options import add_package_dirs, folder_path, input_argument, number, output_path
 
 if TYPE_CHECKING:
     from app.geometry import SurfaceMesh, Transform
@@ -68,6 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: %(const)s)",
     )  # fmt: skip
     parser.add_argument(
+        "--report", type=folder_path, metavar="DIR",
+        help="write the page approach.html there: the robot along its way, and its distances",
+    )  # fmt: skip
+    parser.add_argument(
         "-o", "--out", type=output_path, metavar="FILE", help="write the JSON to this file"
     )
 
@@ -76,27 +80,38 @@ def run(options: argparse.Namespace) -> int:
     """Plan the approach and print or write it."""
     from app.files import check_output_path, write_file
     from app.files.extras import check_installed
+    from app.report.write import check_writable
     from app.robot import load_robot
 
     check_installed("ompl", "ruckig")
     if options.out is not None:
         check_output_path(options.out)
+    if options.report is not None:
+        check_writable(options.report)
     made_from = {} if options.guard is None else {"setup_id": _setup_of(options.guard)}
-    from app.planning import plan_approach
+    from app.planning import plan_approach, preview_approach
 
     begin_s = time.monotonic()
     robot = load_robot(options.robot, package_dirs=options.package_dirs)
+    structures = _structures(options.structure, robot.root_link)
+    carried = _carried(options.carried)
     approach = plan_approach(
         robot,
         _numbers(options.start),
         _goal(options, robot),
-        _structures(options.structure, robot.root_link),
+        structures,
         clearance_mm=options.clearance_mm,
         limits=_limits(options.limits),
-        carried=_carried(options.carried),
+        carried=carried,
         is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
         made_from=made_from,
     )
+    if options.report is not None:
+        from app.report.approach_page import approach_page
+
+        page = approach_page(preview_approach(robot, approach, structures, carried), robot.name)
+        options.report.mkdir(parents=True, exist_ok=True)
+        write_file(options.report / "approach.html", page.encode())
     text = json.dumps(_described(robot, approach), allow_nan=False)
     if options.out is None:
         print(text)

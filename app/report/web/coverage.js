@@ -4,9 +4,7 @@
 "use strict";
 
 (() => {
-  const DEGREES_PER_PIXEL = 0.5;
-  const DEGREES_PER_KEY = 10;
-  const ZOOM_STEP = 1.25;
+  const { ZOOM_STEP, axes, button, dot, point, press } = Turning;
   const MAX_ZOOM = 8;
   const SURFACE = 0.78; // share of half the picture that the surface reaches at zoom 1
   const LABELS = 0.92; // where the letters of the sides are
@@ -103,18 +101,6 @@
     const colors = data.colors.map((hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)));
     return { ...data, vertices, faces, nearest, classes, normals, reach, colors };
   }
-
-  // The axes of the picture in the patient's right, anterior and superior.
-  function axes(view) {
-    const [a, e] = [view.azimuth, view.elevation].map((degrees) => (degrees * Math.PI) / 180);
-    return {
-      right: [-Math.cos(a), Math.sin(a), 0],
-      up: [-Math.sin(a) * Math.sin(e), -Math.cos(a) * Math.sin(e), Math.cos(e)],
-      towards: [Math.sin(a) * Math.cos(e), Math.cos(a) * Math.cos(e), Math.sin(e)],
-    };
-  }
-
-  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
   function project(surface, view, width, height) {
     const { right, up, towards } = axes(view);
@@ -247,76 +233,11 @@
     return `${from}: ${[text, ...marks.map((each) => each.breach.label)].join(", ")}`;
   }
 
-  function point(canvas, turn, zoom, hover) {
-    const held = new Map();
-    const place = (event) => {
-      const box = canvas.getBoundingClientRect();
-      return [event.clientX - box.left, event.clientY - box.top];
-    };
-    const spread = () => {
-      const [a, b] = [...held.values()];
-      return Math.hypot(a[0] - b[0], a[1] - b[1]);
-    };
-    canvas.addEventListener("pointerdown", (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      held.set(event.pointerId, place(event));
-      hover(place(event));
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      const [before, now] = [held.get(event.pointerId), place(event)];
-      if (before && held.size === 1) {
-        turn(...[0, 1].map((k) => (now[k] - before[k]) * DEGREES_PER_PIXEL));
-      }
-      const apart = held.size === 2 ? spread() : 0;
-      if (before) held.set(event.pointerId, now);
-      if (before && apart > 0) zoom(spread() / apart);
-      hover(now);
-    });
-    for (const kind of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(kind, (event) => held.delete(event.pointerId));
-    }
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        // At the end of the zoom the wheel scrolls the page.
-        if (zoom(event.deltaY < 0 ? ZOOM_STEP : 1 / ZOOM_STEP)) event.preventDefault();
-      },
-      { passive: false },
-    );
-  }
-
-  function press(canvas, turn, zoom, reset, useCross) {
-    const actions = {
-      ArrowRight: () => turn(DEGREES_PER_KEY, 0),
-      ArrowLeft: () => turn(-DEGREES_PER_KEY, 0),
-      ArrowDown: () => turn(0, DEGREES_PER_KEY),
-      ArrowUp: () => turn(0, -DEGREES_PER_KEY),
-      "+": () => zoom(ZOOM_STEP),
-      "=": () => zoom(ZOOM_STEP),
-      "-": () => zoom(1 / ZOOM_STEP),
-      0: reset,
-    };
-    canvas.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in actions)) return;
-      event.preventDefault();
-      useCross();
-      actions[event.key]();
-    });
-  }
-
   function buttons(place, surface, look, zoom, reset) {
-    const button = (text, name, action) => {
-      const made = document.createElement("button");
-      made.type = "button";
-      made.textContent = text;
-      if (name !== text) made.setAttribute("aria-label", name);
-      made.addEventListener("click", action);
-      place.append(made);
-    };
-    button("reset", "reset", reset);
-    button("+", "zoom in", () => zoom(ZOOM_STEP));
-    button("\u2212", "zoom out", () => zoom(1 / ZOOM_STEP));
-    for (const side of surface.sides) button(side.letter, `from ${side.word}`, () => look(side));
-    for (const breach of surface.breaches) button(breach.label, breach.label, () => look(breach));
+    button(place, "reset", "reset", reset);
+    button(place, "+", "zoom in", () => zoom(ZOOM_STEP));
+    button(place, "\u2212", "zoom out", () => zoom(1 / ZOOM_STEP));
+    for (const side of surface.sides) button(place, side.letter, `from ${side.word}`, () => look(side));
+    for (const breach of surface.breaches) button(place, breach.label, breach.label, () => look(breach));
   }
 })();

@@ -197,12 +197,12 @@
       const half = ((max - min) / 2) * factor;
       zoom(u, middle - half, middle + half, first, last);
     };
-    button("whole case", () => zoom(u, first, last, first, last));
+    button("whole time", () => zoom(u, first, last, first, last));
     button("+", () => around(0.5));
     button("\u2212", () => around(2));
     for (const mark of marks) {
       button(mark.label, () => zoom(u, mark.from - 1, mark.to + 1, first, last));
     }
-    place.append("Drag or turn the wheel to zoom, double-click for the whole case.");
+    place.append("Drag or turn the wheel to zoom, double-click for the whole time.");
   }
 })();

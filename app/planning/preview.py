@@ -1,0 +1,76 @@
+"""Preview of an approach for displays: places of all bodies, and distances."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry import NS_PER_S, FloatArray, SurfaceMesh
+from app.planning.approach import Approach
+from app.planning.collision import CollisionModel
+from app.robot import Robot
+
+MAX_PLACES = 81
+"""Times that are shown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ApproachPreview:
+    """``approach`` at k times, start and end among them.
+
+    ``moving`` are the collision surfaces of links and carried bodies, with ``poses`` (k, b, 4, 4)
+    in the root link in mm; ``structures`` stand there. ``distances_mm`` (k, s) are the structures'
+    from the nearest moving body, NaN where none is tested. ``samples`` (k,) are the numbers of the
+    approach's samples.
+    """
+
+    approach: Approach
+    samples: NDArray[np.intp]
+    moving: tuple[tuple[str, SurfaceMesh], ...]
+    structures: tuple[tuple[str, SurfaceMesh], ...]
+    poses: FloatArray
+    distances_mm: FloatArray
+
+    @property
+    def times_s(self) -> FloatArray:
+        """The times (k,)."""
+        return np.asarray(self.approach.times_ns[self.samples] / NS_PER_S)
+
+    @property
+    def via_states(self) -> int:
+        """Number of states between start and end at which the robot stops."""
+        return max(int((~self.approach.velocities.any(axis=1)).sum()) - 2, 0)
+
+
+def preview_approach(
+    robot: Robot,
+    approach: Approach,
+    structures: Mapping[str, SurfaceMesh],
+    carried: Mapping[str, SurfaceMesh],
+) -> ApproachPreview:
+    """Evaluate ``approach`` at `MAX_PLACES` times; the bodies are those of `plan_approach`."""
+    model = CollisionModel(
+        robot,
+        approach.joints,
+        approach.held,
+        structures,
+        clearance_mm=approach.clearance_mm,
+        carried=carried,
+    )
+    count = len(approach.times_ns)
+    samples = np.unique(np.linspace(0, count - 1, min(count, MAX_PLACES)).round().astype(np.intp))
+    poses, distances = [], []
+    for state in approach.positions[samples]:
+        named = {**approach.held, **dict(zip(approach.joints, state.tolist(), strict=True))}
+        links = robot.forward_kinematics(named)
+        poses.append([links[body.link].matrix for body in model.moving])
+        distances.append(model.distances_mm(state))
+    return ApproachPreview(
+        approach,
+        samples,
+        tuple((body.name, body.mesh) for body in model.moving),
+        tuple((body.name, body.mesh) for body in model.structures),
+        np.array(poses),
+        np.array(distances),
+    )
