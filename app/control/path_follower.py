@@ -28,7 +28,7 @@ class PlannedMotion:
     ``times_ns`` (k,) from 0, ``positions`` and ``velocities`` (k, d), in rad, for sliding joints in
     m. ``held`` are the positions of all other joints, ``accelerations`` (d,) the limits of
     ``joints``, ``setup_id`` that of the guard when it was planned; empty if none was asked.
-    ``robot`` is the name of the robot.
+    ``robot`` is the name of the robot. Copied and read-only.
 
     Raises `InputError` for other shapes and numbers, and for a motion that is not at rest where its
     direction changes.
@@ -44,6 +44,10 @@ class PlannedMotion:
     setup_id: str
 
     def __post_init__(self) -> None:
+        for name in ("times_ns", "positions", "velocities", "accelerations"):
+            array = np.array(getattr(self, name))
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
         shape = len(self.times_ns), len(self.joints)
         arrays = self.positions, self.velocities, self.accelerations
         if [each.shape for each in arrays] != [shape, shape, shape[1:]] or 0 in shape:

@@ -103,6 +103,8 @@ class PlanExecution:
             )
         if not motion.setup_id:
             raise InputError("plan: has no setup_id; expected one made with --guard")
+        self._moving = np.array([joints.index(name) for name in motion.joints])
+        self._check_limits()
         self._follower = PathFollower(motion)
         self._rule = FixtureRule(
             frame=RULE_FRAME,
@@ -112,7 +114,6 @@ class PlanExecution:
             ),
             accept_simulated=description.accept_simulated,
         )
-        self._moving = np.array([joints.index(name) for name in motion.joints])
         self._held = np.array([motion.held.get(name, 0.0) for name in joints])
         slides = self._tool.slides
         self._start_tolerance = np.where(slides, START_M, START_RAD)
@@ -126,6 +127,22 @@ class PlanExecution:
         """Jacobian of the moving joints in the rule's frame, when it was last known."""
         self._ended: _Stop | None = None
         self._standing_ns: int | None = None
+
+    def _check_limits(self) -> None:
+        """Raise `InputError` for a joint beyond the limits of the arm."""
+        limits = self._tool.limits(self._about.parameters.max_joint_speed)
+        lowest, highest = self._motion.positions.min(axis=0), self._motion.positions.max(axis=0)
+        fastest = np.abs(self._motion.velocities).max(axis=0)
+        for column, joint in enumerate(self._moving.tolist()):
+            low, high, speed = (
+                float(each[joint]) for each in (limits.lower, limits.upper, limits.max_speed)
+            )
+            if lowest[column] < low or highest[column] > high or fastest[column] > speed:
+                raise InputError(
+                    f"plan: moves joint {self._motion.joints[column]!r} between "
+                    f"{lowest[column]:g} and {highest[column]:g} with up to {fastest[column]:g} "
+                    f"per s; expected {low:g} to {high:g}, at most {speed:g} per s"
+                )
 
     @property
     def constraint(self) -> PlainConstraint | None:

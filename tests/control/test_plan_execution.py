@@ -233,6 +233,10 @@ def test_plan_for_something_else_is_refused(description, motion):
     for change, problem in (
         ({"robot": "other"}, "plan: is of robot 'other'; expected 'touch'"),
         ({"held": {}}, "plan: has the joints waist, shoulder, elbow; expected waist, shoulder, e"),
+        (
+            {"positions": motion.positions + 9.0},
+            "joint 'waist' between 9 and 9.3 with up to .* expected -1.3 to 1.3, at most 10",
+        ),
         ({"setup_id": ""}, "plan: has no setup_id; expected one made with --guard"),
     ):
         with pytest.raises(InputError, match=problem):
