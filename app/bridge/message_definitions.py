@@ -23,6 +23,7 @@ PACKAGE = "marginguard_msgs"
 EXPECTED: Mapping[str, str] = MappingProxyType(
     {
         "action/Calibrate": "d06993f7706cb31cd40afb9aa427e451bd9e78b51bf79dae4766292ca70b8404",
+        "action/Execute": "4110caad893909bd3596b1fa85fb0332ef7e253bfc148f0cdf8ab7ec414fd983",
         "action/Replay": "067bca1b542924cc25ac8461f06a0c824c9dba52fd7d02a60e9f8f5cc657a626",
         "msg/FixtureConstraint": "6f404ca91383c1ef261c47ff8225fad2598422265c3fb61d50a039d6bdd5c0dd",
         "msg/HalfSpace": "02bce709059039dd01c9b15c4c43179381416f98d7c21f161a35cc07d894ee99",

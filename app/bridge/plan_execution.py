@@ -5,7 +5,8 @@
 constraint, tracker        as of `app.bridge.arm_control`        input
 ``/ARM/servo_jp``          sensor_msgs/JointState                joint positions, 200 Hz, from the
                                                                  start of the motion on
-``~/cancel``               std_srvs/Trigger                      stop for good
+``~/cancel``               std_srvs/Trigger                      stop the motion for good
+``~/execute``              marginguard_msgs/Execute              with `ExecutionServer`: a plan
 ========================== ===================================== ===================================
 """
 
@@ -13,18 +14,28 @@ import threading
 import time
 from collections.abc import Callable
 
+from marginguard_msgs.action import Execute
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from app.bridge.arm_control import control_periods
 from app.bridge.arm_inputs import BasePose, ConstraintInput, JointInput
+from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.messages import header_message
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import publishers_text
 from app.bridge.topics import MOTION, NEWEST, Topic
-from app.control import ControlDescription, ExecutionStep, Outcome, PlanExecution, PlannedMotion
+from app.control import (
+    ControlDescription,
+    ExecutionStep,
+    Outcome,
+    PlanExecution,
+    PlannedMotion,
+    parse_plan,
+)
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 
 NODE_NAME = "marginguard_execute"
@@ -39,62 +50,70 @@ _REPORT_NS = NS_PER_S
 
 
 class ExecutionNode:
-    """Executes ``motion`` with the arm of ``description``. ``clock_ns`` is the host's clock."""
+    """Executes motions with the arm of ``description``. ``clock_ns`` is the host's clock.
+
+    Its publisher exists from the first motion on.
+    """
 
     def __init__(
-        self,
-        ros: RosNode,
-        description: ControlDescription,
-        motion: PlannedMotion,
-        *,
-        clock_ns: Callable[[], int],
+        self, ros: RosNode, description: ControlDescription, *, clock_ns: Callable[[], int]
     ) -> None:
-        self._ros, self._arm, self._clock_ns = ros, description.arm, clock_ns
-        self._joint_names = description.tool.joints
-        self._execution = PlanExecution(description, motion)
+        self._ros, self._about, self._clock_ns = ros, description, clock_ns
+        self._arm = description.arm
+        self._command: Publisher | None = None
         self._joints = JointInput(ros, description.arm)
         self._base = BasePose(ros, description.tracker_topic, description.frame_from_base)
         self._constraints = ConstraintInput(ros, description.constraint_topic)
         self._cancelled = threading.Event()
         ServiceServer(ros, Trigger, "~/cancel", self._cancel)
 
+    def allow(self) -> None:
+        """Allow the next motion, which a cancel before it does not stop any more."""
+        self._cancelled.clear()
+
     def cancel(self) -> None:
         """Stop the motion within its accelerations, for good. Call it from any thread."""
         self._cancelled.set()
 
-    def run(self, report: Callable[[ExecutionStep], None]) -> ExecutionStep | None:
-        """Execute the motion and return its last step; None if it was cancelled before it began.
+    def run(
+        self, motion: PlannedMotion, report: Callable[[ExecutionStep], None]
+    ) -> ExecutionStep | None:
+        """Execute ``motion`` and return its last step; None if it was cancelled before it began.
 
-        ``report`` is called each second. Raises `BridgeError` if it may not begin.
+        ``report`` is called each second. Call it in one thread, once at a time. Raises
+        `InputError` for a plan that is not for this arm, and `BridgeError` if it may not begin.
         """
-        if not self._wait_for_start():
+        execution = PlanExecution(self._about, motion)
+        if not self._wait_for_start(execution):
             return None
-        command = self._ros.publisher(Topic(f"{self._arm}/servo_jp", JointState, NEWEST))
+        if self._command is None:
+            topic = Topic(f"{self._arm}/servo_jp", JointState, NEWEST)
+            self._command = self._ros.publisher(topic)
         reported_ns = looked_ns = time.monotonic_ns()
         for _ in control_periods():
-            step = self._step(command.publish)
+            step = self._step(execution, self._command)
             if step.is_over:
                 return step
             now_ns = time.monotonic_ns()
             if now_ns - looked_ns >= _LOOK_NS:
                 looked_ns = now_ns
-                others = self._other_senders(own=1)
+                others = self._other_senders()
                 if others:
-                    self._execution.end(Outcome.OTHER_SENDER, others)
+                    execution.end(Outcome.OTHER_SENDER, others)
             if now_ns - reported_ns >= _REPORT_NS:
                 reported_ns = now_ns
                 report(step)
         raise AssertionError("the periods do not end")
 
-    def _wait_for_start(self) -> bool:
+    def _wait_for_start(self, execution: PlanExecution) -> bool:
         """True when nothing forbids the motion, False when it is cancelled."""
         begin_ns = time.monotonic_ns()
         for _ in control_periods():
             waited_s = (time.monotonic_ns() - begin_ns) / NS_PER_S
             if self._cancelled.is_set():
                 return False
-            self._receive()
-            problem = self._execution.problem(
+            self._receive(execution)
+            problem = execution.problem(
                 self._joints.measurement(), self._base.measurement(), self._clock_ns()
             )
             if not problem and waited_s >= LISTEN_S:
@@ -102,13 +121,14 @@ class ExecutionNode:
             if waited_s > WAIT_S:
                 senders = [*filter(None, [self._joints.problem(), self._base.problem()])]
                 raise BridgeError("; ".join([problem, *senders]))
-        others = self._other_senders(own=0)
+        others = self._other_senders()
         if others:
             raise BridgeError(others)
         return True
 
-    def _other_senders(self, own: int) -> str:
-        """Names the nodes that may move the arm if there are more than ``own``; else empty."""
+    def _other_senders(self) -> str:
+        """Names the nodes that may move the arm if this one is not alone; else empty."""
+        own = int(self._command is not None)
         names = [f"{self._arm}/{each}" for each in MOTION]
         if sum(map(self._ros.node.count_publishers, names)) <= own:
             return ""
@@ -117,32 +137,61 @@ class ExecutionNode:
         ]
         return f"arm {self._arm}: {publishers_text(infos)} may move it; expected this one alone"
 
-    def _step(self, send: Callable[[JointState], None]) -> ExecutionStep:
+    def _step(self, execution: PlanExecution, command: Publisher) -> ExecutionStep:
         """One period: read, decide, send. The command has the time after the reading."""
         if self._cancelled.is_set():
-            self._execution.end(Outcome.CANCELLED, "cancelled by an operator")
-        self._receive()
+            execution.end(Outcome.CANCELLED, "cancelled by an operator")
+        self._receive(execution)
         joints, pose = self._joints.measurement(), self._base.measurement()
         now_ns = self._clock_ns()
-        step = self._execution.step(joints, pose, now_ns)
-        send(
+        step = execution.step(joints, pose, now_ns)
+        command.publish(
             JointState(
                 header=header_message("", Stamp(now_ns)),
-                name=list(self._joint_names),
+                name=list(self._about.tool.joints),
                 position=step.positions.tolist(),
                 velocity=step.velocities.tolist(),
             )
         )
         return step
 
-    def _receive(self) -> None:
+    def _receive(self, execution: PlanExecution) -> None:
         """Use the constraints that have arrived, with their poses."""
         now_ns = self._clock_ns()
         for constraint, setup in self._constraints.arrived():
-            self._execution.receive(constraint, now_ns)
-            if self._execution.constraint is constraint:  # not a repeated or old one
+            execution.receive(constraint, now_ns)
+            if execution.constraint is constraint:  # not a repeated or old one
                 self._base.use(setup)
 
     def _cancel(self, _: Trigger.Request, response: Trigger.Response) -> None:
         self.cancel()
         response.success = True
+
+
+class ExecutionServer:
+    """Serves the action ``~/execute`` with ``node``: one plan at a time, until ``ros`` closes."""
+
+    def __init__(self, ros: RosNode, node: ExecutionNode) -> None:
+        self._node = node
+        ActionServer(ros, Execute, "~/execute", self._run)
+
+    def _run(self, served: ServedGoal) -> tuple[Execute.Result, GoalOutcome]:
+        motion = parse_plan(served.request.plan)
+        self._node.allow()
+        served.on_cancel(self._node.cancel)
+        last = self._node.run(
+            motion, lambda step: served.feedback(Execute.Feedback(progress=step.progress))
+        )
+        if last is None:
+            result = Execute.Result(message="cancelled before it began")
+            return result, GoalOutcome.CANCELLED
+        arrived = last.outcome is Outcome.ARRIVED
+        result = Execute.Result(
+            success=arrived,
+            message="" if arrived else last.text,
+            outcome=str(last.outcome),
+            progress=last.progress,
+        )
+        if last.outcome is Outcome.CANCELLED:
+            return result, GoalOutcome.CANCELLED
+        return result, GoalOutcome.SUCCEEDED if arrived else GoalOutcome.ABORTED

@@ -18,7 +18,7 @@ from .controller import (
 )
 from .path_follower import PathFollower, PlannedMotion
 from .plan_execution import ExecutionStep, Outcome, PlanExecution
-from .plan_file import read_plan
+from .plan_file import parse_plan, read_plan
 from .warm_up import warm_up
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "WrenchMeasurement",
     "half_axis",
     "open_control",
+    "parse_plan",
     "read_plan",
     "warm_up",
 ]

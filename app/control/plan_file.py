@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from app.control.path_follower import PlannedMotion
-from app.files.json_file import read_json
+from app.files.json_file import parse_json, read_json
 from app.geometry import InputError
 
 _MAX_BYTES = 64_000_000
@@ -14,7 +14,17 @@ _MAX_BYTES = 64_000_000
 
 def read_plan(path: Path) -> PlannedMotion:
     """Read the plan at ``path``. Raises `InputError` for the first fault."""
-    values = read_json(path, _MAX_BYTES)
+    return _motion(read_json(path, _MAX_BYTES), str(path))
+
+
+def parse_plan(text: str) -> PlannedMotion:
+    """The plan in ``text``, which a node has received. Raises `InputError` for the first fault."""
+    if len(text) > _MAX_BYTES:
+        raise InputError(f"plan: has {len(text)} characters; expected at most {_MAX_BYTES}")
+    return _motion(parse_json(text, "plan"), "plan")
+
+
+def _motion(values: Any, place: str) -> PlannedMotion:
     try:
         times_ns = np.array(values["times_ns"])
         limits = values["limits"]
@@ -31,10 +41,10 @@ def read_plan(path: Path) -> PlannedMotion:
             _text(values["made_from"].get("setup_id", "")),
         )
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{place}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
-            f"{path}: is not a plan ({type(error).__name__}: {error}); expected the JSON of "
+            f"{place}: is not a plan ({type(error).__name__}: {error}); expected the JSON of "
             "'marginguard plan approach'"
         ) from error
 

@@ -16,6 +16,9 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
+from app.bridge.calls import ActionClient
+from app.bridge.calls.action_client import Goal
+from app.bridge.ros_errors import GoalAbortedError, GoalCancelledError
 from app.bridge.topics import STREAM, Topic
 from app.robot import load_robot
 from tests.bridge.live.conftest import DEADLINE_S
@@ -30,8 +33,9 @@ DOWN_MM = 70.0
 
 FOLLOW_RAD = 0.01
 MAX_PLANS = 10
-LATE = {1: "plan again from where the arm stands", 2: "expected one that allows motion"}
-"""Exit status and text of an execution that late data have stopped."""
+_STOPPED = "plan again from where the arm stands"
+LATE = {1: _STOPPED, 130: _STOPPED, 2: "expected one that allows motion"}
+"""Exit status and text of an execution that late data have stopped, 130 if a signal came then."""
 
 LIMITS = {"acceleration": 5.0, "jerk": 50.0, "velocity": 0.3}
 
@@ -124,15 +128,48 @@ class Cell:
             assert LATE[status] in execution.log.read_text()
         return pytest.fail(f"not within {MAX_PLANS} plans: {execution.log.read_text()}")
 
+    def run_goals(self, client, goal, *, cancel):
+        """The same by goals of ``client``; returns the result at the goal, or after ``cancel``."""
+        for _ in range(MAX_PLANS):
+            plan, begin = self.plan(goal), len(self.judge.received)
+            self.wait(self.judge.is_ready)
+            sent = client.start({"plan": json.dumps(plan)}, DEADLINE_S)
+            self._wait_until_moving(plan, sent)
+            if cancel:
+                sent.cancel()
+            self._wait_until_ended(sent)
+            assert deviation(plan, self.joints, self.judge.measured(begin)) < FOLLOW_RAD
+            try:
+                return sent.result(DEADLINE_S)
+            except GoalCancelledError as error:
+                return error.result
+            except GoalAbortedError as error:
+                late = error.result  # planned again, as in `run`
+        return pytest.fail(f"not within {MAX_PLANS} plans: {late}")
+
+    def serve(self):
+        """Start the execution of plans that come as goals."""
+        server = self._start("-m", "app.cli", "plan", "execute", "--serve", self._world)
+        server.line(lambda line: line.startswith("EXECUTION"))
+        return server
+
     def _wait_until_moving(self, plan, execution):
         start = self.judge.measured()[-1]
         moved = 0.2 * np.abs(np.subtract(plan["positions"][-1], plan["positions"][0])).max()
 
         def is_moving():
-            is_over = execution.process.poll() is not None
-            return is_over or np.abs(self.judge.measured()[-1] - start).max() > moved
+            return has_ended(execution) or np.abs(self.judge.measured()[-1] - start).max() > moved
 
         self.wait(is_moving)
+
+    def _wait_until_ended(self, execution):
+        self.wait(lambda: has_ended(execution))
+
+
+def has_ended(execution):
+    """True if a goal, or a process, has ended."""
+    is_goal = isinstance(execution, Goal)
+    return execution.is_done if is_goal else execution.process.poll() is not None
 
 
 @pytest.fixture
@@ -213,3 +250,19 @@ def test_silent_guard_stops_the_motion_on_its_path(cell):
 
     assert cell.run({"waist": 0.6}, "constraint: silent; expected", silence) == 1
     assert cell.judge.measured()[-1][cell.joints.index("waist")] < 0.5
+
+
+def test_goals_are_executed_one_after_another_by_one_node(cell):
+    server, type_name = cell.serve(), "marginguard_msgs/action/Execute"
+    client = ActionClient(cell.judge.ros, type_name, "/marginguard_execute/execute")
+    with pytest.raises(GoalAbortedError, match="plan is not JSON"):
+        client.call({"plan": "{"}, DEADLINE_S)
+    stopped = cell.run_goals(client, {"waist": 0.6}, cancel=True)
+    assert (stopped.success, stopped.outcome) == (False, "cancelled")
+    assert 0.0 < stopped.progress < 1.0
+    assert cell.judge.measured()[-1][cell.joints.index("waist")] < 0.5
+    arrived = cell.run_goals(client, {"waist": 0.0}, cancel=False)
+    assert (arrived.success, arrived.outcome, arrived.progress) == (True, "arrived", 1.0)
+    waist = cell.judge.measured()[-1][cell.joints.index("waist")]
+    assert waist == pytest.approx(0.0, abs=FOLLOW_RAD)
+    assert server.end(signal.SIGINT) == 130

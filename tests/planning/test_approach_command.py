@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from app.cli.main import main
 from app.cli.parsing import CommandParser
 from app.cli.planning import approach
 from app.geometry import InputError
@@ -77,3 +78,14 @@ def test_bad_file_is_named(plan, tmp_path, name, text, problem):
         plan("--goal", "goal.json")
     assert problem in str(raised.value)
     assert name in str(raised.value)
+
+
+def test_execution_takes_a_plan_or_serves(capsys, tmp_path):
+    plan = tmp_path / "plan.json"
+    plan.write_text("[]")
+    control = str(PROJECT_ROOT / "data" / "worlds" / "lumpectomy")
+    for words in ([control], [str(plan), control, "--serve"]):
+        assert main(["plan", "execute", *words]) == 2
+        assert "expected PLAN, or --serve" in capsys.readouterr().err
+    assert main(["plan", "execute", str(plan), control]) == 2
+    assert "plan.json: is not a plan (TypeError" in capsys.readouterr().err
