@@ -30,8 +30,8 @@ class PlannedMotion:
     ``joints``, ``setup_id`` that of the guard when it was planned; empty if none was asked.
     ``robot`` is the name of the robot. Copied and read-only.
 
-    Raises `InputError` for other shapes and numbers, and for a motion that is not at rest where its
-    direction changes.
+    Raises `InputError` for other shapes and numbers, for a motion that is not at rest where its
+    direction changes, and for one that exceeds its limits.
     """
 
     robot: str
@@ -70,6 +70,15 @@ class PlannedMotion:
                 raise InputError("plan: moves off the lines of its samples; expected rest at turns")
         if self.velocities[[0, -1]].any():
             raise InputError("plan: begins or ends in motion; expected rest")
+        step_s = np.diff(self.times_ns)[:, None] / NS_PER_S
+        changes = np.diff(self.velocities, axis=0)
+        # With a limited acceleration the mean of the velocities is wrong by a quarter of a change.
+        apart = 4.0 * (steps / step_s - self.velocities[:-1] - 0.5 * changes)
+        if (np.maximum(np.abs(changes), np.abs(apart)) > 1.001 * self.accelerations * step_s).any():
+            raise InputError(
+                "plan: its positions need more acceleration than its limits; expected "
+                "what 'marginguard plan approach' has written"
+            )
 
 
 class PathFollower:

@@ -126,6 +126,8 @@ def test_motion_that_leaves_its_lines_is_refused():
         ({"positions": np.full_like(motion.positions, np.nan)}, "NaN"),
         ({"accelerations": np.zeros(2)}, "a limit of 0"),
         ({"held": {"joint1": 0.0}}, "names a joint twice"),
+        ({"positions": 3.0 * motion.positions}, "more acceleration than its limits"),
+        ({"accelerations": 0.5 * motion.accelerations}, "more acceleration than its limits"),
     ):
         with pytest.raises(InputError, match=problem):
             replace(motion, **change)
