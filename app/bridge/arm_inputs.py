@@ -17,6 +17,7 @@ from app.bridge.constraint_message import plain_constraint
 from app.bridge.message_origin import Origin
 from app.bridge.messages import MM_PER_M, ns_of
 from app.bridge.node import RosNode
+from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import node_name, nodes_text
 from app.bridge.topics import INCOMING, NEWEST, Topic
 from app.case import values_reader
@@ -34,6 +35,7 @@ from app.session import Sample, SenderTrail
 
 MAX_BYTES = 1 << 20
 _CHECK_PERIOD_NS = 100 * NS_PER_MS
+_POLL_S = 0.01
 
 _MAX_SENDERS = 8
 
@@ -135,6 +137,26 @@ class JointInput(NewestMessage):
         return JointMeasurement(
             ns_of(message.header.stamp), tuple(message.name), tuple(message.position)
         )
+
+
+def read_joints(arm: str, timeout_s: float = 5.0) -> dict[str, float]:
+    """The joint positions of ``arm`` now. Call `app.bridge.prepare_environment` before.
+
+    Raises `BridgeError` if none arrive in ``timeout_s``, or with names for others.
+    """
+    with RosNode("joint_reader") as ros:
+        joints, end_s = JointInput(ros, arm), time.monotonic() + timeout_s
+        while (found := joints.measurement()) is None:
+            if time.monotonic() > end_s:
+                problem = joints.problem() or f"{arm}/measured_js: no message in {timeout_s:g} s"
+                raise BridgeError(f"{problem}; expected the joint positions of a running arm")
+            time.sleep(_POLL_S)
+    if len(found.names) != len(found.positions):
+        raise BridgeError(
+            f"{arm}/measured_js: has {len(found.names)} names and {len(found.positions)} "
+            "positions; expected as many positions as names"
+        )
+    return dict(zip(found.names, found.positions, strict=True))
 
 
 class ArmInputs:

@@ -77,19 +77,14 @@ class Cell:
         assert self.judge.until(condition, DEADLINE_S), self.judge.texts()
 
     def plan(self, goal):
-        """Plan from the measured joints to ``goal``, by joint, for the guard that runs."""
-        start = dict(zip(self.joints, self.judge.measured()[-1].tolist(), strict=True))
-        for name, values in (
-            ("start", start),
-            ("goal", goal),
-            ("limits", dict.fromkeys(self.joints, LIMITS)),
-        ):
+        """Plan from where the arm stands to ``goal``, by joint, for the guard that runs."""
+        for name, values in (("goal", goal), ("limits", dict.fromkeys(self.joints, LIMITS))):
             (self._folder / f"{name}.yaml").write_text(yaml.safe_dump(values))
-        words = [f"--{each}={self._folder / each}.yaml" for each in ("start", "goal", "limits")]
+        words = [f"--{each}={self._folder / each}.yaml" for each in ("goal", "limits")]
         file = self._folder / "plan.json"
         planner = self._start(
             "-m", "app.cli", "plan", "approach", self._robot, *words, "--clearance-mm", "5",
-            "--guard", "--out", file,
+            "--arm", "/arm", "--guard", "--out", file,
         )  # fmt: skip
         assert planner.wait() == 0, planner.log.read_text()
         return json.loads(file.read_text())

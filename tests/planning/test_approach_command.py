@@ -89,3 +89,12 @@ def test_execution_takes_a_plan_or_serves(capsys, tmp_path):
         assert "expected PLAN, or --serve" in capsys.readouterr().err
     assert main(["plan", "execute", str(plan), control]) == 2
     assert "plan.json: is not a plan (TypeError" in capsys.readouterr().err
+
+
+def test_arm_that_is_no_namespace_is_refused(tmp_path, capsys):
+    (tmp_path / "goal.yaml").write_text("waist: 0.1\n")
+    (tmp_path / "limits.yaml").write_text("waist: {acceleration: 5, jerk: 50}\n")
+    files = [f"--{name}={tmp_path / name}.yaml" for name in ("goal", "limits")]
+    words = ["plan", "approach", str(ROBOT), "--arm", "arm", "--clearance-mm", "5", *files]
+    assert main(words) == 2
+    assert "--arm is 'arm'; expected a namespace such as /arm" in capsys.readouterr().err

@@ -29,9 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "robot", type=input_argument, metavar="ROBOT", help="robot file: URDF, .xacro or AMBF"
     )
     add_package_dirs(parser)
-    parser.add_argument(
-        "--start", type=input_argument, required=True, metavar="FILE",
-        help="positions of all joints",
+    start = parser.add_mutually_exclusive_group(required=True)
+    start.add_argument(
+        "--start", type=input_argument, metavar="FILE", help="positions of all joints"
+    )
+    start.add_argument(
+        "--arm", metavar="NAMESPACE",
+        help="instead: plan from where this arm stands now, such as /arm, with CRTK's measured_js",
     )  # fmt: skip
     goal = parser.add_mutually_exclusive_group(required=True)
     goal.add_argument(
@@ -97,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
     carried = _carried(options.carried)
     approach = plan_approach(
         robot,
-        _numbers(options.start),
+        _numbers(options.start) if options.arm is None else _measured(options.arm, robot),
         _goal(options, robot),
         structures,
         clearance_mm=options.clearance_mm,
@@ -135,12 +139,29 @@ def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
     }
 
 
-def _setup_of(topic: str) -> str:
-    """The ``setup_id`` of the guard whose constraint is on ``topic``."""
+def _measured(namespace: str, robot: "Robot") -> dict[str, float]:
+    """Positions of the robot's actuated joints, of those that the arm publishes."""
+    from app.geometry import InputError
+
+    if not namespace.startswith("/") or namespace.endswith("/"):
+        raise InputError(f"--arm is {namespace!r}; expected a namespace such as /arm")
+    _load_ros("--arm")
+    from app.bridge.arm_inputs import read_joints
+
+    found, known = read_joints(namespace), robot.actuated_joint_names
+    return {name: value for name, value in found.items() if name in known}
+
+
+def _load_ros(option: str) -> None:
     from app.cli.ros import load_bridge, print_reach
 
-    load_bridge("which '--guard' needs")
+    load_bridge(f"which '{option}' needs")
     print_reach()
+
+
+def _setup_of(topic: str) -> str:
+    """The ``setup_id`` of the guard whose constraint is on ``topic``."""
+    _load_ros("--guard")
     from app.bridge.constraint_message import ConstraintReader
 
     with ConstraintReader(topic) as reader:
