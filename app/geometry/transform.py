@@ -319,7 +319,7 @@ def rotation_angle(rotation: FloatArray) -> float:
 
 def _checked(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     try:
-        array = np.array(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64, order="C")  # the layout of compiled code
     except (TypeError, ValueError) as error:
         raise TransformError(f"{what} is {values!r}; expected an array of numbers") from error
     if array.shape != shape:

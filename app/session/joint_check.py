@@ -4,24 +4,27 @@ Three limits: of a single difference, of their mean, and of a sudden change.
 """
 
 import math
-from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+import numpy as np
 
 from app.case import JointSample
-from app.geometry import NS_PER_S, Stamp, Transform
+from app.fixture.jit import inlined, kernel
+from app.fixture.vectors import Vector, add_scaled, length, point_distance, row, sub
+from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.registration import RegistrationDrift, check_drift
 from app.session.relations import ENDS_AFTER_NS
 from app.session.sensor_motion import (
+    MAX_POSES,
     MAX_SIGMA_MM,
     MIN_SIGMA_MM,
     MOVING_MM_S,
     SIGMAS,
     STAMP_ERROR_S,
     WINDOW_NS,
-    ZERO,
-    SensorNoise,
-    Vector,
+    State,
+    drop_first,
+    learned_variance,
 )
 from app.session.setup import RobotSetup
 
@@ -37,6 +40,22 @@ START_NS = NS_PER_S
 """Time after the first difference from which the mean's start is fixed: four time constants."""
 
 
+_NONE: Vector = (0.0, 0.0, 0.0)
+
+_MEAN = np.dtype(
+    [
+        ("limit_mm", np.float64),
+        ("known", np.bool_),  # True from the first difference on
+        ("mean", np.float64, 3),
+        ("start", np.float64, 3),  # the mean at its start
+        ("first_ns", np.int64),
+        ("last_ns", np.int64),
+        ("elapsed_ns", np.int64),  # time measured before the clock was set back
+    ],
+    align=True,
+)
+
+
 class MeanDrift:
     """Mean of differences (3,) in mm, tracked minus predicted, with exponential weights.
 
@@ -47,81 +66,80 @@ class MeanDrift:
     """
 
     def __init__(self, limit_mm: float) -> None:
-        self.limit_mm = limit_mm
-        self._mean: Vector = ZERO
-        self._start: Vector = ZERO
-        self._first_ns: int | None = None
-        self._last_ns = 0
-        self._elapsed_ns = 0
-        """Time measured before the clock was set back."""
+        # Run the kernel once, so that the first step does not wait for the compiler.
+        _update_mean(np.zeros(1, _MEAN), _NONE, 0)
+        self._state: State = np.zeros(1, _MEAN)
+        self._state["limit_mm"] = limit_mm
+        self.exceeded = False
+        """True if the mean has left its limit."""
 
     @property
-    def start(self) -> Vector:
-        """The mean at its start: the error of the accepted registration."""
-        return self._start
+    def start(self) -> FloatArray:
+        """The mean (3,) at its start: the error of the accepted registration."""
+        return np.asarray(self._state["start"][0])
 
     @property
     def length_mm(self) -> float:
         """Length of the mean."""
-        return math.hypot(*self._mean)
+        return math.hypot(*self._state["mean"][0].tolist())
 
     def update(self, difference: Vector, now: Stamp) -> None:
         """Add a difference measured at ``now``."""
-        since_ns = now.ns - self._last_ns
-        if self._first_ns is None:
-            self._first_ns, since_ns = now.ns, 0
-            self._mean = self._start = difference
-        elif since_ns < 0:  # the source's clock was set back: what has drifted stays drifted
-            self._elapsed_ns += self._last_ns - self._first_ns
-            self._first_ns, since_ns = now.ns, 0
-            self._mean = difference
-        self._last_ns = now.ns
-        self._mean = _between(self._mean, difference, _share(since_ns))
-        if self._elapsed_ns + now.ns - self._first_ns <= START_NS:
-            self._start = self._mean
-
-    @property
-    def exceeded(self) -> bool:
-        """True if the mean has left its limit."""
-        return self.length_mm > self.limit_mm and math.dist(self._mean, self._start) > self.limit_mm
+        self.exceeded = _update_mean(self._state, difference, now.ns)
 
     @property
     def text(self) -> str:
         """The mean and its limit."""
         return (
             f"the tool is {self.length_mm:.3g} mm from its position by the joints in the mean; "
-            f"expected at most {self.limit_mm:g} mm"
+            f"expected at most {self._state['limit_mm'][0]:g} mm"
         )
+
+
+@kernel
+def _update_mean(state: State, difference: Vector, ns: int) -> bool:
+    """`MeanDrift.update` for a difference in mm; True if the mean has left its limit."""
+    s = state[0]
+    mean, since_ns = _vector(s["mean"]), ns - s["last_ns"]
+    if not s["known"] or since_ns < 0:
+        if not s["known"]:
+            _set(s["start"], difference)
+        else:  # the source's clock was set back: what has drifted stays drifted
+            s["elapsed_ns"] += s["last_ns"] - s["first_ns"]
+        s["known"], s["first_ns"] = True, ns
+        mean, since_ns = difference, 0
+    s["last_ns"] = ns
+    mean = _between(mean, difference, _share(since_ns))
+    _set(s["mean"], mean)
+    if s["elapsed_ns"] + ns - s["first_ns"] <= START_NS:
+        _set(s["start"], mean)
+    limit_mm = s["limit_mm"]
+    changed_mm = point_distance(mean, _vector(s["start"]))
+    return bool(length(mean) > limit_mm and changed_mm > limit_mm)
 
 
 GAP_NS = NS_PER_S // 4
 """Differences that are further apart are not compared: the error of a registration changes with the
 place of the tool."""
 
-
-@dataclass(frozen=True, slots=True)
-class _Positions:
-    """The tip by tracker and by joints at one time."""
-
-    ns: int
-    tracked: Vector
-    predicted: Vector
-
-    @property
-    def difference(self) -> Vector:
-        return _difference(self.tracked, self.predicted)
-
-    def is_repeated(self, before: "_Positions") -> bool:
-        """True for the same time, or the same tracked position although the joints move."""
-        moved_mm = math.dist(self.predicted, before.predicted)
-        moves = moved_mm * NS_PER_S > MOVING_MM_S * (self.ns - before.ns)
-        return self.ns == before.ns or (moves and self.tracked == before.tracked)
-
-    def velocity_since(self, before: "_Positions") -> Vector:
-        """Velocity by the joints in mm/s."""
-        seconds = (self.ns - before.ns) / NS_PER_S
-        x, y, z = _difference(self.predicted, before.predicted)
-        return (x / seconds, y / seconds, z / seconds)
+_CHANGE = np.dtype(
+    [
+        ("limit_mm", np.float64),
+        ("variance", np.float64),  # of the differences per axis, in mm^2
+        ("count", np.int64),  # of positions that are kept: three at least, and those of `WINDOW_NS`
+        ("ns", np.int64, MAX_POSES),
+        ("at", np.float64, (MAX_POSES, 2, 3)),  # the tip by the tracker and by the joints, in mm
+        ("mean", np.float64, 3),
+        ("velocity", np.float64, 3),  # mean by the joints, in mm/s
+        ("samples", np.int64),  # of both means
+        ("found", np.bool_),
+        ("off_mm", np.float64),
+        ("allowed_mm", np.float64),
+        ("near", np.bool_),  # True if the difference is back since ``near_since_ns``
+        ("near_since_ns", np.int64),
+    ],
+    align=True,
+)
 
 
 class SuddenChange:
@@ -129,7 +147,7 @@ class SuddenChange:
 
     The mean of the last two is compared with the mean before them, which has exponential weights
     with the time constant `MEAN_S`. It may be ``limit_mm`` off or, if that is more, `SIGMAS`
-    standard deviations, learned by `SensorNoise`, plus `STAMP_ERROR_S` times the change of the
+    standard deviations, learned by `learned_variance`, plus `STAMP_ERROR_S` times the change of the
     velocity: an error of the joints' clock appears as a difference when the tool begins to move.
 
     The finding ends when for `ENDS_AFTER_NS` the difference has been as near to its mean before the
@@ -137,83 +155,123 @@ class SuddenChange:
     """
 
     def __init__(self, limit_mm: float) -> None:
-        self._limit_mm = limit_mm
-        self._noise = SensorNoise(MIN_SIGMA_MM, MAX_SIGMA_MM)
-        self._last: deque[_Positions] = deque()
-        """The last three positions at least, and those of `WINDOW_NS`."""
-        self._mean: Vector = ZERO
-        self._velocity: Vector = ZERO
-        self._count = 0
-        self._allowed_mm = 0.0
-        self._near_since_ns: int | None = None
-        self.text = ""
-        """The change and its limit; empty if there is none."""
+        _update_change(np.zeros(1, _CHANGE), _NONE, _NONE, np.zeros(3), 0)  # as above
+        self._state: State = np.zeros(1, _CHANGE)
+        self._state["limit_mm"], self._state["variance"] = limit_mm, MAX_SIGMA_MM**2
+        self.found = False
+        """True from a change on until it ends."""
 
-    def update(self, tracked: Vector, predicted: Vector, start: Vector, ns: int) -> None:
+    @property
+    def text(self) -> str:
+        """The change and its limit; empty if there is none."""
+        if not self.found:
+            return ""
+        state = self._state[0]
+        return (
+            f"the tool moves by {state['off_mm']:.3g} mm against its position by the joints within "
+            f"two samples; expected at most {state['allowed_mm']:.3g} mm"
+        )
+
+    def update(self, tracked: Vector, predicted: Vector, start: FloatArray, ns: int) -> None:
         """Add the tip's positions in mm at ``ns``, after new joints.
 
-        ``start`` is the difference at the session's start. A pose that a driver repeats while the
-        tool moves is not used.
+        ``start`` (3,) is the difference at the session's start. A pose that a driver repeats while
+        the tool moves is not used.
         """
-        if self._last and not 0 <= ns - self._last[-1].ns <= GAP_NS:
-            self._last.clear()
-        new = _Positions(ns, tracked, predicted)
-        if self._last and new.is_repeated(self._last[-1]):
-            return
-        self._last.append(new)
-        if len(self._last) == 1 and not self.text:
-            self._mean, self._velocity, self._count = new.difference, ZERO, 1
-        while len(self._last) > 3 and self._last[1].ns <= ns - WINDOW_NS:
-            self._last.popleft()
-        if len(self._last) < 3:
-            return
-        before = self._last[-2]
-        two = _between(before.difference, new.difference, 0.5)
-        off_mm = math.dist(two, self._mean)
-        if self.text:
-            self._end(min(off_mm, math.dist(two, start)), ns)
-            return
-        velocity = new.velocity_since(self._last[0])
-        noise_mm = SIGMAS * math.sqrt(self._noise.variance)
-        lag_mm = STAMP_ERROR_S * math.dist(velocity, self._velocity)
-        self._allowed_mm = max(self._limit_mm, noise_mm + lag_mm)
-        if off_mm > self._allowed_mm:
-            self._near_since_ns = None
-            self.text = (
-                f"the tool moves by {off_mm:.3g} mm against its position by the joints within two "
-                f"samples; expected at most {self._allowed_mm:.3g} mm"
-            )
-            return
-        self._noise.update(off_mm * off_mm, 1.0)
-        self._count += 1
-        share = max(_share(ns - before.ns), 1.0 / self._count)
-        self._mean = _between(self._mean, before.difference, share)
-        self._velocity = _between(self._velocity, velocity, share)
-
-    def _end(self, off_mm: float, ns: int) -> None:
-        """End the finding if the difference is, and has been, back for long enough."""
-        if off_mm > self._allowed_mm:
-            self._near_since_ns = None
-        elif self._near_since_ns is None or ns < self._near_since_ns:
-            self._near_since_ns = ns
-        elif ns - self._near_since_ns >= ENDS_AFTER_NS:
-            self.text = ""
-            self._last.clear()
+        self.found = _update_change(self._state, tracked, predicted, start, ns)
 
 
+@kernel
+def _update_change(
+    state: State, tracked: Vector, predicted: Vector, start: FloatArray, ns: int
+) -> bool:
+    """`SuddenChange.update`; True while there is a change."""
+    s = state[0]
+    if s["count"] > 0 and not 0 <= ns - s["ns"][s["count"] - 1] <= GAP_NS:
+        s["count"] = 0
+    if s["count"] > 0 and _is_repeated(s, tracked, predicted, ns):
+        return bool(s["found"])
+    if s["count"] == MAX_POSES:
+        drop_first(s)
+    new = s["count"]
+    s["count"], s["ns"][new] = new + 1, ns
+    _set(s["at"][new, 0], tracked)
+    _set(s["at"][new, 1], predicted)
+    difference = sub(tracked, predicted)
+    if new == 0 and not s["found"]:
+        _set(s["mean"], difference)
+        _set(s["velocity"], _NONE)
+        s["samples"] = 1
+    while s["count"] > 3 and s["ns"][1] <= ns - WINDOW_NS:
+        drop_first(s)
+    new = s["count"] - 1
+    if new < 2:
+        return bool(s["found"])
+    before = sub(row(s["at"][new - 1], 0), row(s["at"][new - 1], 1))
+    two, mean = _between(before, difference, 0.5), _vector(s["mean"])
+    off_mm = point_distance(two, mean)
+    if s["found"]:
+        _end(s, min(off_mm, point_distance(two, _vector(start))), ns)
+        return bool(s["found"])
+    x, y, z = sub(predicted, row(s["at"][0], 1))
+    seconds = (ns - s["ns"][0]) / NS_PER_S
+    velocity, mean_velocity = (x / seconds, y / seconds, z / seconds), _vector(s["velocity"])
+    noise_mm = SIGMAS * math.sqrt(s["variance"])
+    lag_mm = STAMP_ERROR_S * point_distance(velocity, mean_velocity)
+    s["allowed_mm"] = max(s["limit_mm"], noise_mm + lag_mm)
+    if off_mm > s["allowed_mm"]:
+        s["found"], s["off_mm"], s["near"] = True, off_mm, False
+        return True
+    s["variance"] = learned_variance(
+        s["variance"], off_mm * off_mm, 1.0, MIN_SIGMA_MM, MAX_SIGMA_MM
+    )
+    s["samples"] += 1
+    share = max(_share(ns - s["ns"][new - 1]), 1.0 / s["samples"])
+    _set(s["mean"], _between(mean, before, share))
+    _set(s["velocity"], _between(mean_velocity, velocity, share))
+    return False
+
+
+@kernel
+def _is_repeated(s: State, tracked: Vector, predicted: Vector, ns: int) -> bool:
+    """True for the same time, or the same tracked position although the joints move."""
+    last = s["count"] - 1
+    since_ns = ns - s["ns"][last]
+    moved_mm = point_distance(predicted, row(s["at"][last], 1))
+    moves = moved_mm * NS_PER_S > MOVING_MM_S * since_ns
+    return since_ns == 0 or (moves and tracked == row(s["at"][last], 0))
+
+
+@kernel
+def _end(s: State, off_mm: float, ns: int) -> None:
+    """End the finding if the difference is, and has been, back for long enough."""
+    if off_mm > s["allowed_mm"]:
+        s["near"] = False
+    elif not s["near"] or ns < s["near_since_ns"]:
+        s["near"], s["near_since_ns"] = True, ns
+    elif ns - s["near_since_ns"] >= ENDS_AFTER_NS:
+        s["found"], s["count"] = False, 0
+
+
+@inlined
 def _share(duration_ns: int) -> float:
     """Weight of a value beside a mean that is ``duration_ns`` older."""
     return 1.0 - math.exp(-duration_ns / (MEAN_S * NS_PER_S))
 
 
-def _difference(a: Vector, b: Vector) -> Vector:
-    (a1, a2, a3), (b1, b2, b3) = a, b
-    return (a1 - b1, a2 - b2, a3 - b3)
-
-
+@inlined
 def _between(a: Vector, b: Vector, share: float) -> Vector:
-    (a1, a2, a3), (b1, b2, b3) = a, b
-    return (a1 + share * (b1 - a1), a2 + share * (b2 - a2), a3 + share * (b3 - a3))
+    return add_scaled(a, share, sub(b, a))
+
+
+@inlined
+def _vector(a: FloatArray) -> Vector:
+    return (a[0], a[1], a[2])
+
+
+@inlined
+def _set(a: FloatArray, v: Vector) -> None:
+    a[0], a[1], a[2] = v
 
 
 class JointCheck:
@@ -255,7 +313,7 @@ class JointCheck:
             drifts["single"] = self._drift.reason
         if self._mean.exceeded:
             drifts["mean"] = self._mean.text
-        if self._change.text:
+        if self._change.found:
             drifts["change"] = self._change.text
         return drifts
 
@@ -293,8 +351,9 @@ class JointCheck:
             if robot.link_from_tip is None
             else link @ robot.link_from_tip
         )
-        tracked, placed = _vector(reference_from_tip), _vector(predicted)
-        self._mean.update(_difference(tracked, placed), now)
+        tracked, placed = _position(reference_from_tip), _position(predicted)
+        (x, y, z), (u, v, w) = tracked, placed
+        self._mean.update((x - u, y - v, z - w), now)
         joints_ns = None if joints is None else joints.stamp.ns
         if joints_ns != self._joints_ns:
             self._joints_ns = joints_ns
@@ -303,7 +362,7 @@ class JointCheck:
         return self._drift
 
 
-def _vector(pose: Transform) -> Vector:
+def _position(pose: Transform) -> Vector:
     x, y, z = pose.translation_mm.tolist()
     return (x, y, z)
 

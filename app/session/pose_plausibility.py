@@ -28,12 +28,14 @@ class MotionCheck:
         self._sensors: dict[Edge, SensorMotion] = {}
         self._newest_ns: dict[Edge, int] = {}
         self._now: Stamp | None = None
+        # Run the kernel once, so that the first step does not wait for the compiler.
+        SensorMotion(limits).update(Transform.identity("tracker", "sensor"), 0)
 
     def use(self, limits: MotionLimits) -> None:
         """Replace the limits; what is known of the sensors is kept."""
         self._limits = limits
         for sensor in self._sensors.values():
-            sensor.limits = limits
+            sensor.use(limits)
 
     def remove_implausible(self, frame: TrackingFrame, edges: AbstractSet[Edge]) -> TrackingFrame:
         """``frame`` without the samples of ``edges`` that must not be used."""
@@ -57,9 +59,9 @@ class MotionCheck:
         """The sensors of ``edges`` that are not believed now: one line each, by name."""
         found = {}
         for edge, sensor in self._sensors.items():
-            if sensor.jump is not None and edge in edges:
+            if edge in edges and (jump := sensor.jump) is not None:
                 name = f"{edge[0]} -> {edge[1]}"
-                found[name] = f"{name} {sensor.jump.text}"
+                found[name] = f"{name} {jump.text}"
         return found
 
     def _is_usable(self, sample: TrackedTransform, now: Stamp) -> bool:

@@ -1,9 +1,14 @@
 """Motion of one sensor: the next pose is predicted, and a pose that it cannot reach is refused."""
 
 import math
-from collections import deque
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
+from typing import TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+from app.fixture.jit import inlined, kernel
+from app.fixture.vectors import Vector, add, add_scaled, dot, length, row, scaled, sub
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, InputError, Transform
 
 
@@ -35,63 +40,58 @@ class MotionLimits:
                 )
 
 
-Vector = tuple[float, float, float]
-
-ZERO: Vector = (0.0, 0.0, 0.0)
-
-
+@kernel
 def distance_to_path(at: Vector, velocity: Vector, start_s: float, end_s: float) -> float:
     """Distance from ``at`` to the segment from ``velocity * start_s`` to ``velocity * end_s``."""
-    x, y, z = at
-    u, v, w = velocity
-    square = u * u + v * v + w * w
-    if square == 0.0:
-        return math.sqrt(x * x + y * y + z * z)
-    time_s = (x * u + y * v + z * w) / square
-    if time_s < start_s:  # comparisons: `min` and `max` take longer than the rest
-        time_s = start_s
-    if time_s > end_s:
-        time_s = end_s
-    x, y, z = x - time_s * u, y - time_s * v, z - time_s * w
-    return math.sqrt(x * x + y * y + z * z)
+    square = dot(velocity, velocity)
+    time_s = min(max(dot(at, velocity) / square, start_s), end_s) if square > 0.0 else 0.0
+    return float(length(add_scaled(at, -time_s, velocity)))
 
 
-def rotation_vector(rotation: FloatArray) -> Vector:
-    """Axis times angle in rad of a rotation (3, 3).
+@inlined
+def _entry(first: FloatArray, second: FloatArray, i: int, j: int) -> float:
+    """Entry of ``first^T second`` (3, 3)."""
+    return float(
+        first[0, i] * second[0, j] + first[1, i] * second[1, j] + first[2, i] * second[2, j]
+    )
+
+
+@kernel
+def turn_between(first: FloatArray, second: FloatArray) -> Vector:
+    """Axis times angle in rad of ``first^T second``, the turn between two rotations (3, 3).
 
     The axis is unreliable within 1e-6 rad of half a turn, the angle is not.
     """
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    x, y, z = h - f, c - g, d - b  # the axis times twice the sine
-    twice_sine = math.sqrt(x * x + y * y + z * z)
-    angle = math.atan2(twice_sine, a + e + i - 1.0)
+    twice_sine_axis = (
+        _entry(first, second, 2, 1) - _entry(first, second, 1, 2),
+        _entry(first, second, 0, 2) - _entry(first, second, 2, 0),
+        _entry(first, second, 1, 0) - _entry(first, second, 0, 1),
+    )
+    trace = _entry(first, second, 0, 0) + _entry(first, second, 1, 1) + _entry(first, second, 2, 2)
+    twice_sine = length(twice_sine_axis)
+    angle = math.atan2(twice_sine, trace - 1.0)
     if twice_sine < 1e-9:
         return (angle, 0.0, 0.0)
-    scale = angle / twice_sine
-    return (x * scale, y * scale, z * scale)
+    return scaled(angle / twice_sine, twice_sine_axis)
 
 
 SHARE = 1.0 / 32.0
 """Weight of a new difference: the noise is a mean over about 32 samples."""
 
 
-class SensorNoise:
-    """Standard deviation per axis, between ``min_sigma`` and ``max_sigma``, in any unit.
+@inlined
+def learned_variance(
+    variance: float, squared: float, factor: float, min_sigma: float, max_sigma: float
+) -> float:
+    """Variance of one axis after a difference of length^2 ``squared`` and ``factor`` its variance.
 
-    It starts at ``max_sigma``, so that nothing is refused before the sensor is known. Motion that
-    the prediction does not follow counts as noise too, up to ``max_sigma``: the gate is widest
-    while the sensor is accelerated, and narrow where it rests.
+    It is that of a noise between ``min_sigma`` and ``max_sigma``, in any unit, and starts at the
+    largest, so that nothing is refused before the sensor is known. Motion that the prediction does
+    not follow counts as noise too: the gate is widest while the sensor is accelerated, and narrow
+    where it rests.
     """
-
-    def __init__(self, min_sigma: float, max_sigma: float) -> None:
-        self._min, self._max = min_sigma * min_sigma, max_sigma * max_sigma
-        self.variance = self._max
-        """Variance of one axis."""
-
-    def update(self, squared: float, factor: float) -> None:
-        """Add a squared length of a difference whose variance is ``factor`` times the noise's."""
-        variance = min(squared / (3.0 * factor), self._max)
-        self.variance = max(self.variance + SHARE * (variance - self.variance), self._min)
+    new = min(squared / (3.0 * factor), max_sigma * max_sigma)
+    return max(variance + SHARE * (new - variance), min_sigma * min_sigma)
 
 
 SIGMAS = 6.0
@@ -125,6 +125,7 @@ each other, over at least this time."""
 
 MIN_SIGMA_MM, MAX_SIGMA_MM = 0.1, 1.0
 MIN_SIGMA_RAD, MAX_SIGMA_RAD = math.radians(0.1), math.radians(1.5)
+_MIN_SIGMA, _MAX_SIGMA = (MIN_SIGMA_MM, MIN_SIGMA_RAD), (MAX_SIGMA_MM, MAX_SIGMA_RAD)
 """Bounds of the learned noise per axis. EM tracking in an undistorted field has 0.2 mm and
 0.2 degrees. The upper bounds keep a noisy sensor from hiding a jump."""
 
@@ -152,14 +153,29 @@ class Jump:
         )
 
 
-@dataclass(slots=True)
-class _Known:
-    """A plausible pose, first measured at ``ns``; ``turned`` is the sum of all turns up to it."""
+MAX_POSES = 128
+"""Poses within `WINDOW_NS` that are kept: at rates above 6 kHz the window is shorter."""
 
-    ns: int
-    position: Vector
-    rotation: FloatArray
-    turned: Vector
+State: TypeAlias = NDArray[np.void]
+"""An array (1,) of records, and in a kernel its record."""
+
+_SENSOR = np.dtype(
+    [
+        ("count", np.int64),  # of the plausible poses that are kept: the last one, the others for
+        ("ns", np.int64, MAX_POSES),  # its velocity. When each was first measured,
+        ("at", np.float64, (MAX_POSES, 2, 3)),  # where in mm, and the sum of all turns in rad
+        ("rotation", np.float64, (3, 3)),  # of the last one
+        ("last_ns", np.int64),  # when it was last measured
+        ("repeat_ns", np.int64),  # for how long the driver repeats a pose of a sensor that moves
+        ("variance", np.float64, 2),  # in mm^2 and rad^2
+        ("limits", np.float64, 4),  # `MotionLimits`
+        ("refused", np.bool_),  # True until consecutive samples agree with each other again
+        ("refused_ns", np.int64),
+        ("agreeing", np.int64),
+        ("jump", np.float64, 4),  # `Jump`
+    ],
+    align=True,
+)
 
 
 class SensorMotion:
@@ -168,152 +184,179 @@ class SensorMotion:
     The velocity is that over the last `WINDOW_NS`, W, or over the last interval where samples are
     further apart. With an acceleration of at most ``a`` the sensor is within ``a t (t + W) / 2`` of
     the predicted path after the time ``t``. The gate adds `SIGMAS` of the prediction: the noise of
-    three poses, learned by `SensorNoise`. The path begins at the last pose, because a tool that
-    hits something stops at once, and is longer than ``t`` at both ends by `STAMP_ERROR_S`. No pose
-    may be further from the last one than the largest speed allows. The same holds for rotation.
+    three poses, learned by `learned_variance`. The path begins at the last pose, because a tool
+    that hits something stops at once, and is longer than ``t`` at both ends by `STAMP_ERROR_S`. No
+    pose may be further from the last one than the largest speed allows. The same holds for
+    rotation.
 
     Exact repetitions of a pose carry no motion: time counts from the first of them as far as the
     driver of this sensor is known to repeat poses while it moves.
     """
 
     def __init__(self, limits: MotionLimits) -> None:
-        self.limits = limits
-        self._noise_mm = SensorNoise(MIN_SIGMA_MM, MAX_SIGMA_MM)
-        self._noise_rad = SensorNoise(MIN_SIGMA_RAD, MAX_SIGMA_RAD)
-        self._known: deque[_Known] = deque()
-        self._last_ns = 0
-        self._repeat_ns = 0
-        self._agreeing = CONSISTENT_SAMPLES
-        self._refused_ns = 0
-        self.jump: Jump | None = None
+        self._state: State = np.zeros(1, _SENSOR)
+        self._state["variance"] = np.square(_MAX_SIGMA)
+        self.use(limits)
+        self.believed = True
+        """False from a refused pose on until consecutive samples agree with each other again."""
+
+    def use(self, limits: MotionLimits) -> None:
+        """Replace the limits."""
+        self._state["limits"] = astuple(limits)
 
     @property
-    def believed(self) -> bool:
-        """False from a refused pose on until consecutive samples agree with each other again."""
-        return self.jump is None
+    def jump(self) -> Jump | None:
+        """The last refused pose while the sensor is not believed."""
+        if self.believed:
+            return None
+        off, allowed, gap_ns, turned = self._state["jump"][0].tolist()
+        return Jump(off, allowed, int(gap_ns), bool(turned))
 
     def restart(self) -> None:
         """Forget all poses, after the source's clock has jumped back; the noise is kept."""
-        self._known.clear()
+        self._state["count"] = 0
 
     def update(self, pose: Transform, ns: int) -> bool:
         """Take the pose measured at ``ns``; return True if it may be used."""
-        x, y, z = pose.translation_mm.tolist()
-        if not self._known or ns - self._last_ns > FORGET_NS:
-            self._begin((x, y, z), pose.rotation, ns)
-            return self._count(ns)
-        last = self._known[-1]
-        turn_matrix = last.rotation.T.dot(pose.rotation)
-        a, b, c = last.position
-        moved = (x - a, y - b, z - c)
-        if moved == ZERO and (last.rotation == pose.rotation).all():
-            self._last_ns = max(self._last_ns, ns)
-            return self._count(ns)
-        turn = rotation_vector(turn_matrix)
-        jump = self._gate(moved, turn, ns)
-        if jump is not None:
-            self.jump = jump
-            self._refused_ns, self._agreeing = ns, 0
-            self._begin((x, y, z), pose.rotation, ns)
+        self.believed = _update(self._state, pose.rotation, pose.translation_mm, ns)
+        return self.believed
+
+
+@kernel
+def _update(state: State, rotation: FloatArray, position: FloatArray, ns: int) -> bool:
+    """`SensorMotion.update` for a pose: ``rotation`` (3, 3), ``position`` (3,) in mm."""
+    s, place = state[0], (position[0], position[1], position[2])
+    last = s["count"] - 1
+    if last < 0 or ns - s["last_ns"] > FORGET_NS:
+        _begin(s, rotation, place, ns)
+        return _is_believed(s, ns)
+    moved = sub(place, row(s["at"][last], 0))
+    if moved != _NONE or not _is_same(s["rotation"], rotation):
+        turn = turn_between(s["rotation"], rotation)
+        if not _is_plausible(s, moved, turn, ns):
+            s["refused"], s["refused_ns"], s["agreeing"] = True, ns, 0
+            _begin(s, rotation, place, ns)
             return False
-        u, v, w = last.turned
-        turned = (u + turn[0], v + turn[1], w + turn[2])
-        self._known.append(_Known(max(ns, last.ns), (x, y, z), pose.rotation, turned))
-        while len(self._known) > 2 and self._known[1].ns <= self._known[-1].ns - WINDOW_NS:
-            self._known.popleft()
-        self._last_ns = max(self._last_ns, ns)
-        return self._count(ns)
-
-    def _begin(self, position: Vector, rotation: FloatArray, ns: int) -> None:
-        self._known.clear()
-        self._known.append(_Known(ns, position, rotation, ZERO))
-        self._last_ns = ns
-
-    def _count(self, ns: int) -> bool:
-        """Count a pose that agrees with the last; True once the sensor is believed."""
-        if self.jump is not None:
-            self._agreeing += 1
-            if self._agreeing >= CONSISTENT_SAMPLES and ns - self._refused_ns >= CONSISTENT_NS:
-                self.jump = None
-        return self.jump is None
-
-    def _gate(self, moved: Vector, turn: Vector, ns: int) -> Jump | None:
-        """The jump by ``moved`` and ``turn`` from the last pose, None if it is plausible."""
-        first, last = self._known[0], self._known[-1]
-        limits = self.limits
-        # Comparisons instead of `min` and `max`, which take a tenth of the time of a check.
-        silent_ns = ns - self._last_ns if ns > self._last_ns else 0
-        since_ns = ns - last.ns if ns > last.ns else 0
-        # A pose that a driver repeats belongs to the first of its repetitions.
-        if since_ns > silent_ns + MAX_REPEAT_NS:
-            since_ns = silent_ns + MAX_REPEAT_NS
-        gap_ns = silent_ns + self._repeat_ns
-        if gap_ns > since_ns:
-            gap_ns = since_ns
-        gap_s, since_s = gap_ns / NS_PER_S, since_ns / NS_PER_S
-        window_s = (last.ns - first.ns) / NS_PER_S
-        if window_s > 0.0:
-            a, b, c = first.position
-            x, y, z = last.position
-            velocity = ((x - a) / window_s, (y - b) / window_s, (z - c) / window_s)
-            a, b, c = first.turned
-            x, y, z = last.turned
-            rate = ((x - a) / window_s, (y - b) / window_s, (z - c) / window_s)
-            ratio = gap_s / window_s
-            factor = 1.0 + (1.0 + ratio) ** 2 + ratio * ratio
-            reach_s2 = 0.5 * gap_s * (gap_s + window_s)
-            gap = (since_s, STAMP_ERROR_S * (1.0 + ratio), factor, gap_ns)
-            jump = self._off(
-                moved, velocity, limits.acceleration_mm_s2 * reach_s2, self._noise_mm, *gap
-            ) or self._off(turn, rate, limits.acceleration_rad_s2 * reach_s2, self._noise_rad, *gap)
-            if jump is not None:
-                return jump
-            if since_ns > silent_ns:
-                self._learn_repeat(velocity, since_ns)
-        way_s = gap_s + STAMP_ERROR_S
-        return _too_fast(
-            moved, limits.speed_mm_s * way_s, self._noise_mm, gap_ns, turned=False
-        ) or _too_fast(turn, limits.speed_rad_s * way_s, self._noise_rad, gap_ns, turned=True)
-
-    def _off(
-        self,
-        way: Vector,
-        velocity: Vector,
-        reach: float,
-        noise: SensorNoise,
-        since_s: float,
-        error_s: float,
-        factor: float,
-        gap_ns: int,
-    ) -> Jump | None:
-        """The jump if ``way`` is further than allowed from the predicted path; else learn noise."""
-        turned = noise is self._noise_rad
-        u, v, w = velocity
-        bend = BEND * STAMP_ERROR_S * math.sqrt(u * u + v * v + w * w)
-        allowed = reach + bend + SIGMAS * math.sqrt(noise.variance * factor)
-        off = distance_to_path(way, velocity, -error_s, since_s + error_s)
-        if off > allowed and not (turned and allowed >= math.pi):
-            return Jump(off, allowed, gap_ns, turned)
-        if since_s > gap_ns / NS_PER_S:
-            return None  # repeated poses do not show the noise
-        x, y, z = way
-        x, y, z = x - since_s * u, y - since_s * v, z - since_s * w
-        noise.update(x * x + y * y + z * z, factor)
-        return None
-
-    def _learn_repeat(self, velocity: Vector, since_ns: int) -> None:
-        """Remember for how long the driver has repeated a pose of a sensor that moves."""
-        u, v, w = velocity
-        if u * u + v * v + w * w > MOVING_MM_S * MOVING_MM_S:
-            self._repeat_ns = max(self._repeat_ns, min(since_ns, MAX_REPEAT_NS))
+        first_ns = max(ns, s["ns"][last])
+        _append(s, rotation, place, add(row(s["at"][last], 1), turn), first_ns)
+        while s["count"] > 2 and s["ns"][1] <= first_ns - WINDOW_NS:
+            drop_first(s)
+    s["last_ns"] = max(s["last_ns"], ns)
+    return _is_believed(s, ns)
 
 
-def _too_fast(
-    way: Vector, allowed: float, noise: SensorNoise, gap_ns: int, *, turned: bool
-) -> Jump | None:
-    x, y, z = way
-    off = math.sqrt(x * x + y * y + z * z)
-    allowed += SIGMAS * math.sqrt(2.0 * noise.variance)
-    if off <= allowed or (turned and allowed >= math.pi):
-        return None
-    return Jump(off, allowed, gap_ns, turned)
+_NONE: Vector = (0.0, 0.0, 0.0)
+
+
+@inlined
+def _is_same(first: FloatArray, second: FloatArray) -> bool:
+    same = True
+    for i in range(3):
+        for j in range(3):
+            same &= first[i, j] == second[i, j]
+    return same
+
+
+@kernel
+def _begin(s: State, rotation: FloatArray, place: Vector, ns: int) -> None:
+    s["count"], s["last_ns"] = 0, ns
+    _append(s, rotation, place, _NONE, ns)
+
+
+@kernel
+def _append(s: State, rotation: FloatArray, place: Vector, turned: Vector, ns: int) -> None:
+    if s["count"] == MAX_POSES:
+        drop_first(s)
+    new = s["count"]
+    s["count"], s["ns"][new] = new + 1, ns
+    for i in range(3):
+        s["at"][new, 0, i], s["at"][new, 1, i] = place[i], turned[i]
+        for j in range(3):
+            s["rotation"][i, j] = rotation[i, j]
+
+
+@kernel
+def drop_first(s: State) -> None:
+    """Drop the first of the ``count`` values of ``ns`` and ``at`` (n, 2, 3)."""
+    s["count"] -= 1
+    for k in range(s["count"]):
+        s["ns"][k] = s["ns"][k + 1]
+        for i in range(3):
+            s["at"][k, 0, i], s["at"][k, 1, i] = s["at"][k + 1, 0, i], s["at"][k + 1, 1, i]
+
+
+@kernel
+def _is_believed(s: State, ns: int) -> bool:
+    """Count a pose that agrees with the last; True once the sensor is believed."""
+    if s["refused"]:
+        s["agreeing"] += 1
+        if s["agreeing"] >= CONSISTENT_SAMPLES and ns - s["refused_ns"] >= CONSISTENT_NS:
+            s["refused"] = False
+    return not s["refused"]
+
+
+@kernel
+def _is_plausible(s: State, moved: Vector, turn: Vector, ns: int) -> bool:
+    """True if the sensor can be ``moved`` mm from its last pose, and turned by ``turn`` in rad."""
+    last = s["count"] - 1
+    silent_ns, since_ns = max(int(ns - s["last_ns"]), 0), max(int(ns - s["ns"][last]), 0)
+    # A pose that a driver repeats belongs to the first of its repetitions.
+    since_ns = min(since_ns, silent_ns + MAX_REPEAT_NS)
+    gap_ns = min(silent_ns + int(s["repeat_ns"]), since_ns)
+    if s["ns"][last] > s["ns"][0]:
+        if not (
+            _is_near_path(s, 0, moved, since_ns, gap_ns)
+            and _is_near_path(s, 1, turn, since_ns, gap_ns)
+        ):
+            return False
+        if since_ns > silent_ns and length(_velocity(s, 0)) > MOVING_MM_S:
+            s["repeat_ns"] = max(s["repeat_ns"], min(since_ns, MAX_REPEAT_NS))
+    return _is_slow_enough(s, 0, moved, gap_ns) and _is_slow_enough(s, 1, turn, gap_ns)
+
+
+@inlined
+def _velocity(s: State, kind: int) -> Vector:
+    """Mean velocity over the kept poses in mm/s; in rad/s if ``kind`` is 1, not 0, as below."""
+    last = s["count"] - 1
+    x, y, z = sub(row(s["at"][last], kind), row(s["at"][0], kind))
+    seconds = (s["ns"][last] - s["ns"][0]) / NS_PER_S
+    return (x / seconds, y / seconds, z / seconds)
+
+
+@kernel
+def _is_near_path(s: State, kind: int, way: Vector, since_ns: int, gap_ns: int) -> bool:
+    """True if ``way`` ends near the predicted path; the noise is then learned."""
+    velocity = _velocity(s, kind)
+    window_s = (s["ns"][s["count"] - 1] - s["ns"][0]) / NS_PER_S
+    since_s, gap_s = since_ns / NS_PER_S, gap_ns / NS_PER_S
+    ratio = gap_s / window_s
+    factor = 1.0 + (1.0 + ratio) ** 2 + ratio * ratio
+    reach = s["limits"][2 * kind + 1] * (0.5 * gap_s * (gap_s + window_s))
+    bend = BEND * STAMP_ERROR_S * length(velocity)
+    allowed = reach + bend + SIGMAS * math.sqrt(s["variance"][kind] * factor)
+    error_s = STAMP_ERROR_S * (1.0 + ratio)
+    off = distance_to_path(way, velocity, -error_s, since_s + error_s)
+    if not _is_allowed(s, kind, off, allowed, gap_ns):
+        return False
+    if since_ns == gap_ns:  # repeated poses do not show the noise
+        error = add_scaled(way, -since_s, velocity)
+        s["variance"][kind] = learned_variance(
+            s["variance"][kind], dot(error, error), factor, _MIN_SIGMA[kind], _MAX_SIGMA[kind]
+        )
+    return True
+
+
+@kernel
+def _is_slow_enough(s: State, kind: int, way: Vector, gap_ns: int) -> bool:
+    allowed = s["limits"][2 * kind] * (gap_ns / NS_PER_S + STAMP_ERROR_S)
+    allowed += SIGMAS * math.sqrt(2.0 * s["variance"][kind])
+    return _is_allowed(s, kind, length(way), allowed, gap_ns)
+
+
+@kernel
+def _is_allowed(s: State, kind: int, off: float, allowed: float, gap_ns: int) -> bool:
+    """True unless ``off`` is beyond ``allowed``, which is then the jump."""
+    if off <= allowed or (kind == 1 and allowed >= math.pi):
+        return True
+    s["jump"][0], s["jump"][1], s["jump"][2], s["jump"][3] = off, allowed, gap_ns, kind
+    return False

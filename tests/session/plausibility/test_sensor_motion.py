@@ -1,6 +1,11 @@
 """The gate of one sensor: real hands pass, jumps do not, against an oracle in NumPy and SciPy."""
 
+import io
 import math
+import os
+import subprocess
+import sys
+from contextlib import redirect_stdout
 from functools import cache
 
 import numpy as np
@@ -229,8 +234,38 @@ def test_gate_agrees_with_an_oracle_that_searches_all_accelerations():
 def test_noise_is_learned_and_bounded():
     quiet, _ = at_rest(50.0, 10.0, sigma_mm=0.001)
     noisy, _ = at_rest(50.0, 10.0, sigma_mm=0.3)
-    assert math.sqrt(quiet._noise_mm.variance) == pytest.approx(MIN_SIGMA_MM)
-    assert math.sqrt(noisy._noise_mm.variance) == pytest.approx(0.3, rel=0.35)
+    assert math.sqrt(quiet._state["variance"][0, 0]) == pytest.approx(MIN_SIGMA_MM)
+    assert math.sqrt(noisy._state["variance"][0, 0]) == pytest.approx(0.3, rel=0.35)
+
+
+RULES = """
+import numpy as np
+from app.geometry import NS_PER_MS, Stamp, Transform
+from app.session.joint_check import MeanDrift, SuddenChange
+from app.session.sensor_motion import MotionLimits, SensorMotion
+
+random = np.random.default_rng(3)
+sensor, mean, change = SensorMotion(MotionLimits()), MeanDrift(1.0), SuddenChange(1.0)
+for k in range(400):
+    turn = random.normal(0.0, 0.01, 3) + (k % 150 == 99)
+    place = random.normal(0.0, 0.3, 3) + 50.0 * (k % 90 == 80) + 0.1 * k
+    ns = (5 * k + k % 3 - 300 * (k > 300)) * NS_PER_MS
+    pose = Transform.from_rotation_vector(turn, place, target="tracker", source="tool")
+    mean.update(tuple(place.tolist()), Stamp(ns))
+    change.update(tuple(place.tolist()), (0.1 * k, 0.0, 0.0), mean.start, ns)
+    print(sensor.update(pose, ns), sensor.jump, mean.exceeded, mean.text, change.text)
+"""
+
+
+def test_compiled_rules_find_the_same_as_plain_python():
+    compiled = io.StringIO()
+    with redirect_stdout(compiled):
+        exec(RULES, {})
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-c", RULES]
+    plain = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert plain.stdout == compiled.getvalue()
+    assert {"True", "False"} == {line.split()[0] for line in plain.stdout.splitlines()}
 
 
 def test_text_names_size_time_and_limit():

@@ -33,7 +33,7 @@ class Run:
             self.ns += self.period_ns
             self.number += 1
             tracked = tuple((place + difference).tolist())
-            self.change.update(tracked, tuple(place.tolist()), tuple(self.start), self.ns)
+            self.change.update(tracked, tuple(place.tolist()), self.start, self.ns)
             if self.change.text:
                 self.found.append(self.number)
         return self
