@@ -57,10 +57,20 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     >>> mg.predict_tre(result, [[25, 25, 0], [25, 25, 200]]).round(2).tolist()
     [0.5, 3.3]
     """
+    variances = _variances_mm2(result, as_points(points_mm, "points_mm of a target error"))
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+
+
+def largest_tre(result: RegistrationResult, points_mm: FloatArray) -> float:
+    """The largest of `predict_tre` for finite ``points_mm`` (m, 3), m > 0, without checks."""
+    return math.sqrt(max(float(_variances_mm2(result, points_mm).max()), 0.0))
+
+
+def _variances_mm2(result: RegistrationResult, points_mm: FloatArray) -> FloatArray:
+    """The squares (m,) of `predict_tre`, with rounding errors that may be below 0."""
     quadratic, linear, constant = _trace_terms(result)
-    points = as_points(points_mm, "points_mm of a target error")
-    variance = (points.dot(quadratic) * points).sum(axis=1) - 2.0 * points.dot(linear) + constant
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+    squares = (points_mm.dot(quadratic) * points_mm).sum(axis=1)
+    return np.asarray(squares - 2.0 * points_mm.dot(linear) + constant)
 
 
 def tre_growth(result: RegistrationResult) -> float:

@@ -1,6 +1,8 @@
 """Latest sample of every measured edge, and the pose between any two frames computed from them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from app.case import TrackingFrame
 from app.fixture import REASON_OF_FRESHNESS, Reason, TumorMotionFilter, TumorMotionParameters
@@ -41,8 +43,7 @@ _FROZEN = frozenset({Reason.FROZEN})
 _JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredPose:
+class MeasuredPose(NamedTuple):
     """``transform`` from the latest samples along the path, or the reasons why there is none.
 
     ``oldest`` is the earliest acquisition stamp of those samples, None when there are none.
@@ -264,6 +265,11 @@ class PoseTree:
         if ends not in self._paths:
             self._paths[ends] = shortest_path(self._edges, target, source)
         return self._paths[ends]
+
+
+def oldest(poses: Iterable[MeasuredPose]) -> Stamp | None:
+    """The earliest acquisition stamp of the samples of all ``poses``; None without a sample."""
+    return min([pose.oldest for pose in poses if pose.oldest is not None], default=None)
 
 
 def is_too_far(pose: Transform) -> bool:

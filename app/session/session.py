@@ -15,7 +15,7 @@ from app.session.link_poses import RobotLinks
 from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.pose_plausibility import Plausibility
-from app.session.pose_tree import MeasuredPose, PoseTree
+from app.session.pose_tree import MeasuredPose, PoseTree, oldest
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult, known_edges
 from app.session.structure import Structure, StructureStep
@@ -171,7 +171,7 @@ class Session:
             guard = self._guards[number]
             poses = tools[guard.structure.frame_from_structure.target], tools[REFERENCE]
             used = poses if self.setup.robot is not None else poses[:1]
-            stamp = min(pose.oldest for pose in used if pose.oldest is not None)
+            stamp = oldest(used)
             seq = decided[0].decision.seq
             decided[number] = guard.far(distance.at_least_mm, stamp, seq)
         return tuple(decided[number] for number in range(len(self._guards)))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,9 +24,9 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
-from app.registration import RegistrationResult, predict_tre
+from app.registration import RegistrationResult, largest_tre
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
-from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity
+from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity, oldest
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.structure import Structure, StructureStep
 
@@ -133,12 +133,12 @@ class StructureGuard:
         stated = structure.sigma_mm, setup.tip_sigma_mm
         observation = MarginObservation(
             now=now,
-            stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
+            stamp=oldest(used),
             proximity=proximity,
             swept=None if between is None else between.proximity,
             problems=problems | tool.problems | registration_problems,
             sigma_tre_mm=math.hypot(sigma_tre_mm, tracking_mm, *stated),
-            unchanged_ns=max(pose.unchanged_ns for pose in used),
+            unchanged_ns=max([pose.unchanged_ns for pose in used]),
             tumor_twist=self._twist(poses, now),
         )
         return Observed(self, observation, structure_from_tip, between)
@@ -246,13 +246,13 @@ class StructureGuard:
         points_mm = tip.translation_mm[None]
         if proximity is not None and structure_from_tip is not None:
             reference_from_structure = tip @ structure_from_tip.inverse()
-            touched_mm = reference_from_structure.apply(proximity.witnesses.on_tool_mm)
-            points_mm = np.concatenate([points_mm, touched_mm])
-        return float(predict_tre(registration, points_mm).max()), problems
+            points_mm = np.empty((1 + len(proximity.witnesses), 3))
+            points_mm[0] = tip.translation_mm
+            points_mm[1:] = reference_from_structure.apply(proximity.witnesses.on_tool_mm)
+        return largest_tre(registration, points_mm), problems
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Observed:
+class Observed(NamedTuple):
     """Measurement of one structure, before the decision on it."""
 
     guard: StructureGuard
