@@ -1,8 +1,8 @@
 """Constraints: limit a twist, and read what a session publishes on ROS."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 from app.fixture import (
     Constraint,
@@ -19,7 +19,6 @@ from marginguard.values import needs
 
 if TYPE_CHECKING:
     from marginguard_msgs.msg import FixtureConstraint
-    from rclpy.node import Node
 
     from app.bridge.constraint_message import ConstraintReader
 
@@ -134,13 +133,20 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     return convert(message)
 
 
-def other_definitions(node: "Node", topic: str = DEFAULT_TOPIC) -> dict[str, str]:
+class _RosNode(Protocol):
+    """A node of rclpy, which is of an extra."""
+
+    def get_publishers_info_by_topic(self, topic_name: str) -> Sequence[Any]: ...
+
+
+def other_definitions(node: _RosNode, topic: str = DEFAULT_TOPIC) -> dict[str, str]:
     """Publishers of ``topic`` whose ``FixtureConstraint`` has another definition than ours.
 
-    Type hash by the node's name. While there is one, use no constraint: ROS connects the two and
-    decodes wrong values without an error. A publisher that announces no hash is not listed.
-    ``docs/controller.md`` says when to ask. Needs the extra ``ros``. Raises `InputError` without
-    it, `BridgeError` if other messages are installed than those of this version.
+    Those that the rclpy ``node`` knows: type hash by the name of their node. While there is one,
+    use no constraint: ROS connects the two and decodes wrong values without an error. A publisher
+    that announces no hash is not listed. ``docs/controller.md`` says when to ask. Needs the extra
+    ``ros``. Raises `InputError` without it, `BridgeError` if other messages are installed than
+    those of this version.
 
     >>> import rclpy
     >>> import marginguard as mg
