@@ -1,7 +1,8 @@
 """Follow a timed path at a variable rate: never off the path, within the limits of the joints."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,11 @@ _MAX_STEP_NS = 20_000_000
 _ROUNDING_S = 1e-9
 
 _ASIDE = 1e-6
-"""Largest velocity, rad/s or m/s, across the line to the next sample."""
+"""Largest velocity, rad/s or m/s, across the line to the next sample, and back along it."""
+
+_ROUNDED = 1.001
+_MAX_EXCESS = 2.0
+"""Samples of a jerk-limited motion are joined by at most 1.5 times its acceleration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +35,10 @@ class PlannedMotion:
     ``joints``, ``setup_id`` that of the guard when it was planned; empty if none was asked.
     ``robot`` is the name of the robot. Copied and read-only.
 
-    Raises `InputError` for other shapes and numbers, for a motion that is not at rest where its
-    direction changes, and for one that exceeds its limits.
+    ``fastest`` (d,) are the largest speeds, also between samples, where the positions are cubic.
+
+    Raises `InputError` for other shapes and numbers, and for a motion that is not at rest where its
+    direction changes, or that does not join its samples within its accelerations.
     """
 
     robot: str
@@ -42,15 +49,17 @@ class PlannedMotion:
     velocities: FloatArray
     accelerations: FloatArray
     setup_id: str
+    fastest: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         for name in ("times_ns", "positions", "velocities", "accelerations"):
             array = np.array(getattr(self, name))
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        shape = len(self.times_ns), len(self.joints)
+        shape = self.times_ns.size, len(self.joints)
         arrays = self.positions, self.velocities, self.accelerations
-        if [each.shape for each in arrays] != [shape, shape, shape[1:]] or 0 in shape:
+        shapes_found = [each.shape for each in (self.times_ns, *arrays)]
+        if shapes_found != [shape[:1], shape, shape, shape[1:]] or 0 in shape:
             shapes = ", ".join(str(each.shape) for each in arrays)
             raise InputError(f"plan: has arrays {shapes}; expected {shape} twice, and {shape[1:]}")
         if not all(np.isfinite(each).all() for each in (*arrays, list(self.held.values()))):
@@ -70,25 +79,48 @@ class PlannedMotion:
                 raise InputError("plan: moves off the lines of its samples; expected rest at turns")
         if self.velocities[[0, -1]].any():
             raise InputError("plan: begins or ends in motion; expected rest")
-        step_s = np.diff(self.times_ns)[:, None] / NS_PER_S
-        changes = np.diff(self.velocities, axis=0)
-        # With a limited acceleration the mean of the velocities is wrong by a quarter of a change.
-        apart = 4.0 * (steps / step_s - self.velocities[:-1] - 0.5 * changes)
-        if (np.maximum(np.abs(changes), np.abs(apart)) > 1.001 * self.accelerations * step_s).any():
+        self._check_between(lengths, lines)
+
+    def _check_between(self, lengths: FloatArray, lines: FloatArray) -> None:
+        """Set ``fastest``, and check the motion between samples.
+
+        The speed there is a polynomial of degree 2 with the Bernstein coefficients ``start``,
+        ``middle`` and ``end``, which contain it; the middle one is not reached.
+        """
+        spans_s = np.diff(self.times_ns)[:, None] / NS_PER_S
+        start = (self.velocities[:-1] * lines).sum(axis=1, keepdims=True)
+        end = (self.velocities[1:] * lines).sum(axis=1, keepdims=True)
+        middle = 3.0 * lengths / spans_s - start - end
+        if middle.min(initial=0.0) < -_ASIDE:
+            raise InputError("plan: moves back between its samples; expected slower samples")
+        changes = 2.0 * np.maximum(np.abs(middle - start), np.abs(end - middle)) / spans_s
+        means = np.abs(np.diff(self.velocities, axis=0)) / spans_s
+        # NaN exceeds them, too.
+        if not (
+            (means <= _ROUNDED * self.accelerations).all()
+            and (changes * np.abs(lines) <= _MAX_EXCESS * self.accelerations).all()
+        ):
             raise InputError(
-                "plan: its positions need more acceleration than its limits; expected "
-                "what 'marginguard plan approach' has written"
+                "plan: exceeds its accelerations between samples; expected times that allow them"
             )
+        peak = np.maximum(start, end)
+        above = np.maximum(middle - peak, 0.0)
+        bend = np.maximum(2.0 * middle - start - end, above)
+        peak += np.divide(above * above, bend, out=np.zeros_like(above), where=above > 0.0)
+        fastest = (peak * np.abs(lines)).max(axis=0, initial=0.0)
+        fastest.flags.writeable = False
+        object.__setattr__(self, "fastest", fastest)
 
 
 class PathFollower:
     """The place on the path of ``motion``, which `step` moves on; the rate 1 is that of the plan.
 
     Pure. A rate between 0 and 1 slows the motion down in time, so that the joints stay on the path;
-    it changes as fast as the accelerations of the plan allow.
+    it changes as fast as the accelerations of the plan allow. ``max_speed`` (d,) is that of the
+    joints, which the motion may exceed between its samples.
     """
 
-    def __init__(self, motion: PlannedMotion) -> None:
+    def __init__(self, motion: PlannedMotion, max_speed: FloatArray | float = math.inf) -> None:
         times_s = motion.times_ns / NS_PER_S
         self._accelerations, self._end_s = motion.accelerations, float(times_s[-1])
         self._last: FloatArray = motion.positions[-1]
@@ -96,8 +128,9 @@ class PathFollower:
         if len(times_s) > 1:
             self._path = CubicHermiteSpline(times_s, motion.positions, motion.velocities)
         self._rests_s = times_s[~motion.velocities.any(axis=1)]
-        stop_s = float((np.abs(motion.velocities) / motion.accelerations).max())
-        self._max_rate = min(1.0, MAX_STOP_S / stop_s) if stop_s > 0.0 else 1.0
+        stop_s = float((motion.fastest / motion.accelerations).max())
+        excess = float((motion.fastest / max_speed).max())
+        self._max_rate = 1.0 / max(1.0, excess, stop_s / MAX_STOP_S)
         self.stop_s = stop_s * self._max_rate
         """Longest time in which the joints can stop."""
         self._at_s, self.rate = 0.0, 0.0

@@ -104,8 +104,7 @@ class PlanExecution:
         if not motion.setup_id:
             raise InputError("plan: has no setup_id; expected one made with --guard")
         self._moving = np.array([joints.index(name) for name in motion.joints])
-        self._check_limits()
-        self._follower = PathFollower(motion)
+        self._follower = PathFollower(motion, self._checked_speeds())
         self._rule = FixtureRule(
             frame=RULE_FRAME,
             parameters=LimiterParameters(
@@ -128,8 +127,8 @@ class PlanExecution:
         self._ended: _Stop | None = None
         self._standing_ns: int | None = None
 
-    def _check_limits(self) -> None:
-        """Raise `InputError` for a joint beyond the limits of the arm."""
+    def _checked_speeds(self) -> FloatArray:
+        """Largest speeds (d,); raises `InputError` for a joint beyond the limits of the arm."""
         limits = self._tool.limits(self._about.parameters.max_joint_speed)
         lowest, highest = self._motion.positions.min(axis=0), self._motion.positions.max(axis=0)
         fastest = np.abs(self._motion.velocities).max(axis=0)
@@ -143,6 +142,7 @@ class PlanExecution:
                     f"{lowest[column]:g} and {highest[column]:g} with up to {fastest[column]:g} "
                     f"per s; expected {low:g} to {high:g}, at most {speed:g} per s"
                 )
+        return np.asarray(limits.max_speed[self._moving])
 
     @property
     def constraint(self) -> PlainConstraint | None:

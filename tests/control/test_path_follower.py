@@ -99,6 +99,17 @@ def test_motion_that_could_not_stop_in_half_a_second_is_slower():
     assert speeds(places).max() == pytest.approx(0.5 * 2.0, rel=1e-3)
 
 
+def test_motion_that_rests_at_both_ends_is_as_fast_between_them_as_its_joint():
+    ends = np.array([0, 3000 * MS]), np.array([[0.0], [1.5]]), np.zeros((2, 1))
+    motion = PlannedMotion("robot", ("joint0",), {}, *ends, np.array([1.0]), "setup")
+    assert motion.fastest == pytest.approx(0.75)
+    for limit in (1.0, 0.3):
+        follower = PathFollower(motion, np.array([limit]))
+        places = [follower.step(1.0, PERIOD_NS) for _ in range(2000)]
+        assert follower.progress == 1.0
+        assert speeds(places).max() == pytest.approx(min(limit, 0.5), rel=1e-3)
+
+
 def test_late_step_does_not_jump():
     motion = motion_of(np.array([[0.0], [1.0]]), np.array([[1.0], [5.0], [50.0]]))
     follower = PathFollower(motion)
@@ -126,8 +137,11 @@ def test_motion_that_leaves_its_lines_is_refused():
         ({"positions": np.full_like(motion.positions, np.nan)}, "NaN"),
         ({"accelerations": np.zeros(2)}, "a limit of 0"),
         ({"held": {"joint1": 0.0}}, "names a joint twice"),
-        ({"positions": 3.0 * motion.positions}, "more acceleration than its limits"),
-        ({"accelerations": 0.5 * motion.accelerations}, "more acceleration than its limits"),
+        ({"times_ns": motion.times_ns[:, None]}, "has arrays"),
+        ({"velocities": 0.0 * motion.velocities}, "exceeds its accelerations"),
+        ({"times_ns": 2 * motion.times_ns}, "moves back between its samples"),
+        ({"positions": 3.0 * motion.positions}, "exceeds its accelerations"),
+        ({"accelerations": 0.5 * motion.accelerations}, "exceeds its accelerations"),
     ):
         with pytest.raises(InputError, match=problem):
             replace(motion, **change)
