@@ -43,8 +43,8 @@ def needle_constraint(
     origin at the tip, and +z points from the hub to the tip.
 
     ``guard`` is the constraint of the structures in the same frame. Its hold remains, and its
-    nearest plane; the free motion ends before one of the others is reached. ``shaft_mm``: the
-    largest distance of a point of the tool from the tip, needed with ``guard``.
+    nearest plane; the advance and the free motion end before one of the others is reached.
+    ``shaft_mm``: the largest distance of a point of the tool from the tip, needed with ``guard``.
 
     Raises `FrameError` for poses and planes in another frame than the path's, and `InputError` for
     a pose that is not finite, a needle that points away from the target, and other values.
@@ -64,7 +64,7 @@ def needle_constraint(
     if not axis[2] > 0.0:
         raise InputError("needle: points away from the target; expected less than 90 degrees")
     rows = _path_rows(tip, axis, path.depth_mm, tolerance_mm)
-    free = _FREE
+    free, ahead_mm = _FREE, math.inf if may_advance else 0.0
     if guard is not None:
         if guard.frame != path.frame:
             raise FrameError(f"guard: is in {guard.frame!r}; expected {path.frame!r} as the path")
@@ -73,14 +73,13 @@ def needle_constraint(
         kept = MAX_PLANES - len(rows)
         order = np.argsort(guard.clearances_mm, kind="stable")
         next_mm = min(guard.clearances_mm[order[kept:]].tolist(), default=math.inf)
-        # In the margin of a plane that is left out the needle may only be withdrawn.
-        may_advance = may_advance and next_mm > 0.0
+        # A limiter without delays does not use the free motion.
+        ahead_mm = min(ahead_mm, max(next_mm, 0.0))
         free = FreeMotion(
             min(free.distance_mm, guard.free.distance_mm, max(next_mm, 0.0)),
             min(free.turn_rad, guard.free.turn_rad, max(next_mm, 0.0) / shaft_mm),
         )
-    if not may_advance:
-        rows[-1, 0] = max(rows[-1, 0], -tip[2])
+    rows[-1, 0] = max(rows[-1, 0], -tip[2] - ahead_mm)
     rows = _placed(rows, path.frame_from_path)
     if guard is None:
         return Constraint.unchecked(path.frame, rows, hold=False, free=free)

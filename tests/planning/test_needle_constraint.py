@@ -168,6 +168,19 @@ def test_nearest_plane_of_the_guard_remains_and_the_next_one_ends_the_free_motio
     assert allowed == pytest.approx(0.5 / LIMITS.tau_s, abs=1e-6)
 
 
+def test_advance_ends_before_the_nearest_plane_that_is_left_out():
+    pose = on_path(0.5, np.random.default_rng(5))
+    beside, ahead = pose.rotation[:, 0], -pose.rotation[:, 2]
+    points = np.tile(pose.translation_mm, (2, 1))
+    normals = np.array([beside, ahead])
+    offsets = np.einsum("ij,ij->i", normals, points) - [0.5, 0.6]
+    guard = Constraint("ct", normals, offsets, points, 0.0 * points, hold=False)
+    planes = constraint(pose, guard=guard, shaft_mm=100.0)
+    push = np.concatenate([200.0 * WAY, np.zeros(3)])
+    allowed = limit_twist(push, planes, pose.translation_mm, LIMITS)
+    assert allowed[:3] @ WAY == pytest.approx(0.6 / LIMITS.tau_s, abs=1e-6)
+
+
 def test_needle_in_the_margin_of_a_plane_that_is_left_out_may_only_be_withdrawn():
     pose = on_path(0.5, np.random.default_rng(4))
     axis = pose.rotation[:, 2]
