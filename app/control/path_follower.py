@@ -21,7 +21,9 @@ _ROUNDING_S = 1e-9
 _ASIDE = 1e-6
 """Largest velocity, rad/s or m/s, across the line to the next sample, and back along it."""
 
+_LARGEST = 1e9
 _ROUNDED = 1.001
+
 _MAX_EXCESS = 2.0
 """Samples of a jerk-limited motion are joined by at most 1.5 times its acceleration."""
 
@@ -62,8 +64,9 @@ class PlannedMotion:
         if shapes_found != [shape[:1], shape, shape, shape[1:]] or 0 in shape:
             shapes = ", ".join(str(each.shape) for each in arrays)
             raise InputError(f"plan: has arrays {shapes}; expected {shape} twice, and {shape[1:]}")
-        if not all(np.isfinite(each).all() for each in (*arrays, list(self.held.values()))):
-            raise InputError("plan: has NaN or infinity; expected finite numbers")
+        numbers = *arrays, list(self.held.values())
+        if not all((np.abs(each) <= _LARGEST).all() for each in numbers):  # also for NaN
+            raise InputError(f"plan: has NaN or more than {_LARGEST:g}; expected smaller ones")
         if self.times_ns[0] != 0 or (np.diff(self.times_ns) <= 0).any():
             raise InputError("plan: its times do not increase from 0; expected increasing ones")
         if set(self.joints) & set(self.held) or len(set(self.joints)) != shape[1]:
@@ -95,11 +98,9 @@ class PlannedMotion:
             raise InputError("plan: moves back between its samples; expected slower samples")
         changes = 2.0 * np.maximum(np.abs(middle - start), np.abs(end - middle)) / spans_s
         means = np.abs(np.diff(self.velocities, axis=0)) / spans_s
-        # NaN exceeds them, too.
-        if not (
-            (means <= _ROUNDED * self.accelerations).all()
-            and (changes * np.abs(lines) <= _MAX_EXCESS * self.accelerations).all()
-        ):
+        if (means > _ROUNDED * self.accelerations).any() or (
+            changes * np.abs(lines) > _MAX_EXCESS * self.accelerations
+        ).any():
             raise InputError(
                 "plan: exceeds its accelerations between samples; expected times that allow them"
             )

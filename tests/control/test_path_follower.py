@@ -135,6 +135,7 @@ def test_motion_that_leaves_its_lines_is_refused():
         ({"times_ns": motion.times_ns[::-1]}, "do not increase from 0"),
         ({"positions": motion.positions[:-1]}, "has arrays"),
         ({"positions": np.full_like(motion.positions, np.nan)}, "NaN"),
+        ({"positions": 1e200 * motion.positions}, "more than 1e"),
         ({"accelerations": np.zeros(2)}, "a limit of 0"),
         ({"held": {"joint1": 0.0}}, "names a joint twice"),
         ({"times_ns": motion.times_ns[:, None]}, "has arrays"),
