@@ -144,7 +144,7 @@ class ExecutionNode:
         self._receive(execution)
         joints, pose = self._joints.measurement(), self._base.measurement()
         now_ns = self._clock_ns()
-        step = execution.step(joints, pose, now_ns)
+        step = execution.step(joints, pose, now_ns, time.monotonic_ns())
         command.publish(
             JointState(
                 header=header_message("", Stamp(now_ns)),

@@ -118,9 +118,7 @@ class PlanExecution:
         self._start_tolerance = np.where(slides, START_M, START_RAD)
         self._follow_tolerance = np.where(slides, FOLLOW_M, FOLLOW_RAD)
         self._sent: deque[tuple[int, FloatArray]] = deque()
-        self._now_ns: int | None = None
-        self._run_ns = 0
-        """Time of all steps, which a clock that is set back does not shorten."""
+        self._steady_ns: int | None = None
         self._usable_ns = 0
         self._twists = np.zeros((6, len(motion.joints)))
         """Jacobian of the moving joints in the rule's frame, when it was last known."""
@@ -179,17 +177,26 @@ class PlanExecution:
         return ""
 
     def step(
-        self, joints: JointMeasurement | None, pose: PoseMeasurement | None, now_ns: int
+        self,
+        joints: JointMeasurement | None,
+        pose: PoseMeasurement | None,
+        now_ns: int,
+        steady_ns: int,
     ) -> ExecutionStep:
-        """The command at ``now_ns``: the next place on the path, or a stop on it."""
-        elapsed_ns = 0 if self._now_ns is None else max(now_ns - self._now_ns, 0)
-        self._now_ns, self._run_ns = now_ns, self._run_ns + elapsed_ns
+        """The command at ``now_ns``: the next place on the path, or a stop on it.
+
+        ``now_ns`` is on the clock of the stamps. The motion follows ``steady_ns``, of a clock that
+        is never set: otherwise it would jump with the other one.
+        """
+        if self._steady_ns is None:
+            self._steady_ns = self._usable_ns = steady_ns
+        elapsed_ns, self._steady_ns = steady_ns - self._steady_ns, steady_ns
         share = 0.0
         checked = self._check(joints, pose, now_ns)
         if not isinstance(checked, _Stop):
             share, self._twists = checked
-            self._usable_ns = self._run_ns
-        elif checked.outcome not in _LATE or self._run_ns - self._usable_ns > LATE_NS:
+            self._usable_ns = steady_ns
+        elif checked.outcome not in _LATE or steady_ns - self._usable_ns > LATE_NS:
             self.end(*checked)
         if self._ended is not None:
             share = 0.0
@@ -197,24 +204,24 @@ class PlanExecution:
         velocities = self._follower.rate * self._follower.planned_velocities
         self._rule.command(self._twists @ velocities, now_ns)
         sent = self._all(self._follower.positions)
-        self._sent.append((self._run_ns, sent))
-        while self._run_ns - self._sent[0][0] > MEMORY_NS:
+        self._sent.append((steady_ns, sent))
+        while steady_ns - self._sent[0][0] > MEMORY_NS:
             self._sent.popleft()
-        is_over = self._is_over()
+        is_over = self._is_over(steady_ns)
         moving = np.zeros(len(sent))
         moving[self._moving] = velocities
         outcome, text = self._ended or (None, "")
         return ExecutionStep(sent, moving, self._follower.progress, outcome, text, is_over)
 
-    def _is_over(self) -> bool:
+    def _is_over(self, steady_ns: int) -> bool:
         """True once the last command has been sent for so long that the arm has followed."""
         is_at_end = self._follower.progress >= 1.0
         if self._follower.rate > _LEAST_RATE and not is_at_end:
             self._standing_ns = None
             return False
         if self._standing_ns is None:
-            self._standing_ns = self._run_ns
-        for_ns = self._run_ns - self._standing_ns
+            self._standing_ns = steady_ns
+        for_ns = steady_ns - self._standing_ns
         if is_at_end and for_ns > MEMORY_NS:
             self.end(Outcome.ARRIVED, "arrived")
         if for_ns > BLOCKED_NS:

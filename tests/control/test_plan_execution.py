@@ -49,7 +49,7 @@ class Loop:
     def __init__(self, description, motion, plane_mm=FAR_MM):
         self.execution = PlanExecution(description, motion)
         self.tool, self.plane_mm = description.tool, plane_mm
-        self.now_ns, self.seq, self.waiting = 0, 0, []
+        self.now_ns, self.steady_ns, self.seq, self.waiting = 0, 0, 0, []
         self.positions = START.copy()
         self.sent, self.clearances_mm = [], []
         self.pose = Transform.identity("tumor", "base")
@@ -82,9 +82,9 @@ class Loop:
         return self.execution.problem(*self.inputs())
 
     def step(self, change=lambda *inputs: inputs):
-        self.now_ns += PERIOD_NS
+        self.now_ns, self.steady_ns = self.now_ns + PERIOD_NS, self.steady_ns + PERIOD_NS
         self.measure()
-        step = self.execution.step(*change(*self.inputs()))
+        step = self.execution.step(*change(*self.inputs()), self.steady_ns)
         self.sent.append(step.positions)
         share = 1.0 - np.exp(-PERIOD_NS * 1e-9 / LAG_S)
         self.positions += share * (step.positions - self.positions)
@@ -193,13 +193,22 @@ def test_unusable_measurement_stops_the_motion(description, motion, change, outc
     loop = Loop(description, motion)
     loop.begin()
     loop.run(lambda step: step.progress > 0.3)
-    before = loop.execution.step(*loop.inputs()).velocities
-    loop.step(change)  # a clock that is set back shows no time for this step
+    before = loop.execution.step(*loop.inputs(), loop.steady_ns).velocities
     late = loop.step(change)
     assert np.abs(late.velocities).max() < np.abs(before).max(), "it brakes at once"
     last = loop.run(lambda step: step.is_over, change)
     assert last.outcome is outcome
     assert loop.run().outcome is outcome
+
+
+@pytest.mark.parametrize("jump_ms", [-1000, -6, 50, 1000])
+def test_clock_that_is_set_does_not_make_the_arm_jump(description, motion, jump_ms):
+    loop = Loop(description, motion)
+    loop.begin()
+    loop.run(lambda step: step.progress > 0.3)
+    loop.now_ns += jump_ms * MS
+    assert loop.run().outcome in (Outcome.RULE, Outcome.ARRIVED)
+    assert loop.largest_acceleration() <= 1.1 * 5.0
 
 
 def test_late_measurement_only_slows_the_motion_down(description, motion):
