@@ -76,11 +76,12 @@ class FarStructures:
         ``tools`` are the poses of the tool by frame, ``first`` is the observation of the first
         structure, whose margin holds the error of the registration at the tip.
         """
+        self._tools, self._tips = {}, {}  # those of a step that has failed
         limits = self._setup.margins.freshness_limits
         used = [tools[name] for name in self._needed_frames]
         if first.problems or any(each.problems or each.unchanged_ns for each in used):
             return {}
-        self._tools, self._tips = tools, {}
+        self._tools = tools
         if freshness_of_stamp(self._now, first.now, limits) is not Freshness.VALID:
             self._forget()  # the margin is UNKNOWN after a gap
         if not self._known:

@@ -7,11 +7,20 @@ import pytest
 
 from app.case import TrackingFrame
 from app.cli.live_lines import as_json_line
-from app.fixture import MarginState, Reason
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus
+from app.fixture import FixtureDecision, MarginObservation, MarginState, Reason
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
 from app.session import Session, structure_line
-from app.session.far_structures import BEYOND_MM
+from app.session.far_structures import BEYOND_MM, FarStructures
+from app.session.pose_tree import MeasuredPose
 from marginguard import open_case
+from tests.doubles import near
 from tests.session.far_step import far_step
 from tests.session.structure_worlds import random_bodies, setup_of, tracker_poses
 
@@ -114,6 +123,41 @@ def test_far_structure_is_written_with_the_bound_of_its_distance(project_root):
     assert (far_values["signed_distance_mm"], far_values["at_least_mm"]) == (None, far.at_least_mm)
     assert wall_values["signed_distance_mm"] == wall.decision.proximity.signed_distance_mm
     assert "at_least_mm" not in wall_values
+
+
+def test_pose_of_a_failed_step_is_not_that_of_a_later_distance():
+    setup = setup_of(random_bodies(np.random.default_rng(1), 2))
+    far, frames = FarStructures(setup), {each.frame_from_structure.target for each in setup.guarded}
+
+    def found(ms, x_mm, *problems):
+        now = Stamp(NS_PER_S + ms * NS_PER_MS)
+        tools = {
+            name: MeasuredPose(
+                Transform(name, "cautery", np.eye(3), [x_mm, 0.0, 0.0]), now, 0, frozenset()
+            )
+            for name in frames
+        }
+        first = MarginObservation(now, now, None, frozenset(problems), 0.0, 0)
+        return now, far.found(tools, first)
+
+    def end(now):
+        decision = FixtureDecision(
+            MarginState.NEGATIVE,
+            (Reason.CLEAR,),
+            near(200.0, stamp=now),
+            *(None, None),
+            hold=False,
+            stamp=now,
+            seq=1,
+            constraint_is_current=True,
+        )
+        far.end(now, {}, {1: decision})
+
+    end(found(0, 300.0)[0])
+    assert found(20, 200.0)[1][1].at_least_mm == pytest.approx(100.0, abs=0.01)
+    # That step fails: it has no end.
+    end(found(40, 300.0, Reason.MISSING)[0])
+    assert found(60, 200.0)[1] == {}
 
 
 @pytest.mark.parametrize(("seed", "structures"), [(1, 3), (2, 8), (3, 2)])
