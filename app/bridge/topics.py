@@ -127,17 +127,14 @@ PLAYBACK = Topic("/marginguard_tracker/playback", String, LATCHED)
 """Announces a playback of a recording: its case and provenance. See `app.bridge.playback`."""
 
 MOTION = (
-    "servo_jv",
-    "servo_jp",
-    "servo_cp",
-    "servo_cv",
-    "servo_cf",
+    *(
+        f"{way}_{space}"
+        for way in ("servo", "move", "interpolate")
+        for space in ("jv", "jp", "jr", "jf", "cp", "cr", "cv", "cf")
+    ),
+    "servo_ci",
     "body/servo_cf",
-    "move_jp",
-    "move_jr",
-    "move_cp",
-    "interpolate_jp",
-    "interpolate_cp",
+    "spatial/servo_cf",
 )
 """Inputs of CRTK, in the namespace of an arm, that move it. One node alone may send on them."""
 

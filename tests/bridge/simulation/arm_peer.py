@@ -57,6 +57,7 @@ def wrench(command):
 MESSAGES = {
     "servo_jv": joints,
     "servo_jp": joints,
+    "servo_jf": joints,
     "servo_cp": pose,
     "servo_cv": twist,
     "servo_cf": wrench,

@@ -182,13 +182,14 @@ def test_invalid_tool_command_is_a_fault(simulated, command, problem):
     simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
 
 
-def test_sender_of_another_kind_of_motion_is_a_second_controller(simulated):
+@pytest.mark.parametrize("topic", ["move_jp", "servo_jf"])
+def test_sender_of_another_kind_of_motion_is_a_second_controller(simulated, topic):
     simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
     other = simulated.add_peer(idle=True)
-    command = {"topic": "move_jp", "names": simulated.joints, "position": [0.0] * 6}
+    command = {"topic": topic, "names": simulated.joints, "position": [0.0] * 6}
     simulated.round(command, peer=other)
     simulated.round_until(lambda _: bool(simulated.arm.fault), simulated.velocity(0.2))
-    assert "/arm/servo_jv and /arm/move_jp have 2 senders (" in simulated.arm.fault
+    assert f"/arm/servo_jv and /arm/{topic} have 2 senders (" in simulated.arm.fault
 
 
 def test_state_commands_pause_and_resume(simulated):
