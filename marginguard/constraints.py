@@ -1,8 +1,8 @@
 """Constraints: limit a twist, and read what a session publishes on ROS."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from app.fixture import (
     Constraint,
@@ -133,13 +133,7 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     return convert(message)
 
 
-class _RosNode(Protocol):
-    """A node of rclpy, which is of an extra."""
-
-    def get_publishers_info_by_topic(self, topic_name: str) -> Sequence[Any]: ...
-
-
-def other_definitions(node: _RosNode, topic: str = DEFAULT_TOPIC) -> dict[str, str]:
+def other_definitions(node: Any, topic: str = DEFAULT_TOPIC) -> dict[str, str]:
     """Publishers of ``topic`` whose ``FixtureConstraint`` has another definition than ours.
 
     Those that the rclpy ``node`` knows: type hash by the name of their node. While there is one,
