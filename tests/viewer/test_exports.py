@@ -26,7 +26,7 @@ def exported(page, name):
 def test_files_are_those_of_a_replay(page, watched, parts, tmp_path):
     rows = [ReportRow.from_step(shown.step) for shown in parts.feed.shown]
     page.click("#export summary")
-    assert page.locator("#export a").all_inner_texts() == NAMES
+    expect(page.locator("#export a")).to_have_text(NAMES)
     for width, height in ((1280, 720), (1920, 1080), (390, 844)):
         resize(page, width, height)
         assert violations(page) == []
