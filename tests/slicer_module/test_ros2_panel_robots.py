@@ -2,9 +2,9 @@
 
 import pytest
 
+from tests.slicer_module.ros2_panel_checks import make_panel as make_panel
+from tests.slicer_module.ros2_panel_checks import module as module
 from tests.slicer_module.ros2_values import URDF
-from tests.slicer_module.test_ros2_panel import make_panel as make_panel
-from tests.slicer_module.test_ros2_panel import module as module
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
