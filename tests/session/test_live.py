@@ -17,6 +17,8 @@ from app.session import LiveSession, RobotSetup, Session, SessionSetup, Structur
 from app.session.live_session import NO_PLAYBACK, PlaybackRule
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
+pytestmark = pytest.mark.slow
+
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
 HOST_MS = 5_000_000
 """Time of the host's clock when the tracker's is 0."""

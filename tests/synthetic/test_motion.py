@@ -11,6 +11,8 @@ from app.synthetic import BASE_FRAME, TIP_FRAME
 from app.synthetic.motion import Breathing, BreathingBody, JointMotion, Path, Poses, Waypoint
 from app.synthetic.script import PLUNGE_FROM_MM, Script
 
+pytestmark = pytest.mark.slow
+
 AT_REST = np.zeros(3)
 
 
