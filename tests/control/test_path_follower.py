@@ -10,6 +10,8 @@ from app.control import PathFollower, PlannedMotion
 from app.geometry import InputError
 from app.planning.path_timing import time_path
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 PERIOD_NS = 5 * MS
 

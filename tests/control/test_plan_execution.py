@@ -19,6 +19,8 @@ from app.geometry import InputError, Transform
 from app.planning.path_timing import time_path
 from tests.tiers import PROJECT_ROOT
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 PERIOD_NS = 5 * MS
 DELAY_NS, VALID_NS = 20 * MS, 100 * MS
