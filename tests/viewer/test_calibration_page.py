@@ -55,9 +55,10 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(browser, serve_live, st
         expect(page.locator("#workflow-calibrate .problem")).to_have_text(
             "a pivot of the cautery is being recorded"
         )
-        states = page.locator("#workflow li").evaluate_all("all => all.map((e) => e.dataset.state)")
-        expected = ["done", "not done", "done", "not needed", "done", "not done"]
-        assert states == expected
+        states = ["done", "not done", "done", "not needed", "done", "not done"]
+        for number, state in enumerate(states):  # those of the poses change when one comes late
+            row = page.locator("#workflow li").nth(number)
+            expect(row).to_have_attribute("data-state", state)
         look(page, "workflow", "#workflow")
         look(page, "not yet")
 
