@@ -89,7 +89,7 @@ def build_parser(given: Sequence[str] = ()) -> CommandParser:
 
     To declare the options of all of them takes 15 ms.
     """
-    wanted = next((word for word in given if not word.startswith("-")), "")
+    command = next((word for word in given if not word.startswith("-")), "")
     parser = CommandParser(
         prog="marginguard",
         description="Margin guard for image-guided robotic intervention. "
@@ -106,7 +106,7 @@ def build_parser(given: Sequence[str] = ()) -> CommandParser:
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():
         subparser = subparsers.add_parser(name, help=module.SUMMARY, description=module.__doc__)
-        if name == wanted or wanted not in COMMANDS:
+        if name == command or command not in COMMANDS:
             module.add_arguments(subparser)
         add_debug(subparser)
         subparser.set_defaults(run=module.run)
