@@ -4,8 +4,7 @@
 "use strict";
 
 (() => {
-  const { ZOOM_STEP, axes, button, dot, point, press } = Turning;
-  const MAX_ZOOM = 8;
+  const { axes, button, bytes, dot, follow, levels, zoomButtons } = Turning;
   const SURFACE = 0.78; // share of half the picture that the surface reaches at zoom 1
   const LABELS = 0.92; // where the letters of the sides are
   const MARK = 9; // radius of a breach's mark, in CSS pixels
@@ -34,17 +33,6 @@
         if (reading.textContent !== text) reading.textContent = text;
       });
     };
-    const turn = (right, down) => {
-      view.azimuth = (view.azimuth + right) % 360;
-      view.elevation = Math.min(Math.max(view.elevation + down, -90), 90);
-      update();
-    };
-    const zoom = (factor) => {
-      const before = view.zoom;
-      view.zoom = Math.min(Math.max(before * factor, 1), MAX_ZOOM);
-      update();
-      return view.zoom !== before;
-    };
     const look = (from) => {
       pointer = null;
       Object.assign(view, { azimuth: from.azimuth, elevation: from.elevation });
@@ -55,24 +43,17 @@
       look(surface.start);
     };
     figure.classList.add("live");
-    point(canvas, turn, zoom, (at) => {
+    const hover = (at) => {
       pointer = at;
       update();
-    });
-    press(canvas, turn, zoom, reset, () => (pointer = null));
+    };
+    const zoom = follow(canvas, view, update, { reset, hover, useCross: () => (pointer = null) });
     canvas.addEventListener("focus", update);
     canvas.addEventListener("blur", update);
     buttons(figure.querySelector(".tools"), surface, look, zoom, reset);
-    new ResizeObserver(() => {
-      if (!canvas.clientWidth) return;
-      canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
-      canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
-      update();
-    }).observe(canvas);
   }
 
   function read(data) {
-    const bytes = (text) => Uint8Array.from(atob(text), (each) => each.charCodeAt(0)).buffer;
     const vertices = Float64Array.from(
       new Int16Array(bytes(data.vertices)),
       (value) => value * data.vertex_mm,
@@ -98,7 +79,7 @@
       const length = Math.max(Math.hypot(...n), 1e-12);
       for (let k = 0; k < 3; k++) normals[f + k] = n[k] / length;
     }
-    const colors = data.colors.map((hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)));
+    const colors = data.colors.map(levels);
     return { ...data, vertices, faces, nearest, classes, normals, reach, colors };
   }
 
@@ -234,9 +215,7 @@
   }
 
   function buttons(place, surface, look, zoom, reset) {
-    button(place, "reset", "reset", reset);
-    button(place, "+", "zoom in", () => zoom(ZOOM_STEP));
-    button(place, "\u2212", "zoom out", () => zoom(1 / ZOOM_STEP));
+    zoomButtons(place, reset, zoom);
     for (const side of surface.sides) button(place, side.letter, `from ${side.word}`, () => look(side));
     for (const breach of surface.breaches) button(place, breach.label, breach.label, () => look(breach));
   }

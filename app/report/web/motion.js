@@ -3,9 +3,8 @@
 "use strict";
 
 (() => {
-  const { ZOOM_STEP, axes, button, dot, point, press } = Turning;
+  const { axes, button, bytes, dot, follow, levels, zoomButtons } = Turning;
   const SCENE = 0.95; // share of half the picture that the scene reaches at zoom 1
-  const MAX_ZOOM = 8;
 
   for (const figure of document.querySelectorAll("figure.motion")) show(figure);
 
@@ -39,17 +38,6 @@
       began = null;
       toggle.textContent = "play";
     };
-    const turn = (right, down) => {
-      view.azimuth = (view.azimuth + right) % 360;
-      view.elevation = Math.min(Math.max(view.elevation + down, -90), 90);
-      update();
-    };
-    const zoom = (factor) => {
-      const before = view.zoom;
-      view.zoom = Math.min(Math.max(before * factor, 1), MAX_ZOOM);
-      update();
-      return view.zoom !== before;
-    };
     const reset = () => {
       Object.assign(view, scene.start, { zoom: 1 });
       update();
@@ -64,29 +52,19 @@
       toggle.textContent = "pause";
       update();
     });
-    button(tools, "reset", "reset", reset);
-    button(tools, "+", "zoom in", () => zoom(ZOOM_STEP));
-    button(tools, "\u2212", "zoom out", () => zoom(1 / ZOOM_STEP));
-    point(canvas, turn, zoom, () => {});
-    press(canvas, turn, zoom, reset, () => {});
+    const zoom = follow(canvas, view, update, { reset, hover: () => {}, useCross: () => {} });
+    zoomButtons(tools, reset, zoom);
     slider.addEventListener("input", () => {
       pause();
       update();
     });
-    new ResizeObserver(() => {
-      if (!canvas.clientWidth) return;
-      canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
-      canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
-      update();
-    }).observe(canvas);
   }
 
   function read(data) {
-    const bytes = (text) => Uint8Array.from(atob(text), (each) => each.charCodeAt(0)).buffer;
     const bodies = data.bodies.map((body) => ({
       vertices: Float64Array.from(new Int16Array(bytes(body.vertices)), (v) => v * body.vertex_mm),
       faces: new Uint16Array(bytes(body.faces)),
-      color: [1, 3, 5].map((k) => parseInt(body.color.slice(k, k + 2), 16)),
+      color: levels(body.color),
     }));
     return { ...data, bodies };
   }

@@ -5,6 +5,7 @@ const Turning = (() => {
   const DEGREES_PER_PIXEL = 0.5;
   const DEGREES_PER_KEY = 10;
   const ZOOM_STEP = 1.25;
+  const MAX_ZOOM = 8;
 
   // The axes of the picture in right, anterior and superior, or in x, y and z.
   function axes(view) {
@@ -75,6 +76,39 @@ const Turning = (() => {
     });
   }
 
+  // Lets the reader turn and zoom `view`, which `update` draws, also in another size. Returns the zoom.
+  function follow(canvas, view, update, { reset, hover, useCross }) {
+    const turn = (right, down) => {
+      view.azimuth = (view.azimuth + right) % 360;
+      view.elevation = Math.min(Math.max(view.elevation + down, -90), 90);
+      update();
+    };
+    const zoom = (factor) => {
+      const before = view.zoom;
+      view.zoom = Math.min(Math.max(before * factor, 1), MAX_ZOOM);
+      update();
+      return view.zoom !== before;
+    };
+    point(canvas, turn, zoom, hover);
+    press(canvas, turn, zoom, reset, useCross);
+    new ResizeObserver(() => {
+      if (!canvas.clientWidth) return;
+      canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
+      canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
+      update();
+    }).observe(canvas);
+    return zoom;
+  }
+
+  function zoomButtons(place, reset, zoom) {
+    button(place, "reset", "reset", reset);
+    button(place, "+", "zoom in", () => zoom(ZOOM_STEP));
+    button(place, "\u2212", "zoom out", () => zoom(1 / ZOOM_STEP));
+  }
+
+  const bytes = (text) => Uint8Array.from(atob(text), (each) => each.charCodeAt(0)).buffer;
+  const levels = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
+
   function button(place, text, name, action) {
     const made = document.createElement("button");
     made.type = "button";
@@ -85,5 +119,5 @@ const Turning = (() => {
     return made;
   }
 
-  return { ZOOM_STEP, axes, button, dot, point, press };
+  return { axes, button, bytes, dot, follow, levels, zoomButtons };
 })();
