@@ -5,6 +5,7 @@
 constraint, tracker        as of `app.bridge.arm_control`        input
 ``/ARM/servo_jp``          sensor_msgs/JointState                joint positions, 200 Hz, from the
                                                                  start of the motion on
+``~/plan``                 std_msgs/String                       latched: the plan, while it runs
 ``~/cancel``               std_srvs/Trigger                      stop the motion for good
 ``~/execute``              marginguard_msgs/Execute              with `ExecutionServer`: a plan
 ========================== ===================================== ===================================
@@ -17,6 +18,7 @@ from collections.abc import Callable
 from marginguard_msgs.action import Execute
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from app.bridge.arm_control import control_periods
@@ -27,13 +29,12 @@ from app.bridge.messages import header_message
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import publishers_text
-from app.bridge.topics import MOTION, NEWEST, Topic
+from app.bridge.topics import EXECUTED_PLAN, MOTION, NEWEST, Topic
 from app.control import (
     ControlDescription,
     ExecutionStep,
     Outcome,
     PlanExecution,
-    PlannedMotion,
     parse_plan,
 )
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
@@ -52,7 +53,7 @@ _REPORT_NS = NS_PER_S
 class ExecutionNode:
     """Executes motions with the arm of ``description``. ``clock_ns`` is the host's clock.
 
-    Its publisher exists from the first motion on.
+    The publisher of its motion exists from the first one on.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class ExecutionNode:
         self._base = BasePose(ros, description.tracker_topic, description.frame_from_base)
         self._constraints = ConstraintInput(ros, description.constraint_topic)
         self._cancelled = threading.Event()
+        self._plans = ros.publisher(EXECUTED_PLAN)
         ServiceServer(ros, Trigger, "~/cancel", self._cancel)
 
     def allow(self) -> None:
@@ -75,17 +77,25 @@ class ExecutionNode:
         """Stop the motion within its accelerations, for good. Call it from any thread."""
         self._cancelled.set()
 
-    def run(
-        self, motion: PlannedMotion, report: Callable[[ExecutionStep], None]
-    ) -> ExecutionStep | None:
-        """Execute ``motion`` and return its last step; None if it was cancelled before it began.
+    def run(self, plan: str, report: Callable[[ExecutionStep], None]) -> ExecutionStep | None:
+        """Execute the JSON ``plan`` and return its last step; None if cancelled before it began.
 
-        ``report`` is called each second. Call it in one thread, once at a time. Raises
-        `InputError` for a plan that is not for this arm, and `BridgeError` if it may not begin.
+        ``report`` is called each second. Displays get the plan while it runs. Call it in one
+        thread, once at a time. Raises `InputError` for a plan that is none for this arm, and
+        `BridgeError` if it may not begin.
         """
-        execution = PlanExecution(self._about, motion)
+        execution = PlanExecution(self._about, parse_plan(plan))
         if not self._wait_for_start(execution):
             return None
+        self._plans.publish(String(data=plan))
+        try:
+            return self._execute(execution, report)
+        finally:
+            self._plans.publish(String())
+
+    def _execute(
+        self, execution: PlanExecution, report: Callable[[ExecutionStep], None]
+    ) -> ExecutionStep:
         if self._command is None:
             topic = Topic(f"{self._arm}/servo_jp", JointState, NEWEST)
             self._command = self._ros.publisher(topic)
@@ -176,11 +186,11 @@ class ExecutionServer:
         ActionServer(ros, Execute, "~/execute", self._run)
 
     def _run(self, served: ServedGoal) -> tuple[Execute.Result, GoalOutcome]:
-        motion = parse_plan(served.request.plan)
         self._node.allow()
         served.on_cancel(self._node.cancel)
         last = self._node.run(
-            motion, lambda step: served.feedback(Execute.Feedback(progress=step.progress))
+            served.request.plan,
+            lambda step: served.feedback(Execute.Feedback(progress=step.progress)),
         )
         if last is None:
             result = Execute.Result(message="cancelled before it began")

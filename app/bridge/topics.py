@@ -126,6 +126,9 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, STREAM)
 PLAYBACK = Topic("/marginguard_tracker/playback", String, LATCHED)
 """Announces a playback of a recording: its case and provenance. See `app.bridge.playback`."""
 
+EXECUTED_PLAN = Topic("/marginguard_execute/plan", String, LATCHED)
+"""The plan that an arm executes now, as JSON; empty while it executes none. For displays."""
+
 MOTION = (
     *(
         f"{way}_{space}"

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from app.session import StepResult
     from app.viewer import LiveFeed, LiveSteps, MouseHand, Viewer
     from app.viewer.drawing.render_loop import MakeScheduler
+    from app.workflow import ApproachGhost, NeedleGuide
 
 
 @contextmanager
@@ -33,12 +34,13 @@ def live_page(
     scheduler: "MakeScheduler | None" = None,
     client: bool = False,
     volume: "Volume | None" = None,
+    plans: "tuple[ApproachGhost, NeedleGuide] | None" = None,
 ) -> Iterator["Viewer | None"]:
     """A page of the live node ``options.node``, or of one that is started for ``options.config``.
 
     Such a node ends with the context. Yields None if a signal came before the first step.
     ``scheduler`` draws the pictures; a benchmark replaces it. ``client``: the browser draws the
-    scene. ``volume`` is cut through the tool's tip.
+    scene. ``volume`` is cut through the tool's tip; ``plans`` are shown beside the steps.
     """
     load_bridge("which a live session needs")
     print_reach()
@@ -63,7 +65,7 @@ def live_page(
         yield stack.enter_context(
             _shown(
                 options, ros, session, chain([first], steps), child,
-                scheduler=scheduler, client=client, volume=volume,
+                scheduler=scheduler, client=client, volume=volume, plans=plans,
             )
         )  # fmt: skip
 
@@ -127,6 +129,7 @@ def _shown(
     scheduler: "MakeScheduler | None",
     client: bool,
     volume: "Volume | None",
+    plans: "tuple[ApproachGhost, NeedleGuide] | None",
 ) -> Iterator["Viewer"]:
     """The page, with the steps on their way to it within the context."""
     from app.bridge.world_client import TRACKER, WORLD
@@ -142,6 +145,8 @@ def _shown(
         Viewer,
         ViewStateBuilder,
     )
+    from app.viewer.drawing.scene_view import Part
+    from app.viewer.plan_part import planned_parts
     from app.workflow import stop_surface
 
     def silence() -> str:
@@ -156,8 +161,9 @@ def _shown(
     operator = LiveOperator(feed.list_request)
     hand = None if options.hand is None else MouseHand(time.monotonic_ns)
     world = None if options.world is None else SimulatedWorld(WORLD, TRACKER, time.time_ns)
+    bodies = () if world is None else (Part.BODIES,)
     viewer = Viewer(
-        SceneView(content, has_bodies=world is not None),
+        SceneView(content, added=(*bodies, *planned_parts(plans))),
         feed,
         LiveTimeline(),
         title,
@@ -166,8 +172,19 @@ def _shown(
         client=client,
         hand=hand,
         world=world,
+        plans=plans,
     )
     feed.call_on_change(viewer.wake)
+    if plans is not None:
+        from app.bridge.displays import ExecutedPlan
+
+        ghost = plans[0]
+
+        def executes(plan: str) -> None:
+            ghost.execute(plan)
+            viewer.wake()
+
+        ExecutedPlan(ros, executes)
     with prompt_process(), ThreadPoolExecutor(max_workers=1) as workers:
         workflow = viewer.workflow
         session.needs_every = lambda: workflow is not None and workflow.is_recording

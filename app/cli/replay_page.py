@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from app.report import ReplayLog, ReplayRecord
     from app.runtime import ReplayRun, SessionContent
     from app.viewer import ReplayFeed, ReplayTimeline, Viewer
-    from app.workflow import EventNotes
+    from app.workflow import ApproachGhost, EventNotes, NeedleGuide
 
 MOVIE_S = 10.0
 """Longest duration of the exported movie, to which time is compressed."""
@@ -162,14 +162,19 @@ def replay_parts(
 
 
 def replay_page(
-    parts: ReplayParts, *, client: bool = False, volume: "Volume | None" = None
+    parts: ReplayParts,
+    *,
+    client: bool = False,
+    volume: "Volume | None" = None,
+    plans: "tuple[ApproachGhost, NeedleGuide] | None" = None,
 ) -> "Viewer":
     """A page for a case that was stepped through; ``client``: the browser draws the scene.
 
-    ``volume`` is cut through the tool's tip.
+    ``volume`` is cut through the tool's tip; ``plans`` are shown beside the steps.
     """
     from app.case import open_case_images
     from app.viewer import SceneView, Title, Viewer
+    from app.viewer.plan_part import planned_parts
 
     images = open_case_images(parts.run.prepared.case)
     title = Title(
@@ -182,10 +187,11 @@ def replay_page(
         notes=parts.notes,
     )
     return Viewer(
-        SceneView(parts.content),
+        SceneView(parts.content, added=planned_parts(plans)),
         parts.feed,
         parts.timeline,
         title,
         parts.feed.control,
         client=client,
+        plans=plans,
     )

@@ -18,7 +18,7 @@ from .controller import (
 )
 from .path_follower import PathFollower, PlannedMotion
 from .plan_execution import ExecutionStep, Outcome, PlanExecution
-from .plan_file import parse_plan, read_plan
+from .plan_file import ShownPlan, parse_plan, parse_shown_plan, read_plan, read_shown_plan
 from .warm_up import warm_up
 
 __all__ = [
@@ -41,11 +41,14 @@ __all__ = [
     "PlanExecution",
     "PlannedMotion",
     "PoseMeasurement",
+    "ShownPlan",
     "ToolKinematics",
     "WrenchMeasurement",
     "half_axis",
     "open_control",
     "parse_plan",
+    "parse_shown_plan",
     "read_plan",
+    "read_shown_plan",
     "warm_up",
 ]

@@ -38,6 +38,18 @@ class ApproachPreview:
         return np.asarray(self.approach.times_ns[self.samples] / NS_PER_S)
 
     @property
+    def nearest(self) -> list[tuple[str, float]]:
+        """The nearest structure at each of the times, and its distance; empty if none is tested."""
+        known = np.flatnonzero(np.isfinite(self.distances_mm).all(axis=0))
+        if not len(known):
+            return []
+        columns = known[self.distances_mm[:, known].argmin(axis=1)].tolist()
+        return [
+            (self.structures[n][0], float(row[n]))
+            for n, row in zip(columns, self.distances_mm, strict=True)
+        ]
+
+    @property
     def via_states(self) -> int:
         """Number of states between start and end at which the robot stops."""
         return max(int((~self.approach.velocities.any(axis=1)).sum()) - 2, 0)

@@ -21,6 +21,7 @@ from .pictures.offscreen_view import (
     quick_image,
 )
 from .pictures.picture import StepScene, scene_png, step_png
+from .planned_models import PlannedModels
 from .presenter import ScenePresenter
 from .robot_model import PoseNodes, RobotModel
 from .scene import MarginGuardScene
@@ -47,6 +48,7 @@ __all__ = [
     "MarkerStyle",
     "OffscreenError",
     "OffscreenView",
+    "PlannedModels",
     "PoseNodes",
     "Preset",
     "RobotModel",

@@ -21,6 +21,7 @@ from app.viewer.page_values import (
     readout,
     recording_values,
 )
+from app.viewer.plan_part import PlanPart
 from app.viewer.pointer_parts import HandPart
 from app.viewer.timeline import Timeline
 from app.viewer.view_state import ViewState
@@ -37,7 +38,8 @@ class Page:
     page that draws it, else None. ``images``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
     ``notes`` are listed; ``recording`` is that of a live session; ``guided``: None in a replay;
-    ``world``: None without a simulated one. All calls come from the page's thread.
+    ``world``: None without a simulated one; ``plans``: None where none can be shown. All calls come
+    from the page's thread.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class Page:
         recording: Callable[[], RecordingStatus | None] = lambda: None,
         guided: GuidedPart | None = None,
         world: WorldPart | None = None,
+        plans: PlanPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -69,7 +72,8 @@ class Page:
         self._notes = notes or EventNotes()
         self._guided = guided
         self._world = world
-        state.world = None
+        self._plans = plans
+        state.world = state.approach = state.guidance = None
         state.registration = None
         state.calibration = state.calibration_map = None
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
@@ -104,9 +108,10 @@ class Page:
         edited = None if self._contour is None else self._contour.revision
         guided = None if self._guided is None else self._guided.workflow.revision
         bodies = None if self._world is None else self._world.revision
+        plans = None if self._plans is None else self._plans.revision
         kind = None if self._images is None else self._images.kind
         notes = len(self._notes.entries)
-        changed = self._timeline.revision(), edited, guided, notes, bodies, kind
+        changed = self._timeline.revision(), edited, guided, notes, bodies, plans, kind
         drawn, self._drawn = self._drawn, (moment, *changed)
         if now is not None and drawn != self._drawn:
             self.view.show(now)
@@ -121,7 +126,9 @@ class Page:
             if self._guided is not None:
                 self._guided.workflow.update(now.content)
             if self._world is not None and self._world.update(now, self.view):
-                self.camera.frame_bodies()
+                self.camera.frame_added()
+            if self._plans is not None and self._plans.update(now, self.view):
+                self.camera.frame_added()
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
@@ -156,7 +163,7 @@ class Page:
                 state.update(self._hand.values())
             if self._contour is not None:
                 state.update(self._contour.values())
-            for part in (self._guided, self._world):
+            for part in (self._guided, self._world, self._plans):
                 if part is not None:
                     state.update(part.values())
             if self._client_scene is not None:

@@ -48,11 +48,12 @@ from app.viewer.messages.methods import Methods
 from app.viewer.messages.open_pages import OpenPages
 from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
+from app.viewer.plan_part import PlanControls, PlanPart
 from app.viewer.pointer_parts import BodyDrag, HandPart, MouseHand, PointerArea, PointerPart
 from app.viewer.timeline import Timeline, band_patterns, state_css
 from app.viewer.web_app import Content, Handle, WebServer
 from app.viewer.world_part import BodyUpload, WorldControls, WorldPart
-from app.workflow import EventNotes, Workflow
+from app.workflow import ApproachGhost, EventNotes, NeedleGuide, Workflow
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "scene"
@@ -84,7 +85,8 @@ class Viewer:
     ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
-    known here. ``world``: a simulated one, whose bodies ``view`` shows, too.
+    known here. ``world``: a simulated one, whose bodies ``view`` shows, too. ``plans``: an approach
+    and a needle's corridor, which ``view`` shows, too.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Viewer:
         client: bool = False,
         hand: MouseHand | None = None,
         world: SimulatedWorld | None = None,
+        plans: tuple[ApproachGhost, NeedleGuide] | None = None,
     ) -> None:
         if client and hand is not None:
             raise ViewerError("page: drawn by the browser, with a hand; expected one of both")
@@ -145,6 +148,7 @@ class Viewer:
             _no_recording if operator is None else lambda: operator.recording,
             self._guided,
             self._world,
+            None if plans is None else PlanPart(*plans),
         )
         state.rates = []
         self._commands = Commands()
@@ -164,6 +168,8 @@ class Viewer:
             GuidedControls(self._commands, self._guided.workflow, self.redraw)
         if world is not None:
             WorldControls(self._commands, world, self.redraw)
+        if plans is not None:
+            PlanControls(self._commands, *plans, self.redraw)
 
     @property
     def workflow(self) -> Workflow | None:
@@ -309,6 +315,7 @@ def _server(title: Title, *, client: bool) -> Server:
                 "marginguard/contour.css",
                 "marginguard/calibration.css",
                 "marginguard/world.css",
+                "marginguard/plan.css",
             ],
             "module_scripts": ["marginguard/main.js"],
         }

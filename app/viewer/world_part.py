@@ -36,7 +36,7 @@ from app.runtime import (
 from app.scene import BodyModels, MarginGuardScene
 from app.viewer.access_control import ROLE
 from app.viewer.address import Role
-from app.viewer.drawing.scene_view import SceneView
+from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.messages.checks import Commands, NotDoneError, number, numbers, one_of, text
 from app.viewer.view_state import ViewState
 from app.viewer.web_app import refusal
@@ -137,7 +137,7 @@ class WorldPart:
             meshes = [each.mesh for each in self._moment.bodies if each.kind.is_body]
             current = is_current(self._moment, self._now_ns, self._stale_after_ns)
             self._models.show(meshes, self._moment.poses, is_current=current)
-        return view.use_bodies({} if self._models is None else self._models.models)
+        return view.use_models(Part.BODIES, {} if self._models is None else self._models.models)
 
     def values(self) -> dict[str, Any]:
         """The values of the page that belong to the last `update`."""

@@ -1,3 +1,4 @@
+from .approach_ghost import ApproachGhost, GhostShown
 from .calibration_fit import (
     CalibrationFit,
     CalibrationKind,
@@ -8,6 +9,7 @@ from .calibration_fit import (
 from .contour_tumor import ContourTumor
 from .guided_recording import DisplayOperator, GuidedFits, Phase
 from .guided_text import GuidedShown, TouchedPoint, calibration_shown, registration_shown
+from .needle_guide import RANGE_MM, RINGS_MM, NeedleGuide, NeedleShown
 from .registration_fit import RegistrationFit, RegistrationTask, fit_registration
 from .robot_registration import RegistrationStatus, RobotRegistration
 from .steps import WorkflowName, WorkflowState, WorkflowStep, next_step, workflow_steps
@@ -16,6 +18,9 @@ from .tool_calibration import CalibrationStatus, TipChange, ToolCalibration, tip
 from .workflow import EventNote, EventNotes, Workflow, WorkflowOutput, recorded_breaches
 
 __all__ = [
+    "RANGE_MM",
+    "RINGS_MM",
+    "ApproachGhost",
     "CalibrationFit",
     "CalibrationKind",
     "CalibrationStatus",
@@ -25,8 +30,11 @@ __all__ = [
     "DisplayOperator",
     "EventNote",
     "EventNotes",
+    "GhostShown",
     "GuidedFits",
     "GuidedShown",
+    "NeedleGuide",
+    "NeedleShown",
     "Phase",
     "RegistrationFit",
     "RegistrationStatus",

@@ -162,6 +162,11 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         with self._errors_displayed():
             self.logic.panel_logic.seek(seconds)
 
+    def on_approach(self, place):
+        """Show the planned robot at the slider's position."""
+        self.logic.panel_logic.plans.go_to(round(place))
+        self.refresh()
+
     def _changed(self):
         """Wake Qt's thread; called in other threads."""
         if self._spinner is not None:
@@ -169,7 +174,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def _connect_widgets(self):
         ui = self.ui
-        ui.configPathLineEdit.filters = ctk.ctkPathLineEdit.Files
+        for edit in (ui.configPathLineEdit, ui.approachPathLineEdit, ui.needlePathLineEdit):
+            edit.filters = ctk.ctkPathLineEdit.Files
         ui.casePathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
         ui.registrationPathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
         for button, command in (
@@ -203,6 +209,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._view = ViewSection(ui, self._on_click)
         ui.muteButton.clicked.connect(self.on_mute)
         ui.seekSlider.valueChanged.connect(self.on_seek)
+        ui.approachSlider.valueChanged.connect(self.on_approach)
 
     def _on_click(self, button, command):
         """Call ``command(logic)`` at each click."""

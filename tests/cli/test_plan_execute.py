@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from app.bridge import RosNode
 from app.bridge.calls import ActionClient
 from app.bridge.calls.action_client import Goal
+from app.bridge.displays import ExecutedPlan
 from app.bridge.ros_errors import GoalAbortedError, GoalCancelledError
 from app.bridge.topics import STREAM, Topic
 from app.robot import load_robot
@@ -41,13 +42,15 @@ LIMITS = {"acceleration": 5.0, "jerk": 50.0, "velocity": 0.3}
 
 
 class Observer(Judge):
-    """A judge who also sees the joints."""
+    """A judge who also sees the joints, and the plans that are executed."""
 
     def __init__(self, ros):
         super().__init__(ros)
         self.ros, self.received = ros, []
         topic = Topic("/arm/measured_js", JointState, STREAM)
         ros.subscribe(topic, self.received.append, raw=True)
+        self.plans = []
+        ExecutedPlan(ros, self.plans.append)
 
     def measured(self, since=-1):
         """Joint positions (k, n) of the messages from number ``since`` on."""
@@ -206,7 +209,10 @@ def test_arm_arrives_and_a_motion_that_may_not_begin_is_refused(cell, tmp_path):
     assert (
         "arm /arm: node /intruder may move it; expected this one alone" in refused.log.read_text()
     )
+    assert cell.judge.plans == []
     assert cell.run(goal, "arrived") == 0
+    cell.wait(lambda: cell.judge.plans[-1] == "")
+    assert json.loads(cell.judge.plans[-2]) == json.loads((tmp_path / "plan.json").read_text())
     measured = dict(zip(cell.joints, cell.judge.measured()[-1], strict=True))
     assert [measured[name] for name in goal] == pytest.approx(list(goal.values()), abs=FOLLOW_RAD)
     again = cell.execute()

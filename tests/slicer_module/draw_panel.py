@@ -1,15 +1,17 @@
 """Draws the panel at the recorded case's first breach, with TEST DOUBLES of Slicer's widgets.
 
-    python -m tests.slicer_module.draw_panel PANEL.png TOUCH.png
+    python -m tests.slicer_module.draw_panel PANEL.png TOUCH.png PLANS.png
 
-The pictures of docs/slicer.md, the second one after a registration by touch. Draw them again and
-inspect them when the .ui changes.
+The pictures of docs/slicer.md, the second one after a registration by touch, the third one with
+plans. Draw them again and inspect them when the .ui changes.
 """
 
 import os
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
@@ -20,16 +22,16 @@ from PySide6.QtCore import QRect
 from app.scene import SceneApplication
 from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module import qt_double, slicer_double
-from tests.slicer_module.marginguard_module import CASE, FOLDER
+from tests.slicer_module.marginguard_module import CASE, CLEAR_S, FOLDER, write_plans
 
 BREACH_S = middle_s(DEEP)
-SIZE, TOUCH_SIZE = (490, 1725), (490, 1310)
+SIZE, TOUCH_SIZE, PLANS_SIZE = (490, 1760), (490, 1340), (490, 860)
 DWELLS_END_S = 19.0
 SECTIONS = ("connect", "tumor", "navigation", "breaches", "notes", "replay")
 
 
-def main(path: str, touch_path: str) -> None:
-    """Load the case, seek to its breach, and save the panel as PNG; then register by touch."""
+def main(path: str, touch_path: str, plans_path: str) -> None:
+    """Load the case, seek to its breach, and save the panel as PNG; then register, then plan."""
     application = SceneApplication(slicer.vtkMRMLScene())
     slicer.mrmlScene = application.scene
     slicer.app = SimpleNamespace(applicationLogic=lambda: application.logic)
@@ -78,6 +80,19 @@ def main(path: str, touch_path: str) -> None:
     widget.ui.pauseButton.click()
     until(lambda: not widget.ui.pauseButton.isEnabled())
     save(touch_path, TOUCH_SIZE)
+    for name in ("calibration", "registration"):
+        getattr(widget.ui, f"{name}CollapsibleButton").setProperty("collapsed", True)
+    widget.ui.plansCollapsibleButton.setProperty("collapsed", False)
+    widget.ui.seekSlider.setValue(CLEAR_S)
+    until(lambda: CLEAR_S <= logic.session.position_s < DWELLS_END_S)
+    with TemporaryDirectory() as folder:
+        approach, needle = write_plans(Path(folder), logic.session)
+        logic.plans.show_approach(approach)
+        logic.plans.show_needle(needle)
+    widget.ui.approachPathLineEdit.setText("approach.json")
+    widget.ui.needlePathLineEdit.setText("needle.json")
+    widget.refresh()
+    save(plans_path, PLANS_SIZE)
     widget.cleanup()
 
 

@@ -14,6 +14,7 @@ import yaml
 from app.case import TrackingFrame
 from app.geometry import NS_PER_S
 from tests.cut_case import recorded_frames, write_cut_case
+from tests.planning.plan_files import write_approach, write_needle
 from tests.shipped_case import BRIEF, DEEP, PLANNED_DROPOUTS, SHAFT
 from tests.shipped_case import SHIPPED_CASE as CASE
 from tests.waiting import wait_until
@@ -94,6 +95,24 @@ def step(panel_logic: Any) -> Any:
     before = panel_logic.refresh().position_s
     panel_logic.step()
     return spin_until(panel_logic, lambda now: now.position_s > before)
+
+
+def write_plans(folder: Path, session: Any) -> tuple[Path, Path]:
+    """Plans in files for ``session``: an approach, and a needle.
+
+    The tip is 5 mm beside the corridors and 20 mm before their target, along them.
+    """
+    content, step = session.started().content, session.shown_step
+    robot = content.robot.robot
+    tip = step.edges.between("reference", content.tip_frame)[0]
+    pose = step.edges.between("reference", content.tumor.frame)[0]
+    x, y, z = tip.rotation.T
+    target = tip.translation_mm + 3.0 * x + 4.0 * y + 20.0 * z
+    ends = [((target - depth * z).tolist(), target.tolist()) for depth in (60.0, 50.0)]
+    return (
+        write_approach(folder / "approach.json", robot, content.setup_id),
+        write_needle(folder / "needle.json", content.setup_id, pose, *ends),
+    )
 
 
 def node_of(application: SceneApplication, name: str) -> Any:

@@ -159,6 +159,11 @@ EXPECTED_CALLS = {
     "followImageButton": [("ultrasound.follow", True)],
     "freezeImageButton": [("ultrasound.freeze", True)],
     "useDepthButton": [],  # there are no depths; the choice is tested below
+    "showApproachButton": [("plans.show_approach", Path("approach.json"))],
+    "removeApproachButton": [("plans.remove_approach",)],
+    "showNeedleButton": [("plans.show_needle", Path("needle.json"))],
+    "removeNeedleButton": [("plans.remove_needle",)],
+    "useCorridorButton": [("plans.use_corridor", -1)],
     "deleteMarkersButton": [("view.delete_markers",)],
     "muteButton": [],  # a state of the alarm, tested below
     "goToBreachButton": [("events.go_to_breach", -1)],
@@ -187,6 +192,8 @@ def test_button_calls_its_command(one_panel, errors, name):
     ui.configPathLineEdit.setText("live.yaml")
     ui.registrationPathLineEdit.setText("some_case")
     ui.casePathLineEdit.setText("replayed")
+    ui.approachPathLineEdit.setText("approach.json")
+    ui.needlePathLineEdit.setText("needle.json")
     assert press(one_panel, name) == EXPECTED_CALLS[name]
     unselected = "registration: no point is selected; expected a row of the table"
     assert errors == ([unselected] if name == "removePointButton" else [])
@@ -343,7 +350,7 @@ def test_panel_without_session_is_grey_and_enables_possible_commands(panel):
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
     enabled = {name for name in BUTTONS if getattr(panel.ui, name).isEnabled()}
     views = {f"{side}ViewButton" for side in ("anterior", "left", "right", "superior")}
-    views |= {"bullseyeButton", "centreButton"}
+    views |= {"bullseyeButton", "centreButton", "showApproachButton", "showNeedleButton"}
     assert enabled == {"connectButton", "registerButton", "muteButton", "loadButton", *views}
 
 
@@ -425,7 +432,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 18
+    assert len(messages) == 21
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

@@ -35,7 +35,7 @@ class Shown:
     def __init__(self, parts):
         self.clock = ManualClock(START_NS)
         self.world = SimulatedWorld("world", "tumor_sensor", self.clock)
-        self.view = SceneView(parts.content, has_bodies=True)
+        self.view = SceneView(parts.content, added=(Part.BODIES,))
         self.view.view.render_window().SetSize(640, 400)
         self.part = WorldPart(self.world)
         self._parts = parts
@@ -133,11 +133,11 @@ def test_bodies_are_a_part_of_the_display_and_the_overview_contains_them(shown):
 
 def test_browser_draws_the_bodies_that_the_server_has(shown):
     client = ClientScene(shown.view)
-    assert "body/wall" in client.new_surfaces()["surfaces"]
+    assert f"{Part.BODIES}/wall" in client.new_surfaces()["surfaces"]
     drawn = {each["name"]: each for each in client.drawn()}
     matrix = world_matrix(shown.view.bodies["wall"].GetParentTransformNode())
     np.testing.assert_allclose(
-        drawn["body/wall"]["actor"]["userMatrix"], matrix.T.ravel(), atol=1e-3
+        drawn[f"{Part.BODIES}/wall"]["actor"]["userMatrix"], matrix.T.ravel(), atol=1e-3
     )
 
 

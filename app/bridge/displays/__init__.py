@@ -1,6 +1,7 @@
 """Topics and services of a live node for displays, and the client that displays use."""
 
+from app.bridge.displays.executed_plan import ExecutedPlan
 from app.bridge.displays.live_child import LiveChild
 from app.bridge.displays.session_client import SessionClient
 
-__all__ = ["LiveChild", "SessionClient"]
+__all__ = ["ExecutedPlan", "LiveChild", "SessionClient"]

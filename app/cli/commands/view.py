@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from app.files.volume_file import Volume
     from app.viewer import Address, Viewer
     from app.viewer.library_server import LibraryServer
+    from app.workflow import ApproachGhost, NeedleGuide
 
 
 SUMMARY = "watch a replay, a live session or a folder of cases in the browser"
@@ -106,6 +107,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and let operators move, add and remove them",
     )
     parser.add_argument(
+        "--approach",
+        type=input_argument,
+        metavar="PLAN",
+        help="JSON of 'plan approach' for the guard's setup: the robot along its way as a ghost",
+    )
+    parser.add_argument(
+        "--needle",
+        type=input_argument,
+        metavar="PLAN",
+        help="JSON of 'plan needle' for the guard's setup: its corridors, and where the tool, as "
+        "the needle, is on one of them",
+    )
+    parser.add_argument(
         "--max-upload-mb",
         type=_megabytes,
         metavar="N",
@@ -138,6 +152,8 @@ def run(options: argparse.Namespace) -> int:
         ("hand", "--live with it, and no --render client", options.live and not in_browser),
         ("volume", "one CASE, or --live", not is_library),
         ("tip_only", "one CASE", not is_library),
+        ("approach", "one CASE, or --live", not is_library),
+        ("needle", "one CASE, or --live", not is_library),
         ("tool", "one CASE, or --config", not is_library and options.node is None),
         ("render", "one CASE, or --live", not is_library or not in_browser),
         ("max_upload_mb", "a folder of cases", is_library),
@@ -156,7 +172,8 @@ def run(options: argparse.Namespace) -> int:
             from app.files.volume_file import read_volume
 
             volume = read_volume(options.volume)
-        with _served_page(options, received, volume, is_library=is_library) as page:
+        plans = _plans(options)
+        with _served_page(options, received, volume, plans, is_library=is_library) as page:
             if page is None:
                 return received.exit_status
 
@@ -173,20 +190,22 @@ def _served_page(
     options: argparse.Namespace,
     received: SignalState,
     volume: "Volume | None",
+    plans: "tuple[ApproachGhost, NeedleGuide] | None",
     *,
     is_library: bool,
 ) -> Iterator["Viewer | LibraryServer | None"]:
     """The page to be served; None if a signal arrived before there was one."""
-    if options.live:
-        from app.cli.live_page import live_page
-
-        with live_page(options, received, client=_in_browser(options), volume=volume) as viewer:
-            yield viewer
-    elif is_library:
+    client = _in_browser(options)
+    if is_library:
         from app.cli.library_page import library_page
 
         with library_page(options) as server:
             yield server
+    elif options.live:
+        from app.cli.live_page import live_page
+
+        with live_page(options, received, client=client, volume=volume, plans=plans) as viewer:
+            yield viewer
     else:
         from app.cli.replay_page import replay_page, replay_parts
 
@@ -197,8 +216,23 @@ def _served_page(
             tip_only=options.tip_only,
             tool=options.tool,
         )
-        client = _in_browser(options)
-        yield None if parts is None else replay_page(parts, client=client, volume=volume)
+        yield (
+            None if parts is None else replay_page(parts, client=client, volume=volume, plans=plans)
+        )
+
+
+def _plans(options: argparse.Namespace) -> "tuple[ApproachGhost, NeedleGuide] | None":
+    """The plans of the files that are given; without any, None for a recorded case."""
+    if not options.live and options.approach is None and options.needle is None:
+        return None
+    from app.workflow import ApproachGhost, NeedleGuide
+
+    ghost, needle = ApproachGhost(), NeedleGuide()
+    if options.approach is not None:
+        ghost.read(options.approach)
+    if options.needle is not None:
+        needle.read(options.needle)
+    return ghost, needle
 
 
 def _is_library(folder: Path) -> bool:

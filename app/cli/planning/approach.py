@@ -16,7 +16,7 @@ from app.cli.options import add_package_dirs, folder_path, input_argument, numbe
 
 if TYPE_CHECKING:
     from app.geometry import SurfaceMesh, Transform
-    from app.planning import Approach, MotionLimits
+    from app.planning import ApproachPreview, MotionLimits
     from app.robot import Robot
 
 NAME = "approach"
@@ -110,13 +110,14 @@ def run(options: argparse.Namespace) -> int:
         is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
         made_from=made_from,
     )
+    preview = preview_approach(robot, approach, structures, carried)
     if options.report is not None:
         from app.report.approach_page import approach_page
 
-        page = approach_page(preview_approach(robot, approach, structures, carried), robot.name)
+        page = approach_page(preview, robot.name)
         options.report.mkdir(parents=True, exist_ok=True)
         write_file(options.report / "approach.html", page.encode())
-    text = json.dumps(_described(robot, approach), allow_nan=False)
+    text = json.dumps(_described(robot, preview), allow_nan=False)
     if options.out is None:
         print(text)
     else:
@@ -124,7 +125,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
+def _described(robot: "Robot", preview: "ApproachPreview") -> dict[str, Any]:
+    approach = preview.approach
     return {
         "robot": robot.name,
         "joints": list(approach.joints),
@@ -136,6 +138,7 @@ def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
         "times_ns": approach.times_ns.tolist(),
         "positions": approach.positions.tolist(),
         "velocities": approach.velocities.tolist(),
+        "preview": {"samples": preview.samples.tolist(), "nearest": preview.nearest},
     }
 
 

@@ -62,19 +62,19 @@ def run(options: argparse.Namespace) -> int:
             from app.cli.gc_control import prompt_process
             from app.control import Outcome, open_control, read_plan
 
-            motion = None if options.serve else read_plan(options.plan_file)
+            plan = None if options.serve else read_plan(options.plan_file)
             description = open_control(options.control)
         stop = threading.Event()
         with RosNode(NODE_NAME) as ros, prompt_process():
             node = ExecutionNode(ros, description, clock_ns=time.time_ns)
             print(f"EXECUTION with arm {description.arm}; Ctrl-C stops it", flush=True)
-            if motion is None:
+            if plan is None:
                 ExecutionServer(ros, node)
                 received.stops(stop.set)
                 stop.wait()  # closing the node cancels the goal, and sends its result
                 return received.exit_status
             received.stops(node.cancel)
-            last = node.run(motion, _report)
+            last = node.run(plan, _report)
     if last is None:
         print("cancelled before it began", file=sys.stderr)
         return received.exit_status or 1

@@ -33,6 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--sigma-mm", "standard deviation of its place at the target along each axis"),
     ):
         parser.add_argument(name, type=number, required=True, metavar="MM", help=text)
+    parser.add_argument(
+        "--window-mm", type=number, metavar="MM",
+        help="for displays: the needle may advance while the target is at most this far from its "
+        "planned place; contained in --sigma-mm",
+    )  # fmt: skip
     entry = parser.add_mutually_exclusive_group(required=True)
     entry.add_argument(
         "--entry", type=input_argument, metavar="FILE",
@@ -88,6 +93,9 @@ def run(options: argparse.Namespace) -> int:
     if options.report is not None:
         check_writable(options.report)
     needle = Needle(options.length_mm, options.diameter_mm, options.bend_mm)
+    window_mm = options.window_mm
+    if window_mm is not None and not 0.0 <= window_mm < math.inf:
+        raise InputError(f"--window-mm: is {window_mm}; expected 0 or more")
     frame: str = options.entry_frame
     if options.entry is not None:
         box = options.entry_box and (options.entry_box[:3], options.entry_box[3:])
@@ -111,10 +119,8 @@ def run(options: argparse.Namespace) -> int:
     if name not in targets:
         raise InputError(f"--target: is {name!r}; expected {' or '.join(sorted(targets))}")
     step, at_s = _step_with_poses(prepared, [*surfaces], frame, options.at_s)
-    placed = {
-        each: surface.transformed(step.edges.between(frame, each)[0])
-        for each, surface in surfaces.items()
-    }
+    poses = {each: step.edges.between(frame, each)[0] for each in surfaces}
+    placed = {each: surface.transformed(poses[each]) for each, surface in surfaces.items()}
     forbidden = [
         ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
         for each in others
@@ -138,6 +144,8 @@ def run(options: argparse.Namespace) -> int:
         "entry": entry,
         "poses_at_s": at_s,
         "target": name,
+        "frame_from_target": poses[name].matrix.tolist(),
+        "window_mm": window_mm,
         "needle": {"length_mm": needle.length_mm, "diameter_mm": needle.diameter_mm}
         | {"bend_mm": needle.bend_mm, "sigma_mm": options.sigma_mm},
         "k_sigma": content.margins.k_tre,

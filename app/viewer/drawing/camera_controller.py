@@ -76,8 +76,8 @@ class CameraController:
         self._is_placed = False
         self._view.inset.reframe()
 
-    def frame_bodies(self) -> None:
-        """Place an overview again: other bodies of a simulated world are shown."""
+    def frame_added(self) -> None:
+        """Place an overview again: other added models are shown."""
         self._view.inset.reframe()
         if self.preset is CameraPreset.OVERVIEW:
             self._is_placed = False
@@ -103,11 +103,11 @@ class CameraController:
         self._update_inset(scene)
 
     def _update_inset(self, scene: MarginGuardScene) -> None:
-        inset, bodies = self._view.inset, self._view.bodies.values()
-        if self._has_inset and self._is_close and (scene.robots or bodies):
+        inset, links, others = self._view.inset, self._view.links, self._view.others
+        if self._has_inset and self._is_close and (links or others):
             tumor, tip = world_points(scene.tumor), _tip_mm(scene, self._view.content.tool)
             points = np.vstack([tip, _ball(tumor.mean(axis=0), 0.8 * _radius_mm(tumor))])
-            inset.show(scene, bodies, lambda: self._overview(scene), points)
+            inset.show(scene, links, others, lambda: self._overview(scene), points)
         else:
             inset.hide()
 
@@ -152,10 +152,9 @@ class CameraController:
         return fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=self._aspect)
 
     def _overview(self, scene: MarginGuardScene) -> Camera:
-        """A camera that shows tumour, tool, robot and the bodies of a simulated world."""
+        """A camera that shows tumour, tool, robot and what is added, such as bodies."""
         tumor, up = world_points(scene.tumor), up_direction(scene)
-        links = [model for robot in scene.robots.values() for model in robot.models.values()]
-        models = [scene.tool, *links, *self._view.bodies.values()]
+        models = [scene.tool, *self._view.links, *self._view.others]
         others = np.concatenate([world_points(model) for model in models])
         points = np.concatenate([tumor, others])
         return self._fit(points, best_direction(tumor, others, up), up)

@@ -144,8 +144,9 @@ class ClientScene:
 
     def _models(self, scene: MarginGuardScene) -> Iterator[tuple[str, vtkMRMLModelNode]]:
         yield from _models(scene)
-        for name, model in self._view.bodies.items():
-            yield f"body/{name}", model
+        for part, models in self._view.added.items():
+            for name, model in models.items():
+                yield f"{part}/{name}", model
 
     def camera(self) -> Values:
         """The camera of the view, for vtk.js."""

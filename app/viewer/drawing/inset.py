@@ -23,7 +23,7 @@ _BACKGROUND = (0.085, 0.115, 0.145)
 class OverviewInset:
     """Second renderer in the window of ``view``, with a camera that the pointer does not move.
 
-    While it is shown, it alone draws the robots; tumour, tool and bodies are drawn by both.
+    While it is shown, it alone draws the robots; all others are drawn by both.
     """
 
     def __init__(self, view: ThreeDView) -> None:
@@ -57,11 +57,12 @@ class OverviewInset:
     def show(
         self,
         scene: MarginGuardScene,
-        bodies: Iterable[vtkMRMLModelNode],
+        links: Iterable[vtkMRMLModelNode],
+        others: Iterable[vtkMRMLModelNode],
         camera: Callable[[], Camera],
         uncovered: FloatArray,
     ) -> None:
-        """Draw the models of ``scene`` and ``bodies``; ``camera`` is called when it is placed.
+        """Draw tumour, tool, ``links`` and ``others``; ``camera`` is called when it is placed.
 
         It changes sides where it would cover one of the points ``uncovered`` (n, 3) in RAS, or
         the distance beside it.
@@ -71,9 +72,8 @@ class OverviewInset:
             self.side = self.side if self._covers(other, uncovered) else other
         left = _SIDES[self.side]
         self._renderer.SetViewport(left, _BOTTOM, left + _SIZE, _BOTTOM + _SIZE)
-        links = [model for robot in scene.robots.values() for model in robot.models.values()]
         self._take(self._actors(links))
-        self._follow(self._actors([scene.tumor, scene.tool, *bodies]).values())
+        self._follow(self._actors([scene.tumor, scene.tool, *others]).values())
         if not self._is_placed:
             placed, own = camera(), self._renderer.GetActiveCamera()
             own.SetPosition(placed.position.tolist())

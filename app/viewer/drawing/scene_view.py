@@ -1,6 +1,6 @@
 """The scene of a page: MRML nodes that show a step, a 3D view of them, and the parts' opacities."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from enum import StrEnum
 
 from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene
@@ -36,6 +36,8 @@ class Part(StrEnum):
     TOOL = "TOOL"
     ROBOT = "ROBOT"
     BODIES = "BODIES"
+    GHOST = "GHOST"
+    CORRIDOR = "CORRIDOR"
 
 
 _RODS = {each.name.upper(): each for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD}
@@ -47,21 +49,26 @@ PARTS: dict[str, str] = {
     **{name: item.title for name, item in _RODS.items()},
     Part.ROBOT: "Robot",
     Part.BODIES: "Simulated bodies",
+    Part.GHOST: "Planned robot",
+    Part.CORRIDOR: "Needle corridor",
 }
 """Parts that the page can hide or make translucent, with their labels."""
 
-_OPACITY_ALONG_TOOL: dict[str, float] = {Part.TOOL: 0.0, Part.ROBOT: 0.0}
+ADDED = (Part.BODIES, Part.GHOST, Part.CORRIDOR)
+"""Parts that are not of the session."""
+
+_OPACITY_ALONG_TOOL: dict[str, float] = {Part.TOOL: 0.0, Part.ROBOT: 0.0, Part.GHOST: 0.0}
 """Opacity factor of a part in a view along the tool, which it would hide; 1 for other parts."""
 
 
 class SceneView:
     """Shows one step after another in a 3D view. Not thread-safe: the page's thread owns it.
 
-    ``scene`` is None until a step in which tool and tumour are both known. ``has_bodies``: those of
-    a simulated world are shown, too.
+    ``scene`` is None until a step in which tool and tumour are both known. ``added``: parts that
+    are not of the session, which `use_models` may show, too.
     """
 
-    def __init__(self, content: SessionContent, *, has_bodies: bool = False) -> None:
+    def __init__(self, content: SessionContent, *, added: Collection[Part] = ()) -> None:
         use_offscreen_rendering()
         self.application = SceneApplication(vtkMRMLScene())
         self.view = _view(self.application)
@@ -77,9 +84,9 @@ class SceneView:
         self.order = TranslucentOrder(self.view)
         self._closed: set[vtkMRMLModelNode] = set()
         self._margin_surface: SurfaceMesh | None = None
-        self._has_bodies = has_bodies
-        self.bodies: dict[str, vtkMRMLModelNode] = {}
-        """Models of the bodies of a simulated world, by name."""
+        self.added: dict[Part, dict[str, vtkMRMLModelNode]] = {each: {} for each in ADDED}
+        """Models of each of `ADDED`, by name."""
+        self._absent = set(ADDED) - set(added)
 
     @property
     def content(self) -> SessionContent:
@@ -95,13 +102,11 @@ class SceneView:
     def parts(self) -> tuple[str, ...]:
         """The parts that the content has."""
         shown = {each.name for each in self.content.items}
-        absent = {name for name, item in _RODS.items() if item.name not in shown}
+        absent = {name for name, item in _RODS.items() if item.name not in shown} | self._absent
         if self.content.margins.stop_mm == 0.0:
             absent.add(Part.MARGIN)
         if self.content.robot is None:
-            absent.add(Part.ROBOT)
-        if not self._has_bodies:
-            absent.add(Part.BODIES)
+            absent |= {Part.ROBOT, Part.GHOST}
         if not self.content.structures:
             absent.add(Part.STRUCTURES)
         return tuple(part for part in PARTS if part not in absent)
@@ -130,17 +135,35 @@ class SceneView:
             self._presenter.hide_pointers()
         self._style_new_nodes()
 
-    def use_bodies(self, bodies: Mapping[str, vtkMRMLModelNode]) -> bool:
-        """Style ``bodies``, which the scene has, as a part of their own; True if they changed."""
-        if list(self.bodies.values()) == list(bodies.values()):
+    @property
+    def bodies(self) -> Mapping[str, vtkMRMLModelNode]:
+        """Models of the bodies of a simulated world, by name."""
+        return self.added[Part.BODIES]
+
+    @property
+    def links(self) -> list[vtkMRMLModelNode]:
+        """Models of the robots' links, with those of a planned one."""
+        robots = {} if self.scene is None else self.scene.robots
+        links = [model for robot in robots.values() for model in robot.models.values()]
+        return [*links, *self.added[Part.GHOST].values()]
+
+    @property
+    def others(self) -> list[vtkMRMLModelNode]:
+        """Added models that are no links."""
+        return [*self.bodies.values(), *self.added[Part.CORRIDOR].values()]
+
+    def use_models(self, part: Part, models: Mapping[str, vtkMRMLModelNode]) -> bool:
+        """Style ``models``, which the scene has, as ``part`` of `ADDED`; True if they changed."""
+        if list(self.added[part].values()) == list(models.values()):
             return False
-        self.bodies = dict(bodies)
+        self.added[part] = dict(models)
         self._style_new_nodes()
         return True
 
     def sort(self) -> None:
         """Sort what is translucent by its depth. Call it before each picture."""
-        self.order.update(self.scene, self._closed, self.bodies.values(), apart=self.inset.robots)
+        added = [model for models in self.added.values() for model in models.values()]
+        self.order.update(self.scene, self._closed, added, apart=self.inset.robots)
 
     def set_visible(self, part: str, visible: bool) -> None:
         """Show or hide a part."""
@@ -210,6 +233,8 @@ class SceneView:
                 display.SetVisibility(self.visible(part) and factor > 0.0)
 
     def _displays(self, scene: MarginGuardScene, part: str) -> list[vtkMRMLDisplayNode]:
+        if part in ADDED:
+            return [node.GetDisplayNode() for node in self.added[Part(part)].values()]
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
         nodes = {
             Part.TUMOR: [scene.tumor],
@@ -218,7 +243,6 @@ class SceneView:
             Part.TOOL: [scene.tool],
             **{name: [scene.items.nodes.get(item.name)] for name, item in _RODS.items()},
             Part.ROBOT: links,
-            Part.BODIES: list(self.bodies.values()),
         }[part]
         return [node.GetDisplayNode() for node in nodes if node is not None]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from secrets import token_hex
 
 from app.bridge import RosNode, prepare_environment
-from app.bridge.displays import LiveChild, SessionClient
+from app.bridge.displays import ExecutedPlan, LiveChild, SessionClient
 from app.bridge.displays.remote_operator import PANEL_NODE
 from app.bridge.publishing.session_publisher import NODE_NAME
 from app.geometry import InputError
@@ -27,6 +27,8 @@ class LiveStepRun:
         self._workflow_of = workflow_of
         self.workflow: WorkflowOutput | None = None
         """Guided recordings and breaches; None before the first step."""
+        self.executed_plan = ""
+        """JSON of the plan that an arm executes now; empty without one."""
         self._client: SessionClient | None = None
         self._child: LiveChild | None = None
         self._stopped = False
@@ -62,6 +64,7 @@ class LiveStepRun:
         )
         try:
             with RosNode(name) as ros:
+                ExecutedPlan(ros, self._executes)
                 client = self._client = SessionClient(ros, NODE_NAME, waiting=self._check, own=True)
                 try:
                     if not self._stopped:
@@ -94,6 +97,9 @@ class LiveStepRun:
                 )
             self.workflow.observe(step, content)
             yield step
+
+    def _executes(self, plan: str) -> None:
+        self.executed_plan = plan
 
     def _check(self, _silent_s: float) -> None:
         if self._child is not None and self._child.ended and self.operator is None:

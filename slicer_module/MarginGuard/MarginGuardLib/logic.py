@@ -42,6 +42,7 @@ from .panel_inputs import (
     registration_text,
     surface_of,
 )
+from .plans import PanelPlans
 from .shown_session import ShownSession
 from .status import Alarm, PanelStatus
 from .ultrasound import PanelUltrasound
@@ -82,6 +83,7 @@ class PanelLogic:
         self.contour = PanelContour(self.session, mrml_scene, logic, changed)
         self.items = PanelItems(self.session)
         self.ultrasound = PanelUltrasound(self.session, mrml_scene)
+        self.plans = PanelPlans(self.session)
         self._message = ""
 
     def connect(self, config: Path) -> None:
@@ -270,6 +272,7 @@ class PanelLogic:
             workflow.guided.update(operator.content)
         self.view.update()
         self.ultrasound.update()
+        self.plans.update()
         self.contour.note_pixel(self.ultrasound.pixel_mm)
         if self.view.failure:
             self._message = self.view.failure
@@ -302,6 +305,7 @@ class PanelLogic:
     def _end(self) -> None:
         self.contour.clear()
         self.ultrasound.clear()
+        self.plans.clear()
         self.session.end()
         self.view.end()
         self.candidate = None
@@ -399,6 +403,7 @@ class PanelLogic:
             ultrasound=self.ultrasound.shown(),
             tools=self.items.tools(),
             structures=self._structures(),
+            plans=self.plans.shown(),
         )
 
 

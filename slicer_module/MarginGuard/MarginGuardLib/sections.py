@@ -14,6 +14,7 @@ from app.session import structure_title
 from .contour import ContourShown
 from .events import SessionEvents
 from .guided_section import GuidedSection
+from .plan_section import PlanSection
 from .status import PanelStatus
 from .ultrasound import UltrasoundShown
 from .view import PanelView
@@ -255,6 +256,7 @@ class Sections:
         self._items = ItemsSection(ui, on_click)
         self._structures = StructureSection(ui, on_click)
         self._ultrasound = UltrasoundSection(ui, on_click)
+        self._plans = PlanSection(ui, on_click)
 
     def show(self, status: PanelStatus, events: SessionEvents) -> None:
         """Show ``status`` and what ``events`` lists now."""
@@ -263,6 +265,7 @@ class Sections:
         self._items.show(status.items, is_live=status.is_live)
         self._structures.show(status.structures, is_live=status.is_live)
         self._ultrasound.show(status.ultrasound)
+        self._plans.show(status.plans)
         self._events.show(
             events,
             has_session=status.has_session and bool(status.workflow),

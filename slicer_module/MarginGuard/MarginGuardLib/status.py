@@ -8,6 +8,7 @@ from app.session import ShownState
 from app.workflow import Coverage, GuidedShown
 
 from .contour import ContourShown
+from .plans import PlansShown
 from .ultrasound import UltrasoundShown
 
 
@@ -26,7 +27,7 @@ class PanelStatus:
     ``calibration`` with its ``coverage``, and ``touch``: the guided calibration, and registration
     by touch; without a ``phase`` where there is no session for it.
     ``items``: the display items, ``tools``: the tools with a tip. ``structures``: names of those
-    beside the tumour, and whether each is guarded.
+    beside the tumour, and whether each is guarded. ``plans``: those of files, and an executed one.
     """
 
     state: MarginState
@@ -57,6 +58,7 @@ class PanelStatus:
     ultrasound: UltrasoundShown
     tools: tuple[str, ...]
     structures: tuple[tuple[str, bool], ...]
+    plans: PlansShown
 
 
 REPEAT_NS = 1_000_000_000

@@ -6,7 +6,7 @@ from typing import Any
 import qt
 
 from app.runtime import tool_names
-from app.workflow import Coverage
+from app.workflow import RANGE_MM, RINGS_MM, Coverage, NeedleShown
 
 _SIZE = 150
 _RANGE_DEG = 50.0
@@ -74,5 +74,36 @@ def coverage_picture(coverage: Coverage) -> Any:
     for x_deg, y_deg in coverage.points_deg.clip(-_RANGE_DEG, _RANGE_DEG).tolist():
         x, y = (round((1.0 + s / _RANGE_DEG) * _SIZE / 2) for s in (x_deg, -y_deg))
         painter.drawEllipse(x - 1, y - 1, 2, 2)
+    painter.end()
+    return pixmap
+
+
+def crosshair_picture(shown: NeedleShown) -> Any:
+    """A `QPixmap` along the corridor: the tip is a dot, the axis at the skin a circle."""
+    pixmap = qt.QPixmap(_SIZE, _SIZE)
+    pixmap.fill(qt.QColor("#ffffff"))
+    painter = qt.QPainter(pixmap)
+    middle, scale = _SIZE // 2, _SIZE / (2.6 * RANGE_MM)  # px per mm
+    painter.setPen(qt.QPen(qt.QColor(_LINE)))
+    for radius in (round(each * scale) for each in RINGS_MM):
+        painter.drawEllipse(middle - radius, middle - radius, 2 * radius, 2 * radius)
+    end = round(RANGE_MM * scale)
+    painter.drawLine(middle - end, middle, middle + end, middle)
+    painter.drawLine(middle, middle - end, middle, middle + end)
+    painter.setPen(qt.QPen(qt.QColor(_POSE)))
+    letter_px = 8
+    corners = (
+        (_SIZE - 3 * letter_px, middle - 3),
+        (middle + 3, _SIZE - 3),
+        (2, middle - 3),
+        (middle + 3, letter_px + 2),
+    )
+    for word, (x, y) in zip(shown.letters, corners, strict=False):
+        painter.drawText(x, y, word)
+    for place, radius in ((shown.axis, 5), (shown.tip, 3)):
+        if place is not None:
+            x, y = (middle + round(each * scale) for each in place)
+            painter.setBrush(qt.QBrush(qt.QColor(_POSE if place is shown.tip else "#ffffff")))
+            painter.drawEllipse(x - radius, y - radius, 2 * radius, 2 * radius)
     painter.end()
     return pixmap

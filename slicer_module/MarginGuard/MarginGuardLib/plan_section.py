@@ -1,0 +1,101 @@
+"""The widgets of plans: an approach with its slider, a needle with its cross-hair."""
+
+from pathlib import Path
+from typing import Any
+
+from app.workflow import GhostShown, NeedleShown
+
+from .plans import PlansShown
+from .widgets import OnClick, crosshair_picture
+
+_NO_PLAN = "no plan"
+
+
+class PlanSection:
+    """Connects the buttons, and shows both plans."""
+
+    def __init__(self, ui: Any, on_click: OnClick) -> None:
+        self._ui = ui
+        self._needle: NeedleShown | None = None
+        self._corridors: tuple[str, ...] = ()
+        for button, command in (
+            (
+                ui.showApproachButton,
+                lambda logic: logic.plans.show_approach(_path(ui.approachPathLineEdit)),
+            ),
+            (ui.removeApproachButton, lambda logic: logic.plans.remove_approach()),
+            (
+                ui.showNeedleButton,
+                lambda logic: logic.plans.show_needle(_path(ui.needlePathLineEdit)),
+            ),
+            (ui.removeNeedleButton, lambda logic: logic.plans.remove_needle()),
+            (
+                ui.useCorridorButton,
+                lambda logic: logic.plans.use_corridor(
+                    ui.corridorComboBox.property("currentIndex")
+                ),
+            ),
+        ):
+            on_click(button, command)
+
+    def show(self, shown: PlansShown) -> None:
+        """Show ``shown``."""
+        self._show_approach(shown.approach)
+        self._show_needle(shown.needle)
+
+    def _show_approach(self, shown: GhostShown | None) -> None:
+        slider, is_drawn = self._ui.approachSlider, shown is not None and not shown.problem
+        slider.setEnabled(is_drawn)
+        self._ui.removeApproachButton.setEnabled(shown is not None)
+        if shown is None:
+            self._ui.approachLabel.setText(_NO_PLAN)
+            return
+        lines = shown.title, shown.problem or f"{shown.time}: {shown.nearest}; {shown.clearance}"
+        self._ui.approachLabel.setText("\n".join(lines))
+        if is_drawn and not slider.underMouse():
+            slider.blockSignals(True)
+            slider.setProperty("maximum", float(shown.last))
+            slider.setValue(float(shown.place))
+            slider.blockSignals(False)
+
+    def _show_needle(self, shown: NeedleShown | None) -> None:
+        ui = self._ui
+        corridors = () if shown is None else shown.corridors
+        if corridors != self._corridors:
+            self._corridors = corridors
+            ui.corridorComboBox.clear()
+            ui.corridorComboBox.addItems(list(corridors))
+        for widget in (ui.corridorComboBox, ui.useCorridorButton):
+            widget.setEnabled(len(corridors) > 1)
+        ui.removeNeedleButton.setEnabled(shown is not None)
+        ui.needleLabel.setText(_NO_PLAN if shown is None else _text(shown))
+        if shown == self._needle:
+            return
+        self._needle = shown
+        if shown is None or shown.tip is None:
+            ui.crosshairLabel.clear()
+            ui.crosshairLabel.setMinimumHeight(0)
+            return
+        picture = crosshair_picture(shown)
+        ui.crosshairLabel.setPixmap(picture)
+        ui.crosshairLabel.setMinimumHeight(picture.height())
+
+
+def _path(edit: Any) -> Path:
+    return Path(edit.currentPath)
+
+
+def _text(shown: NeedleShown) -> str:
+    name = f"corridor {shown.corridors[shown.corridor]}"
+    if shown.problem:
+        return f"{name}\n{shown.problem}"
+    lines = [
+        name,
+        f"lateral error {shown.lateral}",
+        f"angle {shown.angle}",
+        f"depth left {shown.remaining}",
+        f"miss at target {shown.miss}",
+    ]
+    if shown.gate:
+        lines += [f"breath: gate {shown.gate.upper()}", shown.gate_text]
+    return "\n".join(lines)
