@@ -302,6 +302,11 @@ def test_session_loads_neither_ros_nor_vtk():
     }
 
 
+def test_plans_of_displays_load_no_planner():
+    code = "from app.workflow import ApproachGhost, NeedleGuide"
+    assert loaded(code, {"ompl", "ruckig", "app.planning.approach"}) == set()
+
+
 def test_slow_modules_are_loaded_only_when_used():
     code = f"import app.cli.main\n{import_all('session', 'report')}"
     slow = {"matplotlib", "scipy.stats", "rich", "slicer"}

@@ -127,6 +127,8 @@ def _links(plan: ShownPlan, content: SessionContent, place: int) -> Mapping[str,
             f"{', '.join(robot.actuated_joint_names)}"
         )
     check_setup(motion.setup_id, content)
+    if content.registration is None:
+        raise InputError("robot: its base is not registered; expected a registration")
     state = motion.positions[plan.samples[place]].tolist()
     return robot.forward_kinematics({**motion.held, **dict(zip(motion.joints, state, strict=True))})
 

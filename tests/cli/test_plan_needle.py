@@ -56,14 +56,16 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
     skin.export(tmp_path / "skin.stl")
     at = ("--at-s", 20, "--target", "lesion_2", "--target-point", 0, 0, 1)
     skin_of_file = ("--entry", tmp_path / "skin.stl", "--entry-frame", "reference")
-    found = run("plan", "needle", CASE, *NEEDLE, *skin_of_file, *at)
+    found = run("plan", "needle", CASE, *NEEDLE, *skin_of_file, *at, "--window-mm", 2)
     plan = json.loads(found.out)
     assert 20.0 <= plan["poses_at_s"] < 20.1
     entry = np.array(plan["corridors"][0]["entry_mm"])
     assert np.linalg.norm(entry - [-5.0, -119.0, -63.0]) == pytest.approx(60.0, abs=0.5)
-    assert {tuple(each["target_mm"]) for each in plan["corridors"]} == {
-        tuple(plan["corridors"][0]["target_mm"])
-    }
+    (target_mm,) = {tuple(each["target_mm"]) for each in plan["corridors"]}
+    # A display places the target by this pose.
+    assert plan["window_mm"] == 2.0
+    placed = np.array(plan["frame_from_target"]) @ [0.0, 0.0, 1.0, 1.0]
+    np.testing.assert_allclose(placed[:3], target_mm, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +76,7 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
         (("--at-s", -1), "--at-s: is -1.0; expected 0 or more"),
         (("--at-s", 1e6), "the recording ends before; expected a time at which"),
         (("--at-s", 61), "needle"),
+        (("--window-mm", -1), "--window-mm: is -1.0; expected 0 or more"),
         (("--length-mm", 20), "expected at most the length of the needle, 20 mm"),
         (("--length-mm", -1), "needle: length_mm is -1.0; expected more than 0"),
         (("--entry-box", 0, 0, 0, 1, 1, 1), "--entry-box: is of a disc; expected with --entry"),

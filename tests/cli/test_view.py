@@ -27,6 +27,14 @@ pytestmark = pytest.mark.long
 SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
 
 
+@pytest.mark.parametrize("option", ["--approach", "--needle"])
+def test_file_that_is_no_plan_is_named(option, tmp_path, capsys):
+    (tmp_path / "plan.json").write_text("{}")
+    plan = str(tmp_path / "plan.json")
+    assert main(["view", "data/recorded_case", option, plan]) == 2
+    assert f"{plan}: is not a plan (KeyError: " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -69,12 +69,20 @@ def test_distances_are_those_of_coal(robot, structures, preview):
             assert distance == pytest.approx(judged, abs=1e-3)
 
 
+def test_nearest_structure_is_that_of_the_smallest_distance(preview):
+    names = [name for name, _ in preview.structures]
+    for (name, distance_mm), row in zip(preview.nearest, preview.distances_mm, strict=True):
+        assert distance_mm == row[names.index(name)] == row.min()
+
+
 def test_page_of_a_scene_without_structures_has_no_distances(robot, preview):
     approach = plan_approach(
         robot, {**preview.approach.held, "waist": 0.0, "shoulder": 1.0}, {"waist": 0.1}, {},
         clearance_mm=CLEARANCE_MM, limits=limits_of(robot), is_over=lambda: False,
     )  # fmt: skip
-    page = approach_page(preview_approach(robot, approach, {}, {}), "<robot>")
+    empty = preview_approach(robot, approach, {}, {})
+    assert empty.nearest == []
+    page = approach_page(empty, "<robot>")
     assert "&lt;robot&gt;: approach" in page
     assert "<h2>Distances</h2>" not in page
     assert "Made from" not in page

@@ -6,7 +6,10 @@ import threading
 from contextlib import suppress
 
 import pytest
+from std_msgs.msg import String
 
+from app.bridge import RosNode
+from app.bridge.topics import EXECUTED_PLAN
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from tests.bridge.conftest import StartReceiver as StartReceiver
@@ -83,6 +86,13 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     panel_logic.set_margins(1.5, 6.0)
     spin_until(panel_logic, lambda now: panel_logic.margins().stop_mm == 1.5)
     assert panel_logic.margins().warn_mm == 6.0
+
+    with RosNode("executor") as executor:
+        plans = executor.publisher(EXECUTED_PLAN)
+        plans.publish(String(data="{}"))
+        status = spin_until(panel_logic, lambda now: now.plans.approach)
+        assert status.plans.approach.problem.startswith("plan: is not a plan (KeyError: 'times_ns'")
+    spin_until(panel_logic, lambda now: now.plans.approach is None)
 
     sender.end(signal.SIGKILL)
     spin_until(panel_logic, lambda now: now.state is MarginState.UNKNOWN and "stale" in now.reasons)
