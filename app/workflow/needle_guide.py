@@ -140,7 +140,7 @@ def read_needle_plan(path: Path) -> PlannedNeedle:
     values = read_json(path, _MAX_BYTES)
     try:
         return _plan(values)
-    except (KeyError, TypeError, ValueError, AttributeError, MarginGuardError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, MarginGuardError) as error:
         raise InputError(
             f"{path}: is not a plan ({type(error).__name__}: {error}); expected the JSON of "
             "'marginguard plan needle'"

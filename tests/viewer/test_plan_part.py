@@ -128,6 +128,15 @@ def test_ghost_leaves_a_session_whose_setup_changes(page, shown, robot, tmp_path
     assert page.part.values()["approach"]["problem"] == ""
 
 
+def test_ghost_needs_a_registered_base(page, shown, robot, tmp_path):
+    content = shown(0).content
+    content = replace(content, robot=replace(content.robot, registration=None))
+    page.ghost.read(write_approach(tmp_path / "plan.json", robot, content.setup_id))
+    assert not page.show(0, content=content)
+    expected = "robot: its base is not registered; expected a registration"
+    assert page.part.values()["approach"]["problem"] == expected
+
+
 def test_executed_plan_goes_first_and_ends(page, shown, robot, tmp_path):
     path = write_approach(tmp_path / "plan.json", robot, shown(0).content.setup_id)
     page.ghost.execute(path.read_text())
@@ -267,6 +276,9 @@ def test_needle_is_not_guided_by_what_cannot_be_trusted(page, planned, shown):
         {"frame_from_target": [[2.0, 0.0], [0.0, 1.0]]},
         {"setup_id": ""},
         {"needle": {"diameter_mm": 0.0}},
+        {"needle": {"diameter_mm": 10**400}},
+        {"needle": []},
+        {"corridors": 3},
         {"corridors": [{"entry_mm": [0.0, 0.0, 0.0], "target_mm": [0.0, 0.0, 0.0]}]},
     ],
 )
