@@ -8,7 +8,7 @@ from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
 from .path_timing import MotionLimits
-from .preview import ApproachPreview, preview_approach
+from .preview import ApproachPreview, nearest_structures, preview_approach, preview_samples
 
 __all__ = [
     "Approach",
@@ -30,8 +30,10 @@ __all__ = [
     "covariance_of",
     "guide_needle",
     "hit_probability",
+    "nearest_structures",
     "needle_constraint",
     "plan_approach",
     "plan_needle",
     "preview_approach",
+    "preview_samples",
 ]

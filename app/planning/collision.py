@@ -75,6 +75,7 @@ class CollisionModel:
             raise InputError(f"{twice!r}: names two bodies; expected different names")
         self._arrays = packed(self._bodies, robot.tree.link_rows)
         self._scratch = new_scratch(len(robot.tree.joints), len(self._bodies))
+        self._nearest = (-1, -1)
         self._use_joints(robot.actuated_joint_names, {})
         pairs = self._not_always_touching(self._not_adjacent(moving))
         clearances = [SELF_CLEARANCE_MM] * len(pairs)
@@ -108,14 +109,37 @@ class CollisionModel:
 
     def distances_mm(self, state: FloatArray) -> FloatArray:
         """The distance (s,) of each structure from the nearest body; NaN if none is tested."""
-        # Computes the poses of all links.
-        blocking_pair(self._arrays, self._pairs_of([], []), self._arm, state, state, self._scratch)
+        self._pose(state)
         found = np.full(len(self.structures), np.nan)
-        for other, body in self._pairs.bodies.tolist():
+        for other, body in self._structure_pairs():
             number = other - self._first_structure
-            if number >= 0:
-                found[number] = np.fmin(found[number], self._distance_mm(other, body))
+            below_mm = float(np.fmin(found[number], _FAR_MM))
+            found[number] = np.fmin(found[number], self._distance_mm(other, body, below_mm))
         return found
+
+    def nearest_structure(self, state: FloatArray) -> tuple[str, float] | None:
+        """The structure nearest to any body, and its distance in mm; None if none is tested.
+
+        Fast for states that follow one another.
+        """
+        self._pose(state)
+        pairs = self._structure_pairs()
+        pairs.sort(key=lambda pair: pair != self._nearest)  # near again: no other one is searched
+        below_mm = _FAR_MM
+        for pair in pairs:
+            distance_mm = self._distance_mm(*pair, below_mm)
+            if distance_mm < below_mm:
+                below_mm, self._nearest = distance_mm, pair
+        return (self._bodies[self._nearest[0]].name, below_mm) if below_mm < _FAR_MM else None
+
+    def _structure_pairs(self) -> list[tuple[int, int]]:
+        """Tested pairs of a structure and a body."""
+        return [(a, b) for a, b in self._pairs.bodies.tolist() if a >= self._first_structure]
+
+    def _pose(self, state: FloatArray) -> None:
+        """Compute the poses of all links."""
+        none = self._pairs_of([], [])
+        blocking_pair(self._arrays, none, self._arm, state, state, self._scratch)
 
     def keeps_clearance(self, state: FloatArray) -> bool:
         """True if all surfaces are far enough apart; does not test containment."""
@@ -130,9 +154,9 @@ class CollisionModel:
         other, body = (self._bodies[k].name for k in self._pairs.bodies[pair].tolist())
         return Contact(body, other, distance_mm, float(self._pairs.clearance_mm[pair]))
 
-    def _distance_mm(self, a: int, b: int) -> float:
-        """The distance of two surfaces in the last state."""
-        return float(find_nearer(self._arrays, a, b, _FAR_MM, 0, 0, True, self._scratch))
+    def _distance_mm(self, a: int, b: int, below_mm: float = _FAR_MM) -> float:
+        """The distance of two surfaces in the last state; inf from ``below_mm`` on."""
+        return float(find_nearer(self._arrays, a, b, below_mm, 0, 0, True, self._scratch))
 
     def _is_inside(self, a: int, b: int) -> bool:
         """True if a part of body ``a`` is inside body ``b`` in the last state."""
@@ -163,12 +187,10 @@ class CollisionModel:
         joints = [self._robot.tree.joint(name) for name in self._robot.actuated_joint_names]
         low = np.array([max(joint.lower, -np.pi) for joint in joints])
         high = np.array([min(joint.upper, np.pi) for joint in joints])
-        none = self._pairs_of([], [])
         apart: set[tuple[int, int]] = set()
         rng = np.random.default_rng(_SEED)
         for state in low + (high - low) * rng.random((_RANDOM_STATES, len(low))):
-            # Computes the poses of all links.
-            blocking_pair(self._arrays, none, self._arm, state, state, self._scratch)
+            self._pose(state)
             apart |= {
                 pair for pair in set(pairs) - apart if self._distance_mm(*pair) >= SELF_CLEARANCE_MM
             }

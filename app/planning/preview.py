@@ -38,21 +38,30 @@ class ApproachPreview:
         return np.asarray(self.approach.times_ns[self.samples] / NS_PER_S)
 
     @property
-    def nearest(self) -> list[tuple[str, float]]:
-        """The nearest structure at each of the times, and its distance; empty if none is tested."""
-        known = np.flatnonzero(np.isfinite(self.distances_mm).all(axis=0))
-        if not len(known):
-            return []
-        columns = known[self.distances_mm[:, known].argmin(axis=1)].tolist()
-        return [
-            (self.structures[n][0], float(row[n]))
-            for n, row in zip(columns, self.distances_mm, strict=True)
-        ]
-
-    @property
     def via_states(self) -> int:
         """Number of states between start and end at which the robot stops."""
         return max(int((~self.approach.velocities.any(axis=1)).sum()) - 2, 0)
+
+
+def preview_samples(approach: Approach) -> NDArray[np.intp]:
+    """Numbers of `MAX_PLACES` samples of ``approach``, or of all, start and end among them."""
+    count = len(approach.times_ns)
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_PLACES)).round().astype(np.intp))
+
+
+def nearest_structures(
+    robot: Robot,
+    approach: Approach,
+    structures: Mapping[str, SurfaceMesh],
+    carried: Mapping[str, SurfaceMesh],
+) -> list[tuple[str, float]]:
+    """The structure nearest to the robot at each of `preview_samples`, and its distance in mm.
+
+    Empty if no structure is tested.
+    """
+    model = _model(robot, approach, structures, carried)
+    states = approach.positions[preview_samples(approach)]
+    return [nearest for nearest in map(model.nearest_structure, states) if nearest is not None]
 
 
 def preview_approach(
@@ -62,16 +71,8 @@ def preview_approach(
     carried: Mapping[str, SurfaceMesh],
 ) -> ApproachPreview:
     """Evaluate ``approach`` at `MAX_PLACES` times; the bodies are those of `plan_approach`."""
-    model = CollisionModel(
-        robot,
-        approach.joints,
-        approach.held,
-        structures,
-        clearance_mm=approach.clearance_mm,
-        carried=carried,
-    )
-    count = len(approach.times_ns)
-    samples = np.unique(np.linspace(0, count - 1, min(count, MAX_PLACES)).round().astype(np.intp))
+    model = _model(robot, approach, structures, carried)
+    samples = preview_samples(approach)
     poses, distances = [], []
     for state in approach.positions[samples]:
         named = {**approach.held, **dict(zip(approach.joints, state.tolist(), strict=True))}
@@ -85,4 +86,20 @@ def preview_approach(
         tuple((body.name, body.mesh) for body in model.structures),
         np.array(poses),
         np.array(distances),
+    )
+
+
+def _model(
+    robot: Robot,
+    approach: Approach,
+    structures: Mapping[str, SurfaceMesh],
+    carried: Mapping[str, SurfaceMesh],
+) -> CollisionModel:
+    return CollisionModel(
+        robot,
+        approach.joints,
+        approach.held,
+        structures,
+        clearance_mm=approach.clearance_mm,
+        carried=carried,
     )

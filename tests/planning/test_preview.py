@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from app.geometry import SurfaceMesh
-from app.planning import plan_approach, preview_approach
+from app.planning import nearest_structures, plan_approach, preview_approach
 from app.report.approach_page import approach_page
 from tests.planning.approach_scenes import CoalScene, coal_model, limits_of, load
 
@@ -36,17 +36,20 @@ def structures(robot):
     }
 
 
+def carried():
+    rod = trimesh.creation.cylinder(2.0, 60.0)
+    return SurfaceMesh("stylus", rod.vertices + np.array([0.0, 0.0, 30.0]), rod.faces)
+
+
 @pytest.fixture(scope="module")
 def preview(robot, structures):
-    rod = trimesh.creation.cylinder(2.0, 60.0)
-    carried = {CARRIED: SurfaceMesh("stylus", rod.vertices + np.array([0.0, 0.0, 30.0]), rod.faces)}
     start = dict.fromkeys(robot.actuated_joint_names, 0.0) | {"shoulder": 1.0, "elbow": 0.5}
     approach = plan_approach(
         robot, start, {"waist": 0.6, "shoulder": 0.8}, structures, clearance_mm=CLEARANCE_MM,
-        limits=limits_of(robot), carried=carried, is_over=lambda: False,
+        limits=limits_of(robot), carried={CARRIED: carried()}, is_over=lambda: False,
         made_from={"setup_id": "<id>"},
     )  # fmt: skip
-    return preview_approach(robot, approach, structures, carried)
+    return preview_approach(robot, approach, structures, {CARRIED: carried()})
 
 
 def test_distances_are_those_of_coal(robot, structures, preview):
@@ -69,10 +72,20 @@ def test_distances_are_those_of_coal(robot, structures, preview):
             assert distance == pytest.approx(judged, abs=1e-3)
 
 
-def test_nearest_structure_is_that_of_the_smallest_distance(preview):
-    names = [name for name, _ in preview.structures]
-    for (name, distance_mm), row in zip(preview.nearest, preview.distances_mm, strict=True):
-        assert distance_mm == row[names.index(name)] == row.min()
+def test_nearest_structure_is_that_of_the_smallest_distance(robot, structures, preview):
+    approach = preview.approach
+    start = dict(zip(approach.joints, approach.positions[0].tolist(), strict=True))
+    tip_mm = robot.forward_kinematics({**approach.held, **start})["stylus"].translation_mm
+    behind = trimesh.creation.icosphere(2, 5.0).apply_translation(tip_mm - [0.0, 50.0, 0.0])
+    mesh = SurfaceMesh(robot.root_link, behind.vertices, behind.faces)
+    everything = {**structures, "behind": mesh}, {CARRIED: carried()}
+    found = preview_approach(robot, approach, *everything)
+    names = [name for name, _ in found.structures]
+    nearest = nearest_structures(robot, approach, *everything)
+    assert {name for name, _ in nearest} == {"behind", "ball"}
+    for (name, distance_mm), row in zip(nearest, found.distances_mm, strict=True):
+        assert distance_mm == pytest.approx(row[names.index(name)], abs=1e-9)
+        assert distance_mm == pytest.approx(row.min(), abs=1e-9)
 
 
 def test_page_of_a_scene_without_structures_has_no_distances(robot, preview):
@@ -80,9 +93,8 @@ def test_page_of_a_scene_without_structures_has_no_distances(robot, preview):
         robot, {**preview.approach.held, "waist": 0.0, "shoulder": 1.0}, {"waist": 0.1}, {},
         clearance_mm=CLEARANCE_MM, limits=limits_of(robot), is_over=lambda: False,
     )  # fmt: skip
-    empty = preview_approach(robot, approach, {}, {})
-    assert empty.nearest == []
-    page = approach_page(empty, "<robot>")
+    assert nearest_structures(robot, approach, {}, {}) == []
+    page = approach_page(preview_approach(robot, approach, {}, {}), "<robot>")
     assert "&lt;robot&gt;: approach" in page
     assert "<h2>Distances</h2>" not in page
     assert "Made from" not in page

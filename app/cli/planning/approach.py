@@ -16,7 +16,7 @@ from app.cli.options import add_package_dirs, folder_path, input_argument, numbe
 
 if TYPE_CHECKING:
     from app.geometry import SurfaceMesh, Transform
-    from app.planning import ApproachPreview, MotionLimits
+    from app.planning import Approach, MotionLimits
     from app.robot import Robot
 
 NAME = "approach"
@@ -93,7 +93,12 @@ def run(options: argparse.Namespace) -> int:
     if options.report is not None:
         check_writable(options.report)
     made_from = {} if options.guard is None else {"setup_id": _setup_of(options.guard)}
-    from app.planning import plan_approach, preview_approach
+    from app.planning import (
+        nearest_structures,
+        plan_approach,
+        preview_approach,
+        preview_samples,
+    )
 
     begin_s = time.monotonic()
     robot = load_robot(options.robot, package_dirs=options.package_dirs)
@@ -110,14 +115,17 @@ def run(options: argparse.Namespace) -> int:
         is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
         made_from=made_from,
     )
-    preview = preview_approach(robot, approach, structures, carried)
     if options.report is not None:
         from app.report.approach_page import approach_page
 
-        page = approach_page(preview, robot.name)
+        page = approach_page(preview_approach(robot, approach, structures, carried), robot.name)
         options.report.mkdir(parents=True, exist_ok=True)
         write_file(options.report / "approach.html", page.encode())
-    text = json.dumps(_described(robot, preview), allow_nan=False)
+    preview = {
+        "samples": preview_samples(approach).tolist(),
+        "nearest": nearest_structures(robot, approach, structures, carried),
+    }
+    text = json.dumps(_described(robot, approach) | {"preview": preview}, allow_nan=False)
     if options.out is None:
         print(text)
     else:
@@ -125,8 +133,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _described(robot: "Robot", preview: "ApproachPreview") -> dict[str, Any]:
-    approach = preview.approach
+def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
     return {
         "robot": robot.name,
         "joints": list(approach.joints),
@@ -138,7 +145,6 @@ def _described(robot: "Robot", preview: "ApproachPreview") -> dict[str, Any]:
         "times_ns": approach.times_ns.tolist(),
         "positions": approach.positions.tolist(),
         "velocities": approach.velocities.tolist(),
-        "preview": {"samples": preview.samples.tolist(), "nearest": preview.nearest},
     }
 
 
