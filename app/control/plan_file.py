@@ -14,6 +14,8 @@ from app.files.json_file import parse_json, read_json
 from app.geometry import InputError
 
 _MAX_BYTES = 64_000_000
+_MAX_PLACES = 81
+"""Times that are shown of a plan that names none."""
 _Read = TypeVar("_Read")
 
 
@@ -22,12 +24,13 @@ class ShownPlan:
     """A plan as displays show it: ``motion`` at its samples ``samples`` (k,).
 
     ``nearest`` (k) are the nearest structure there and its distance in mm from the robot; empty
-    where no distance is tested. ``clearance_mm`` is proven for the whole way.
+    where no structure is tested, None in a plan without distances. ``clearance_mm`` is proven for
+    the whole way.
     """
 
     motion: PlannedMotion
     samples: NDArray[np.intp]
-    nearest: tuple[tuple[str, float], ...]
+    nearest: tuple[tuple[str, float], ...] | None
     clearance_mm: float
 
 
@@ -89,18 +92,24 @@ def _motion(values: Any) -> PlannedMotion:
 
 
 def _shown_plan(values: Any) -> ShownPlan:
-    motion, preview = _motion(values), values["preview"]
+    motion, preview = _motion(values), values.get("preview")
+    clearance_mm = float(values["clearance_mm"])
+    if not np.isfinite(clearance_mm):
+        raise ValueError("clearance_mm is not finite")
+    last = len(motion.times_ns) - 1
+    if preview is None:
+        places = np.linspace(0, last, min(last + 1, _MAX_PLACES))
+        return ShownPlan(motion, np.unique(places.round().astype(np.intp)), None, clearance_mm)
     samples = np.array(preview["samples"])
     nearest = tuple((_text(name), float(mm)) for name, mm in preview["nearest"])
-    count, last = samples.size, len(motion.times_ns) - 1
+    count = samples.size
     if samples.dtype != np.int64 or samples.ndim != 1 or (np.diff(samples) <= 0).any():
         raise TypeError("samples of the preview are no increasing integers")
     if count == 0 or samples[0] < 0 or samples[-1] > last or len(nearest) not in (0, count):
         raise ValueError(
             f"preview has {count} samples of 0 to {last}, and {len(nearest)} distances"
         )
-    clearance_mm = float(values["clearance_mm"])
-    if not np.isfinite([clearance_mm, *(mm for _, mm in nearest)]).all():
+    if not np.isfinite([mm for _, mm in nearest]).all():
         raise ValueError("a distance is not finite")
     return ShownPlan(motion, samples, nearest, clearance_mm)
 

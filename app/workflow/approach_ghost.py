@@ -94,7 +94,7 @@ class ApproachGhost:
         if isinstance(plan, str) or self._problem:
             return GhostShown(title, self._problem, 0, 0, "", "", "")
         times_ns, at = plan.motion.times_ns, plan.samples[self._place]
-        nearest = "no structure"
+        nearest = "no structure" if plan.nearest is not None else "no distances in the plan"
         if plan.nearest:
             name, distance_mm = plan.nearest[self._place]
             nearest = f"{distance_mm:.1f} mm from {name}"

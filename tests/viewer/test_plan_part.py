@@ -150,6 +150,20 @@ def test_executed_plan_goes_first_and_ends(page, shown, robot, tmp_path):
     assert page.part.values()["approach"] is None
 
 
+def test_plan_without_distances_says_so(page, shown, robot, tmp_path):
+    known = shown(0).content.setup_id
+    for preview, nearest in (
+        (None, "no distances in the plan"),
+        ({"samples": [0, 3], "nearest": []}, "no structure"),
+    ):
+        page.ghost.read(write_approach(tmp_path / "plan.json", robot, known, preview=preview))
+        page.show(0)
+        values = page.part.values()["approach"]
+        assert (values["nearest"], values["problem"]) == (nearest, "")
+        assert page.view.added[Part.GHOST]
+        assert values["time"].startswith("0.90 of " if preview is None else "0.03 of ")
+
+
 @pytest.mark.parametrize(
     "changes",
     [
