@@ -227,6 +227,9 @@ def _gate(plan: PlannedNeedle, path: NeedlePath, step: StepResult) -> tuple[str,
     window_mm = plan.window_mm
     if window_mm is None:
         return "", ""
+    decision = step.decision
+    if decision.hold or decision.state is MarginState.POSITIVE:
+        return "closed", "the guard is on hold" if decision.hold else "the margin is POSITIVE"
     planned = plan.frame_from_target
     try:
         now = step.edges.between(planned.target, planned.source)[0]

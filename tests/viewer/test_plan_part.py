@@ -24,6 +24,7 @@ from tests.viewer.viewed_case import BREACH_FRAME, LOST
 pytestmark = pytest.mark.slow
 
 TOUCH = PROJECT_ROOT / "data" / "robots" / "touch" / "touch.urdf"
+OUTSIDE = 0
 BASE_MM = [300.0, 0.0, -100.0]
 
 
@@ -214,7 +215,6 @@ def test_needle_is_guided_by_the_steps(page, planned):
     assert values["miss"] == values["lateral"]
     assert np.hypot(*values["tip"]) == pytest.approx(np.hypot(2.0, 3.0), abs=0.02)
     assert values["tip"] == pytest.approx(values["axis"], abs=0.02)
-    assert values["gate"] == "open"
     right, down, left, up = values["letters"]
     assert {right, left} | {down, up} <= set("RLAPSI")  # the rod stands upright
     page.needle.choose(1)
@@ -249,6 +249,18 @@ def _ends(page):
     return [base[:3, :3] @ each + base[:3, 3] for each in (path.entry_mm, path.target_mm)]
 
 
+def test_gate_is_closed_in_the_tumour_and_on_hold(page, planned, shown):
+    values = planned()
+    assert (values["gate"], values["gate_text"]) == ("closed", "the margin is POSITIVE")
+    page.show(OUTSIDE)
+    assert page.part.values()["guidance"]["gate"] == "open"
+    step = shown(OUTSIDE).step
+    held = replace(step, decision=replace(step.decision, hold=True))
+    page.show(OUTSIDE, step=held)
+    values = page.part.values()["guidance"]
+    assert (values["gate"], values["gate_text"]) == ("closed", "the guard is on hold")
+
+
 def test_gate_closes_while_the_target_is_away(page, planned, shown):
     content = shown(BREACH_FRAME).content
     pose = shown(BREACH_FRAME).step.edges.between("needle", content.tumor.frame)[0]
@@ -258,7 +270,9 @@ def test_gate_closes_while_the_target_is_away(page, planned, shown):
         pose.rotation,
         pose.translation_mm + np.array([0.0, 0.0, 3.0]),
     )
-    values = planned(frame_from_target=away.matrix.tolist())
+    planned(frame_from_target=away.matrix.tolist())
+    page.show(OUTSIDE)
+    values = page.part.values()["guidance"]
     assert values["gate"] == "closed"
     assert values["gate_text"] == "target 3.0 mm from its planned place, window 1 mm"
     assert planned(window_mm=None)["gate"] == ""
