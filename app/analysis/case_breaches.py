@@ -9,7 +9,9 @@ with the autocorrelation that `estimate_jitter` finds, and the depth is the mini
    its steepness would make the function too rough at the minimum.
 2. The rest is smoothed about a parabola, and functions are drawn from the posterior, also between
    the samples. The minima of the draws have the spread of the depth.
-3. Their median is slightly too deep, because the draws wander below a flat minimum; the minimum of
+3. A few samples near the minimum do not show how rough the function is between them: the draws are
+   spread from their median by ``sqrt(1 + 2 / n)`` for ``n`` samples.
+4. Their median is slightly too deep, because the draws wander below a flat minimum; the minimum of
    the posterior mean is slightly too shallow, because smoothing fills a sharp one. The estimate is
    the middle of the two, and the interval the 2.5 and 97.5 percentiles of the draws about it.
 
@@ -46,6 +48,9 @@ MIN_NEAR = 9
 """Least number of samples that are kept near the minimum."""
 MAX_ACCELERATION_MM_S2 = 2000.0
 """Largest standard deviation of the acceleration near the minimum, where the tool turns."""
+FEW_SAMPLES = 2.0
+"""The variance of the draws is larger by this over the number of samples near the minimum. Without
+it, intervals of simulated breaches with known jitter hold the depth in 91 to 94 % at 20 Hz."""
 _LOW, _HIGH = 2.5, 97.5
 _ADDED = tuple(10.0**k for k in range(-9, 1))
 PAD_S = 0.3
@@ -160,8 +165,11 @@ def _minimum_draws(
     limit = MAX_ACCELERATION_MM_S2
     fine = smooth(times, values, jitter, grid, degree=2, max_acceleration_mm_s2=limit)
     draws = _posterior_minima(fine, random)
+    median = float(np.median(draws))
     smoothed = float((fine.gain @ values).min())
-    return np.asarray(draws + 0.5 * (smoothed - np.median(draws)))
+    count = max(1, int(((times >= near[0]) & (times <= near[-1])).sum()))
+    spread = math.sqrt(1.0 + FEW_SAMPLES / count)
+    return np.asarray(0.5 * (smoothed + median) + spread * (draws - median))
 
 
 def _grid(times: FloatArray, start_s: float, end_s: float) -> FloatArray:
