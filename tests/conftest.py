@@ -12,6 +12,7 @@ import pytest
 import yaml
 from hypothesis import settings
 
+import app.cli  # noqa: F401  (before numpy: sets the threads of BLAS as the product does)
 from tests.browser import browser as browser
 from tests.browser import chromium as chromium
 from tests.opened_documents import (
