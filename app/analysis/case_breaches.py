@@ -9,11 +9,11 @@ with the autocorrelation that `estimate_jitter` finds, and the depth is the mini
    its steepness would make the function too rough at the minimum.
 2. The rest is smoothed about a parabola, and functions are drawn from the posterior, also between
    the samples. The minima of the draws have the spread of the depth.
-3. A few samples near the minimum do not show how rough the function is between them: the draws are
-   spread from their median by ``sqrt(1 + 2 / n)`` for ``n`` samples.
-4. Their median is slightly too deep, because the draws wander below a flat minimum; the minimum of
-   the posterior mean is slightly too shallow, because smoothing fills a sharp one. The estimate is
-   the middle of the two, and the interval the 2.5 and 97.5 percentiles of the draws about it.
+3. The estimate is the minimum of the posterior mean: draws wander below a flat minimum, so that
+   their median is too deep. The interval reaches from the 2.5 to the 97.5 percentile of the draws
+   about it.
+4. A few samples near the minimum do not show how rough the function is between them: for ``n``
+   samples the draws are spread from their median by ``sqrt(1 + 2 / n)``.
 
 `tests/analysis/test_long_depth.py` and `test_correlated_depth.py` measure bias and coverage on
 simulated breaches.
@@ -165,11 +165,10 @@ def _minimum_draws(
     limit = MAX_ACCELERATION_MM_S2
     fine = smooth(times, values, jitter, grid, degree=2, max_acceleration_mm_s2=limit)
     draws = _posterior_minima(fine, random)
-    median = float(np.median(draws))
-    smoothed = float((fine.gain @ values).min())
+    estimate = float((fine.gain @ values).min())
     count = max(1, int(((times >= near[0]) & (times <= near[-1])).sum()))
     spread = math.sqrt(1.0 + FEW_SAMPLES / count)
-    return np.asarray(0.5 * (smoothed + median) + spread * (draws - median))
+    return np.asarray(estimate + spread * (draws - np.median(draws)))
 
 
 def _grid(times: FloatArray, start_s: float, end_s: float) -> FloatArray:
