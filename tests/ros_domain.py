@@ -37,10 +37,17 @@ def environment_of(domain: int) -> dict[str, str]:
     return environment
 
 
-@pytest.fixture
-def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """ROS domain that is reserved for one test; set in the environment."""
-    with reserved_domain() as domain:
+@contextmanager
+def domain_in_environment() -> Iterator[int]:
+    """Reserve a domain, and set it in the environment."""
+    with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
         for name, value in environment_of(domain).items():
-            monkeypatch.setenv(name, value)
+            patch.setenv(name, value)
+        yield domain
+
+
+@pytest.fixture
+def domain_id() -> Iterator[int]:
+    """ROS domain that is reserved for one test; set in the environment."""
+    with domain_in_environment() as domain:
         yield domain

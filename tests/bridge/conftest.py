@@ -90,12 +90,14 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
 def start_live(start: Start) -> Start:
     """``start_live(config, *options)`` starts a session and waits for its first line."""
 
-    def begin(config: object, *options: object) -> Child:
-        live = start(*LIVE, config, *options)
-        live.line(lambda line: line.startswith("UNKNOWN"))  # printed before anything is tracked
-        return live
+    return partial(begin_live, start)
 
-    return begin
+
+def begin_live(start: Start, config: object, *options: object) -> Child:
+    """Start a session and wait for its first line, which comes before anything is tracked."""
+    live = start(*LIVE, config, *options)
+    live.line(lambda line: line.startswith("UNKNOWN"))
+    return live
 
 
 @pytest.fixture
@@ -153,23 +155,23 @@ def breach(project_root: Path) -> list[TrackingFrame]:
     return found
 
 
-@pytest.fixture
-def frames_file(breach: list[TrackingFrame], tmp_path: Path) -> Path:
+@pytest.fixture(scope="session")
+def frames_file(breach: list[TrackingFrame], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The frames as a file for ``sender.py``; joint states have the stamps of another clock."""
-    path = tmp_path / "frames.json"
+    path = tmp_path_factory.mktemp("frames") / "frames.json"
     path.write_text(json.dumps([_plain(frame) for frame in breach]))
     return path
 
 
-@pytest.fixture
-def live_yaml(project_root: Path, tmp_path: Path) -> Callable[..., Path]:
+@pytest.fixture(scope="session")
+def live_yaml(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """``live_yaml(source)`` writes the example's configuration with another source."""
 
     def write(source: dict[str, Any], stale_after_ms: float = 400.0) -> Path:
         values = yaml.safe_load((project_root / "data/live_example/live.yaml").read_text())
         values["source"] = source
         values["margins"]["stale_after_ms"] = stale_after_ms
-        path = tmp_path / "live.yaml"
+        path = tmp_path_factory.mktemp("live") / "live.yaml"
         path.write_text(yaml.safe_dump(values))
         return path
 
