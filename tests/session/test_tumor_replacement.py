@@ -1,8 +1,6 @@
 """Replacing the tumour: prepared in one call, its change, and the engines of its tools."""
 
 import math
-import subprocess
-import sys
 from functools import cache
 
 import numpy as np
@@ -14,6 +12,7 @@ from app.geometry import FrameError, MeshError, SurfaceMesh, Transform
 from app.session import ToolEngines, prepare_replacement, tumor_change
 from benchmarks.fixture_shapes import cautery, lobed_tumor
 from tests.fixture_shapes import tumor
+from tests.forking import run_forked
 
 pytestmark = pytest.mark.slow
 
@@ -85,8 +84,9 @@ def test_a_surface_in_another_frame_is_refused():
         prepare_replacement(known(), known(), FRAME_FROM_TUMOR)
 
 
-def test_preparation_finds_its_compiled_functions_loaded(project_root):
-    subprocess.run([sys.executable, "-c", LOADED], cwd=project_root, check=True)
+def test_preparation_finds_its_compiled_functions_loaded():
+    done = run_forked("-c", LOADED)
+    assert done.returncode == 0, done.stderr
 
 
 def ball(radius_mm, x_mm=0.0, frame="needle", subdivisions=4):
