@@ -15,7 +15,7 @@ from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.cli.small_case import FRAMES, write_small_case
 from tests.forking import forked
-from tests.ros_domain import environment_of, reserved_domain
+from tests.ros_domain import domain_in_environment
 
 pytestmark = pytest.mark.long
 
@@ -31,19 +31,10 @@ EXECUTING, SUCCEEDED, CANCELLED = 2, 4, 5
 WHOLE = {"case_folder": "small", "rate": math.inf, "start": 0.0, "end": math.inf}
 
 
-@contextmanager
-def own_domain():
-    """Reserve a ROS domain, and set it in the environment."""
-    with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
-        for name, value in environment_of(domain).items():
-            patch.setenv(name, value)
-        yield domain
-
-
 @pytest.fixture(scope="module")
 def domain_id():
     """One ROS domain for all tests of this file."""
-    with own_domain() as domain:
+    with domain_in_environment() as domain:
         yield domain
 
 
@@ -176,14 +167,14 @@ def test_cases_outside_the_folder_are_refused(send, start_receiver):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_command(cases, number):
-    with own_domain(), server(cases) as process:
+    with domain_in_environment(), server(cases) as process:
         process.send_signal(number)
         assert process.wait() == 0
 
 
 def test_signal_ends_replay_and_its_result_is_sent(cases):
     under_way = threading.Event()
-    with own_domain() as domain, server(cases) as process:
+    with domain_in_environment() as domain, server(cases) as process:
         with RosNode("follower", domain_id=domain) as ros:
             client = ActionClient(ros, REPLAY, "/marginguard_server/replay")
             fields = {"case_folder": "small", "rate": 0.01, "end": math.inf}
