@@ -38,7 +38,7 @@ MAX_CLICKS = 35
 """From the empty page to the finished recording, but those on the outline in the images."""
 
 BORDER_LEVEL = 75.0
-CLICKS = 10
+CLICKS = 8
 
 
 @pytest.fixture
