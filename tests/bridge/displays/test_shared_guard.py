@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 DISPLAY = f"""
 from app.bridge import RosNode
 from app.bridge.displays import SessionClient
-with RosNode("{PAGE_NODE}_1") as ros:
+with RosNode("{PAGE_NODE}_3") as ros:
     for step in SessionClient(ros, "{NODE}").steps():
         print(step.index, flush=True)
 """
@@ -195,8 +195,13 @@ def test_request_that_is_not_a_displays_is_refused(display):
         "command": "note",
         "arguments": '{"text": "x"}',
     }
+
+    def ask(changes):
+        return client.call(Command.Request(**{**values, **changes}), DEADLINE_S)
+
+    wait_until(lambda: ask({}).success)  # the guard has discovered the display
     for changes, problem in REFUSED:
-        reply = client.call(Command.Request(**{**values, **changes}), DEADLINE_S)
+        reply = ask(changes)
         assert not reply.success, changes
         assert problem in reply.message
     meshes = ServiceClient(page.ros, GetMesh, f"{NODE}/get_mesh")
