@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any, Self
 
 import dask
@@ -71,12 +70,7 @@ class DaskPool:
             raise InputError(f"{where}: no scheduler ({error}); expected a running one") from error
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._address is not None:
             self._client.close(timeout=2)
         self._stack.close()

@@ -5,7 +5,6 @@ import inspect
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Self
 
 _THRESHOLD = 50_000
@@ -30,12 +29,7 @@ class GcPause:
         gc.set_threshold(_THRESHOLD, *self._thresholds[1:])
         self._restore_enabled()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         gc.unfreeze()
         gc.set_threshold(*self._thresholds)
         self._restore_enabled()

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from app.files.child_process import module_command, same_code
@@ -62,12 +61,7 @@ class ScenePainter:
         self._answered: dict[str, bytes | str] | None = None
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._process.kill()
         self._waiting.shutdown()
         self._process.communicate()

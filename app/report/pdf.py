@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Mapping, Sequence
 from io import BytesIO
-from types import TracebackType
 from typing import Any, Self
 
 from matplotlib.backends.backend_pdf import PdfPages
@@ -60,12 +59,7 @@ class PdfLayout:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end_page()
         self._pages.close()
 

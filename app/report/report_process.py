@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from importlib import import_module
-from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 from app.analysis.samples import find_breaches
@@ -56,12 +55,7 @@ class ReportProcess:
         self._waiting.submit(self._process.call, _load, self._modules)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._process.close()
         self._waiting.shutdown(cancel_futures=True)
 
