@@ -1,4 +1,3 @@
-from .cases import CohortCase, SyntheticCase
 from .columns import failed, finished, identity_of
 from .comparison import (
     METRICS,
@@ -10,12 +9,15 @@ from .comparison import (
     groups_of,
 )
 from .dataset import Dataset
-from .design import OPTION_RANGES, Design
-from .inputs import fetch, input_hash, is_url, open_cohort
-from .manifest import (
+from .design import OPTION_RANGES, CohortCase, Design, SyntheticCase
+from .inputs import (
     COHORT,
     MANIFEST_FILE,
     Cohort,
+    fetch,
+    input_hash,
+    is_url,
+    open_cohort,
     open_manifest,
     write_manifest,
 )

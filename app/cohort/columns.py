@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from app.cohort.cases import CohortCase
-from app.cohort.design import OPTION_RANGES
+from app.cohort.design import OPTION_RANGES, CohortCase
 
 Value = str | int | float | bool | None
 Row = dict[str, Value]
