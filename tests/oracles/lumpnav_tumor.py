@@ -1,6 +1,6 @@
 """The tumour that LumpNav builds from contoured points, with VTK's filters.
 
-Independent of `app.case.tumor.contour_surface`. Steps as in LumpNav: the convex hull of the points,
+Independent of `app.case.tumor.surfaces`. Steps as in LumpNav: the convex hull of the points,
 three butterfly subdivisions, and the convex hull of the result.
 """
 

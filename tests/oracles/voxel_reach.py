@@ -1,6 +1,6 @@
 """Points that the surface of marked voxels must contain, by a search voxel by voxel.
 
-Independent of `app.case.tumor.label_surface`, which finds thin voxels by binary morphology on whole
+Independent of `app.case.tumor.surfaces`, which finds thin voxels by binary morphology on whole
 arrays. The rules are those of its documentation: the surface crosses the line to a neighbour at 0.2
 voxels or more, and at 0.5 or more from a voxel that no cross of seven marked voxels contains.
 """

@@ -6,9 +6,8 @@ from .built_tumor import (
     tumor_from_contour,
     tumor_from_segmentation,
 )
-from .contour_surface import surface_around
-from .label_surface import surface_of_labels
 from .nrrd_file import NrrdVolume, read_nrrd
+from .surfaces import surface_around, surface_of_labels
 
 __all__ = [
     "SEGMENTATION_ENDING",

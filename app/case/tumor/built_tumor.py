@@ -177,7 +177,7 @@ def tumor_from_contour(path: Path, *, frame: str) -> BuiltTumor:
     The file's coordinates, in RAS axes, are those of ``frame``. Raises `InputError` for a file
     that cannot be read, `MeshError` for points that do not span a solid.
     """
-    from app.case.tumor.contour_surface import surface_around  # slow to load
+    from app.case.tumor.surfaces import surface_around  # slow to load
 
     points = np.array([position for _, position in read_points(path)])
     try:
@@ -194,7 +194,7 @@ def tumor_from_segmentation(path: Path, *, frame: str, segment: str | None) -> B
     coordinates, in RAS axes, are those of ``frame``. Raises `InputError` for a file that cannot be
     read and a missing segment, `MeshError` for a segment that is too large.
     """
-    from app.case.tumor.label_surface import surface_of_labels  # slow to load
+    from app.case.tumor.surfaces import surface_of_labels  # slow to load
 
     labels = read_segment(path, segment)
     filled = scipy.ndimage.binary_fill_holes(labels.marked)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from app.case.tumor import surface_around
-from app.case.tumor.contour_surface import CLEARANCE_MM
+from app.case.tumor.surfaces import CLEARANCE_MM
 from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 from tests.oracles.winding_number import depths_mm

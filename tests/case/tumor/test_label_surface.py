@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes
 from scipy.spatial.transform import Rotation
 
-from app.case.tumor import label_surface, surface_of_labels
+from app.case.tumor import surface_of_labels, surfaces
 from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, MeshError
 from tests.oracles.voxel_reach import contained_points_mm
@@ -149,6 +149,6 @@ def test_spike_of_one_voxel_on_a_ball_is_not_thinned():
 )  # fmt: skip
 def test_large_noisy_and_empty_segments_are_refused(monkeypatch, marked, max_voxels, problem):
     if max_voxels is not None:
-        monkeypatch.setattr(label_surface, "MAX_VOXELS", max_voxels)
+        monkeypatch.setattr(surfaces, "MAX_VOXELS", max_voxels)
     with pytest.raises(MeshError, match=problem):
         surface_of_labels(marked.astype(bool), grid((1.0, 1.0, 1.0)), "tumor")

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case.tumor import label_surface, read_segment, tumor_from_contour, tumor_from_segmentation
+from app.case.tumor import read_segment, surfaces, tumor_from_contour, tumor_from_segmentation
 from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, InputError, MeshError
 from tests.case.tumor.conftest import segment_fields
@@ -129,6 +129,6 @@ def test_the_file_is_named_in_errors(tmp_path, write_nrrd, block, monkeypatch):
     metres = contour(tmp_path, np.eye(3), coordinateUnits="m")
     with refused(r"contour\.mrk\.json: coordinateUnits is 'm'; expected mm"):
         tumor_from_contour(metres, frame="tumor")
-    monkeypatch.setattr(label_surface, "MAX_VOXELS", 100)
+    monkeypatch.setattr(surfaces, "MAX_VOXELS", 100)
     with pytest.raises(MeshError, match=r"labels\.nrrd: the marked voxels span 3 x 3 x 3"):
         tumor_from_segmentation(write_nrrd(block), frame="tumor", segment="1")
