@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 
-from app.cli import shipped_checks
+from app.cli import installation_checks
 
-SHIPPED = [(name, path) for name, paths in shipped_checks.SHIPPED.items() for path in paths]
+SHIPPED = [(name, path) for name, paths in installation_checks.SHIPPED.items() for path in paths]
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def share(copied, monkeypatch):
 
 def failed():
     """Checks that found something missing, without that of the installed wheel."""
-    checks = shipped_checks.check_shipped()
+    checks = installation_checks.check_shipped()
     return {c.name: c.found for c in checks if not c.ok and c.name != "installed files"}
 
 
@@ -37,7 +37,7 @@ def test_everything_is_in_the_checkout():
 
 def test_page_is_checked_completely(project_root):
     web = project_root / "app" / "viewer" / "web"
-    assert set(shipped_checks.PAGE) == {path.name for path in web.iterdir()}
+    assert set(installation_checks.PAGE) == {path.name for path in web.iterdir()}
 
 
 def test_complete_wheel_has_no_missing_files(share):
@@ -57,10 +57,10 @@ def test_missing_or_empty_file_is_named(share, name, path):
 
 def test_remedy_names_pip_in_a_wheel_only(tmp_path, monkeypatch):
     monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
-    remedy = shipped_checks.check_shipped()[0].remedy
+    remedy = installation_checks.check_shipped()[0].remedy
     assert "pip install --force-reinstall --no-deps WHEEL_FILE" in remedy
     assert "docs/installation.md" in remedy
     monkeypatch.setattr("app.files.shipped._SHARE", tmp_path / "none")
-    monkeypatch.setattr(shipped_checks, "PAGE", ("no.html",))
-    (page,) = [c for c in shipped_checks.check_shipped() if c.name == "page"]
+    monkeypatch.setattr(installation_checks, "PAGE", ("no.html",))
+    (page,) = [c for c in installation_checks.check_shipped() if c.name == "page"]
     assert "git status" in page.remedy

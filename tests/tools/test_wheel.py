@@ -102,7 +102,7 @@ def test_doctor_names_a_damaged_file_of_an_installed_wheel(
     wheel.extractall(tmp_path)
     page = tmp_path / "app" / "viewer" / "web" / "page.html"
     page.write_text(page.read_text()[:100])
-    program = "import json\nfrom app.cli.shipped_checks import check_shipped\n"
+    program = "import json\nfrom app.cli.installation_checks import check_shipped\n"
     program += "print(json.dumps([check for check in check_shipped() if not check.ok]))"
     done = subprocess.run(
         [sys.executable, "-P", "-c", program],
