@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer, Plain
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
-from app.case.manifest.margins import MARGINS
+from app.case.manifest.key_rules import MARGINS
 from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import NS_PER_MS, MarginGuardError
 from app.hold import loosened_margins

@@ -5,7 +5,7 @@ message                 plain value
 ======================= ==========================================================
 message                 dict of its fields
 bool, integer, string   the same
-float                   float, in the unit that `app.bridge.convert.units` defines
+float                   float, in the unit that `app.bridge.convert.fields` defines
 octet, octet[]          int, bytes
 bool[], numbers[]       read-only numpy array (n,); float64 if scaled
 strings[], messages[]   list
@@ -34,7 +34,9 @@ from rosidl_parser.definition import (
 
 from app.bridge.convert.fields import (
     NUMBERS,
+    SCALES,
     FieldCodec,
+    Scale,
     SizeCheck,
     basic_codec,
     bytes_codec,
@@ -43,7 +45,6 @@ from app.bridge.convert.fields import (
     read_only,
     string_codec,
 )
-from app.bridge.convert.units import SCALES, Scale
 from app.bridge.ros_errors import ConversionError, UnknownTypeError
 
 SHORT_NAMES = MappingProxyType(

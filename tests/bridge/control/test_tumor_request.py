@@ -7,7 +7,7 @@ from marginguard_msgs.srv import SetStructure, SetTumor
 from rclpy.serialization import deserialize_message, serialize_message
 from shape_msgs.msg import MeshTriangle
 
-from app.bridge.control.surface_requests import (
+from app.bridge.control.operator_services import (
     ArrayRequest,
     StructureArrayRequest,
     StructureRequest,
