@@ -1,10 +1,15 @@
 from .bag_writer import BagTopic, BagWriter
 from .case import Case, open_case
-from .case_images import CaseImages, image_depths, open_case_images, stale_after_ns
+from .case_images import (
+    IMAGE_DEPTH_TOPIC,
+    CaseImages,
+    image_depths,
+    open_case_images,
+    stale_after_ns,
+)
 from .conversion import convert_case, recover_recording
 from .frame_streams import EdgeCount, RecordingInventory, agreed_sample, with_watchdog
 from .frames_recorder import Recorder, write_recording
-from .images.bag_images import IMAGE_DEPTH_TOPIC
 from .images.current_image import CurrentImage, ImagePose, ImageSource, PoseHistory
 from .images.image_layout import standard_image
 from .images.image_sequence import ImageHeader, ImageSequence, read_image_header
@@ -41,8 +46,7 @@ from .manifest.expected import (
     write_expected,
 )
 from .manifest.images import MAX_DEPTH_MM, ImagesEntry
-from .manifest.key_rules import check_topic
-from .manifest.margins import MarginEntry
+from .manifest.key_rules import MarginEntry, check_topic
 from .manifest.parts import (
     TUMOR_MESH_FRAME,
     ContourEntry,

@@ -13,7 +13,7 @@ from app.case.frames_recorder import write_recording
 from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest.case_file import MANIFEST_NAME, Provenance
 from app.case.manifest.display_items import ENERGY_DEVICE
-from app.case.manifest.margins import MarginEntry
+from app.case.manifest.key_rules import MarginEntry
 from app.case.manifest.parts import TUMOR_MESH_FRAME
 from app.case.manifest.structures import PlainParts, as_schema_2
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from app.case.manifest.margins import MarginEntry
+from app.case.manifest.key_rules import MarginEntry
 from app.geometry import FloatArray, FrameError, InputError, SurfaceMesh, Transform
 
 _MAX_LINE = 262_144

@@ -15,8 +15,7 @@ from app.case.live_file import ABOVE_0, NEEDS_ROBOT, PASSIVE
 from app.case.manifest.case_file import FILES, OWN_BASE_FRAME
 from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
-from app.case.manifest.key_rules import RIGID
-from app.case.manifest.margins import SESSION_LIMITS
+from app.case.manifest.key_rules import RIGID, SESSION_LIMITS
 from app.case.manifest.structures import DIFFERENT
 from app.cli.commands.doctor import SCHEMA_NAMES
 from app.cli.main import main

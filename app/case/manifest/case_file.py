@@ -25,8 +25,7 @@ from app.case.manifest.images import (
     read_activation,
     read_images,
 )
-from app.case.manifest.key_rules import YEAR_MS
-from app.case.manifest.margins import MARGINS, MarginEntry
+from app.case.manifest.key_rules import MARGINS, YEAR_MS, MarginEntry
 from app.case.manifest.parts import (
     PARTS,
     MeshEntry,

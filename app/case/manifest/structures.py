@@ -5,8 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal
 
 from app.case.manifest.display_items import ItemEntry
-from app.case.manifest.key_rules import REFERENCE_FRAME, read_pose
-from app.case.manifest.margins import MARGINS, MarginEntry
+from app.case.manifest.key_rules import MARGINS, REFERENCE_FRAME, MarginEntry, read_pose
 from app.case.manifest.parts import (
     PARTS,
     TUMOR_MESH_FRAME,

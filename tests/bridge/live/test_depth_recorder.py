@@ -8,7 +8,7 @@ import pytest
 
 from app.bridge.live.non_ros_recorder import DepthRecorder
 from app.case import IMAGE_DEPTH_TOPIC, BagTopic, BagWriter, DepthCalibration, ImageDepths
-from app.case.images.bag_images import RecordedDepth, recorded_depths
+from app.case.case_images import RecordedDepth, recorded_depths
 from app.geometry import ImageCalibration, ImageSample, ImageStatus, InputError, Stamp
 
 pytestmark = pytest.mark.slow

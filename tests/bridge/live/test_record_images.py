@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from app.case import open_case, open_case_images
-from app.case.images.bag_images import BagImages
+from app.case.case_images import BagImages
 from benchmarks.images.sender import image_values
 from benchmarks.images.session import COLUMNS, PROBE_FROM_IMAGE, ROWS, TOPIC, write_session
 from tests.bridge.conftest import Start

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from app.case import BagTopic, BagWriter, Case, open_case, open_case_images
-from app.case.images.bag_images import IMAGE_DEPTH_TOPIC, BagImages
+from app.case.case_images import IMAGE_DEPTH_TOPIC, BagImages
 from app.case.messages.message_values import IMAGE
 from app.case.messages.ros_messages import (
     RANGE,

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from app.case import DepthCalibration, ImageDepths, open_case, open_case_images
-from app.case.images.bag_images import BagImages
+from app.case.case_images import BagImages
 from app.geometry import ImageCalibration, InputError, image_corners
 from tests.case.images.sequences import CALIBRATION
 from tests.case.images.test_bag_images import COLUMNS, COUNT, ROWS, case_with, image, stamp
