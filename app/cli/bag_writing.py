@@ -10,8 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
 
-from app.files.child_process import module_command, same_code
-from app.runtime.background_process import work_behind
+from app.files.child_process import module_command, same_code, work_behind
 
 if TYPE_CHECKING:
     from app.case import CaseManifest

@@ -46,7 +46,7 @@ def live_page(
     print_reach()
     from app.bridge import RosNode
     from app.bridge.displays.remote_operator import PAGE_NODE
-    from app.runtime.background_process import step_back
+    from app.files.child_process import step_back
 
     name = f"{PAGE_NODE}_{token_hex(3)}"
     with ExitStack() as stack:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from app.files.suggestions import did_you_mean
+from app.files.keys import did_you_mean
 
 BAD_INPUT = 2
 

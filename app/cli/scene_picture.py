@@ -8,8 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from app.files.child_process import module_command, same_code
-from app.runtime.background_process import work_behind
+from app.files.child_process import module_command, same_code, work_behind
 
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog

@@ -1,4 +1,4 @@
-"""Child processes: how they are started, asked, limited, and what a command reports of its end.
+"""Child processes: how they are started, asked, limited and put behind, and reports of their end.
 
 `ask` sends one request to a module that calls `answer_request`, and returns its answer.
 """
@@ -15,6 +15,9 @@ from pathlib import Path
 from typing import IO, NoReturn
 
 from app.files.shipped import checkout
+
+_NICENESS = 5
+"""Low enough for the thread of the constraint to go first, high enough to proceed beside others."""
 
 Ask = Callable[[bytes], tuple[int, bytes]]
 """Sends a request to a new process; returns its exit status and its answer."""
@@ -99,3 +102,14 @@ def reported_error(line: bytes) -> str:
     with suppress(ValueError, KeyError, TypeError):
         return " ".join(str(json.loads(line)["error"]["message"]).split())
     return ""
+
+
+def step_back() -> None:
+    """Let this process give way to others that start with its present priority."""
+    os.nice(_NICENESS)
+
+
+def work_behind(process: "subprocess.Popen[bytes]") -> None:
+    """Let the new ``process`` give way to this one."""
+    with suppress(ProcessLookupError):  # it has ended: its user reports that
+        os.setpriority(os.PRIO_PROCESS, process.pid, os.nice(0) + _NICENESS)

@@ -22,9 +22,9 @@ from app.files.keys import (
     Numbers,
     Text,
     Texts,
+    did_you_mean,
     unit_of,
 )
-from app.files.suggestions import did_you_mean
 from app.files.yaml_file import load_yaml
 from app.geometry import FrameError, InputError, MarginGuardError, Transform, check_frame
 

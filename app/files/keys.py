@@ -4,9 +4,10 @@ A `Block` declares a mapping. `app.files.document.Section` reads a mapping by it
 `app.files.document_text` describes the block as JSON Schema. The end of a key is its unit: ``_mm``.
 """
 
+import difflib
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -176,3 +177,9 @@ XACRO_ARGS = Texts(
     plain_values=True,
     optional=True,
 )
+
+
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """Text ``; did you mean 'stop_mm'?`` for the most similar known word; empty without one."""
+    similar = difflib.get_close_matches(str(word), list(known), n=1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""

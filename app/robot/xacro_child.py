@@ -22,7 +22,7 @@ import xacro.substitution_args
 
 from app.files.bounded_io import is_file, read_bounded
 from app.files.child_process import answer_request, limit_this_process
-from app.files.suggestions import did_you_mean
+from app.files.keys import did_you_mean
 from app.files.xml_guard import read_xml
 from app.robot.elements import UrdfError
 from app.robot.mesh_locator import MeshLocator

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.case import ENERGY_DEVICE, Activation
-from app.files.json_lines import JsonLinesFile
+from app.files.json_file import JsonLinesFile
 from app.geometry import NS_PER_S
 from app.runtime.content import SessionContent
 from app.runtime.outputs import PassiveOutput, StepTiming, SwitchContent

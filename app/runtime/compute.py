@@ -6,23 +6,27 @@ does neither.
 """
 
 import logging
+import mmap
 import os
+import pickle
 import socket
+import struct
 import subprocess
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol, Self, TypeVar, cast
 
-from app.files.child_process import module_command, same_code
+from app.files.child_process import module_command, same_code, work_behind
 from app.geometry import InputError
-from app.runtime.background_process import read_object, work_behind, write_object
 
 _LOG = logging.getLogger(__name__)
 
 _Value = TypeVar("_Value")
 
 _CLOSE_INTERVAL_S = 0.05
+_ALIGNMENT = 64
+_COUNT = struct.Struct("<Q")
 
 
 class Compute(Protocol):
@@ -190,3 +194,50 @@ def receive_object(connection: socket.socket) -> object | None:
         return read_object(files[0])
     finally:
         os.close(files[0])
+
+
+def write_object(value: object) -> int:
+    """Pickle ``value`` into a new memory file; returns its descriptor, which the caller closes.
+
+    Writing the arrays releases the GIL.
+    """
+    buffers: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(value, protocol=5, buffer_callback=buffers.append)
+    parts = [memoryview(pickled), *(buffer.raw() for buffer in buffers)]
+    file = os.memfd_create("marginguard", os.MFD_CLOEXEC)
+    try:
+        offset = 0
+        for data in (_COUNT.pack(len(parts)), *(_COUNT.pack(part.nbytes) for part in parts)):
+            offset += os.pwrite(file, data, offset)
+        for part in parts:
+            offset = _aligned(offset)
+            done = 0
+            while done < part.nbytes:
+                done += os.pwrite(file, part[done:], offset + done)
+            offset += done
+        os.ftruncate(file, max(offset, 1))
+    except BaseException:
+        os.close(file)
+        raise
+    return file
+
+
+def read_object(file: int) -> object:
+    """Return the object of `write_object`. Its arrays are views of the file, copied on write.
+
+    Only for a file of a process that this one trusts: unpickling can run code.
+    """
+    content = memoryview(mmap.mmap(file, 0, access=mmap.ACCESS_COPY))
+    count = _COUNT.unpack_from(content)[0]
+    sizes = [_COUNT.unpack_from(content, _COUNT.size * (1 + k))[0] for k in range(count)]
+    parts, offset = [], _COUNT.size * (1 + count)
+    for size in sizes:
+        offset = _aligned(offset)
+        parts.append(content[offset : offset + size])
+        offset += size
+    value: object = pickle.loads(parts[0], buffers=parts[1:])
+    return value
+
+
+def _aligned(offset: int) -> int:
+    return -(-offset // _ALIGNMENT) * _ALIGNMENT

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.files.atomic_io import atomic_file, check_output_path, new_folder, write_file, write_files
-from app.files.json_lines import JsonLinesFile
+from app.files.json_file import JsonLinesFile
 from app.geometry import InputError, MeshError
 
 

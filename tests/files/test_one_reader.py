@@ -88,7 +88,7 @@ OPENS_FILES = {
     "case/bag_writer.py": {"os.open"},
     "cohort/dataset.py": {"self._journal.open"},
     "files/atomic_io.py": {"os.open", "os.fdopen"},
-    "files/json_lines.py": {"os.open", "self.path.open"},
+    "files/json_file.py": {"os.open", "self.path.open"},
     "case/frames_recorder.py": {"self._partial.open"},
     "fixture/proximity/field_cache.py": {"os.fdopen"},
     "scene/scene_file.py": {"zipfile.ZipFile"},

@@ -15,7 +15,7 @@ import pytest
 from app.fixture import ProximityEngine, prepared_tumor
 from app.geometry import InputError, MeshError, SurfaceMesh, Transform
 from app.runtime import ComputeProcess
-from app.runtime.background_process import read_object, write_object
+from app.runtime.compute import read_object, write_object
 from tests.fixture_shapes import tool, tumor
 
 pytestmark = pytest.mark.long
