@@ -17,57 +17,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.resolvers import Resolver
 
 from app.files.bounded_io import read_bounded
 from app.files.mesh_checks import MeshOptions as MeshOptions
 from app.files.mesh_checks import MeshPart, check_obj, check_ply, check_stl, is_binary_stl, placed
-from app.files.paths import resolve_inside
-from app.geometry import FloatArray, InputError, MarginGuardError, weld_vertices
-
-_MAX_MATERIAL_BYTES = 4_000_000
-
-
-def read_linked(mesh: Path, name: str, max_bytes: int) -> bytes:
-    """Read the file ``name`` beside ``mesh``.
-
-    Raises `InputError` for one that is missing, outside the folder or larger than ``max_bytes``.
-    """
-    path = resolve_inside(mesh.parent, name, f"{mesh}: a linked file")
-    return read_bounded(path, max_bytes)
-
-
-class MaterialFiles(Resolver):
-    """Gives trimesh the material files of an OBJ and nothing else.
-
-    A picture would be opened for its size only. A file that is missing or cannot be read is an
-    `OSError`, and the mesh is read without colours.
-    """
-
-    def __init__(self, mesh: Path) -> None:
-        self.file_name = mesh.name
-        self._mesh = mesh
-
-    def get(self, key: str) -> bytes:
-        """Return the content of a file that ends with ``.mtl``."""
-        if not key.lower().endswith(".mtl"):
-            raise OSError(f"{key[:60]!r} is not a material file")
-        try:
-            return read_linked(self._mesh, key, _MAX_MATERIAL_BYTES)
-        except InputError as error:
-            raise OSError(str(error)) from error
-
-    def keys(self) -> tuple[str, ...]:
-        """Return no names: the folder is not searched."""
-        return ()
-
-    def namespaced(self, namespace: str) -> "MaterialFiles":
-        """Return a resolver for the same folder."""
-        return self
-
-    def write(self, name: str, data: Any) -> None:
-        """Refuse to write."""
-        raise OSError(f"{name[:60]!r} is not written")
+from app.geometry import FloatArray, MarginGuardError, weld_vertices
 
 
 def silence(*libraries: str) -> None:
@@ -177,7 +131,7 @@ def _trimesh_keywords(content: bytes, path: Path, options: MeshOptions) -> dict[
     """Keywords of `trimesh.load_scene` for the file."""
     from trimesh.exchange.load import mesh_loaders
 
-    from app.files.mesh_file import MaterialFiles
+    from app.files.linked_files import MaterialFiles
 
     kind = path.suffix.lower().removeprefix(".")
     load: Any = mesh_loaders[kind]
