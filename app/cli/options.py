@@ -11,6 +11,7 @@ LIVE_EXAMPLE = "package://marginguard/live_example/live.yaml"
 MAX_AGE_MS = 60_000.0
 MAX_RATE_HZ = 20_000.0
 MAX_OFFSET_MS = 4e12
+_MAX_DIGITS = 18
 """More than a century: one clock may count from 1970, and the other from its own start."""
 
 
@@ -149,34 +150,61 @@ def number(text: str) -> float:
     return value
 
 
-def age_ms(text: str) -> float:
-    """A time difference in ms, 0 to `MAX_AGE_MS`."""
-    value = number(text)
-    if not 0.0 <= value <= MAX_AGE_MS:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is out of range; expected 0 to {MAX_AGE_MS:g} ms"
-        )
-    return value
+def _in_range(expected: str, is_allowed: Callable[[float], bool]) -> Callable[[str], float]:
+    def checked(text: str) -> float:
+        value = number(text)
+        if not is_allowed(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is out of range; expected {expected}")
+        return value
+
+    return checked
 
 
-def clock_offset_ms(text: str) -> float:
-    """A clock offset in ms, at most `MAX_OFFSET_MS` in size."""
-    value = number(text)
-    if not abs(value) <= MAX_OFFSET_MS:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is out of range; expected -{MAX_OFFSET_MS:g} to {MAX_OFFSET_MS:g} ms"
-        )
-    return value
+age_ms = _in_range(f"0 to {MAX_AGE_MS:g} ms", lambda ms: 0.0 <= ms <= MAX_AGE_MS)
+"""A time difference in ms, 0 to `MAX_AGE_MS`."""
+
+clock_offset_ms = _in_range(
+    f"-{MAX_OFFSET_MS:g} to {MAX_OFFSET_MS:g} ms", lambda ms: abs(ms) <= MAX_OFFSET_MS
+)
+"""A clock offset in ms, at most `MAX_OFFSET_MS` in size."""
+
+rate_hz = _in_range(
+    f"more than 0 and at most {MAX_RATE_HZ:g} Hz", lambda hz: 0.0 < hz <= MAX_RATE_HZ
+)
+"""A rate in Hz, above 0 and at most `MAX_RATE_HZ`."""
 
 
-def rate_hz(text: str) -> float:
-    """A rate in Hz, above 0 and at most `MAX_RATE_HZ`."""
-    value = number(text)
-    if not 0.0 < value <= MAX_RATE_HZ:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is out of range; expected more than 0 and at most {MAX_RATE_HZ:g} Hz"
-        )
-    return value
+def quantity(
+    unit: str, expected: str, is_allowed: Callable[[float], bool]
+) -> Callable[[str], float]:
+    """Type of an option for a number in ``unit`` for which ``is_allowed`` is true."""
+
+    def checked(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"{text!r} {unit}; expected a number") from error
+        if not is_allowed(value):
+            raise argparse.ArgumentTypeError(f"{text} {unit}; expected {expected}")
+        return value
+
+    return checked
+
+
+def integer(
+    low: int, high: int = 10**_MAX_DIGITS - 1, *, expected: str = "", unit: str = ""
+) -> Callable[[str], int]:
+    """Type of an option for ``low`` to ``high``, in digits alone; ``expected`` is in the error."""
+
+    def checked(text: str) -> int:
+        is_short = text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS
+        if not (is_short and low <= int(text) <= high):
+            raise argparse.ArgumentTypeError(
+                f"{text!r}{unit}; expected {expected or f'{low} to {high}'}"
+            )
+        return int(text)
+
+    return checked
 
 
 def frame_name(text: str) -> str:

@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING
 
 from app.cli.dicom_folder import VOXEL_MM, resected_structures, write_dicom
 from app.cli.gc_control import GcPause
-from app.cli.options import add_case, add_tool, file_path, folder_path
+from app.cli.options import add_case, add_tool, file_path, folder_path, quantity
 from app.cli.progress import with_progress
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
     from app.analysis.breach_probability import Outcome
     from app.analysis.specimen import Resection
+
+_not_negative = quantity("mm", "0 or more", lambda mm: 0.0 <= mm < math.inf)
+_length = quantity("mm", "more than 0", lambda mm: 0.0 < mm < math.inf)
 
 SUMMARY = "analyse a case: breaches and their depth, motion, coverage"
 
@@ -268,23 +271,6 @@ def _outcome(outcome: "Outcome") -> str:
         f"{outcome.probability:.3f}, inside for {outcome.inside_s:.2f} s, "
         f"lowest {middle:.2f} mm ({low:.2f} to {high:.2f})"
     )
-
-
-def _not_negative(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} mm; expected a number") from error
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text} mm; expected 0 or more")
-    return value
-
-
-def _length(text: str) -> float:
-    value = _not_negative(text)
-    if value == 0.0:
-        raise argparse.ArgumentTypeError(f"{text} mm; expected more than 0")
-    return value
 
 
 def _error(text: str) -> tuple[str, float]:

@@ -10,7 +10,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_json, folder_path
+from app.cli.options import add_json, folder_path, integer
 from app.cli.progress import progress_with_total
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--workers",
-        type=_workers,
+        type=integer(1, 1024),
         metavar="N",
         help="workers on this machine (default: one for each processor)",
     )
@@ -100,9 +100,3 @@ def _write_report(dataset: "Dataset", name: str) -> None:
     page = cohort_html(name, rows, comparisons, find_outliers(rows), forest, __version__)
     write_file(dataset.folder / "report.html", page.encode())
     write_file(dataset.folder / "comparison.csv", comparison_csv(comparisons).encode())
-
-
-def _workers(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected 1 to 1024")
-    return int(text)

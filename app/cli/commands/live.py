@@ -22,6 +22,7 @@ from app.cli.options import (
     add_package_dirs,
     add_tool,
     input_argument,
+    quantity,
 )
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState, note_signals
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_namespace(parser)
     parser.add_argument(
         "--constraint-hz",
-        type=_rate_hz,
+        type=quantity("Hz", f"more than 0, up to {MAX_HZ:g} Hz", lambda hz: 0.0 < hz <= MAX_HZ),
         default=MAX_HZ,
         metavar="HZ",
         help=f"rate at which the constraint is repeated, up to {MAX_HZ:g}; default: {MAX_HZ:g}",
@@ -85,16 +86,6 @@ class _NoTipOnly(argparse.Action):
         raise argparse.ArgumentError(
             self, "a guard measures the whole tool; expected a replay ('view CASE', 'replay')"
         )
-
-
-def _rate_hz(text: str) -> float:
-    try:
-        rate_hz = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} Hz; expected a number") from error
-    if not 0.0 < rate_hz <= MAX_HZ:
-        raise argparse.ArgumentTypeError(f"{text} Hz; expected more than 0, up to {MAX_HZ:g} Hz")
-    return rate_hz
 
 
 def run(options: argparse.Namespace) -> int:

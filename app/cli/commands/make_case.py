@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.options import folder_path, input_argument
+from app.cli.options import folder_path, input_argument, integer
 from app.cli.parsing import CommandParser
 from app.cli.progress import progress_with_total
 from app.cli.simulated_case_options import (
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SUMMARY = "write a simulated case with ground truth, or the manifest of many"
 DEFAULT_SEED = 1
+_COUNT = integer(1, 10_000_000)
 
 
 def add_arguments(parser: CommandParser) -> None:
@@ -122,11 +123,11 @@ DEFAULT_RANGES = {
 def _add_cohort_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard make-case cohort``."""
     parser.add_argument(
-        "-n", "--count", type=_positive, required=True, metavar="N", help="number of cases"
+        "-n", "--count", type=_COUNT, required=True, metavar="N", help="number of cases"
     )
     parser.add_argument(
         "--seed",
-        type=_integer,
+        type=integer(0, expected="an integer of 0 or more"),
         default=1,
         metavar="S",
         help="seed of all random values, 0 or more (%(default)s)",
@@ -143,7 +144,7 @@ def _add_cohort_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--surgeons",
-        type=_positive,
+        type=_COUNT,
         default=8,
         metavar="K",
         help="number of surgeons, each with a skill (%(default)s)",
@@ -186,16 +187,3 @@ def _run_cohort(options: argparse.Namespace) -> int:
     write_manifest(options.out, f"simulated cohort {options.seed}", design)
     print(f"wrote {options.out / MANIFEST_FILE}")
     return 0
-
-
-def _integer(text: str) -> int:
-    if not text.isdecimal() or len(text) > 18:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected an integer of 0 or more")
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    number = _integer(text)
-    if not 1 <= number <= 10_000_000:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected 1 to 10000000")
-    return number

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.bag_writing import BagProcess, bag_of
 from app.cli.gc_control import GcPause
-from app.cli.options import add_case, add_json, add_tool, file_path, folder_path
+from app.cli.options import add_case, add_json, add_tool, file_path, folder_path, quantity
 from app.cli.progress import with_progress
 from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
 from app.cli.ros import published
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--movie-seconds",
-        type=_movie_seconds,
+        type=quantity("s", f"1 to {_MAX_MOVIE_S:g} s", lambda s: 1.0 <= s <= _MAX_MOVIE_S),
         default=10.0,
         metavar="S",
         help="longest duration of the movie, to which time is compressed (default: 10)",
@@ -251,13 +251,3 @@ def _drawings(options: argparse.Namespace) -> tuple[str, ...]:
 def _movie_kind(options: argparse.Namespace) -> str:
     is_video = options.movie is not None and options.movie.suffix.lower() == ".mp4"
     return VIDEO if is_video else MOVIE
-
-
-def _movie_seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} s; expected a number") from error
-    if not 1.0 <= seconds <= _MAX_MOVIE_S:
-        raise argparse.ArgumentTypeError(f"{text} s; expected 1 to {_MAX_MOVIE_S:g} s")
-    return seconds

@@ -28,6 +28,7 @@ from app.cli.options import (
     add_package_dirs,
     add_tool,
     input_argument,
+    integer,
 )
 from app.cli.signals import SignalState, note_signals
 
@@ -121,7 +122,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--max-upload-mb",
-        type=_megabytes,
+        type=integer(0, _MAX_UPLOAD_MB, unit=" MB"),
         metavar="N",
         help="of a folder of cases: largest zip file that may be uploaded, up to "
         f"{_MAX_UPLOAD_MB}; 0: none; default: 512",
@@ -252,12 +253,6 @@ def _node_name(text: str) -> str:
     if not re.fullmatch(r"(/?[A-Za-z_][A-Za-z0-9_]*)+", text):
         raise argparse.ArgumentTypeError(f"{text!r}; expected the name of a node: /marginguard")
     return text
-
-
-def _megabytes(text: str) -> int:
-    if not text.isascii() or not text.isdecimal() or int(text) > _MAX_UPLOAD_MB:
-        raise argparse.ArgumentTypeError(f"{text!r} MB; expected 0 to {_MAX_UPLOAD_MB}")
-    return int(text)
 
 
 def _add_address(parser: argparse.ArgumentParser) -> None:
