@@ -14,7 +14,7 @@ from app.case import ENERGY_DEVICE, Activation
 from app.files.json_file import JsonLinesFile
 from app.geometry import NS_PER_S
 from app.runtime.content import SessionContent
-from app.runtime.outputs import PassiveOutput, StepTiming, SwitchContent
+from app.runtime.outputs import PassiveOutput, StepTiming
 from app.runtime.requests import OperatorRequest, RateLimit
 from app.session import StepResult
 
@@ -146,10 +146,6 @@ class AuditOutput(PassiveOutput):
             "stamp_ns": step.frame.stamp.ns,
         }
         self._log.add(event, values | ({"playback": step.playback} if step.playback else {}))
-
-    def prepare(self, content: SessionContent) -> SwitchContent:
-        """Return the switch, which lists what is in use from then on."""
-        return self._use
 
     def end(self) -> None:
         """List the end of the session."""

@@ -73,8 +73,8 @@ class PassiveOutput:
     """Base class of outputs that permit no motion and store nothing of a content."""
 
     def prepare(self, content: SessionContent) -> SwitchContent:
-        """Nothing to prepare."""
-        return lambda content: None
+        """Return the switch; nothing needs to be prepared."""
+        return self._use
 
     def revoke(self) -> None:
         """Nothing to withdraw."""
@@ -84,6 +84,9 @@ class PassiveOutput:
 
     def end(self) -> None:
         """Nothing to publish."""
+
+    def _use(self, content: SessionContent) -> None:
+        """Switch to ``content``."""
 
 
 class StepHolds(PassiveOutput):

@@ -40,7 +40,6 @@ from app.runtime import (
     RequestLog,
     SessionContent,
     StepTiming,
-    SwitchContent,
     described_images,
 )
 from app.session import SessionSetup, SetupDoubts, StepResult
@@ -200,10 +199,6 @@ class TwistOutput(PassiveOutput):
             self._limiter.forbid()
         return True
 
-    def prepare(self, content: SessionContent) -> SwitchContent:
-        """Return the switch; nothing needs to be prepared."""
-        return self._use
-
     def revoke(self) -> None:
         """Allow no motion until the next step."""
         self._limiter.forbid()
@@ -303,10 +298,6 @@ class SetupDoubtLog(PassiveOutput):
                 self._ros.node.get_logger().warning(f"check the set-up: {text}")
         return True
 
-    def prepare(self, content: SessionContent) -> SwitchContent:
-        """Return the switch; nothing needs to be prepared."""
-        return self._use
-
     def _use(self, content: SessionContent) -> None:
         self._doubts.stale_after_ns = content.margins.stale_after_ns
         self._doubts.use_tip(content.tool_from_tip)
@@ -355,10 +346,6 @@ class ChosenDepth(PassiveOutput):
         """Note the time of ``step``."""
         self._newest_ns = step.frame.stamp.ns
         return True
-
-    def prepare(self, content: SessionContent) -> SwitchContent:
-        """Return the switch; nothing needs to be prepared."""
-        return self._use
 
     def _use(self, content: SessionContent) -> None:
         if content.image_depth is not None and content.image_depth != self._depth:
