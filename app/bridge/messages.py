@@ -27,7 +27,7 @@ from std_msgs.msg import ColorRGBA, Header
 
 from app.bridge.ros_errors import BridgeError
 from app.case import CaseManifest
-from app.case.tracking_frames import JointSample
+from app.case.frame_streams import JointSample
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform, quaternion_of_rotation
 
 MM_PER_M = 1000.0

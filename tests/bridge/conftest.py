@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from app.case import open_case
-from app.case.tracking_frames import JointSample, TrackingFrame
+from app.case.frame_streams import JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
     Constraint,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from app.bridge import messages
 from app.bridge.ros_errors import BridgeError
-from app.case.tracking_frames import JointSample
+from app.case.frame_streams import JointSample
 from app.geometry import Stamp, Transform
 from tests.bridge.peers import as_plain
 

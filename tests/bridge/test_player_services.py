@@ -7,7 +7,7 @@ import pytest
 from app.bridge.node import RosNode
 from app.bridge.replay_node import PlayerServices
 from app.case import Player
-from app.case.tracking_frames import TrackingFrame
+from app.case.frame_streams import TrackingFrame
 from app.geometry import Stamp
 from tests.bridge.service_calls import CALLER
 

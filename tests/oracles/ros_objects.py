@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from app.case.frame_streams import JointSample
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -13,7 +14,6 @@ from app.case.messages.ros_messages import (
     ros_types,
     stamp_parts,
 )
-from app.case.tracking_frames import JointSample
 from app.geometry import TrackedTransform, Transform
 
 

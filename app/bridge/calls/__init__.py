@@ -8,9 +8,8 @@ from app.bridge.calls.parameter_client import (
     ParameterDescription,
 )
 from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer
-from app.bridge.calls.service_client import ServiceClient
+from app.bridge.calls.service_client import PendingReply, ServiceClient
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.calls.waiting import PendingReply
 from app.bridge.ros_errors import (
     CallCancelledError,
     CallError,

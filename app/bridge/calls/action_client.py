@@ -9,7 +9,7 @@ from rclpy.action.client import ActionClient as RosActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.task import Future
 
-from app.bridge.calls.waiting import (
+from app.bridge.calls.service_client import (
     DEFAULT_TIMEOUT_S,
     SENDING_ERRORS,
     Deadline,

@@ -24,8 +24,7 @@ from app.bridge.calls.parameter_server import (
     parameter_value,
     plain_value,
 )
-from app.bridge.calls.service_client import ServiceClient
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S
+from app.bridge.calls.service_client import DEFAULT_TIMEOUT_S, ServiceClient
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import CallError, ConversionError, ParameterUnsetError, RefusedError
 from app.bridge.topics import Topic

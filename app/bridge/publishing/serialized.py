@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages
 from app.bridge.ros_errors import BridgeError
-from app.case.tracking_frames import JointSample
+from app.case.frame_streams import JointSample
 from app.fixture import FIXTURE_FRAME, MarginState
 from app.geometry import FrameError, Stamp, Transform, chain_to_root
 from app.session import StepResult

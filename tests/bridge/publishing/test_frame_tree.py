@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.bridge.publishing.serialized import FrameTree, moving_edges
-from app.case.tracking_frames import TrackingFrame
+from app.case.frame_streams import TrackingFrame
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.session import StepResult

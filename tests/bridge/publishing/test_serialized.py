@@ -21,7 +21,7 @@ from app.bridge.publishing.serialized import (
 )
 from app.bridge.ros_errors import BridgeError
 from app.bridge.tf_topics import tf_message
-from app.case.tracking_frames import JointSample
+from app.case.frame_streams import JointSample
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 
