@@ -8,7 +8,16 @@ from .case_images import (
     stale_after_ns,
 )
 from .conversion import convert_case, recover_recording
-from .frame_streams import EdgeCount, RecordingInventory, agreed_sample, with_watchdog
+from .frame_streams import (
+    Activation,
+    ActivationTrail,
+    EdgeCount,
+    JointSample,
+    RecordingInventory,
+    TrackingFrame,
+    agreed_sample,
+    with_watchdog,
+)
 from .frames_recorder import Recorder, write_recording
 from .images.current_image import CurrentImage, ImagePose, ImageSource, PoseHistory
 from .images.image_layout import standard_image
@@ -68,8 +77,15 @@ from .manifest.robot import Dwell, RegistrationEntry, RobotEntry
 from .manifest.structures import ArmEntry, StructureEntry, StructureMargins
 from .messages.decoder import values_reader
 from .messages.message_values import message_definition, read_image_message
-from .new_case import RECORDING_FOLDER, TrackedBody, begin_case, write_case
-from .new_manifest import DOCUMENTS, write_case_manifest, write_live_manifest
+from .new_case import (
+    DOCUMENTS,
+    RECORDING_FOLDER,
+    TrackedBody,
+    begin_case,
+    write_case,
+    write_case_manifest,
+    write_live_manifest,
+)
 from .player import Playback, PlayedSamples, Player
 from .readers.igsio.igsio_header import read_igsio
 from .readers.mrml.mrml_recording import read_mrml
@@ -89,7 +105,6 @@ from .session_values import (
     received_values,
     sent_values,
 )
-from .tracking_frames import Activation, ActivationTrail, JointSample, TrackingFrame
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,

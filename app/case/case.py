@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from app.case.frame_streams import read_ahead, with_watchdog
+from app.case.frame_streams import TrackingFrame, read_ahead, with_watchdog
 from app.case.manifest.case_file import CaseManifest, ClockEntry, RecordingEntry, load_manifest
 from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.expected import Expected, load_expected
@@ -27,7 +27,6 @@ from app.case.readers.recording_format import (
     recording_kinds,
 )
 from app.case.readers.rosbag2.bag_messages import RawMessage
-from app.case.tracking_frames import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh

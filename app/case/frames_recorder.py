@@ -13,6 +13,7 @@ from typing import IO, Self
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from app.case.frame_streams import JointSample, TrackingFrame
 from app.case.messages.cdr_batch import pose_arrays
 from app.case.messages.message_values import MM_PER_M
 from app.case.messages.ros_messages import (
@@ -30,7 +31,6 @@ from app.case.messages.ros_messages import (
     time_reference_message,
     tracked_transform_bytes,
 )
-from app.case.tracking_frames import JointSample, TrackingFrame
 from app.geometry import (
     InputError,
     Stamp,

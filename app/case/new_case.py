@@ -1,18 +1,29 @@
-"""Writes a new case: from surfaces and tracked poses, or for a live recording before it starts."""
+"""Writes a new case, or its document alone: from tracked poses, or for a live recording."""
 
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from app.case.case import open_case
+from app.case.case import Case, open_case
 from app.case.conversion import copy_named_files
+from app.case.frame_streams import TrackingFrame
 from app.case.frames_recorder import write_recording
-from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
-from app.case.manifest.case_file import MANIFEST_NAME, Provenance
+from app.case.live_file import (
+    LIVE,
+    LIVE_2,
+    ONLY_LIVE,
+    IgtlSourceEntry,
+    LiveCase,
+    TopicSourceEntry,
+    open_live,
+)
+from app.case.manifest.case_file import CASE, CASE_2, MANIFEST_NAME, Provenance
 from app.case.manifest.display_items import ENERGY_DEVICE
+from app.case.manifest.expected import EXPECTED
 from app.case.manifest.key_rules import MarginEntry
 from app.case.manifest.parts import TUMOR_MESH_FRAME
 from app.case.manifest.structures import PlainParts, as_schema_2
@@ -24,12 +35,13 @@ from app.case.session_values import (
     StructureValues,
     check_frames,
 )
-from app.case.tracking_frames import TrackingFrame
 from app.files.atomic_io import new_folder, write_file
+from app.files.document_text import commented_yaml
+from app.files.keys import Block
 from app.files.meshes import write_exact_ply, write_mesh
 from app.files.paths import sha256_of
 from app.files.yaml_file import load_yaml
-from app.geometry import NS_PER_MS, FrameError, InputError, SurfaceMesh, Transform
+from app.geometry import NS_PER_MS, FrameError, InputError, MarginGuardError, SurfaceMesh, Transform
 
 _RECORDING, _TOOL, _TUMOR = "tracking.mcap", "tool.stl", "tumor.stl"
 
@@ -252,3 +264,41 @@ def _given(registration: RegistrationValues, before: dict[str, Any]) -> dict[str
             values["degrees_of_freedom"] = registration.degrees_of_freedom
     values.update((key, before[key]) for key in ("max_drift_mm", "max_drift_deg") if key in before)
     return values
+
+
+DOCUMENTS = {"case": CASE, "case-2": CASE_2, "live": LIVE, "live-2": LIVE_2, "expected": EXPECTED}
+"""Name of a document, with its schema unless that is 1 -> the declaration of its keys."""
+
+
+def write_case_manifest(folder: Path, values: Mapping[str, Any]) -> Path:
+    """Write ``case.yaml`` with ``values`` to ``folder``, which has the files that it names.
+
+    Returns its path. The case is opened, with its meshes: raises `MarginGuardError` for one that
+    cannot be, or if there is a ``case.yaml`` already; no file is left then.
+    """
+    path = folder / MANIFEST_NAME
+    title = "A case of MarginGuard. Every key: docs/case_format.md"
+    _write_opened(path, CASE, values, title, lambda: open_case(folder))
+    return path
+
+
+def write_live_manifest(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a ``live.yaml`` with ``values`` to ``path``; raises as `write_case_manifest`."""
+    title = "A live session of MarginGuard. Every key: docs/live.md"
+    _write_opened(path, LIVE, values, title, lambda: open_live(path).case)
+
+
+def _write_opened(
+    path: Path, block: Block, values: Mapping[str, Any], title: str, opened: Callable[[], Case]
+) -> None:
+    if os.path.lexists(path):
+        raise InputError(f"{path} already exists; refusing to overwrite it")
+    write_file(path, commented_yaml(block, values, title).encode())
+    try:
+        case = opened()
+        case.tumor_mesh()
+        case.tool_mesh()
+        case.item_meshes()
+    except MarginGuardError:
+        path.unlink()
+        raise

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from app.case.tracking_frames import JointSample, TrackingFrame
+from app.case.frame_streams import JointSample, TrackingFrame
 from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform
 
 Source = Callable[[], Iterator[TrackingFrame]]

@@ -44,14 +44,6 @@ def open_regular(path: Path, error: type[MarginGuardError] = InputError) -> Buff
     return os.fdopen(descriptor, "rb")
 
 
-def check_regular(path: Path, error: type[MarginGuardError] = InputError) -> None:
-    """Raise ``error`` unless ``path`` is a regular file that can be read.
-
-    For a library that opens files by name; where it accepts an open file, give it `open_regular`.
-    """
-    open_regular(path, error).close()
-
-
 @contextmanager
 def open_for_reading(
     path: Path, error: type[MarginGuardError] = InputError

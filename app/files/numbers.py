@@ -1,6 +1,12 @@
 """Numbers of text files, in plain decimal form, which every program reads alike."""
 
-from app.geometry import InputError, is_plain_number
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from app.files.bounded_io import read_bounded
+from app.geometry import FloatArray, InputError, MarginGuardError, Stamp, is_plain_number
 
 
 def parse_numbers(text: str, count: int, place: str) -> list[float]:
@@ -26,3 +32,55 @@ def _is_invalid(word: str) -> bool:
     except ValueError:
         return True
     return not is_plain_number(word)
+
+
+SIGNAL_ENDING = ".csv"
+_MAX_BYTES = 64_000_000
+_MAX_COLUMNS = 64
+
+
+def read_signal(path: Path) -> tuple[list[int], FloatArray]:
+    """Read times in ns and values (n, d) of the table at ``path``.
+
+    Each line has the time in s, then one or more values, separated by commas. Programs that measure
+    something in a video write such a table: the position of a line in each image, for example. A
+    first line with names is skipped.
+
+    Raises `InputError`, with the line, for a table that is not one of numbers.
+    """
+    try:
+        text = read_bounded(path, _MAX_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text: byte {error.start}") from error
+    times: list[int] = []
+    values: list[list[float]] = []
+    try:
+        for number, row in enumerate(csv.reader(text.splitlines(), strict=True), start=1):
+            if not row or (number == 1 and _is_header(row)):
+                continue
+            place = f"{path} line {number}"
+            if not 2 <= len(row) <= _MAX_COLUMNS or (values and len(row) != len(values[0]) + 1):
+                expected = len(values[0]) + 1 if values else f"2 to {_MAX_COLUMNS}"
+                raise InputError(f"{place} has {len(row)} columns; expected {expected}")
+            times.append(_time_ns(row[0], place))
+            values.append(parse_numbers(" ".join(row[1:]), len(row) - 1, place))
+    except csv.Error as error:
+        raise InputError(f"{path} is not a table: {error}") from error
+    if not times:
+        raise InputError(f"{path} holds no numbers; expected lines of a time in s and values")
+    return times, np.array(values)
+
+
+def _is_header(row: list[str]) -> bool:
+    try:
+        parse_numbers(" ".join(row), len(row), "")
+    except InputError:
+        return True
+    return False
+
+
+def _time_ns(text: str, place: str) -> int:
+    try:
+        return Stamp.from_seconds(text).ns
+    except MarginGuardError as error:
+        raise InputError(f"{place}: {error}") from error

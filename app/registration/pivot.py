@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import find_consensus
-from app.registration.fit_covariance import fit_covariance
 from app.registration.input_checks import DegenerateMotionError, ShapeError
 from app.registration.pivot_fit import (
     MIN_POSES,
@@ -27,7 +26,7 @@ from app.registration.pivot_fit import (
     maximum_likelihood,
     whitened,
 )
-from app.registration.pose_stack import PoseNoise, PoseStack
+from app.registration.pose_stack import PoseNoise, PoseStack, fit_covariance
 from app.registration.registration_result import checked_covariance, read_only
 from app.registration.spin import tip_transform
 
@@ -50,7 +49,7 @@ class PivotResult:
 
     ``covariance`` (6, 6)
         Of tip and pivot, in mm2. For errors that are correlated over time or differ by direction,
-        see `app.registration.fit_covariance`.
+        see `app.registration.pose_stack`.
     ``residuals_mm`` (n,)
         Distance of the tip from the pivot in each pose, outliers included.
     ``rms_mm``

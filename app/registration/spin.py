@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import find_consensus
-from app.registration.fit_covariance import fit_covariance
 from app.registration.input_checks import DegenerateMotionError, ShapeError, as_point
-from app.registration.pose_stack import PoseStack
+from app.registration.pose_stack import PoseStack, fit_covariance
 from app.registration.registration_result import checked_covariance, read_only
 
 MIN_POSES = 10
@@ -34,7 +33,7 @@ class SpinResult:
 
     ``covariance`` (3, 3)
         Of the shaft's direction, in rad2; singular along the shaft. For correlated errors, too:
-        see `app.registration.fit_covariance`.
+        see `app.registration.pose_stack`.
     ``residuals_rad`` (n,)
         Angle of the shaft from its mean direction in each pose, outliers included.
     ``turn_rad``

@@ -6,8 +6,8 @@ from itertools import islice
 
 import numpy as np
 
+from app.case.frame_streams import JointSample, TrackingFrame
 from app.case.manifest.expected import DropoutKind, ExpectedDropout
-from app.case.tracking_frames import JointSample, TrackingFrame
 from app.geometry import NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.synthetic.case_options import Encoders
 from app.synthetic.simulated_tracker import Reading, SimulatedTracker

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from app.case.frame_streams import with_watchdog
+from app.case.frame_streams import TrackingFrame, with_watchdog
 from app.case.frames_recorder import Recorder, frames_as_read
 from app.case.manifest.expected import (
     Expected,
@@ -19,7 +19,6 @@ from app.case.manifest.expected import (
     write_expected,
 )
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
-from app.case.tracking_frames import TrackingFrame
 from app.files.atomic_io import new_folder
 from app.files.paths import sha256_of
 from app.geometry import NS_PER_MS, NS_PER_S, Transform

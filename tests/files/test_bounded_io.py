@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.files.bounded_io import check_regular, is_file, is_folder, read_bounded
+from app.files.bounded_io import is_file, is_folder, open_regular, read_bounded
 from app.files.meshes import load_mesh
 from app.files.numbers import parse_numbers
 from app.files.xml_guard import parse_xml, read_xml
@@ -31,18 +31,18 @@ def test_pipe_without_writer_and_a_link_to_it_are_refused_at_once(tmp_path):
         read_bounded(tmp_path / "pipe", 100)
     (tmp_path / "link").symlink_to(tmp_path / "pipe")
     with pytest.raises(InputError, match="it is a pipe"):
-        check_regular(tmp_path / "link")
+        open_regular(tmp_path / "link")
 
 
 def test_folder_device_and_socket_are_refused(tmp_path):
     with pytest.raises(InputError, match="it is a folder; expected a regular file"):
-        check_regular(tmp_path)
+        open_regular(tmp_path)
     with pytest.raises(InputError, match="it is a device"):
-        check_regular(Path("/dev/zero"))
+        open_regular(Path("/dev/zero"))
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / "socket"))
         with pytest.raises(InputError, match="cannot be read"):
-            check_regular(tmp_path / "socket")
+            open_regular(tmp_path / "socket")
 
 
 @pytest.mark.parametrize("name", ["a" * 300, "a" * 100_000, "a\0b", "missing", "loop"])
@@ -61,7 +61,7 @@ def test_no_descriptor_stays_open_after_a_refusal(tmp_path):
     before = len(list(Path("/proc/self/fd").iterdir()))
     for _ in range(5):
         with pytest.raises(InputError):
-            check_regular(tmp_path / "pipe")
+            open_regular(tmp_path / "pipe")
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 

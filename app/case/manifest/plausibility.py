@@ -214,11 +214,6 @@ class PlausibilityEntry:
         ),
     ] = None
 
-    @property
-    def has_relations(self) -> bool:
-        """True if at least one relation between measurements is configured."""
-        return bool(self.pairs) or self.workspace is not None or self.approach is not None
-
     def ends(self, tool: str) -> tuple[tuple[str, str], ...]:
         """Pairs of frames whose relative poses the relations need; ``tool`` is the tool's frame."""
         regions = [region.frame for region in (self.workspace, self.approach) if region is not None]

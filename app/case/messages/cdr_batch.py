@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.case.frame_streams import JointSample
 from app.case.messages.cdr_layout import Column, Known, MessageColumns, columns_of
 from app.case.messages.message_values import MM_PER_M
-from app.case.tracking_frames import JointSample
 from app.geometry import (
     NS_PER_S,
     ROTATION_TOLERANCE,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.case.tracking_frames import JointSample
+from app.case.frame_streams import JointSample
 from app.geometry import (
     MAX_IMAGE_SIDE,
     NS_PER_S,

@@ -16,8 +16,8 @@ from typing import Any, Self
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from app.case.frame_streams import JointSample
 from app.case.messages.message_values import MM_PER_M
-from app.case.tracking_frames import JointSample
 from app.geometry import (
     NS_PER_S,
     InputError,

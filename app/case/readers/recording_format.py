@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import app.case.readers
 
 if TYPE_CHECKING:
+    from app.case.frame_streams import TrackingFrame
     from app.case.readers.rosbag2.bag_messages import RawMessage
-    from app.case.tracking_frames import TrackingFrame
 
 
 Note: TypeAlias = Callable[[str], None]

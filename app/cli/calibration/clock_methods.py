@@ -66,7 +66,7 @@ def _other_signal(inputs: "CalibrationInputs") -> "tuple[TimedSignal, tuple[str,
     import numpy as np
 
     from app.cli.calibration.calibration_inputs import TimeSpan, extract_tool_track, open_recording
-    from app.files.signal_file import SIGNAL_ENDING, read_signal
+    from app.files.numbers import SIGNAL_ENDING, read_signal
     from app.registration import TimedSignal
 
     path: Path = inputs.options.other

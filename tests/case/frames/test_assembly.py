@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.case import with_watchdog
-from app.case.frame_streams import AHEAD, REORDER_NS, FrameAssembler, read_ahead
-from app.case.tracking_frames import JointSample, TrackingFrame
+from app.case.frame_streams import (
+    AHEAD,
+    REORDER_NS,
+    FrameAssembler,
+    JointSample,
+    TrackingFrame,
+    read_ahead,
+)
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 
 STALE_NS = 200

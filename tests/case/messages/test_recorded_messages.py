@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from app.case import message_definition
+from app.case.frame_streams import JointSample
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -19,7 +20,6 @@ from app.case.messages.ros_messages import (
     tf_bytes,
     tracked_transform_bytes,
 )
-from app.case.tracking_frames import JointSample
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 

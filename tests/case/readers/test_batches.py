@@ -12,11 +12,11 @@ import pytest
 from mcap.writer import Writer
 
 from app.case import TrackingFrame, read_mcap
+from app.case.frame_streams import JointSample
 from app.case.messages.cdr_batch import joint_samples, tf_samples, tracked_samples
 from app.case.messages.decoder import message_decoder
 from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM, ros_types
 from app.case.readers.rosbag2 import bag_frames as reader
-from app.case.tracking_frames import JointSample
 from app.geometry import InputError, Stamp, TrackedTransform, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
 

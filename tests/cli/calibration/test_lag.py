@@ -9,7 +9,7 @@ import yaml
 
 from app.case import TrackingFrame
 from app.cli.main import main
-from app.files.signal_file import read_signal
+from app.files.numbers import read_signal
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.cli.calibration.recordings import write_igsio
 from tests.registration.time_signals import Motion, sample_times

@@ -15,9 +15,8 @@ from typing import IO
 
 import numpy as np
 
-from app.case.frame_streams import agreed_sample
+from app.case.frame_streams import TrackingFrame, agreed_sample
 from app.case.readers.recording_format import Note
-from app.case.tracking_frames import TrackingFrame
 from app.files.bounded_io import open_for_reading
 from app.files.numbers import parse_numbers
 from app.geometry import (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics, has_ending
 
 if TYPE_CHECKING:
-    from app.case.tracking_frames import TrackingFrame
+    from app.case.frame_streams import TrackingFrame
 
 MRML_ENDINGS = (".mrb", ".mrml")
 

@@ -10,7 +10,7 @@ import heapq
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.case.frame_streams import FrameAssembler
+from app.case.frame_streams import FrameAssembler, TrackingFrame
 from app.case.readers.igsio.igsio_header import frames_in_name, read_header, tracked_sample
 from app.case.readers.mrml import MRML_ENDINGS
 from app.case.readers.mrml.mrml_scene import (
@@ -24,7 +24,6 @@ from app.case.readers.mrml.mrml_scene import (
     read_mrml_document,
 )
 from app.case.readers.recording_format import Note
-from app.case.tracking_frames import TrackingFrame
 from app.files.numbers import parse_numbers
 from app.files.transforms import read_hdf5_matrices
 from app.geometry import (

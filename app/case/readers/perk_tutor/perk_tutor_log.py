@@ -11,11 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.case.frame_streams import FrameAssembler
+from app.case.frame_streams import FrameAssembler, TrackingFrame
 from app.case.readers.igsio.igsio_header import FrameNames, tracked_sample
 from app.case.readers.perk_tutor import ROOT
 from app.case.readers.recording_format import Note
-from app.case.tracking_frames import TrackingFrame
 from app.files.bounded_io import read_bounded
 from app.files.numbers import parse_numbers
 from app.files.xml_guard import walk_xml

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
 
 if TYPE_CHECKING:
+    from app.case.frame_streams import TrackingFrame
     from app.case.readers.rosbag2.bag_messages import RawMessage
-    from app.case.tracking_frames import TrackingFrame
 
 CHANGES_NAME = "changes.yaml"
 """File in the folder of a live recording: what was replaced in the session, and when."""

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.case.frame_streams import FrameAssembler
+from app.case.frame_streams import Activation, ActivationTrail, FrameAssembler, TrackingFrame
 from app.case.messages.cdr_batch import Batch, joint_samples, tf_samples, tracked_samples
 from app.case.messages.decoder import MessageDecoder, message_decoder
 from app.case.messages.message_values import JointValues, PoseValues, TimeValues
@@ -28,7 +28,6 @@ from app.case.messages.ros_messages import (
 from app.case.readers.recording_format import Note, SideTopics
 from app.case.readers.rosbag2.bag import read_bag_runs
 from app.case.readers.rosbag2.bag_messages import Connection, MessageRun, RunMessage
-from app.case.tracking_frames import Activation, ActivationTrail, TrackingFrame
 from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
 
 _UNUSABLE = (MarginGuardError, AttributeError, TypeError, ValueError, OverflowError)
