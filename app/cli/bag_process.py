@@ -13,6 +13,7 @@ from app.cli.bag_writing import BagAnswer, BagRequest
 from app.cli.gc_control import GcPause
 from app.files.child_process import answer_request
 from app.files.extras import install_hint
+from app.geometry import MarginGuardError
 
 
 def main() -> None:
@@ -22,8 +23,6 @@ def main() -> None:
 
 
 def _answered(stream: IO[bytes], memory: GcPause) -> BagAnswer:
-    from app.geometry import MarginGuardError
-
     try:
         import app.bridge  # noqa: F401  (slow to load: before the request arrives)
     except ImportError as error:

@@ -10,7 +10,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
 
+from app.files.atomic_io import new_folder
 from app.files.child_process import module_command, same_code, work_behind
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.case import CaseManifest
@@ -83,8 +85,6 @@ class BagProcess:
 
     def finish(self) -> BagAnswer:
         """Wait until the bag is complete. Raises `InputError` if it could not be written."""
-        from app.geometry import InputError
-
         self._flush()
         self._put(None)
         with suppress(EOFError, pickle.UnpicklingError):
@@ -165,8 +165,6 @@ def bag_of(
     It appears complete at the end, unless the body raises or ``keep()`` is false. Raises
     `InputError` for a folder that exists or cannot be written.
     """
-    from app.files.atomic_io import new_folder
-
     with suppress(_CancelledError), new_folder(folder) as partial:
         partial.rmdir()  # the bag creates its folder
         process.begin(run, partial)

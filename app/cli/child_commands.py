@@ -12,6 +12,8 @@ import sys
 import threading
 from collections.abc import Callable
 
+from app.geometry import InputError
+
 END_TIMEOUT_S = 15.0
 """Time in which a command ends after SIGINT; then it is killed."""
 
@@ -71,8 +73,6 @@ class CommandGroup:
         for name, process, _ in self._children:
             while not self._ready[name].wait(0.1) and not stop.is_set():
                 if process.poll() is not None:
-                    from app.geometry import InputError  # which a child need not load
-
                     raise InputError(
                         f"'marginguard {name}' ended with status {process.returncode} before it "
                         "was ready; expected it to run: its error is above"

@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from app.cli.dicom_folder import VOXEL_MM, resected_structures, study_of, write_study
+from app.files.atomic_io import install_folder, staging_folder
+from app.files.extras import check_installed
+from app.geometry import NS_PER_S, MarginGuardError
 
 if TYPE_CHECKING:
     from app.cli.bag_writing import BagProcess
@@ -39,7 +42,6 @@ def check_parts(folder: Path) -> None:
 
     A folder of an earlier report is replaced; one with other files is not.
     """
-    from app.files.extras import check_installed
     from app.report import ReportError
 
     check_installed(
@@ -79,8 +81,6 @@ class CompleteReport:
 
         If it ends without `install`, nothing is left.
         """
-        from app.files.atomic_io import staging_folder
-        from app.geometry import NS_PER_S
         from app.report.analysis_files import FramesTable
 
         with staging_folder(self._folder) as self._staging:
@@ -110,7 +110,6 @@ class CompleteReport:
 
     def install(self) -> None:
         """Move the folders into the report's when they are complete."""
-        from app.files.atomic_io import install_folder
         from app.report import ReportError
 
         study = self._made(DICOM, self._dicom.wait, self._dicom)
@@ -132,8 +131,6 @@ class CompleteReport:
         self, name: str, make: Callable[[], _Value], part: "ReportPart[Any] | None" = None
     ) -> _Value | None:
         """The result of ``make``; None, with the reason on standard error, if it fails."""
-        from app.geometry import MarginGuardError
-
         try:
             made = make()
         except (MarginGuardError, RuntimeError) as error:

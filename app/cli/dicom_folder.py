@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app import __version__
+from app.files.atomic_io import new_folder
+
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
     from app.dicom import DicomStudy, Structure
@@ -24,8 +27,6 @@ def write_dicom(
     The arguments are those of `study_of`. Raises as that does, and `InputError` for a folder that
     is not empty.
     """
-    from app.files.atomic_io import new_folder
-
     study = study_of(structures, ras_from_tumor=ras_from_tumor, **options)
     with new_folder(folder, may_be_empty=True) as partial:
         write_study(partial, study)
@@ -43,7 +44,6 @@ def study_of(
     ``ras_from_tumor`` (3, 3) turns their axes to RAS, which they are without it. ``options`` as in
     `dicom_study`. Raises as that does.
     """
-    from app import __version__
     from app.dicom import Structure, dicom_study
     from app.geometry import SurfaceMesh
     from app.session import checked_axes

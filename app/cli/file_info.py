@@ -6,6 +6,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from app.case import recording_formats, recording_kinds
+from app.files.bounded_io import is_file, is_folder, open_for_reading
+from app.geometry import InputError, MeshError, join_transform_name
+
 
 @dataclass(frozen=True, slots=True)
 class FileInfo:
@@ -58,11 +62,8 @@ def describe_file(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
 
 
 def _describer(path: Path) -> Describe:
-    from app.case import recording_formats, recording_kinds
     from app.cli.recording_info import describe_recording
-    from app.files.bounded_io import is_file, is_folder
     from app.files.meshes import MESH_ENDINGS
-    from app.geometry import InputError
 
     name = path.name.lower()
     if not is_file(path) and not is_folder(path):
@@ -89,9 +90,6 @@ def _describer(path: Path) -> Describe:
 
 def _yaml_describer(path: Path) -> Describe:
     """A YAML file is a transform, points or a robot (ADF), by its first keys."""
-    from app.files.bounded_io import open_for_reading
-    from app.geometry import InputError
-
     with open_for_reading(path) as file:
         lines = file.read(_HEAD_BYTES).decode("utf-8", "replace").splitlines()
     keys = {line.partition(":")[0].strip() for line in lines if line[:1] not in ("", " ", "#")}
@@ -163,7 +161,6 @@ def _describe_mesh(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
     """Describe a mesh file, and say whether it bounds a solid."""
     from app.files.meshes import load_mesh
     from app.fixture.meshes.mesh_checks import require_sound
-    from app.geometry import MeshError
 
     mesh = load_mesh(path, units="mm", frame="mesh")
     lengths = mesh.bounds_mm[1] - mesh.bounds_mm[0]
@@ -188,7 +185,6 @@ def _describe_mesh(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
 def _describe_segmentation(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
     """Describe a segmentation by the surface of its only segment, or by the names it has."""
     from app.case import tumor_from_segmentation
-    from app.geometry import InputError
 
     missing: tuple[str, ...] = ()
     facts = {}
@@ -241,7 +237,6 @@ def _describe_transform(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
 def _describe_plus(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
     """Describe a configuration of PLUS: transforms and landmarks."""
     from app.files import read_plus_config
-    from app.geometry import join_transform_name
 
     found = read_plus_config(path)
     transforms = [join_transform_name(source, target) for target, source in found.matrices]

@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from app import __version__
 from app.cli.child_commands import child_of_command
 from app.files.bounded_io import read_bounded
 from app.files.child_process import reported_error
@@ -35,7 +36,6 @@ _MAX_ERROR_BYTES = 1 << 16
 @contextmanager
 def library_page(options: argparse.Namespace) -> Iterator["LibraryServer"]:
     """The page of ``marginguard view FOLDER``."""
-    from app import __version__
     from app.cli.caches import RESULTS_FOLDER
     from app.fixture.proximity.field_cache import cache_folder
     from app.viewer.case_library import CaseLibrary

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from app.cli.gc_control import prompt_process
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState
+from app.files.child_process import step_back
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.bridge.displays import LiveChild, SessionClient
@@ -46,7 +48,6 @@ def live_page(
     print_reach()
     from app.bridge import RosNode
     from app.bridge.displays.remote_operator import PAGE_NODE
-    from app.files.child_process import step_back
 
     name = f"{PAGE_NODE}_{token_hex(3)}"
     with ExitStack() as stack:
@@ -102,7 +103,6 @@ def _client(
     """The client of the session; it waits for its first step while ``child`` runs."""
     from app.bridge.displays import SessionClient
     from app.bridge.publishing.session_publisher import NODE_NAME
-    from app.geometry import InputError
 
     def check(_silent_s: float) -> None:
         if child is not None and child.ended and client.operator is None:

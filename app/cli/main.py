@@ -38,6 +38,8 @@ from app.cli.commands import (
 )
 from app.cli.parsing import BAD_INPUT, CommandParser, UsageError, add_debug, print_error, wants_json
 from app.cli.signals import Terminated, raise_signals
+from app.files.extras import extra_with, install_hint
+from app.geometry import MarginGuardError
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
@@ -149,8 +151,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.close(nowhere)
         return NO_READER
     except Exception as error:
-        from app.geometry import MarginGuardError
-
         if options.debug:
             traceback.print_exc()
         expected = isinstance(error, MarginGuardError | OSError)
@@ -165,9 +165,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _one_line(error: Exception) -> str:
-    from app.files.extras import extra_with, install_hint
-    from app.geometry import MarginGuardError
-
     text = str(error)
     if isinstance(error, ModuleNotFoundError) and extra_with(error.name or ""):
         return f"{text}: {install_hint(error)}"

@@ -5,6 +5,10 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+from app.files.packages import split_package_dir
+from app.files.paths import input_path
+from app.geometry import InputError
+
 CASE_HELP = "folder with a case.yaml; package://marginguard/recorded_case is the shipped case"
 LIVE_EXAMPLE = "package://marginguard/live_example/live.yaml"
 
@@ -49,9 +53,6 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def input_argument(text: str) -> Path:
     """Path of an input, also of shipped data: ``package://marginguard/...``."""
-    from app.files.paths import input_path  # every command loads this file
-    from app.geometry import InputError
-
     _check_not_empty(text)
     try:
         return input_path(text)
@@ -104,8 +105,6 @@ def folder_path(text: str) -> Path:
 
 def package_folder(text: str) -> Path:
     """Path of an existing folder of packages, or ``NAME=FOLDER`` for that of one package."""
-    from app.files.packages import split_package_dir  # every command loads this file
-
     name, folder = split_package_dir(folder_path(text))
     if name is None:
         return existing_folder(text)

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.file_info import FileInfo
+from app.cli.progress import with_progress
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.case import ImageHeader, RecordingInventory
@@ -24,7 +26,6 @@ def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
     """Describe a recording; ``rate_hz`` is that of frames without times."""
     from app.case import RecordingInventory, read_recording
     from app.case.readers.recording_format import format_of, note_to
-    from app.cli.progress import with_progress
     from app.session import REFERENCE
 
     alone = _describe_images_alone(path)
@@ -85,7 +86,6 @@ def _rate(inventory: "RecordingInventory") -> str:
 def _add_images(path: Path, found: FileInfo) -> FileInfo:
     """Return ``found`` with the facts of the images of an IGSIO sequence, where it has any."""
     from app.case import read_image_header
-    from app.geometry import InputError
 
     if not path.name.lower().endswith(_IMAGE_ENDINGS):
         return found
@@ -99,7 +99,6 @@ def _add_images(path: Path, found: FileInfo) -> FileInfo:
 def _describe_images_alone(path: Path) -> FileInfo | None:
     """Describe a sequence of images without a pose; None for other files."""
     from app.case import read_image_header
-    from app.geometry import InputError
 
     if not path.name.lower().endswith(_IMAGE_ENDINGS):
         return None
@@ -117,7 +116,6 @@ def _describe_images_alone(path: Path) -> FileInfo | None:
 def _with_images(header: "ImageHeader", found: FileInfo) -> FileInfo:
     """Read all images and add what they are; `InputError` where they cannot be read."""
     from app.case import ImageSequence
-    from app.cli.progress import with_progress
 
     if header.layout is None:
         return found

@@ -8,9 +8,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from app import __version__
 from app.cli.progress import with_progress
 from app.cli.scene_picture import MOVIE, SCENE, VIDEO, ScenePainter
 from app.cli.signals import SignalState
+from app.files.extras import check_installed
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
@@ -58,9 +61,6 @@ class ReplayParts:
     @property
     def missing(self) -> dict[str, str]:
         """By file name, why a file is not among `exports`."""
-        from app.files.extras import check_installed
-        from app.geometry import InputError
-
         try:
             check_installed("av")
         except InputError as error:
@@ -77,7 +77,6 @@ class ReplayParts:
         return replace(record, notes=(*record.notes, *events))
 
     def _report_file(self, name: str) -> bytes:
-        from app import __version__
         from app.report import analysed_replay, write_report
 
         with ScenePainter() as painter, TemporaryDirectory() as folder:

@@ -10,7 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from app import __version__
 from app.cli.complete_report import MODULES, CompleteReport
+from app.files import write_file
 
 if TYPE_CHECKING:
     from app.analysis import Insertion
@@ -92,8 +94,6 @@ class ReplayReport:
         draw: Callable[[], bytes | None],
     ) -> dict[str, Any]:
         """Write all files and return the summary; ``draw`` waits for the picture."""
-        from app import __version__
-        from app.files import write_file
         from app.report import analysed_replay, summarise, write_report
         from app.report.methods import input_digests
 
@@ -177,7 +177,6 @@ def pdf_of(
     ``scene`` is a PNG, ``digests`` are those of the case's files by `input_digests`. ``insertion``
     as of `case_insertion`, None for a replay without frames.
     """
-    from app import __version__
     from app.report.pdf import report_pdf
 
     return report_pdf(

@@ -5,6 +5,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from app.files.extras import install_hint
+from app.geometry import InputError
+
 if TYPE_CHECKING:
     from app.runtime import ReplayRun
 
@@ -14,9 +17,6 @@ def load_bridge(remark: str) -> None:
     try:
         import app.bridge  # noqa: F401
     except ImportError as error:
-        from app.files.extras import install_hint
-        from app.geometry import InputError
-
         raise InputError(
             f"ROS 2 cannot be loaded ({error}); expected an installed ROS 2, {remark}: "
             f"{install_hint(error)}"

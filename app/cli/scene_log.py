@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from app.geometry import NS_PER_S
 from app.runtime import PassiveOutput
 
 if TYPE_CHECKING:
@@ -90,8 +91,6 @@ class SceneLog(PassiveOutput):
 
     def keyframes(self) -> list[tuple[float, "StepResult"]]:
         """The steps of the movie with their times in s from the first frame."""
-        from app.geometry import NS_PER_S
-
         if self._selector is None or self.first_ns is None:
             return []
         return [

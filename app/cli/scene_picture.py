@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from app.files.child_process import module_command, same_code, work_behind
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
@@ -104,8 +105,6 @@ class ScenePainter:
             else self._contents().get(name, "it was not requested")
         )
         if isinstance(content, str):
-            from app.geometry import InputError
-
             raise InputError(f"no {name}: {content}")
         return content
 

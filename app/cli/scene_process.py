@@ -16,6 +16,7 @@ from app.cli.gc_control import GcPause
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO
 from app.files.child_process import answer_request
 from app.files.extras import install_hint
+from app.geometry import MarginGuardError
 
 if TYPE_CHECKING:
     from app.cli.scene_picture import SceneRequest
@@ -71,8 +72,6 @@ def _read(stream: IO[bytes]) -> "SceneRequest | None":
 
 
 def _content(output: str, request: "SceneRequest") -> bytes | str:
-    from app.geometry import MarginGuardError
-
     try:
         return _MAKERS[output](request)
     except MarginGuardError as error:

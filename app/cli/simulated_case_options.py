@@ -5,6 +5,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
+from app.geometry import InputError
+
 if TYPE_CHECKING:
     from app.synthetic import CaseOptions
 
@@ -139,7 +141,6 @@ def add_simulated_case(parser: argparse.ArgumentParser) -> None:
 
 def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
     """The options on the command line; raises `InputError` for a value that is out of range."""
-    from app.geometry import InputError
     from app.synthetic import CaseOptions
 
     options = CaseOptions.of_tracker(parsed.tracker, parsed.tumor_mm)
@@ -172,7 +173,6 @@ def _add(parser: argparse._ActionsContainer, values: tuple[_Value, ...]) -> None
 
 def _number(text: str) -> float:
     from app.files.numbers import parse_numbers
-    from app.geometry import InputError
 
     try:
         (number,) = parse_numbers(text, 1, repr(text))

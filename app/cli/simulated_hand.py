@@ -11,6 +11,8 @@ import tty
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from app.geometry import InputError
+
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
@@ -27,8 +29,6 @@ _POLL_S = 0.1
 def check_terminal() -> None:
     """Raise `InputError` where the standard input is no terminal."""
     if not sys.stdin.isatty():
-        from app.geometry import InputError
-
         raise InputError("--hand keyboard: the standard input is no terminal; expected one")
 
 
@@ -68,8 +68,6 @@ def check_hand(kind: str, description: "WorldDescription") -> None:
         return
     entry = description.hand
     if entry is None or getattr(entry, kind, True) is None:
-        from app.geometry import InputError
-
         key = "hand" if entry is None else f"hand.{kind}"
         raise InputError(f"--hand {kind}: the world has no {key}; expected one")
     if kind == "keyboard":

@@ -26,8 +26,7 @@ Ask = Callable[[bytes], tuple[int, bytes]]
 class ChildError(OSError):
     """A process that cannot be started or takes too long; the message follows its name.
 
-    Every caller raises an error of its own for it. Here numpy is not loaded, which `app.geometry`
-    needs: a command starts its children before.
+    Every caller raises an error of its own for it.
     """
 
 

@@ -5,6 +5,8 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
+from app.geometry import MarginGuardError
+
 if TYPE_CHECKING:
     from app.geometry import ImageSample
 
@@ -236,8 +238,6 @@ class ImageIntake(Generic[Received]):
         self._thread.join()
 
     def _work(self) -> None:
-        from app.geometry import MarginGuardError
-
         while not self._closing.is_set():
             received = self._latest.take(_DECODE_WAIT_S)
             if received is None:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from app.files.atomic_io import write_file
+from app.files.extras import check_installed
 from app.fixture.proximity.field_cache import cache_folder
 from app.geometry import FloatArray, MarginGuardError, SurfaceMesh
 from app.robot import Link
@@ -72,8 +73,6 @@ def _decompose(mesh: SurfaceMesh, what: str) -> list[FloatArray]:
     try:
         import coacd
     except ModuleNotFoundError:
-        from app.files.extras import check_installed
-
         check_installed("coacd", otherwise="give 'collision: hull'")
         raise
     mesh.require_closed(what)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import app.case.readers
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.case.frame_streams import TrackingFrame
@@ -116,7 +117,6 @@ def format_of(path: Path) -> RecordingFormat:
     for each in recording_formats():
         if each.recognises(path):
             return each
-    from app.geometry import InputError
 
     raise InputError(f"{path} is not a recording; expected one of {recording_kinds()}")
 
@@ -134,8 +134,6 @@ def read_recording(
     if rate_hz is None:
         return found.read(path, note, joints)
     if found.read_at_rate is None:
-        from app.geometry import InputError
-
         raise InputError(
             f"{path} has times of its own; expected no rate (recording.rate_hz, --rate-hz)"
         )

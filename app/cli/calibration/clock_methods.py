@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
 from app.cli.options import clock_offset_ms, frame_name
+from app.geometry import NS_PER_MS
 
 if TYPE_CHECKING:
     from app.cli.calibration.calibration_inputs import CalibrationInputs
@@ -34,7 +35,6 @@ def find_lag(inputs: "CalibrationInputs") -> "CalibrationResult":
     explain the position of a line in a video, whatever the pose of the camera and its scale.
     """
     from app.cli.calibration.calibration_result import CalibrationResult
-    from app.geometry import NS_PER_MS
     from app.registration import TimedSignal, estimate_time_offset
 
     track = inputs.tool_track
@@ -97,7 +97,6 @@ def find_time_offset(inputs: "CalibrationInputs") -> "CalibrationResult":
     The offset that the case states is not used.
     """
     from app.cli.calibration.calibration_result import CalibrationResult
-    from app.geometry import NS_PER_MS
     from app.registration import estimate_time_offset
     from app.session import tip_signals
 

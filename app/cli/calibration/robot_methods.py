@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.case import Case, JointSample
@@ -26,7 +27,6 @@ def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
     import numpy as np
 
     from app.cli.calibration.calibration_result import CalibrationResult, Residuals
-    from app.geometry import InputError
     from app.registration import predict_tre, select_poses, solve_robot_world
     from app.session import load_case_robot
 
@@ -94,8 +94,6 @@ def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
 
 def _case_with_joints(recording: "Recording") -> "tuple[Case, str, str]":
     """The case of the recording, the robot's base frame and its tool link."""
-    from app.geometry import InputError
-
     case = recording.case
     if case is None or case.manifest.robot is None or not case.has_joints:
         raise InputError(f"{recording.path} has no joints; expected a case with robot.joint_states")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
 from app.cli.options import frame_name
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.cli.calibration.calibration_inputs import CalibrationInputs
@@ -165,7 +166,6 @@ def find_phantom(inputs: "CalibrationInputs") -> "CalibrationResult":
 def _read_landmarks(inputs: "CalibrationInputs") -> "dict[str, FloatArray]":
     """Landmark positions (3,) in mm in the phantom's frame, by name."""
     from app.files import read_landmarks
-    from app.geometry import InputError
 
     if inputs.options.landmarks is not None:
         return read_landmarks(inputs.options.landmarks)

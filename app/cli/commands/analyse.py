@@ -11,10 +11,15 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app import __version__
 from app.cli.dicom_folder import VOXEL_MM, resected_structures, write_dicom
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_tool, file_path, folder_path, quantity
 from app.cli.progress import with_progress
+from app.files import check_output_path, write_file
+from app.files.atomic_io import write_files
+from app.files.extras import check_installed
+from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
     from app.analysis import CaseAnalysis
@@ -114,12 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case, analyse its steps, print and write the results."""
-    from app import __version__
     from app.analysis import CaseSamples
-    from app.files import check_output_path, write_file
-    from app.files.atomic_io import write_files
-    from app.files.extras import check_installed
-    from app.geometry import NS_PER_S, InputError
     from app.report import analysed_case, analysis_page
     from app.report.analysis_files import FramesTable, analysis_csv, analysis_document
     from app.runtime import ReplayRun, prepare_case

@@ -12,7 +12,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.cli.parsing import BAD_INPUT
+from app.files import check_output_path
+from app.files.extras import extra_with, install_command, install_hint
 from app.files.shipped import shipped
+from app.geometry import InputError
 
 SUMMARY = "run a benchmark and compare its figures with those of peers"
 BENCHMARKS = {
@@ -54,9 +57,6 @@ def run(options: argparse.Namespace) -> int:
     It runs in the current folder, so that relative paths among its options stay valid, and imports
     its code from the shipped folder only.
     """
-    from app.files import check_output_path
-    from app.geometry import InputError
-
     root = shipped()
     if not (root / "benchmarks").is_dir():
         raise InputError(
@@ -94,8 +94,6 @@ def main() -> None:
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)
     except ModuleNotFoundError as error:
-        from app.files.extras import extra_with, install_command, install_hint
-
         missing = f"this benchmark needs {error.name}, which is not installed"
         if extra_with(error.name or ""):
             remedy = install_hint(error)

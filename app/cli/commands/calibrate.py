@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.case import recording_kinds
 from app.cli.calibration import clock_methods, robot_methods, tool_methods
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
 from app.cli.options import (
@@ -65,8 +66,6 @@ def add_arguments(parser: CommandParser) -> None:
 
 
 def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> None:
-    from app.case import recording_kinds
-
     allowed = f"{recording_kinds()} or a case folder"
     parser.add_argument(
         "recording", type=input_argument, metavar="RECORDING",

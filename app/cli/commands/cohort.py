@@ -10,8 +10,11 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
+from app import __version__
 from app.cli.options import add_json, folder_path, integer
 from app.cli.progress import progress_with_total
+from app.files import write_file
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -53,11 +56,9 @@ def run(options: argparse.Namespace) -> int:
     import json
     from dataclasses import replace
 
-    from app import __version__
     from app.cli.cohort_run import CohortRun
     from app.cli.dask_pool import DaskPool
     from app.cohort import Dataset, open_cohort
-    from app.geometry import InputError
 
     if options.scheduler is not None and options.workers is not None:
         raise InputError("--workers: with --scheduler; expected one of them")
@@ -88,9 +89,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _write_report(dataset: "Dataset", name: str) -> None:
     """Write ``report.html`` and ``comparison.csv`` of all rows."""
-    from app import __version__
     from app.cohort import compare, comparison_csv, find_outliers, groups_of
-    from app.files import write_file
     from app.report.cohort_html import cohort_html, forest_png
 
     rows = list(dataset.rows())

@@ -16,8 +16,10 @@ import threading
 import time
 from pathlib import Path
 
+from app.cli.gc_control import prompt_process
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
+from app.geometry import InputError
 
 CALL_TIMEOUT_S = 10.0
 
@@ -38,8 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Control the arm until a signal comes, or re-arm the controller that runs."""
-    from app.geometry import InputError
-
     if options.rearm is (options.file is not None):
         raise InputError("control: invalid combination of arguments; expected FILE, or --rearm")
     return _rearm() if options.rearm else _control(options.file)
@@ -68,7 +68,6 @@ def _control(file: Path) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.arm_control import NODE_NAME, ControlNode
-            from app.cli.gc_control import prompt_process
             from app.control import open_control
 
             description = open_control(file)

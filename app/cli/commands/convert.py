@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 from app.cli.dicom_folder import VOXEL_MM, write_dicom
 from app.cli.options import add_case, add_json, folder_path, input_argument
 from app.cli.parsing import CommandParser
+from app.files import check_output_path
+from app.files.extras import check_installed
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.dicom import DicomStudy, Structure
@@ -66,8 +69,6 @@ def _run_recover(options: argparse.Namespace) -> int:
     crash.
     """
     from app.case import recover_recording
-    from app.files import check_output_path
-    from app.geometry import InputError
 
     if options.file.suffix.lower() != ".mcap":
         raise InputError(f"{options.file}: unknown ending; expected .mcap")
@@ -136,7 +137,6 @@ def _run_dicom(options: argparse.Namespace) -> int:
     images: the written ones are a grid without a picture. Coordinates of the case are taken as RAS
     and written as LPS. The same input gives the same files, with the same identifiers.
     """
-    from app.files.extras import check_installed
     from app.runtime import prepare_case
 
     check_installed("highdicom", "pydicom")

@@ -10,9 +10,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.case import recording_formats
 from app.cli.options import CASE_HELP, add_json, add_package_dirs, input_argument, rate_hz
 from app.cli.parsing import CommandParser
 from app.cli.progress import with_progress
+from app.files.bounded_io import is_file, is_folder
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,9 +61,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _is_case(path: Path) -> bool:
     """True for a folder with a case.yaml, and for a path that only a case can explain."""
-    from app.case import recording_formats
-    from app.files.bounded_io import is_file, is_folder
-
     if is_file(path / "case.yaml"):
         return True
     return not is_file(path) and not (
@@ -218,7 +218,6 @@ def _run_images(options: argparse.Namespace) -> int:
     status: 0; 2 on bad input.
     """
     from app.case import ImageSequence, read_image_calibration
-    from app.geometry import InputError
 
     if options.sequence.startswith(_IGTL):
         return _receive_images(options)
@@ -265,7 +264,6 @@ def _serve_images(
     """Send the images that have a place to the first client."""
     import socket
 
-    from app.geometry import InputError
     from app.igtl import image_message, send_images
 
     def packets() -> "Iterator[tuple[int, bytes]]":

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from app.cli.options import folder_path
+from app.files.bounded_io import is_folder
+from app.geometry import InputError
 
 SUMMARY = "write a commented case.yaml or live.yaml from options or answers"
 
@@ -89,8 +91,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Ask for what is missing, write the file and open it."""
     from app.case import write_case_manifest, write_live_manifest
-    from app.files.bounded_io import is_folder
-    from app.geometry import InputError
 
     if not is_folder(options.folder):
         raise InputError(f"{options.folder} is not a folder; expected one with the files to name")
@@ -115,8 +115,6 @@ class _Answers:
 
     def text(self, name: str, question: str, default: str = "") -> str:
         """The option ``name``, or an answer; raises `InputError` without a terminal."""
-        from app.geometry import InputError
-
         given = getattr(self.options, name)
         if given is None and default and not sys.stdin.isatty():
             given = default
@@ -199,8 +197,6 @@ def _values(answers: _Answers) -> dict[str, Any]:
 
 
 def _needle(answers: _Answers) -> dict[str, Any]:
-    from app.geometry import InputError
-
     options = answers.options
     for name in ("needle_frame", "needle_length_mm"):
         if getattr(options, name) is None:
@@ -221,8 +217,6 @@ def _needle(answers: _Answers) -> dict[str, Any]:
 
 
 def _stylus(answers: _Answers) -> dict[str, Any]:
-    from app.geometry import InputError
-
     frame = answers.options.stylus_frame
     if frame is None:
         raise InputError("--stylus-frame is missing; expected it for a stylus, which has a frame")
@@ -242,8 +236,6 @@ def _images(answers: _Answers) -> dict[str, str]:
 
 
 def _source(answers: _Answers) -> dict[str, Any]:
-    from app.geometry import InputError
-
     name = answers.text("source", f"Source of the poses ({', '.join(_SOURCES)})", _SOURCES[0])
     if name not in _SOURCES:
         raise InputError(f"--source is {name[:40]!r}; expected one of {', '.join(_SOURCES)}")

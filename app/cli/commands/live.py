@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
+from app.cli.gc_control import prompt_process
 from app.cli.options import (
     LIVE_EXAMPLE,
     add_audit,
@@ -138,7 +139,6 @@ def _opened(
 ) -> Iterator["LiveNode"]:
     with received.ends_at_once():
         from app.bridge.live import live_node
-        from app.cli.gc_control import prompt_process
         from app.runtime import prepare_live
 
         prepared = prepare_live(

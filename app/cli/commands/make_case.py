@@ -13,6 +13,7 @@ from app.cli.simulated_case_options import (
     simulated_case_arguments,
     simulated_case_options,
 )
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.synthetic import CaseOptions
@@ -60,7 +61,6 @@ def _seed(text: str) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Simulate a case with the Touch arm."""
-    from app.geometry import InputError
     from app.synthetic import BASE_FRAME, TIP_FRAME, simulate_case
     from app.synthetic.motion import TouchArm
 
@@ -93,7 +93,6 @@ def run(options: argparse.Namespace) -> int:
 def _of_cohort(options: argparse.Namespace) -> "tuple[int, CaseOptions]":
     """Seed and options of a case of a manifest."""
     from app.cohort import open_manifest
-    from app.geometry import InputError
     from app.synthetic import CaseOptions
 
     if options.cohort is None or options.case is None:

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 
 from app.cli.options import add_namespace
 from app.cli.ros import load_bridge, print_reach
+from app.fixture import MarginState, Reason
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from marginguard_msgs.msg import FixtureConstraint
@@ -40,8 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show the hold, ask, re-arm."""
-    from app.geometry import InputError
-
     for name, stream in (("input", sys.stdin), ("output", sys.stdout)):
         if not options.yes and not stream.isatty():
             raise InputError(f"standard {name} is not a terminal; expected a terminal, or --yes")
@@ -88,8 +88,6 @@ def changes_for_the_worse(seen: "FixtureConstraint", now: "FixtureConstraint") -
 
     Another nonce, a worse state or more reasons.
     """
-    from app.fixture import MarginState, Reason
-
     changes = []
     if not now.hold:
         changes.append("the displayed hold has ended")
@@ -158,8 +156,6 @@ def _outcome_without_reply(client: "RearmClient", seen: "FixtureConstraint") -> 
 
 def hold_text(seen: "FixtureConstraint", topic: str, now_s: float) -> str:
     """State, reasons, begin of the hold and ids of a constraint, as lines."""
-    from app.fixture import MarginState
-
     if not seen.hold:
         return f"{topic}: {MarginState(seen.state).name}, not on hold"
     since_s = seen.hold_since.sec + seen.hold_since.nanosec * 1e-9

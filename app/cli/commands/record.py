@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals, standard_input
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from io import BufferedReader
@@ -104,7 +105,6 @@ def run(options: argparse.Namespace) -> int:
         print_reach()
         from app.bridge import RosNode
         from app.case import RECORDING_FOLDER, BagWriter, begin_case
-        from app.geometry import InputError
 
         lines = _Lines(as_json=options.json)
         # Create the node first: where ROS refuses it, no folder is left.
@@ -134,7 +134,6 @@ def _session_values(
     if not options.session_values:
         return None
     from app.case import received_values
-    from app.geometry import InputError
 
     if given is None or options.config is None:
         raise InputError("--session-values: expected --until-eof and --config with it")
@@ -189,7 +188,6 @@ def _topics_and_case(options: argparse.Namespace) -> tuple[list[str], "LiveCase 
     """The topics to record, and the live case, None without ``--config``."""
     from app.case import check_topic, open_live
     from app.case.live_file import IgtlSourceEntry
-    from app.geometry import InputError
 
     topics = [check_topic(topic, "--topics") for topic in options.topics or ()]
     if not topics:

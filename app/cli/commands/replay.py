@@ -21,6 +21,9 @@ from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
 from app.cli.ros import published
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO, ScenePainter
 from app.cli.signals import SignalState, note_signals
+from app.files import check_output_path, write_file
+from app.files.extras import check_installed
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.runtime import ReplayRun
@@ -120,7 +123,6 @@ def _replay(
     with ExitStack() as contexts:
         with received.ends_at_once():
             from app.cli.scene_log import PICTURES_PER_S, SceneLog
-            from app.files import write_file
             from app.report import ReplayLog, all_passed, record_of, summarise
             from app.runtime import ReplayRun, prepare_case
 
@@ -205,9 +207,6 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
     """Reject, before anything is read, options that contradict each other or cannot be written."""
     from app.case.player import checked_rate
     from app.cli.complete_report import check_parts
-    from app.files import check_output_path
-    from app.files.extras import check_installed
-    from app.geometry import InputError
     from app.report import check_writable
 
     if not options.no_ros:

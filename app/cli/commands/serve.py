@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import add_package_dirs, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
+from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
     from app.bridge.replay_node import (
@@ -87,8 +88,6 @@ class ServedCases:
     """
 
     def __init__(self, root: Path, *, package_dirs: Sequence[Path], tip_only: bool) -> None:
-        from app.geometry import InputError
-
         if not root.is_dir():
             raise InputError(f"{root}: not found; expected a folder of cases")
         self._root = root
@@ -115,7 +114,6 @@ class ServedCases:
         from app.analysis import find_breaches
         from app.bridge import replay_node
         from app.bridge.replay_node import ReplayProgress, ReplayTotals
-        from app.geometry import NS_PER_S
         from app.report import ReplayLog
         from app.runtime import ReplayRun
 
@@ -150,7 +148,6 @@ class ServedCases:
 
     def _read(self, folder: str) -> "PreparedCase":
         from app.files.paths import resolve_inside
-        from app.geometry import InputError
         from app.runtime import prepare_case
 
         if not folder:

@@ -24,11 +24,15 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
+from app.cli.gc_control import prompt_process
 from app.cli.options import folder_path
 from app.cli.parsing import CommandParser
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals, standard_input
 from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
+from app.files.bounded_io import is_file, is_folder
+from app.files.extras import check_installed
+from app.geometry import InputError, join_transform_name
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -91,8 +95,6 @@ def add_arguments(parser: CommandParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Simulate until a signal comes."""
     with note_signals() as received:
-        from app.files.extras import check_installed
-
         check_installed("mujoco", "coacd")
         load_bridge("which 'simulate' needs")
         print_reach()
@@ -100,8 +102,6 @@ def run(options: argparse.Namespace) -> int:
             from app.bridge import RosNode
             from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
             from app.cli.child_commands import CommandGroup
-            from app.cli.gc_control import prompt_process
-            from app.geometry import InputError
             from app.simulation import World, open_world
 
             commands = _commands(options)
@@ -162,8 +162,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _hand(options: argparse.Namespace) -> str:
     """The hand that moves the tool. Raises `InputError` for that of a page without one."""
-    from app.geometry import InputError
-
     has_page = options.view and "control" in options.others
     if options.hand == "page" and not has_page:
         raise InputError("simulate: --hand is page; expected --view and --with control with it")
@@ -174,8 +172,6 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
     """The commands to start, with their arguments. Raises `InputError` for a missing file."""
     from app.bridge.publishing.session_publisher import NODE_NAME
     from app.bridge.world_client import SIMULATION
-    from app.files.bounded_io import is_file, is_folder
-    from app.geometry import InputError
 
     folder = options.world if is_folder(options.world) else options.world.parent
     found: list[tuple[str, ...]] = []
@@ -208,7 +204,6 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
 
 def _check_names(port: int | None, description: "WorldDescription") -> None:
     """Raise `InputError` for a world whose tracker cannot be sent over OpenIGTLink."""
-    from app.geometry import InputError, join_transform_name
     from app.igtl.tracked_poses import MAX_NAME_BYTES
     from app.simulation import TRACKER_FRAME
 
@@ -262,8 +257,6 @@ def _run_operation(options: argparse.Namespace) -> int:
     input ends, 2 on bad input, 130 or 143 after a signal.
     """
     with note_signals() as received:
-        from app.geometry import InputError
-
         if options.seed < 0:
             raise InputError(f"--seed is {options.seed}; expected 0 or more")
         load_bridge("which 'simulate operation' needs")

@@ -14,7 +14,9 @@ import sysconfig
 from collections.abc import Mapping
 from pathlib import Path
 
+from app.files.child_process import ChildError, run_to_end
 from app.files.shipped import checkout, shipped
+from app.geometry import InputError
 
 SUMMARY = "start desktop 3D Slicer with MarginGuard's modules"
 MODULES = ("MarginGuard", "ROS2")
@@ -77,8 +79,6 @@ def _joined(*paths: str) -> str:
 
 
 def _checked_program(path: Path) -> Path:
-    from app.geometry import InputError
-
     if not path.exists():
         raise InputError(f"--slicer {path}: no such file; expected the program Slicer")
     if path.is_dir():
@@ -89,8 +89,6 @@ def _checked_program(path: Path) -> Path:
 
 
 def _module_folders() -> list[str]:
-    from app.geometry import InputError
-
     folders = [shipped("slicer_module", name) for name in MODULES]
     for folder in folders:
         if not folder.is_dir():
@@ -103,8 +101,6 @@ def _module_folders() -> list[str]:
 
 def _check_version(program: Path) -> None:
     """Raise `InputError` if ``program --version`` does not print the version of 3D Slicer 5."""
-    from app.geometry import InputError
-
     environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
     environment["QT_QPA_PLATFORM"] = "offscreen"
     expected = "expected the program of 3D Slicer 5.x, which prints 'Slicer 5.x'"
@@ -118,8 +114,6 @@ def _check_version(program: Path) -> None:
 
 def _check_python(program: Path) -> None:
     """Raise `InputError` if Slicer's Python cannot load our packages; note if it is not found."""
-    from app.geometry import InputError
-
     ours = f"{sys.version_info.major}.{sys.version_info.minor}"
     candidates = (program.parent / "bin" / "PythonSlicer", program.parent / "PythonSlicer")
     python = next((path for path in candidates if os.access(path, os.X_OK)), None)
@@ -146,9 +140,6 @@ def _printed(
     program: Path, option: str, expected: str, environment: Mapping[str, str] | None = None
 ) -> str:
     """The output of ``program option``, in one line; raises `InputError` without an answer."""
-    from app.files.child_process import ChildError, run_to_end
-    from app.geometry import InputError
-
     try:
         done = run_to_end([str(program), option], _VERSION_TIMEOUT_S, environment=environment)
     except ChildError as error:

@@ -18,6 +18,7 @@ from app.cli.options import add_case
 from app.cli.parsing import CommandParser
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
+from app.geometry import InputError
 
 SUMMARY = "publish the poses of a case, or of an OpenIGTLink server (PLUS), over ROS 2"
 
@@ -129,7 +130,6 @@ def _run_igtl(options: argparse.Namespace) -> int:
     /diagnostics. After a lost connection it reconnects until a signal ends it.
     """
     from app.case import check_topic
-    from app.geometry import InputError
 
     if options.images is not None:
         check_topic(options.images, "--images")

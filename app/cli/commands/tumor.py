@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json
 from app.cli.progress import progress_with_total
+from app.geometry import InputError, MeshError
 
 if TYPE_CHECKING:
     from app.case import BuiltTumor
@@ -74,8 +75,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _check_not_source(options: argparse.Namespace) -> None:
     """Refuse to overwrite SOURCE: the output is in mm and RAS, so it would be read differently."""
-    from app.geometry import InputError
-
     if options.output.exists() and options.output.samefile(options.source):
         raise InputError(f"--output {options.output} is SOURCE; expected another file")
 
@@ -89,7 +88,6 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
         tumor_from_segmentation,
     )
     from app.files import MESH_ENDINGS, POINT_ENDINGS, load_mesh
-    from app.geometry import InputError
 
     source, frame = options.source, TUMOR_MESH_FRAME
     name = source.name.lower()
@@ -117,7 +115,6 @@ def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTum
     """The tumour, repaired where ``repair`` is true, and why it is not sound, or None."""
     from app.fixture import repair_mesh
     from app.fixture.meshes.mesh_checks import require_sound
-    from app.geometry import MeshError
 
     try:
         if repair:

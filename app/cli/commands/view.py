@@ -31,6 +31,9 @@ from app.cli.options import (
     integer,
 )
 from app.cli.signals import SignalState, note_signals
+from app.files.bounded_io import is_file, is_folder
+from app.files.extras import check_installed
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.files.volume_file import Volume
@@ -133,8 +136,6 @@ def run(options: argparse.Namespace) -> int:
     """Serve the page until a signal comes."""
     import asyncio  # every command loads this file
 
-    from app.geometry import InputError
-
     if options.live is (options.case is not None) or options.live is not (
         (options.config is None) is not (options.node is None)
     ):
@@ -163,8 +164,6 @@ def run(options: argparse.Namespace) -> int:
         if given is not None and given is not False and not is_there:
             raise InputError(f"view: --{name.replace('_', '-')} is given; expected {needed}")
     with note_signals() as received:
-        from app.files.extras import check_installed
-
         address = _checked_address(options)
         # Before the case is stepped through, which takes a while.
         check_installed("slicer", "trame_slicer")
@@ -238,8 +237,6 @@ def _plans(options: argparse.Namespace) -> "tuple[ApproachGhost, NeedleGuide] | 
 
 def _is_library(folder: Path) -> bool:
     """True for a folder of cases, and for an empty folder, to which cases can be uploaded."""
-    from app.files.bounded_io import is_file, is_folder
-
     if is_file(folder / "case.yaml") or not is_folder(folder):
         return False
     return any(folder.glob("*/case.yaml")) or not any(folder.iterdir())
@@ -291,7 +288,6 @@ def _add_address(parser: argparse.ArgumentParser) -> None:
 
 def _checked_address(options: argparse.Namespace) -> "Address":
     """The address of ``options``, which can be bound now. Raises `MarginGuardError`."""
-    from app.geometry import InputError
     from app.viewer import Address, new_token
 
     for name in ("token", "view_token"):

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
+from app.files.bounded_io import open_regular
+from app.geometry import InputError
 
 if TYPE_CHECKING:
     from app.case.frame_streams import TrackingFrame
@@ -17,8 +19,6 @@ def _recognises(path: Path) -> bool:
     """True for an ``.xml`` file whose first element is the log: PLUS configurations are XML too."""
     if not path.name.lower().endswith(".xml"):
         return False
-    from app.files.bounded_io import open_regular
-    from app.geometry import InputError
 
     try:
         with open_regular(path) as file:

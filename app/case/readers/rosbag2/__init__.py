@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case.readers.recording_format import Note, RecordingFormat, SideTopics
+from app.files.bounded_io import is_file, is_folder
 
 if TYPE_CHECKING:
     from app.case.frame_streams import TrackingFrame
@@ -15,8 +16,6 @@ CHANGES_NAME = "changes.yaml"
 
 
 def _recognises(path: Path) -> bool:
-    from app.files.bounded_io import is_folder  # loads numpy, which help texts do not need
-
     return is_folder(path) or path.name.lower().endswith(".mcap")
 
 
@@ -42,8 +41,6 @@ def _messages(path: Path, note: Note) -> "Iterator[RawMessage]":
 
 
 def _note_changes(path: Path, note: Note) -> None:
-    from app.files.bounded_io import is_file
-
     if is_file(path / CHANGES_NAME):
         note(
             f"{path.name}/{CHANGES_NAME}: tumour, structures, registration, tip or margins were "
