@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 import vtk
 
-from app.bridge.calls import waiting
+from app.bridge.calls import service_client
 from tests.slicer_module.ros2_values import shifted, x_mm
 from tests.waiting import DEADLINE_S
 
@@ -52,7 +52,7 @@ class RecordingEvent(threading.Event):
 
 def test_new_client_pauses_only_until_its_server_is_known(logic, node, peer, monkeypatch):
     RecordingEvent.records = []
-    monkeypatch.setattr(waiting, "threading", SimpleNamespace(Event=RecordingEvent))
+    monkeypatch.setattr(service_client, "threading", SimpleNamespace(Event=RecordingEvent))
     for value in (True, False, True):
         client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
         ready, send = client._client._server._ready, client._client._client.call_async
