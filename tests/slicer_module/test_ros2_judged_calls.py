@@ -52,7 +52,9 @@ class RecordingEvent(threading.Event):
 
 def test_new_client_pauses_only_until_its_server_is_known(logic, node, peer, monkeypatch):
     RecordingEvent.records = []
-    monkeypatch.setattr(service_client, "threading", SimpleNamespace(Event=RecordingEvent))
+    monkeypatch.setattr(
+        service_client, "threading", SimpleNamespace(**vars(threading) | {"Event": RecordingEvent})
+    )
     for value in (True, False, True):
         client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
         ready, send = client._client._server._ready, client._client._client.call_async
