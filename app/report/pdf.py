@@ -17,7 +17,7 @@ from app.report.analysis_html import insertion_rows
 from app.report.answer import answer, verdict
 from app.report.colors import INK, LINE, SOFT
 from app.report.margin_plot import margin_figure
-from app.report.page import NOT_A_DEVICE
+from app.report.page import NOT_A_DEVICE, length, text_of
 from app.report.record import ReplayRecord
 from app.report.rows import count_reasons
 from app.report.summary import ACTIVATION_AT_ENTRY
@@ -258,8 +258,8 @@ def report_pdf(
 def _results(summary: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
     frames, valid = summary["frames"], summary["valid_frames"]
     return (
-        ("smallest signed distance in a frame", _length(summary["min_signed_distance_mm"])),
-        ("smallest on the path", _length(summary["path_min_signed_distance_mm"])),
+        ("smallest signed distance in a frame", length(summary["min_signed_distance_mm"])),
+        ("smallest on the path", length(summary["path_min_signed_distance_mm"])),
         ("replayed", f"{summary['duration_s']:.3f} s, {frames} frames"),
         ("frames with a valid distance", f"{valid} ({100.0 * valid / frames:.1f} %)"),
         ("measured", "tip alone" if summary["tip_only"] else "whole mesh of the tool"),
@@ -274,9 +274,9 @@ def _breaches(
         (
             str(number),
             *(f"{breach[key]:.3f} s" for key in ("start_s", "end_s", "duration_s")),
-            _length(breach["min_signed_distance_mm"]),
-            _length(breach["path_min_signed_distance_mm"]),
-            _length(breach["path_lower_bound_mm"]),
+            length(breach["min_signed_distance_mm"]),
+            length(breach["path_min_signed_distance_mm"]),
+            length(breach["path_lower_bound_mm"]),
             *((str(breach[ACTIVATION_AT_ENTRY]),) if ACTIVATION_AT_ENTRY in breach else ()),
         )
         for number, breach in enumerate(breaches, start=1)
@@ -295,13 +295,5 @@ def _pairs(values: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
     return [(name, _text(value)) for name, value in values.items()]
 
 
-def _length(value_mm: float | None) -> str:
-    return "-" if value_mm is None else f"{value_mm:.2f} mm"
-
-
-def _text(value: object) -> str:
-    if value is None or value == "":
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def _text(value: Any) -> str:
+    return text_of(None if value == "" else value)

@@ -6,7 +6,7 @@ import pytest
 from matplotlib import image
 
 from app.report import ReportError
-from app.report.residual_plot import residual_png
+from app.report.margin_plot import residual_png
 
 pytestmark = pytest.mark.slow
 

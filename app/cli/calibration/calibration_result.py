@@ -254,7 +254,7 @@ def _draw(result: CalibrationResult, path: Path) -> None:
     if residuals is None or not len(residuals.values):
         print(f"{path} is not written: there are no residuals", file=sys.stderr)
         return
-    from app.report.residual_plot import residual_png
+    from app.report.margin_plot import residual_png
 
     verdict = "accepted" if result.accepted else "not accepted"
     picture = residual_png(
