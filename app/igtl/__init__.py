@@ -3,36 +3,7 @@
 `wire` does no input or output; `IgtlSource` and `PoseServer` own sockets and a thread.
 """
 
-from app.igtl.image_messages import (
-    MAX_IMAGE_BODY_BYTES,
-    DeviceImages,
-    ImageReader,
-    ReceivedImage,
-    image_message,
-    read_image,
-    receive_images,
-    send_images,
-)
-from app.igtl.source import PORT, IgtlSource, SampleQueue
-from app.igtl.tracked_poses import PoseServer
-from app.igtl.wire import Header, IgtlError, Unread, pack_string, read_string
+import lazy_loader
 
-__all__ = [
-    "MAX_IMAGE_BODY_BYTES",
-    "PORT",
-    "DeviceImages",
-    "Header",
-    "IgtlError",
-    "IgtlSource",
-    "ImageReader",
-    "PoseServer",
-    "ReceivedImage",
-    "SampleQueue",
-    "Unread",
-    "image_message",
-    "pack_string",
-    "read_image",
-    "read_string",
-    "receive_images",
-    "send_images",
-]
+# Names are listed in `__init__.pyi` and loaded on first use.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
