@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from app import case as cases
-from app.files.packages import PROJECT_DATA
-from app.files.paths import input_path
+from app.files.paths import PROJECT_DATA, input_path
 from app.fixture import MarginParameters
 from app.geometry import NS_PER_S, InputError, Stamp, SurfaceMesh, TrackedTransform, Transform
 from app.runtime import PreparedCase, ReplayRun, prepare_case

@@ -30,8 +30,13 @@ from app.case.readers.rosbag2.bag_messages import RawMessage
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh
-from app.files.packages import PACKAGE_SCHEME
-from app.files.paths import resolve_file, resolve_inside, resolve_package_folder, sha256_of
+from app.files.paths import (
+    PACKAGE_SCHEME,
+    resolve_file,
+    resolve_inside,
+    resolve_package_folder,
+    sha256_of,
+)
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 

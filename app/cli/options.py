@@ -5,8 +5,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from app.files.packages import split_package_dir
-from app.files.paths import input_path
+from app.files.paths import input_path, split_package_dir
 from app.geometry import InputError
 
 CASE_HELP = "folder with a case.yaml; package://marginguard/recorded_case is the shipped case"

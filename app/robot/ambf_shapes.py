@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from app.files.mesh_file import FileMesh
-from app.files.packages import split_package_dir
+from app.files.paths import split_package_dir
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 from app.robot import primitives
 from app.robot.adf import AdfSection

@@ -1,6 +1,6 @@
 """Resolves the mesh names of a description: ``package://``, ``file://``, absolute and relative.
 
-The first file that exists in the folders of the package (see `app.files.packages`) is taken. Only
+The first file that exists in the folders of the package (see `app.files.paths`) is taken. Only
 when no folder has the package's name, the folders of ``package_dirs`` and those above the URDF are
 tried as the package: the folder of a checkout often has another name than its package.
 
@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 
 from app.files.bounded_io import is_file, is_folder
 from app.files.mesh_file import FileMesh, MeshOptions, read_mesh_file
-from app.files.packages import PROJECT_DATA, PackageFolders, split_package_name
+from app.files.paths import PROJECT_DATA, PackageFolders, split_package_name
 from app.robot.elements import RobotMeshError, UrdfError
 
 

@@ -5,8 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from app.files.packages import PROJECT_DATA, PackageFolders, split_package_dir, split_package_name
-from app.files.paths import input_path, resolve_file, resolve_inside, sha256_of
+from app.files.paths import (
+    PROJECT_DATA,
+    PackageFolders,
+    input_path,
+    resolve_file,
+    resolve_inside,
+    sha256_of,
+    split_package_dir,
+    split_package_name,
+)
 from app.geometry import InputError
 from tests.refusals import refused
 
