@@ -6,7 +6,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from app.cli.calibration.calibration_method import CalibrationMethod, Input
+from app.cli.calibration import CalibrationMethod, Input
 from app.geometry import InputError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.calibration.calibration_method import CalibrationMethod, Input
+from app.cli.calibration import CalibrationMethod, Input
 from app.cli.options import frame_name
 from app.geometry import InputError
 

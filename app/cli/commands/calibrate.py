@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case import recording_kinds
-from app.cli.calibration import clock_methods, robot_methods, tool_methods
-from app.cli.calibration.calibration_method import CalibrationMethod, Input
+from app.cli.calibration import CalibrationMethod, Input, clock_methods, robot_methods, tool_methods
 from app.cli.options import (
     add_case,
     add_json,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.cli.calibration.calibration_method import CalibrationMethod
+from app.cli.calibration import CalibrationMethod
 from app.cli.commands import calibrate
 from app.cli.main import main
 from tests.cli.command import run
