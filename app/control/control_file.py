@@ -1,7 +1,9 @@
 """``control.yaml``: the arm, its tool, and where its base is. Its keys, values and reader."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from app.files.keys import (
     Frame,
     Integer,
     Key,
+    ListOf,
     Number,
     Numbers,
     Text,
@@ -36,6 +39,7 @@ BASE = "base"
 
 
 FILES = "the robot's file exists and has a known format"
+JOINTS = "joints are those of the robot, each at most once"
 PASSIVE = "stiffness_n_m times half the period plus damping_n_s_m is below arm_damping_n_s_m"
 
 _MATRIX = Numbers("4 x 4 matrix, row by row, translation in mm", 16)
@@ -49,6 +53,19 @@ _ROBOT = Block(
             "limit of the joints that the file gives none, rad/s or m/s; needed if there are any",
             optional=True,
             above=0.0,
+        ),
+        "joint_limits": ListOf(
+            "limits of joints in planned motions; default: those of the plan",
+            Block(
+                "a joint",
+                {
+                    "joint": Text("its name"),
+                    "acceleration": Number("rad/s2 or m/s2", above=0.0),
+                    "jerk": Number("rad/s3 or m/s3", above=0.0),
+                },
+                rules=(JOINTS,),
+            ),
+            optional=True,
         ),
     },
 )
@@ -128,6 +145,14 @@ CONTROL = Block(
 )
 
 
+class JointLimit(NamedTuple):
+    """Limits of a joint in planned motions, in rad, for sliding joints in m."""
+
+    acceleration: float
+    jerk: float
+    velocity: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlDescription:
     """The values of ``control.yaml``.
@@ -137,6 +162,7 @@ class ControlDescription:
     None if it always has to. The pose of the tumour is that of the guard. ``hand_topic`` has
     the wrench in the tool's axes if ``hand_in_tool``, else in those of the base.
     ``max_speed_mm_s`` limits the tip. ``impedance``: the arm closes the loop itself.
+    ``joint_limits`` are by joint, of those that have some.
     """
 
     name: str
@@ -151,6 +177,7 @@ class ControlDescription:
     max_speed_mm_s: float
     accept_simulated: bool
     impedance: ImpedanceParameters | None = None
+    joint_limits: Mapping[str, JointLimit] = field(default_factory=dict)
 
     def controller(self) -> CooperativeController:
         """A new controller. Raises `InputError` for a joint without speed limit."""
@@ -187,7 +214,8 @@ def read_control(document: Section) -> ControlDescription:
     hand: Section | None = document.value("hand")
     base: Section | None = document.value("base")
     tool = ToolKinematics(robot, _link_from_tip(document.section("tool")))
-    found = ControlDescription(
+    max_speed = block.value("max_joint_speed")
+    return ControlDescription(
         document.text("name"),
         arm,
         tool,
@@ -202,14 +230,13 @@ def read_control(document: Section) -> ControlDescription:
         hand is None or hand.choice("axes") == "tool",
         ControllerParameters(
             gains=AdmittanceGains() if hand is None else _gains(hand),
-            max_joint_speed=block.value("max_joint_speed"),
+            max_joint_speed=max_speed,
         ),
         document.number("max_speed_mm_s"),
         document.boolean("accept_simulated"),
         _impedance(document.section("impedance")) if "impedance" in document else None,
+        _joint_limits(block, tool, max_speed),
     )
-    found.controller()  # checks the limits of the joints
-    return found
 
 
 def _arm(document: Section) -> str:
@@ -234,6 +261,22 @@ def _gains(hand: Section) -> AdmittanceGains:
         dead_n_m=hand.number("dead_n_m"),
         response_s=hand.number("response_ms") / 1000.0,
     )
+
+
+def _joint_limits(
+    robot: Section, tool: ToolKinematics, max_speed: float | None
+) -> dict[str, JointLimit]:
+    """Raises `InputError` for a joint without speed limit."""
+    speeds = dict(zip(tool.joints, tool.limits(max_speed).max_speed.tolist(), strict=True))
+    found: dict[str, JointLimit] = {}
+    for block in robot.sections("joint_limits") if "joint_limits" in robot else ():
+        name = block.text("joint")
+        if name in found or name not in speeds:
+            raise InputError(
+                f"{block.place('joint')} is {name!r}; expected one of {', '.join(speeds)}, once"
+            )
+        found[name] = JointLimit(block.number("acceleration"), block.number("jerk"), speeds[name])
+    return found
 
 
 def _impedance(block: Section) -> ImpedanceParameters:

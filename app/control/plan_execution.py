@@ -140,6 +140,13 @@ class PlanExecution:
                     f"{lowest[column]:g} and {highest[column]:g} with up to {fastest[column]:g} "
                     f"per s; expected {low:g} to {high:g}, at most {speed:g} per s"
                 )
+        for name, planned in zip(self._motion.joints, self._motion.accelerations, strict=True):
+            allowed = self._about.joint_limits.get(name)
+            if allowed is not None and planned > allowed.acceleration:
+                raise InputError(
+                    f"plan: accelerates joint {name!r} by up to {planned:g} per s2; expected at "
+                    f"most {allowed.acceleration:g} per s2"
+                )
         return np.asarray(limits.max_speed[self._moving])
 
     @property

@@ -248,6 +248,10 @@ def test_plan_for_something_else_is_refused(description, motion):
             {"positions": motion.positions + 9.0},
             "joint 'waist' between 9 and 9.3 with up to .* expected -1.3 to 1.3, at most 10",
         ),
+        (
+            {"accelerations": np.full(3, 5.1)},
+            "plan: accelerates joint 'waist' by up to 5.1 per s2; expected at most 5 per s2",
+        ),
         ({"setup_id": ""}, "plan: has no setup_id; expected one made with --guard"),
     ):
         with pytest.raises(InputError, match=problem):

@@ -17,6 +17,7 @@ from tests.tiers import PROJECT_ROOT
 pytestmark = pytest.mark.slow
 
 ROBOT = PROJECT_ROOT / "data" / "robots" / "touch" / "touch.urdf"
+CONTROL = PROJECT_ROOT / "data" / "worlds" / "lumpectomy"
 JOINTS = ("waist", "shoulder", "elbow", "yaw", "pitch", "roll")
 
 
@@ -33,7 +34,8 @@ def plan(tmp_path):
         parser = CommandParser()
         approach.add_arguments(parser)
         given = [str(ROBOT), "--clearance-mm", "5"]
-        for name in ("start.yaml", "limits.yaml"):
+        names = ("start.yaml",) if "--control" in words else ("start.yaml", "limits.yaml")
+        for name in names:
             given += [f"--{name.partition('.')[0]}", str(tmp_path / name)]
         names = [str(tmp_path / word) if "." in word else word for word in words]
         return approach.run(parser.parse_args([*given, *names]))
@@ -88,12 +90,27 @@ def test_bad_file_is_named(plan, tmp_path, name, text, problem):
 def test_execution_takes_a_plan_or_serves(capsys, tmp_path):
     plan = tmp_path / "plan.json"
     plan.write_text("[]")
-    control = str(PROJECT_ROOT / "data" / "worlds" / "lumpectomy")
+    control = str(CONTROL)
     for words in ([control], [str(plan), control, "--serve"]):
         assert main(["plan", "execute", *words]) == 2
         assert "expected PLAN, or --serve" in capsys.readouterr().err
     assert main(["plan", "execute", str(plan), control]) == 2
     assert "plan.json: is not a plan (TypeError" in capsys.readouterr().err
+
+
+def test_limits_of_a_control_file_are_used(plan, capsys):
+    assert plan("--goal", "goal.json", "--control", str(CONTROL)) == 0
+    limits = json.loads(capsys.readouterr().out)["limits"]
+    assert limits == {"waist": {"acceleration": 5.0, "jerk": 50.0, "velocity": 10.0}}
+
+
+def test_control_file_of_another_robot_is_refused(plan, tmp_path):
+    (tmp_path / "other.urdf").write_text(ROBOT.read_text().replace('name="touch"', 'name="other"'))
+    shipped = (CONTROL / "control.yaml").read_text()
+    robot = "package://marginguard/robots/touch/touch.urdf"
+    (tmp_path / "control.yaml").write_text(shipped.replace(robot, "other.urdf"))
+    with pytest.raises(InputError, match="--control: is of robot 'other'; expected 'touch'"):
+        plan("--goal", "goal.json", "--control", "control.yaml")
 
 
 def test_arm_that_is_no_namespace_is_refused(tmp_path, capsys):

@@ -54,9 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--carried", nargs=2, action="append", default=[], metavar=("LINK", "FILE"),
         help="surface in mm of a body that a link carries, in its frame; may be repeated",
     )  # fmt: skip
-    parser.add_argument(
-        "--limits", type=input_argument, required=True, metavar="FILE",
-        help="limits of the moving joints",
+    limits = parser.add_mutually_exclusive_group(required=True)
+    limits.add_argument(
+        "--limits", type=input_argument, metavar="FILE", help="limits of the moving joints"
+    )
+    limits.add_argument(
+        "--control", type=Path, metavar="FILE",
+        help="instead: the joint_limits of this control.yaml, or of that in this folder",
     )  # fmt: skip
     parser.add_argument(
         "--clearance-mm", type=number, required=True, metavar="MM",
@@ -110,7 +114,11 @@ def run(options: argparse.Namespace) -> int:
         _goal(options, robot),
         structures,
         clearance_mm=options.clearance_mm,
-        limits=_limits(options.limits),
+        limits=(
+            _limits(options.limits)
+            if options.control is None
+            else _limits_of_arm(options.control, robot)
+        ),
         carried=carried,
         is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
         made_from=made_from,
@@ -227,6 +235,19 @@ def _limits(path: Path) -> "dict[str, MotionLimits]":
             )
         found[joint] = MotionLimits(**_checked(values, f"{path}: {joint}"))
     return found
+
+
+def _limits_of_arm(path: Path, robot: "Robot") -> "dict[str, MotionLimits]":
+    from app.control import open_control
+    from app.geometry import InputError
+    from app.planning import MotionLimits
+
+    description = open_control(path)
+    if description.tool.robot_name != robot.name:
+        raise InputError(
+            f"--control: is of robot {description.tool.robot_name!r}; expected {robot.name!r}"
+        )
+    return {name: MotionLimits(*each) for name, each in description.joint_limits.items()}
 
 
 def _numbers(path: Path) -> dict[str, float]:

@@ -262,6 +262,13 @@ def test_shipped_file_agrees_with_the_committed_schema(project_root, capsys):
     )
 
 
+TOUCH = {"file": "package://marginguard/robots/touch/touch.urdf"}
+
+
+def limits(*joints):
+    return {"joint_limits": [{"joint": name, "acceleration": 5, "jerk": 50} for name in joints]}
+
+
 @pytest.mark.parametrize(
     ("key", "value", "problem"),
     [
@@ -271,6 +278,16 @@ def test_shipped_file_agrees_with_the_committed_schema(project_root, capsys):
         ("max_speed_mm_s", 300, "max_speed_mm_s is 300"),
         ("tool", {"link": "hook", "position_mm": [0, 0, 0]}, "the tool is held by 'hook'"),
         ("robot", {"file": "none.urdf"}, "none.urdf"),
+        (
+            "robot",
+            TOUCH | limits("wing"),
+            r"\[0\].joint is 'wing'; expected one of waist",
+        ),
+        (
+            "robot",
+            TOUCH | limits("yaw", "yaw"),
+            r"\[1\].joint is 'yaw'; expected .*, once",
+        ),
     ],
 )
 def test_bad_control_file_is_refused_in_one_line(key, value, problem, project_root, tmp_path):
