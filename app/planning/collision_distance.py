@@ -20,6 +20,9 @@ MAX_INTERVALS, MAX_OPEN = 1 << 14, 1 << 18
 
 _STACK = 256
 
+_VISITS, _LARGE_MM = 24, 5.0
+"""After so many pairs of nodes a motion by more than this is not proven: two halves are quicker."""
+
 
 class Bodies(NamedTuple):
     """Triangles of all bodies, and a tree of boxes and spheres over those of each.
@@ -173,8 +176,9 @@ def find_nearer(
 ) -> float:
     """A distance of the bodies ``a`` and ``b`` that the motion can bring below ``clearance``.
 
-    Inf if there is none; less than ``clearance`` only if there is one now. ``exact``: the distance
-    itself if it is below ``clearance``, 0 where surfaces intersect.
+    Inf if there is none; less than ``clearance`` only if there is one now. Another number only says
+    that the motion is not proven free. ``exact``: the distance itself if it is below ``clearance``,
+    0 where surfaces intersect.
     """
     matrices, lines = scratch.matrices, scratch.lines
     stack, bounds = scratch.stack, scratch.bounds
@@ -206,11 +210,26 @@ def find_nearer(
     leaf_a, leaf_b = (1 << bodies.levels[a]) - 1, (1 << bodies.levels[b]) - 1
     found, of_a = math.inf, moved_mm(lines, a, joints_a, nodes, first_a)
     slack = of_a + moved_mm(lines, b, joints_b, nodes, first_b)
+    if slack > 0.0 and not exact:
+        # One pair of triangles often shows at once that the motion is not proven free.
+        m, n = bodies.first[a, 0] + bodies.size[a] // 2, bodies.first[b, 0] + bodies.size[b] // 2
+        center = row(spheres, n)
+        apart = sub(add(shift, (dot(x, center), dot(y, center), dot(z, center))), row(spheres, m))
+        distance = math.sqrt(dot(apart, apart))
+        if distance < clearance + of_a + moved_mm(lines, b, joints_b, spheres, n):
+            found, slack, of_a = distance, 0.0, 0.0
+            if distance < clearance:
+                return found
     stack[0, 0], stack[0, 1], top = 0, 0, 0
     bounds[0] = _box_gap(nodes, first_a, first_b, x, y, z, shift, clearance + slack)
+    visits = 0
     while top >= 0:
         i, j, bound = stack[top, 0], stack[top, 1], bounds[top]
         top -= 1
+        visits += 1
+        if visits > _VISITS and slack > _LARGE_MM and not exact:
+            # From now on only a collision now is of interest.
+            found, slack, of_a = clearance + slack, 0.0, 0.0
         if bound >= clearance + slack:
             continue
         if bound >= clearance and bound - clearance >= of_a + moved_mm(
@@ -269,6 +288,5 @@ def find_nearer(
                 elif distance < clearance:
                     return found
                 else:
-                    # The motion is not proven free: only a collision now is of interest.
                     slack = moved = of_a = 0.0
     return found

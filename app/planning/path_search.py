@@ -1,9 +1,12 @@
 """Path in joint space from a start to one of several goals, and its shortening.
 
-OMPL searches; a motion is valid if `CollisionModel` proves it, so nothing depends on a step.
+OMPL searches. A proof of a motion takes much longer than a test of some states, and most motions of
+a search are not on the path that it finds: only this one is proven. If that fails, it is searched
+again with finer tests, down to proofs (after the lazy planner of Bohlin and Kavraki 2000).
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from ompl import base, geometric, util
@@ -12,23 +15,34 @@ from app.geometry import FloatArray
 from app.planning.collision import CollisionModel
 
 _SEED = 1
+
+ASSUMED_MM = 64.0
+"""Motion of any point between two states that the first search tests."""
+
+_FINER = 4.0
+_PROVEN_MM = 0.01
+
 _SHORTCUTS = 60
 
 util.setLogLevel(util.LOG_ERROR)
 util.RNG.setSeed(_SEED)
 
 
-class _ProvenMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no types
-    """Motions that `CollisionModel` proves."""
+class _TestedMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no types
+    """Motions that `CollisionModel` tests with ``assumed_mm``."""
 
-    def __init__(self, space: base.SpaceInformation, model: CollisionModel) -> None:
+    def __init__(
+        self, space: base.SpaceInformation, model: CollisionModel, assumed_mm: float
+    ) -> None:
         super().__init__(space)
-        self._model = model
+        self._model, self._assumed_mm = model, assumed_mm
 
     def checkMotion(self, start: base.State, end: base.State) -> bool:  # noqa: N802 (of OMPL)
-        """True if the straight motion keeps all clearances."""
+        """True if the straight motion keeps all clearances, as far as it is tested."""
         count = len(self._model.joints)
-        return self._model.motion_keeps_clearance(_array(start, count), _array(end, count))
+        return self._model.motion_keeps_clearance(
+            _array(start, count), _array(end, count), assumed_mm=self._assumed_mm
+        )
 
 
 def _array(state: base.State, count: int) -> FloatArray:
@@ -42,7 +56,7 @@ def find_path(
     limits: tuple[FloatArray, FloatArray],
     is_over: Callable[[], bool],
 ) -> FloatArray | None:
-    """States (k, d) of a path from ``start`` (d,) to one of ``goals`` (g, d), or None.
+    """States (k, d) of a proven path from ``start`` (d,) to one of ``goals`` (g, d), or None.
 
     Start and goals are within ``limits``, keep their clearances and are inside of nothing. A
     straight motion is tried first, to the nearest goal, then RRTConnect (Kuffner and LaValle 2000)
@@ -51,6 +65,25 @@ def find_path(
     nearest = goals[np.linalg.norm(goals - start, axis=1).argmin()]
     if model.motion_keeps_clearance(start, nearest):
         return np.array([start, nearest])
+    assumed_mm = ASSUMED_MM
+    while True:
+        path = _tested_path(model, start, goals, limits, is_over, assumed_mm)
+        if path is None or assumed_mm == 0.0:
+            return path
+        if all(model.motion_keeps_clearance(*part) for part in pairwise(path)):
+            return path
+        assumed_mm = assumed_mm / _FINER if assumed_mm > _PROVEN_MM else 0.0
+
+
+def _tested_path(
+    model: CollisionModel,
+    start: FloatArray,
+    goals: FloatArray,
+    limits: tuple[FloatArray, FloatArray],
+    is_over: Callable[[], bool],
+    assumed_mm: float,
+) -> FloatArray | None:
+    """Path by RRTConnect whose motions are tested with ``assumed_mm``; None when ``is_over``."""
     count = len(start)
     bounds = base.RealVectorBounds(count)
     for joint, (low, high) in enumerate(zip(*limits, strict=True)):
@@ -61,7 +94,7 @@ def find_path(
     space = base.SpaceInformation(states)
     # A bool of NumPy would raise `std::bad_cast` in OMPL.
     space.setStateValidityChecker(lambda state: model.keeps_clearance(_array(state, count)))
-    space.setMotionValidator(_ProvenMotions(space, model))
+    space.setMotionValidator(_TestedMotions(space, model, assumed_mm))
     space.setup()
     problem = base.ProblemDefinition(space)
     problem.addStartState(_state(states, start))
