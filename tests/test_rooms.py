@@ -59,6 +59,7 @@ MAY_IMPORT = {
         "runtime",
         "igtl",
         "control",
+        "planning",
         "simulation",
     },
     "analysis": {"geometry", "registration", "fixture", "session"},

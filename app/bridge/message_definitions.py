@@ -24,6 +24,7 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
     {
         "action/Calibrate": "d06993f7706cb31cd40afb9aa427e451bd9e78b51bf79dae4766292ca70b8404",
         "action/Execute": "4110caad893909bd3596b1fa85fb0332ef7e253bfc148f0cdf8ab7ec414fd983",
+        "action/Plan": "8de95f029a9500d54a12f094afd680e2d175aae6f28ab1c5ac5c759ab7534c7c",
         "action/Replay": "067bca1b542924cc25ac8461f06a0c824c9dba52fd7d02a60e9f8f5cc657a626",
         "msg/FixtureConstraint": "6f404ca91383c1ef261c47ff8225fad2598422265c3fb61d50a039d6bdd5c0dd",
         "msg/HalfSpace": "02bce709059039dd01c9b15c4c43179381416f98d7c21f161a35cc07d894ee99",
@@ -38,6 +39,7 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
         "srv/Command": "61d2d00f66e80b5e18208fedacb11bfa9535b3b93aba2b00f7ac430053f0b56c",
         "srv/GetMesh": "cf7d0c48cb17962293417e23ec20eafc560a79203da5fb3e58b7ed3b3d42b6a1",
         "srv/LoadCase": "bac3f9dfc27130b32a998903683f7680cd36ede487bca86b29e1d85ad7df9f6a",
+        "srv/NeedleCorridors": "6d766a470456d596cdf20e821e19ac059dae58de31873338fc08f9bf268bb0b5",
         "srv/Rearm": "488c036359792744c7cf52fe92610c338ab51c65a403523efbe281dd5b86af44",
         "srv/Register": "b3b391e223c8a9e71ddf41bc9fff3446daacecdb6b0b4bbb22cb9bac12e38a42",
         "srv/Seek": "5e115e07694acd7f652948175e4be6038a53fa4d9bcd6c35ef99cdf981a18ee8",

@@ -5,7 +5,7 @@
 constraint, tracker        as of `app.bridge.arm_control`        input
 ``/ARM/servo_jp``          sensor_msgs/JointState                joint positions, 200 Hz, from the
                                                                  start of the motion on
-``~/plan``                 std_msgs/String                       latched: the plan, while it runs
+`EXECUTED_PLAN`            std_msgs/String                       latched: the plan, while it runs
 ``~/cancel``               std_srvs/Trigger                      stop the motion for good
 ``~/execute``              marginguard_msgs/Execute              with `ExecutionServer`: a plan
 ========================== ===================================== ===================================
@@ -13,7 +13,8 @@ constraint, tracker        as of `app.bridge.arm_control`        input
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from marginguard_msgs.action import Execute
 from rclpy.publisher import Publisher
@@ -36,6 +37,7 @@ from app.control import (
     Outcome,
     PlanExecution,
     parse_plan,
+    positions_of,
 )
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 
@@ -115,6 +117,21 @@ class ExecutionNode:
                 report(step)
         raise AssertionError("the periods do not end")
 
+    def positions(self) -> dict[str, float]:
+        """The joint positions now. Raises `BridgeError` if none arrive in `WAIT_S`."""
+        begin_s, max_age_ns = time.monotonic(), self._about.parameters.max_joints_age_ns
+        for _ in control_periods():
+            joints, measured = self._about.tool.joints, self._joints.measurement()
+            found = positions_of(measured, joints, max_age_ns, self._clock_ns())
+            if found is not None:
+                return dict(zip(joints, found.tolist(), strict=True))
+            if time.monotonic() - begin_s > WAIT_S:
+                problem = self._joints.problem() or f"joints of {self._arm}: no usable positions"
+                raise BridgeError(
+                    f"{problem}; expected all joints, at most {max_age_ns / NS_PER_MS:g} ms old"
+                )
+        raise AssertionError("the periods do not end")
+
     def _wait_for_start(self, execution: PlanExecution) -> bool:
         """True when nothing forbids the motion, False when it is cancelled."""
         begin_ns = time.monotonic_ns()
@@ -178,20 +195,35 @@ class ExecutionNode:
         response.success = True
 
 
-class ExecutionServer:
-    """Serves the action ``~/execute`` with ``node``: one plan at a time, until ``ros`` closes."""
+@contextmanager
+def alone(lock: threading.Lock) -> Iterator[None]:
+    """Hold ``lock``; raises `BridgeError` at once while another request holds it."""
+    if not lock.acquire(blocking=False):
+        raise BridgeError("another request is being served; expected one after the other")
+    try:
+        yield
+    finally:
+        lock.release()
 
-    def __init__(self, ros: RosNode, node: ExecutionNode) -> None:
-        self._node = node
+
+class ExecutionServer:
+    """Serves the action ``~/execute`` with ``node``, until ``ros`` closes.
+
+    A plan is executed with ``lock`` held, and refused while another request holds it.
+    """
+
+    def __init__(self, ros: RosNode, node: ExecutionNode, lock: threading.Lock) -> None:
+        self._node, self._lock = node, lock
         ActionServer(ros, Execute, "~/execute", self._run)
 
     def _run(self, served: ServedGoal) -> tuple[Execute.Result, GoalOutcome]:
-        self._node.allow()
-        served.on_cancel(self._node.cancel)
-        last = self._node.run(
-            served.request.plan,
-            lambda step: served.feedback(Execute.Feedback(progress=step.progress)),
-        )
+        with alone(self._lock):
+            self._node.allow()
+            served.on_cancel(self._node.cancel)
+            last = self._node.run(
+                served.request.plan,
+                lambda step: served.feedback(Execute.Feedback(progress=step.progress)),
+            )
         if last is None:
             result = Execute.Result(message="cancelled before it began")
             return result, GoalOutcome.CANCELLED

@@ -15,6 +15,7 @@ from .controller import (
     PoseMeasurement,
     ToolKinematics,
     WrenchMeasurement,
+    positions_of,
 )
 from .path_follower import PathFollower, PlannedMotion
 from .plan_execution import ExecutionStep, Outcome, PlanExecution
@@ -48,6 +49,7 @@ __all__ = [
     "open_control",
     "parse_plan",
     "parse_shown_plan",
+    "positions_of",
     "read_plan",
     "read_shown_plan",
     "warm_up",

@@ -64,7 +64,7 @@ class ToolKinematics:
     """
 
     def __init__(self, robot: Robot, link_from_tip: Transform) -> None:
-        self._robot, self._link_from_tip = robot, link_from_tip
+        self.robot, self.link_from_tip = robot, link_from_tip
         self._link = link_from_tip.target
         if self._link not in {link.name for link in robot.links}:
             raise FrameError(
@@ -78,12 +78,12 @@ class ToolKinematics:
     @property
     def robot_name(self) -> str:
         """The name in the robot's file."""
-        return self._robot.name
+        return self.robot.name
 
     @property
     def base(self) -> str:
         """The robot's base link."""
-        return self._robot.root_link
+        return self.robot.root_link
 
     def evaluate(self, positions: FloatArray) -> tuple[Transform, FloatArray]:
         """``base_from_tip``, and the Jacobian (6, n) of the tip for all actuated joints.
@@ -92,17 +92,17 @@ class ToolKinematics:
         m. Raises `JointError` for positions that are not finite or at which a loop does not close.
         """
         named = dict(zip(self.joints, positions.tolist(), strict=True))
-        base_from_link, jacobian = self._robot.jacobian(self._link, named)
-        lever = base_from_link.rotate(self._link_from_tip.translation_mm)
+        base_from_link, jacobian = self.robot.jacobian(self._link, named)
+        lever = base_from_link.rotate(self.link_from_tip.translation_mm)
         jacobian[:3] += np.cross(jacobian[3:].T, lever).T
-        return base_from_link @ self._link_from_tip, jacobian
+        return base_from_link @ self.link_from_tip, jacobian
 
     def limits(self, max_speed: float | None = None) -> JointLimits:
         """Limits of the joints; ``max_speed`` for those that the robot's file gives none.
 
         Raises `InputError` where neither gives one.
         """
-        found = {joint.name: joint for joint in self._robot.joints}
+        found = {joint.name: joint for joint in self.robot.joints}
         speeds = []
         for name in self.joints:
             speed = found[name].dynamics.velocity or max_speed

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,21 @@ class Approach:
     def is_valid_for(self, ids: Mapping[str, str]) -> bool:
         """True if ``ids`` are those that the approach was made from; without ids never."""
         return bool(self.made_from) and dict(self.made_from) == dict(ids)
+
+    def as_document(self, robot: str) -> dict[str, Any]:
+        """The approach of ``robot``, by its name, as JSON types."""
+        return {
+            "robot": robot,
+            "joints": list(self.joints),
+            "held": dict(self.held),
+            "limits": {name: asdict(limits) for name, limits in self.limits.items()},
+            "clearance_mm": self.clearance_mm,
+            "made_from": dict(self.made_from),
+            "reasons": list(self.reasons),
+            "times_ns": self.times_ns.tolist(),
+            "positions": self.positions.tolist(),
+            "velocities": self.velocities.tolist(),
+        }
 
 
 def plan_approach(

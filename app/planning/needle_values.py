@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,3 +133,27 @@ class NeedlePlan:
         counts = np.bincount(self.blocked[self.blocked >= 0], minlength=len(self.obstacles))
         found = {name: int(n) for name, n in zip(self.obstacles, counts, strict=True) if n}
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def as_document(self) -> dict[str, Any]:
+        """The corridors, and the numbers of entries, as JSON types."""
+        return {
+            "corridors": [
+                {
+                    "entry_mm": each.entry_mm.tolist(),
+                    "target_mm": each.target_mm.tolist(),
+                    "depth_mm": each.depth_mm,
+                    "angle_deg": math.degrees(each.angle_rad),
+                    "score": each.score,
+                    "ratings": dict(each.ratings),
+                    "structures": [found._asdict() for found in each.structures],
+                    "joints": [dict(joints) for joints in each.joints],
+                    "reasons": list(each.reasons),
+                }
+                for each in self.corridors
+            ],
+            "entries": {
+                "count": len(self.scores),
+                "allowed": int((self.scores >= 0.0).sum()),
+                "blocked_by": self.blocked_by(),
+            },
+        }

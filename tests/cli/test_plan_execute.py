@@ -126,10 +126,11 @@ class Cell:
             assert LATE[status] in execution.log.read_text()
         return pytest.fail(f"not within {MAX_PLANS} plans: {execution.log.read_text()}")
 
-    def run_goals(self, client, goal, *, cancel):
+    def run_goals(self, client, goal, *, cancel, plan=None):
         """The same by goals of ``client``; returns the result at the goal, or after ``cancel``."""
+        make = plan or self.plan
         for _ in range(MAX_PLANS):
-            plan, begin = self.plan(goal), len(self.judge.received)
+            plan, begin = make(goal), len(self.judge.received)
             self.wait(self.judge.is_ready)
             sent = client.start({"plan": json.dumps(plan)}, DEADLINE_S)
             self._wait_until_moving(plan, sent)
@@ -146,9 +147,9 @@ class Cell:
         return pytest.fail(f"not within {MAX_PLANS} plans: {late}")
 
     def serve(self):
-        """Start the execution of plans that come as goals."""
-        server = self._start("-m", "app.cli", "plan", "execute", "--serve", self._world)
-        server.line(lambda line: line.startswith("EXECUTION"))
+        """Start the node that plans and executes for others."""
+        server = self._start("-m", "app.cli", "plan", "serve", self._world)
+        server.line(lambda line: line.startswith("PLANS"))
         return server
 
     def _wait_until_moving(self, plan, execution):
@@ -255,7 +256,7 @@ def test_silent_guard_stops_the_motion_on_its_path(cell):
 
 def test_goals_are_executed_one_after_another_by_one_node(cell):
     server, type_name = cell.serve(), "marginguard_msgs/action/Execute"
-    client = ActionClient(cell.judge.ros, type_name, "/marginguard_execute/execute")
+    client = ActionClient(cell.judge.ros, type_name, "/marginguard_plan/execute")
     with pytest.raises(GoalAbortedError, match="plan is not JSON"):
         client.call({"plan": "{"}, DEADLINE_S)
     stopped = cell.run_goals(client, {"waist": 0.6}, cancel=True)

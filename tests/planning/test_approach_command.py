@@ -87,14 +87,10 @@ def test_bad_file_is_named(plan, tmp_path, name, text, problem):
     assert name in str(raised.value)
 
 
-def test_execution_takes_a_plan_or_serves(capsys, tmp_path):
+def test_execution_refuses_what_is_no_plan(capsys, tmp_path):
     plan = tmp_path / "plan.json"
     plan.write_text("[]")
-    control = str(CONTROL)
-    for words in ([control], [str(plan), control, "--serve"]):
-        assert main(["plan", "execute", *words]) == 2
-        assert "expected PLAN, or --serve" in capsys.readouterr().err
-    assert main(["plan", "execute", str(plan), control]) == 2
+    assert main(["plan", "execute", str(plan), str(CONTROL)]) == 2
     assert "plan.json: is not a plan (TypeError" in capsys.readouterr().err
 
 

@@ -101,6 +101,10 @@ SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(
             "sigma_tre": MM_PER_M,
         },
         "marginguard_msgs/srv/Register_Response": {"fre": MM_PER_M},
+        "marginguard_msgs/srv/NeedleCorridors_Request": dict.fromkeys(
+            ("entry_radius", "length", "diameter", "bend", "sigma"), MM_PER_M
+        ),
+        "marginguard_msgs/action/Plan_Goal": {"clearance": MM_PER_M},
         "marginguard_msgs/action/Replay_Result": {"min_signed_distance": MM_PER_M},
         "marginguard_msgs/action/Replay_Feedback": {"signed_distance": MM_PER_M},
     }

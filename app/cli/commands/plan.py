@@ -7,10 +7,10 @@ Exit status: 0; 2 on bad input, and where there is no plan: one line says why.
 import argparse
 
 from app.cli.parsing import CommandParser, add_debug
-from app.cli.planning import approach, execute, needle_corridors
+from app.cli.planning import approach, execute, needle_corridors, serve
 
 SUMMARY = "plan needle corridors on a case, or an approach of a robot, and execute it"
-PLANS = (needle_corridors, approach, execute)
+PLANS = (needle_corridors, approach, execute, serve)
 
 
 def add_arguments(parser: CommandParser) -> None:

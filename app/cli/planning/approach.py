@@ -8,7 +8,6 @@ limits a mapping of joints to acceleration, jerk and, where the robot's file giv
 import argparse
 import json
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from app.cli.options import add_package_dirs, folder_path, input_argument, numbe
 
 if TYPE_CHECKING:
     from app.geometry import SurfaceMesh, Transform
-    from app.planning import Approach, MotionLimits
+    from app.planning import MotionLimits
     from app.robot import Robot
 
 NAME = "approach"
@@ -133,27 +132,12 @@ def run(options: argparse.Namespace) -> int:
         "samples": preview_samples(approach).tolist(),
         "nearest": nearest_structures(robot, approach, structures, carried),
     }
-    text = json.dumps(_described(robot, approach) | {"preview": preview}, allow_nan=False)
+    text = json.dumps(approach.as_document(robot.name) | {"preview": preview}, allow_nan=False)
     if options.out is None:
         print(text)
     else:
         write_file(options.out, f"{text}\n".encode())
     return 0
-
-
-def _described(robot: "Robot", approach: "Approach") -> dict[str, Any]:
-    return {
-        "robot": robot.name,
-        "joints": list(approach.joints),
-        "held": dict(approach.held),
-        "limits": {name: asdict(limits) for name, limits in approach.limits.items()},
-        "clearance_mm": approach.clearance_mm,
-        "made_from": dict(approach.made_from),
-        "reasons": list(approach.reasons),
-        "times_ns": approach.times_ns.tolist(),
-        "positions": approach.positions.tolist(),
-        "velocities": approach.velocities.tolist(),
-    }
 
 
 def _measured(namespace: str, robot: "Robot") -> dict[str, float]:

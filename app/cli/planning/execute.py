@@ -8,8 +8,7 @@ accelerations of the plan, when the constraint is missing, invalid, too old, on 
 setup, when joints or poses are missing, when the arm does not follow, when the planes block it for
 2 s, on Ctrl-C and on the service ~/cancel (std_srvs/Trigger) of the node marginguard_execute. Then
 plan again from where the arm stands. It must be the only sender on the arm's motion topics.
-With --serve instead of PLAN it executes the plans that come as goals of the action ~/execute
-(marginguard_msgs/action/Execute), one at a time, until a signal.
+'plan serve' executes the plans that come as goals of an action.
 
 Exit status: 0 at the goal, 1 after a stop, 2 if the motion may not begin, 130 or 143 after a
 signal.
@@ -17,7 +16,6 @@ signal.
 
 import argparse
 import sys
-import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,45 +32,30 @@ SUMMARY = "move an arm along a planned approach, within the constraint of a guar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``marginguard plan execute``."""
     parser.add_argument(
-        "plan_file", type=input_argument, nargs="?", metavar="PLAN",
-        help="JSON of 'plan approach --guard'",
-    )  # fmt: skip
-    parser.add_argument("control", type=Path, metavar="CONTROL", help="control.yaml or its folder")
-    parser.add_argument(
-        "--serve", action="store_true", help="execute plans that come as goals of ~/execute"
+        "plan_file", type=input_argument, metavar="PLAN", help="JSON of 'plan approach --guard'"
     )
+    parser.add_argument("control", type=Path, metavar="CONTROL", help="control.yaml or its folder")
 
 
 def run(options: argparse.Namespace) -> int:
     """Execute the plan until it has arrived or is stopped."""
     from app.cli.ros import load_bridge, print_reach
     from app.cli.signals import note_signals
-    from app.geometry import InputError
 
-    if options.serve is (options.plan_file is not None):
-        raise InputError(
-            "plan execute: invalid combination of arguments; expected PLAN, or --serve"
-        )
     with note_signals() as received:
         load_bridge("which 'plan execute' needs")
         print_reach()
         with received.ends_at_once():
             from app.bridge import RosNode
-            from app.bridge.plan_execution import NODE_NAME, ExecutionNode, ExecutionServer
+            from app.bridge.plan_execution import NODE_NAME, ExecutionNode
             from app.cli.gc_control import prompt_process
             from app.control import Outcome, open_control, read_plan
 
-            plan = None if options.serve else read_plan(options.plan_file)
+            plan = read_plan(options.plan_file)
             description = open_control(options.control)
-        stop = threading.Event()
         with RosNode(NODE_NAME) as ros, prompt_process():
             node = ExecutionNode(ros, description, clock_ns=time.time_ns)
             print(f"EXECUTION with arm {description.arm}; Ctrl-C stops it", flush=True)
-            if plan is None:
-                ExecutionServer(ros, node)
-                received.stops(stop.set)
-                stop.wait()  # closing the node cancels the goal, and sends its result
-                return received.exit_status
             received.stops(node.cancel)
             last = node.run(plan, _report)
     if last is None:

@@ -6,13 +6,13 @@ import argparse
 import json
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from app.cli.options import add_case, folder_path, frame_name, input_argument, number, output_path
 
 if TYPE_CHECKING:
     from app.geometry import SurfaceMesh
-    from app.planning import NeedlePlan, NeedleRobot, NeedleTarget
+    from app.planning import NeedleRobot, NeedleTarget
     from app.runtime import PreparedCase
     from app.session import StepResult
 
@@ -150,7 +150,7 @@ def run(options: argparse.Namespace) -> int:
         | {"bend_mm": needle.bend_mm, "sigma_mm": options.sigma_mm},
         "k_sigma": content.margins.k_tre,
     }
-    document = inputs | as_document(plan)
+    document = inputs | plan.as_document()
     text = json.dumps(document, indent=2, allow_nan=False)
     if options.report is not None:
         page = needle_page(plan, placed[name], forbidden, document)
@@ -162,31 +162,6 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(text)
     return 0
-
-
-def as_document(plan: "NeedlePlan") -> dict[str, Any]:
-    """The plan as JSON types."""
-    return {
-        "corridors": [
-            {
-                "entry_mm": each.entry_mm.tolist(),
-                "target_mm": each.target_mm.tolist(),
-                "depth_mm": each.depth_mm,
-                "angle_deg": math.degrees(each.angle_rad),
-                "score": each.score,
-                "ratings": dict(each.ratings),
-                "structures": [found._asdict() for found in each.structures],
-                "joints": [dict(joints) for joints in each.joints],
-                "reasons": list(each.reasons),
-            }
-            for each in plan.corridors
-        ],
-        "entries": {
-            "count": len(plan.scores),
-            "allowed": int((plan.scores >= 0.0).sum()),
-            "blocked_by": plan.blocked_by(),
-        },
-    }
 
 
 def _step_with_poses(

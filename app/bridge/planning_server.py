@@ -1,0 +1,308 @@
+"""Serves plans for an arm beside a running guard; `app.bridge.plan_execution` executes them.
+
+====================== =============================== ============================================
+``~/plan``             marginguard_msgs/Plan           an approach of the arm; nothing moves
+``~/needle_corridors`` marginguard_msgs/NeedleCorridors  corridors past forbidden structures
+``~/markers``          visualization_msgs/MarkerArray  the planned way, or entries and corridors
+====================== =============================== ============================================
+
+Surfaces, their poses and the registration are those of the guard.
+"""
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from marginguard_msgs.action import Plan
+from marginguard_msgs.srv import NeedleCorridors
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from app.bridge import topics
+from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
+from app.bridge.calls.service_server import ServiceServer
+from app.bridge.displays.session_client import SessionClient
+from app.bridge.messages import MM_PER_M, header_message, point_message
+from app.bridge.node import RosNode
+from app.bridge.plan_execution import WAIT_S, ExecutionNode, alone
+from app.bridge.plan_markers import corridor_markers, way_markers
+from app.bridge.ros_errors import BridgeError
+from app.control import ControlDescription
+from app.geometry import (
+    NS_PER_S,
+    FloatArray,
+    FrameError,
+    InputError,
+    Stamp,
+    SurfaceMesh,
+    Transform,
+)
+from app.planning import (
+    Approach,
+    ApproachError,
+    EntryRegion,
+    ForbiddenStructure,
+    MotionLimits,
+    Needle,
+    NeedleTarget,
+    plan_approach,
+    plan_needle,
+)
+from app.runtime import SessionContent
+from app.session import Role, StepResult
+
+NODE_NAME = "marginguard_plan"
+
+ENTRIES = 10_000
+"""Candidates of an entry: each is a point in RViz."""
+
+_FEEDBACK_S = 0.5
+_TIP = "tip"
+_Value = TypeVar("_Value")
+
+
+class _Scene(NamedTuple):
+    """Arguments of `plan_approach` from the guard, in the arm's root link, ``carried`` in links."""
+
+    content: SessionContent
+    frame_from_root: Transform
+    structures: Mapping[str, SurfaceMesh]
+    carried: Mapping[str, SurfaceMesh]
+    goal: Mapping[str, float] | Transform
+
+
+class PlanningServer:
+    """Serves plans for the arm of ``description`` until ``ros`` closes.
+
+    ``arm`` measures and moves it. One request at a time is served, with ``lock`` held: a plan
+    begins where the arm stands, and its search would delay the commands of a motion.
+    """
+
+    def __init__(
+        self,
+        ros: RosNode,
+        description: ControlDescription,
+        arm: ExecutionNode,
+        lock: threading.Lock,
+    ) -> None:
+        self._ros, self._about, self._arm, self._lock = ros, description, arm, lock
+        self._tool, self._robot = description.tool, description.tool.robot
+        self._markers = ros.publisher(topics.MARKERS)
+        ActionServer(ros, Plan, "~/plan", self._plan)
+        ServiceServer(
+            ros, NeedleCorridors, "~/needle_corridors", self._find_corridors, in_thread=True
+        )
+
+    def _plan(self, served: ServedGoal) -> tuple[Plan.Result, GoalOutcome]:
+        request, begin_s = served.request, time.monotonic()
+        reported_s = begin_s
+        if not 0.0 < request.allowed_time < math.inf:
+            raise InputError(
+                f"allowed_time: is {request.allowed_time:g} s; expected a number above 0"
+            )
+
+        def is_over() -> bool:
+            nonlocal reported_s
+            now_s = time.monotonic()
+            if now_s - reported_s >= _FEEDBACK_S:
+                reported_s = now_s
+                served.feedback(Plan.Feedback(elapsed=now_s - begin_s))
+            return served.cancelled.is_set() or now_s - begin_s > request.allowed_time
+
+        with alone(self._lock):
+            start = self._arm.positions()
+            scene = self._of_guard(lambda content, step: self._scene(content, step, request))
+            try:
+                approach = plan_approach(
+                    self._robot,
+                    start,
+                    scene.goal,
+                    scene.structures,
+                    clearance_mm=MM_PER_M * request.clearance,
+                    limits={
+                        name: MotionLimits(*each) for name, each in self._about.joint_limits.items()
+                    },
+                    carried=scene.carried,
+                    is_over=is_over,
+                    made_from=_ids(scene.content),
+                )
+            except ApproachError:
+                if served.cancelled.is_set():
+                    return Plan.Result(message="cancelled"), GoalOutcome.CANCELLED
+                raise
+        if served.cancelled.is_set():
+            return Plan.Result(message="cancelled"), GoalOutcome.CANCELLED
+        self._markers.publish(way_markers(scene.frame_from_root, self._tips_mm(approach)))
+        result = Plan.Result(
+            success=True,
+            trajectory=self._trajectory(approach),
+            plan=json.dumps(approach.as_document(self._robot.name), allow_nan=False),
+            **_ids(scene.content),
+        )
+        return result, GoalOutcome.SUCCEEDED
+
+    def _scene(self, content: SessionContent, step: StepResult, request: Plan.Goal) -> _Scene:
+        """Raises `FrameError` while a pose is not known."""
+        registration = content.registration
+        base = self._about.frame_from_base if registration is None else registration.transform
+        if base is None:
+            raise BridgeError(
+                "base of the arm: the guard has no registration, and control.yaml no base; "
+                "expected one"
+            )
+        frame_from_root = base.renamed(source=self._robot.root_link)
+        root_from_frame = frame_from_root.inverse()
+        structures = {
+            name: mesh.transformed(
+                root_from_frame @ step.edges.between(frame_from_root.target, name)[0]
+            )
+            for name, mesh in _surfaces(content).items()
+        }
+        carried = {}
+        if content.tool is not None:
+            link_from_tool = self._tool.link_from_tip.renamed(source=content.tool.frame)
+            carried[content.tool_name or "tool"] = content.tool.transformed(link_from_tool)
+        goal: Mapping[str, float] | Transform
+        if request.joints or request.positions:
+            goal = dict(zip(request.joints, request.positions, strict=False))
+            if not len(goal) == len(request.joints) == len(request.positions):
+                raise InputError(
+                    f"goal: has {len(request.joints)} joints, {len(goal)} of them once and with a "
+                    f"position, and {len(request.positions)} positions; expected one for each joint"
+                )
+        else:
+            tip = _pose(request.tip, "tip", _TIP)
+            if tip.target != self._robot.root_link:
+                between = step.edges.between(frame_from_root.target, tip.target)[0]
+                tip = root_from_frame @ between @ tip
+            goal = tip @ self._tool.link_from_tip.renamed(source=_TIP).inverse()
+        return _Scene(content, frame_from_root, structures, carried, goal)
+
+    def _tips_mm(self, approach: Approach) -> FloatArray:
+        """Places (n, 3) of the tool's tip in the root link."""
+        joints = self._tool.joints
+        states = np.array([[approach.held.get(name, 0.0) for name in joints]])
+        states = states.repeat(len(approach.positions), axis=0)
+        states[:, [joints.index(name) for name in approach.joints]] = approach.positions
+        return np.array([self._tool.evaluate(state)[0].translation_mm for state in states])
+
+    def _trajectory(self, approach: Approach) -> JointTrajectory:
+        made = JointTrajectory(
+            header=header_message(self._robot.root_link, Stamp(0)),
+            joint_names=list(approach.joints),
+        )
+        for time_ns, positions, velocities in zip(
+            approach.times_ns.tolist(),
+            approach.positions.tolist(),
+            approach.velocities.tolist(),
+            strict=True,
+        ):
+            point = JointTrajectoryPoint(positions=positions, velocities=velocities)
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(time_ns, NS_PER_S)
+            made.points.append(point)
+        return made
+
+    def _find_corridors(
+        self, request: NeedleCorridors.Request, response: NeedleCorridors.Response
+    ) -> None:
+        with alone(self._lock):
+            entry = _pose(request.entry, "entry", "disc")
+            region = EntryRegion.of_disc(
+                entry.target,
+                entry.translation_mm,
+                entry.rotation[:, 2],
+                MM_PER_M * request.entry_radius,
+                count=ENTRIES,
+            )
+            content, placed = self._of_guard(
+                lambda content, step: (
+                    content,
+                    {
+                        name: mesh.transformed(step.edges.between(entry.target, name)[0])
+                        for name, mesh in _surfaces(content).items()
+                    },
+                )
+            )
+            forbidden = [each for each in content.structures if each.role is Role.FORBIDDEN]
+            name = request.target or content.tumor.frame
+            targets = placed.keys() - {each.name for each in forbidden}
+            if name not in targets:
+                raise InputError(f"target: is {name!r}; expected {' or '.join(sorted(targets))}")
+            plan = plan_needle(
+                region,
+                NeedleTarget.of_structure(placed[name]),
+                Needle(
+                    *(MM_PER_M * each for each in (request.length, request.diameter, request.bend))
+                ),
+                [
+                    ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
+                    for each in forbidden
+                ],
+                error=MM_PER_M * request.sigma,
+                k_sigma=content.margins.k_tre,
+            )
+        self._markers.publish(corridor_markers(plan))
+        response.entries = [point_message(each.entry_mm) for each in plan.corridors]
+        response.targets = [point_message(each.target_mm) for each in plan.corridors]
+        response.scores = [each.score for each in plan.corridors]
+        response.setup_id, response.registration_id = _ids(content).values()
+        response.plan = json.dumps(
+            {"frame": region.frame, **_ids(content), **plan.as_document()}, allow_nan=False
+        )
+        response.success = True
+
+    def _of_guard(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
+        """``use(content, step)`` of the guard's first step for which it raises no `FrameError`.
+
+        Raises the last error after `WAIT_S`, and `BridgeError` without a guard.
+        """
+        name = self._about.constraint_topic.rpartition("/")[0]
+        begin_s = time.monotonic()
+
+        def wait(waited_s: float) -> None:
+            if waited_s > WAIT_S:
+                raise BridgeError(f"guard {name}: no step in {WAIT_S:g} s; expected a running one")
+
+        domain_id = self._ros.node.context.get_domain_id()
+        with RosNode("marginguard_plan_guard", domain_id=domain_id) as ros:
+            client = SessionClient(ros, name, waiting=wait)
+            try:
+                for step in client.steps():
+                    if client.operator is None:
+                        continue
+                    try:
+                        return use(client.operator.content, step)
+                    except FrameError:
+                        if time.monotonic() - begin_s > WAIT_S:
+                            raise
+            finally:
+                client.close()
+        raise AssertionError("the steps do not end")
+
+
+def _surfaces(content: SessionContent) -> dict[str, SurfaceMesh]:
+    """The tumour and all structures, by their frames."""
+    return {content.tumor.frame: content.tumor} | {
+        each.name: each.surface for each in content.structures
+    }
+
+
+def _ids(content: SessionContent) -> dict[str, str]:
+    return {"setup_id": content.setup_id, "registration_id": content.registration_id}
+
+
+def _pose(message: PoseStamped, what: str, source: str) -> Transform:
+    """Raises `InputError` without a frame and `MarginGuardError` for numbers that are no pose."""
+    if not message.header.frame_id:
+        raise InputError(f"{what}: has no frame_id; expected the frame of its pose")
+    place, turn = message.pose.position, message.pose.orientation
+    return Transform.from_quaternion(
+        (turn.x, turn.y, turn.z, turn.w),
+        [MM_PER_M * value for value in (place.x, place.y, place.z)],
+        target=message.header.frame_id,
+        source=source,
+    )

@@ -1,0 +1,94 @@
+"""Markers of plans, and requests that the planning node refuses; plans: `tests.cli`."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+import trimesh
+from marginguard_msgs.srv import NeedleCorridors
+from visualization_msgs.msg import Marker
+
+from app.bridge import RosNode, plan_execution, planning_server
+from app.bridge.calls import ActionClient
+from app.bridge.calls.service_client import ServiceClient
+from app.bridge.plan_markers import corridor_markers, way_markers
+from app.bridge.ros_errors import GoalAbortedError
+from app.control import open_control
+from app.geometry import SurfaceMesh, Transform
+from app.planning import EntryRegion, ForbiddenStructure, Needle, NeedleTarget, plan_needle
+from tests.waiting import DEADLINE_S
+
+pytestmark = pytest.mark.slow
+
+
+def test_way_is_shown_in_the_frame_of_the_tracker():
+    tracker_from_root = Transform(
+        "tracker", "root", np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), [5, 0, 0]
+    )
+    tips_mm = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 20.0, 0.0]])
+    before, way, end = way_markers(tracker_from_root, tips_mm).markers
+    assert before.action == Marker.DELETEALL
+    shown = [(each.x, each.y, each.z) for each in way.points]
+    assert np.array(shown) == pytest.approx(
+        np.array([[0.005, 0.0, 0.0], [0.005, 0.01, 0.0], [-0.015, 0.01, 0.0]])
+    )
+    assert (way.header.frame_id, end.points) == ("tracker", way.points[-1:])
+
+
+def test_entries_are_shown_by_their_score_and_blocked_ones_red():
+    shape = trimesh.creation.icosphere(2, 5.0)
+    vessel = SurfaceMesh("ct", shape.vertices + np.array([0.0, 0.0, 30.0]), shape.faces)
+    plan = plan_needle(
+        EntryRegion.of_disc("ct", [0, 0, 60], [0, 0, 1], 40.0, count=200),
+        NeedleTarget.of_points("ct", [[0, 0, 0]]),
+        Needle(100.0, 1.2, 1.0),
+        [ForbiddenStructure("vessel", vessel, 2.0, 0.5)],
+        error=1.0,
+        k_sigma=2.0,
+    )
+    _, entries, corridors = corridor_markers(plan).markers
+    shown = np.array([[each.x, each.y, each.z] for each in entries.points])
+    assert shown == pytest.approx(plan.region.points_mm / 1000.0)
+    is_red = np.array([each.r > each.g and each.a < 1.0 for each in entries.colors])
+    assert 0 < is_red.sum() < 200
+    assert (is_red == np.isnan(plan.scores)).all()
+    best = int(np.nanargmax(plan.scores))
+    assert entries.colors[best].r == min(each.r for each in entries.colors if each.a == 1.0)
+    ends = np.array([[each.x, each.y, each.z] for each in corridors.points[:2]])
+    assert ends == pytest.approx(np.array([shown[best], [0.0, 0.0, 0.0]]))
+
+
+def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, monkeypatch):
+    for module in (plan_execution, planning_server):
+        monkeypatch.setattr(module, "WAIT_S", 0.5)
+    description, lock = (
+        open_control(project_root / "data" / "worlds" / "lumpectomy"),
+        threading.Lock(),
+    )
+    with (
+        RosNode(planning_server.NODE_NAME, domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer,
+    ):
+        arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
+        plan_execution.ExecutionServer(ros, arm, lock)
+        planning_server.PlanningServer(ros, description, arm, lock)
+        plans = ActionClient(peer, "marginguard_msgs/action/Plan", "/marginguard_plan/plan")
+        name = "/marginguard_plan/needle_corridors"
+        corridors = ServiceClient(peer, NeedleCorridors, name)
+        request = NeedleCorridors.Request(entry_radius=0.01)
+        request.entry.header.frame_id, request.entry.pose.orientation.w = "tracker", 1.0
+        with pytest.raises(GoalAbortedError, match="allowed_time: is nan s; expected a number"):
+            plans.call({"allowed_time": float("nan")}, DEADLINE_S)
+        goal, busy = (
+            {"allowed_time": 1.0},
+            "another request is being served; expected one after the other",
+        )
+        with lock:
+            with pytest.raises(GoalAbortedError, match=busy):
+                plans.call(goal, DEADLINE_S)
+            assert corridors.call(request, DEADLINE_S).message == busy
+        with pytest.raises(GoalAbortedError, match="joints of /arm: no usable positions; expected"):
+            plans.call(goal, DEADLINE_S)
+        without = corridors.call(request, DEADLINE_S)
+    assert without.message == "guard /marginguard: no step in 0.5 s; expected a running one"

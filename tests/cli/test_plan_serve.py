@@ -1,0 +1,139 @@
+"""Plans of a node beside a running guard: where the tumour truly is, and executed as they are."""
+
+import json
+import re
+import signal
+
+import numpy as np
+import pytest
+import trimesh
+from marginguard_msgs.srv import NeedleCorridors
+from visualization_msgs.msg import MarkerArray
+
+from app.bridge.calls import ActionClient
+from app.bridge.calls.service_client import ServiceClient
+from app.bridge.ros_errors import GoalAbortedError, GoalCancelledError
+from app.bridge.topics import LATCHED, Topic
+from tests.bridge.live.conftest import DEADLINE_S
+from tests.cli.test_page_push import world as world
+from tests.cli.test_plan_execute import FOLLOW_RAD
+from tests.cli.test_plan_execute import cell as cell
+
+pytestmark = pytest.mark.long
+
+TRACKER_MM = 3.0
+"""Errors of the simulated tracker."""
+
+TUMOR_MM = np.array([205.0, 0.0, 80.0])
+"""Its place in the world, which is the tracker's frame and that of the arm's base."""
+
+
+class Planner:
+    """The node's clients, and the markers that it has sent."""
+
+    def __init__(self, cell):
+        self.cell, self.ros, self.markers = cell, cell.judge.ros, []
+        self.server = cell.serve()
+        topic = Topic("/marginguard_plan/markers", MarkerArray, LATCHED)
+        self.ros.subscribe(topic, self.markers.append)
+        self.plans, self.executions = (
+            ActionClient(self.ros, f"marginguard_msgs/action/{kind}", f"/marginguard_plan/{name}")
+            for kind, name in (("Plan", "plan"), ("Execute", "execute"))
+        )
+
+    def plan(self, clearance_mm=3.0, **goal):
+        goal |= {"clearance": clearance_mm, "allowed_time": 20.0}  # plain values are in mm
+        return self.plans.call(goal, DEADLINE_S)
+
+    def shown(self):
+        """The last markers without the one that deletes those before."""
+        self.cell.wait(lambda: self.markers)
+        return self.markers[-1].markers[1:]
+
+
+@pytest.fixture
+def planner(cell):
+    return Planner(cell)
+
+
+def pose(point_mm, turn, frame):
+    place = dict(zip("xyz", np.asarray(point_mm).tolist(), strict=True))
+    orientation = dict(zip("xyzw", np.asarray(turn).tolist(), strict=True))
+    return {"header": {"frame_id": frame}, "pose": {"position": place, "orientation": orientation}}
+
+
+def test_approach_is_planned_and_executed(cell, planner):
+    goal = {"joints": ["waist"], "positions": [0.3]}
+    made = planner.plan(**goal)
+    assert (made.success, made.message, made.registration_id) == (True, "", "")
+    assert made.setup_id == json.loads(made.plan)["made_from"]["setup_id"] != ""
+    assert made.trajectory.header.frame_id == cell.robot.root_link
+    assert made.trajectory.joint_names == ["waist"]
+    assert made.trajectory.points[-1].positions.tolist() == [0.3]
+    way, _ = planner.shown()
+    assert (way.ns, way.header.frame_id) == ("planned_way", "tracker")
+    assert len(way.points) == len(made.trajectory.points)
+    arrived = cell.run_goals(
+        planner.executions,
+        {"waist": 0.3},
+        cancel=False,
+        plan=lambda _: json.loads(planner.plan(**goal).plan),
+    )
+    assert (arrived.success, arrived.outcome) == (True, "arrived")
+    waist = cell.judge.measured()[-1][cell.joints.index("waist")]
+    assert waist == pytest.approx(0.3, abs=FOLLOW_RAD)
+    assert planner.server.end(signal.SIGINT) == 130
+
+
+def test_tool_keeps_from_the_tumour_where_it_truly_is(cell, planner):
+    at = dict(zip(cell.joints, cell.judge.measured()[-1].tolist(), strict=True))
+    tip = cell.robot.forward_kinematics(at)["stylus"]
+    above = tip.apply([[0.0, 0.0, 70.0]])[0] + [0.0, 10.0, 0.0]
+    made = planner.plan(tip=pose(above, tip.quaternion_xyzw, "tracker"))
+    end = dict(zip(made.trajectory.joint_names, made.trajectory.points[-1].positions, strict=True))
+    reached = cell.robot.forward_kinematics({**at, **end})["stylus"]
+    assert reached.apply([[0.0, 0.0, 70.0]])[0] == pytest.approx(above, abs=1e-3)
+    distance_mm = cell.judge.distances_mm()[-1]
+    with pytest.raises(GoalAbortedError, match="start: tool is") as refused:
+        planner.plan(distance_mm + TRACKER_MM, joints=["waist"], positions=[0.3])
+    found_mm = re.search(r"is ([\d.]+) mm from tumor; expected", str(refused.value))
+    assert float(found_mm[1]) == pytest.approx(distance_mm, abs=TRACKER_MM)
+    with pytest.raises(GoalAbortedError, match=r"goal: .* is 0\.00 mm from tumor"):
+        planner.plan(tip=pose(TUMOR_MM, tip.quaternion_xyzw, cell.robot.root_link))
+
+
+def test_corridors_end_in_the_tumour_where_it_truly_is(cell, planner, project_root):
+    client = ServiceClient(cell.judge.ros, NeedleCorridors, "/marginguard_plan/needle_corridors")
+    request = NeedleCorridors.Request(
+        entry_radius=0.02, length=0.1, diameter=0.0012, bend=0.001, sigma=0.001
+    )
+    assert "entry: has no frame_id" in client.call(request, DEADLINE_S).message
+    skin = TUMOR_MM + np.array([0.0, 0.0, 40.0])
+    request.entry.header.frame_id = "tracker"
+    place, turn = request.entry.pose.position, request.entry.pose.orientation
+    place.x, place.y, place.z = (skin / 1000.0).tolist()
+    turn.w = 1.0
+    reply = client.call(request, DEADLINE_S)
+    assert (reply.success, reply.message) == (True, "")
+    assert json.loads(reply.plan)["setup_id"] == reply.setup_id != ""
+    assert len(reply.entries) == len(reply.targets) == len(reply.scores) > 0
+    tumor = trimesh.load_mesh(project_root / "data" / "recorded_case" / "tumor.stl")
+    target_mm = 1000.0 * np.array([[each.x, each.y, each.z] for each in reply.targets[:1]])
+    assert tumor.contains(target_mm - TUMOR_MM).all()
+    entry = reply.entries[0]
+    assert entry.z == pytest.approx(skin[2] / 1000.0)
+    entries, corridors = planner.shown()
+    assert (len(entries.points), len(entries.colors)) == (10_000, 10_000)
+    assert len(corridors.points) == 2 * len(reply.entries)
+
+
+def test_cancelled_goal_ends(cell, planner):
+    goal = {"joints": ["waist"], "positions": [0.3], "clearance": 3.0, "allowed_time": 1e6}
+    with pytest.raises(GoalAbortedError, match="expected a number above 0"):
+        planner.plans.call({**goal, "clearance": 0.0}, DEADLINE_S)
+    sent = planner.plans.start(goal, DEADLINE_S)
+    sent.cancel()
+    try:
+        assert sent.result(DEADLINE_S).success  # found before
+    except GoalCancelledError as error:
+        assert error.result.message == "cancelled"
