@@ -78,6 +78,33 @@ def test_coal_finds_the_clearance_kept(name):
     assert excess > -1e-6, pair
 
 
+def test_path_that_leads_through_structures_between_its_tests_is_searched_again(monkeypatch):
+    from app.planning import path_search  # a reference in this module: OMPL reports leaks at exit
+
+    robot, structures, start, goal, model = problem("touch")
+    searches = []
+
+    def search(*arguments):
+        searches.append(tested_path(*arguments))
+        return searches[-1]
+
+    tested_path = path_search._tested_path
+    monkeypatch.setattr(path_search, "_tested_path", search)
+    monkeypatch.setattr(path_search, "ASSUMED_MM", 1e4)
+    first, last = (np.array([each[joint] for joint in model.joints]) for each in (start, goal))
+    limits = tuple(
+        np.array([getattr(robot.tree.joint(joint), side) for joint in model.joints])
+        for side in ("lower", "upper")
+    )
+    path = path_search.find_path(model, first, last[None], limits, after(20_000))
+    scene = CoalScene(robot, structures, step_mm=2.0)
+    coarse, proven = (
+        scene.closest_mm(each, {}, model.joints, CLEARANCE_MM)[0] for each in (searches[0], path)
+    )
+    assert coarse < 0.0
+    assert proven > -1e-6
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_states_are_blocked_where_coal_finds_a_pair_too_near(name):
     robot, structures, _, _, model = problem(name)
