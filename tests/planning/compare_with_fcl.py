@@ -6,6 +6,7 @@ Both search with OMPL's RRTConnect, from the same start to the same goal among 1
 checks collisions (a clearance of 0) at states that are ``--resolution`` of the extent of the joint
 space apart, structures in a DynamicAABBTreeCollisionManager; a clearance of 1 mm is proven. The
 times are processor times of the search alone, without the shortcuts; the models are made before.
+Paths of FCL collide between samples at a resolution of 0.01, and did not at 0.001 in 150 queries.
 Every path is checked by coal at steps of 1 mm.
 """
 
@@ -161,12 +162,16 @@ def main():
     parser.add_argument("--robots", default="touch,ur5,panda")
     parser.add_argument("--queries", type=int, default=100)
     parser.add_argument("--resolution", type=float, action="append")
-    parser.add_argument("--allowed-s", type=float, default=10.0)
+    parser.add_argument("--allowed-s", type=float, default=3.0)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     for name in options.robots.split(","):
         compare(
-            name, options.queries, options.resolution or [0.01], options.allowed_s, options.seed
+            name,
+            options.queries,
+            options.resolution or [0.01, 0.001],
+            options.allowed_s,
+            options.seed,
         )
 
 
