@@ -14,6 +14,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -218,26 +219,30 @@ class PlanningServer:
                 MM_PER_M * request.entry_radius,
                 count=ENTRIES,
             )
-            content, placed = self._of_guard(
+            content, poses = self._of_guard(
                 lambda content, step: (
                     content,
                     {
-                        name: mesh.transformed(step.edges.between(entry.target, name)[0])
-                        for name, mesh in _surfaces(content).items()
+                        name: step.edges.between(entry.target, name)[0]
+                        for name in _surfaces(content)
                     },
                 )
             )
+            placed = {
+                name: mesh.transformed(poses[name]) for name, mesh in _surfaces(content).items()
+            }
             forbidden = [each for each in content.structures if each.role is Role.FORBIDDEN]
             name = request.target or content.tumor.frame
             targets = placed.keys() - {each.name for each in forbidden}
             if name not in targets:
                 raise InputError(f"target: is {name!r}; expected {' or '.join(sorted(targets))}")
+            needle = Needle(
+                *(MM_PER_M * each for each in (request.length, request.diameter, request.bend))
+            )
             plan = plan_needle(
                 region,
                 NeedleTarget.of_structure(placed[name]),
-                Needle(
-                    *(MM_PER_M * each for each in (request.length, request.diameter, request.bend))
-                ),
+                needle,
                 [
                     ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
                     for each in forbidden
@@ -250,9 +255,14 @@ class PlanningServer:
         response.targets = [point_message(each.target_mm) for each in plan.corridors]
         response.scores = [each.score for each in plan.corridors]
         response.setup_id, response.registration_id = _ids(content).values()
-        response.plan = json.dumps(
-            {"frame": region.frame, **_ids(content), **plan.as_document()}, allow_nan=False
-        )
+        inputs = {
+            "frame": region.frame,
+            "target": name,
+            "frame_from_target": poses[name].matrix.tolist(),
+            "window_mm": None,
+            "needle": asdict(needle),
+        }
+        response.plan = json.dumps(inputs | _ids(content) | plan.as_document(), allow_nan=False)
         response.success = True
 
     def _of_guard(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:

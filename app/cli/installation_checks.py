@@ -204,7 +204,7 @@ PAGE = (
     "client.js",
     "watch.js", "icon.svg", "ultrasound.js", "ultrasound.css", "contour.js", "contour.css",
     "calibration.js", "calibration.css", "guided.js", "registration.js", "tool_choice.js",
-    "world.css", "world.js",
+    "world.css", "world.js", "plan.css",
     "timeline.js", "operator.js", "library.html", "library.css", "library.js",
 )  # fmt: skip
 

@@ -14,6 +14,7 @@ from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.ros_errors import GoalAbortedError, GoalCancelledError
 from app.bridge.topics import LATCHED, Topic
+from app.workflow.needle_guide import read_needle_plan
 from tests.bridge.live.conftest import DEADLINE_S
 from tests.cli.test_page_push import world as world
 from tests.cli.test_plan_execute import FOLLOW_RAD
@@ -102,7 +103,7 @@ def test_tool_keeps_from_the_tumour_where_it_truly_is(cell, planner):
         planner.plan(tip=pose(TUMOR_MM, tip.quaternion_xyzw, cell.robot.root_link))
 
 
-def test_corridors_end_in_the_tumour_where_it_truly_is(cell, planner, project_root):
+def test_corridors_end_in_the_tumour_where_it_truly_is(cell, planner, project_root, tmp_path):
     client = ServiceClient(cell.judge.ros, NeedleCorridors, "/marginguard_plan/needle_corridors")
     request = NeedleCorridors.Request(
         entry_radius=0.02, length=0.1, diameter=0.0012, bend=0.001, sigma=0.001
@@ -117,6 +118,9 @@ def test_corridors_end_in_the_tumour_where_it_truly_is(cell, planner, project_ro
     assert (reply.success, reply.message) == (True, "")
     assert json.loads(reply.plan)["setup_id"] == reply.setup_id != ""
     assert len(reply.entries) == len(reply.targets) == len(reply.scores) > 0
+    (tmp_path / "plan.json").write_text(reply.plan)
+    shown = read_needle_plan(tmp_path / "plan.json")  # as page and panel do
+    assert len(shown.paths) == len(reply.entries)
     tumor = trimesh.load_mesh(project_root / "data" / "recorded_case" / "tumor.stl")
     target_mm = 1000.0 * np.array([[each.x, each.y, each.z] for each in reply.targets[:1]])
     assert tumor.contains(target_mm - TUMOR_MM).all()

@@ -33,7 +33,7 @@ def test_same_seed_writes_the_same_manifest(tmp_path, capsys):
     ("words", "message"),
     [
         (["-n", "0"], "'0'; expected 1 to 10000000"),
-        (["-n", "x"], "'x'; expected an integer"),
+        (["-n", "x"], "'x'; expected 1 to 10000000"),
         (["-n", "2", "--duration", "9"], "duration_s is [9, 9]; expected"),
         (["-n", "2", "--tracker", "magic"], "invalid choice: 'magic'"),
     ],
