@@ -20,6 +20,7 @@ from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
 from tests.viewer.conftest import TOKEN, Server, Watched
 from tests.viewer.conftest import viewed_case as viewed_case
 from tests.viewer.page_actions import accepted as accepted_by_page
+from tests.viewer.page_actions import choose
 from tests.viewer.test_server_gone import check_lost
 
 pytestmark = pytest.mark.long
@@ -169,6 +170,7 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     expect(page.locator(".hold")).to_have_count(1)
     rearm_on(page)
     request = page.locator("#request")
+    choose(page, "operate")
     page.click("#margins summary")
     stop = page.locator("#margins-stop")
     expect(stop).not_to_have_value("")
@@ -180,6 +182,7 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     page.click("#note-add")
     expect(request).to_contain_text(accepted_by_page("note", r": first cut \(step "))
     expect(page.locator(".notes li")).to_contain_text("first cut")
+    choose(page, "prepare", "contour")
     count = page.locator("#contour-count")
     while count.inner_text() == "no points":  # refused while a pose is late
         page.click("#contour-tip")
