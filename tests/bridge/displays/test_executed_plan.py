@@ -23,3 +23,14 @@ def test_plan_is_known_until_it_ends_or_its_node_leaves(ros, domain_id):
         plans.publish(String(data="second"))
         wait_until(lambda: texts == ["first", "", "second"])
     wait_until(lambda: texts == ["first", "", "second", ""])
+
+
+def test_plan_of_a_killed_node_ends_beside_another_one_that_executes_nothing(ros, domain_id):
+    texts = []
+    with RosNode("idle", domain_id=domain_id) as idle:
+        idle.publisher(EXECUTED_PLAN).publish(String())
+        with RosNode("executor", domain_id=domain_id) as executor:
+            executor.publisher(EXECUTED_PLAN).publish(String(data="plan"))
+            ExecutedPlan(ros, texts.append)
+            wait_until(lambda: texts == ["plan"])
+        wait_until(lambda: texts == ["plan", ""])
