@@ -268,7 +268,8 @@ class PlanningServer:
     def _of_guard(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
         """``use(content, step)`` of the guard's first step for which it raises no `FrameError`.
 
-        Raises the last error after `WAIT_S`, and `BridgeError` without a guard.
+        A step whose margin is UNKNOWN is not used: its poses may be wrong. Raises the last error
+        after `WAIT_S`, and `BridgeError` without a guard.
         """
         name = self._about.constraint_topic.rpartition("/")[0]
         begin_s = time.monotonic()
@@ -285,6 +286,8 @@ class PlanningServer:
                     if client.operator is None:
                         continue
                     try:
+                        if step.distrust:
+                            raise FrameError(step.distrust)
                         return use(client.operator.content, step)
                     except FrameError:
                         if time.monotonic() - begin_s > WAIT_S:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import AppliedMargin, FixtureDecision, Proximity
+from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity
 from app.geometry import (
     Edge,
     FloatArray,
@@ -200,6 +200,14 @@ class StepResult:
     def frames_problem(self) -> str:
         """All of ``frames_problems``, joined by semicolons."""
         return "; ".join(self.frames_problems)
+
+    @property
+    def distrust(self) -> str:
+        """The reason why the poses are good for no plan and no guidance; empty if they are."""
+        if self.decision.state is not MarginState.UNKNOWN:
+            return ""
+        reasons = ", ".join(map(str, self.decision.reasons))
+        return f"margin: is UNKNOWN ({reasons}); expected a known one"
 
 
 _Reduced = tuple[Callable[..., Any], tuple[Any, ...]]

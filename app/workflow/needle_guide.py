@@ -127,7 +127,7 @@ class NeedleGuide:
         if self._compared != (plan, content):
             self._compared = plan, content
             self._refused = _problem(plan, content)
-        problem = self._refused or silent or _distrust(step)
+        problem = self._refused or silent or step.distrust
         self._shown = _guidance(plan, self._corridor, step, content, problem)
 
     def shown(self) -> NeedleShown | None:
@@ -176,14 +176,6 @@ def _problem(plan: PlannedNeedle, content: SessionContent) -> str:
     except InputError as error:
         return str(error)
     return ""
-
-
-def _distrust(step: StepResult) -> str:
-    """The reason why the poses of ``step`` guide no needle: the guard does not trust them."""
-    if step.decision.state is not MarginState.UNKNOWN:
-        return ""
-    reasons = ", ".join(map(str, step.decision.reasons))
-    return f"margin: is UNKNOWN ({reasons}); expected a known one"
 
 
 def _guidance(

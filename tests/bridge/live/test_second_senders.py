@@ -1,14 +1,21 @@
 """``marginguard live`` beside a second sender of each of its inputs, in separate processes."""
 
 import signal
+import threading
+import time
 from functools import partial
 from pathlib import Path
 
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.srv import NeedleCorridors
 
+from app.bridge import RosNode, plan_execution, planning_server
+from app.bridge.calls.service_client import ServiceClient
+from app.control import open_control
 from tests.bridge.conftest import TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.long
 
@@ -95,3 +102,34 @@ def test_joints_of_another_device_on_the_robots_topic_are_no_fault(
         reasons = {each for seen in monitor.since(permissive_ns) for each in seen.message.reasons}
         assert not reasons & {"second_sender", "redundancy_lost"}
         assert not any(each.has_second_sender for each in monitor.since(begun_ns))
+
+
+def test_nothing_is_planned_by_the_poses_of_two_senders(
+    guarded, start, frames_file, domain_id, project_root, monkeypatch
+):
+    monkeypatch.setattr(planning_server, "WAIT_S", 1.0)
+    guarded("tracked")
+    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
+    with (
+        monitored(domain_id) as monitor,
+        RosNode(planning_server.NODE_NAME, domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer,
+    ):
+        arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
+        planning_server.PlanningServer(ros, description, arm, threading.Lock())
+        name = "/marginguard_plan/needle_corridors"
+        corridors = ServiceClient(peer, NeedleCorridors, name)
+        request = NeedleCorridors.Request(
+            entry_radius=0.02, length=0.3, diameter=0.001, bend=0.0, sigma=0.0005
+        )
+        request.entry.header.frame_id = "needle"
+        request.entry.pose.position.z, request.entry.pose.orientation.w = 0.08, 1.0
+        monitor.make_permissive()
+        trusted = corridors.call(request, DEADLINE_S)
+        assert (trusted.message, trusted.success) == ("", True)
+        rival = start(RIVAL, str(frames_file), "tracked")
+        rival.line(lambda line: line == "ready\n")
+        monitor.until(lambda each: each.has_second_sender, rival_begins(rival))
+        refused = corridors.call(request, DEADLINE_S)
+    assert (refused.success, refused.plan) == (False, "")
+    assert refused.message.startswith("margin: is UNKNOWN (second_sender")
