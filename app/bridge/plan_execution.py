@@ -87,6 +87,7 @@ class ExecutionNode:
         `BridgeError` if it may not begin.
         """
         execution = PlanExecution(self._about, parse_plan(plan))
+        self._constraints.arrived()  # those before may be of a guard that has ended
         if not self._wait_for_start(execution):
             return None
         self._plans.publish(String(data=plan))

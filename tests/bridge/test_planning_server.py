@@ -6,18 +6,23 @@ import time
 import numpy as np
 import pytest
 import trimesh
+from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import NeedleCorridors
+from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker
 
 from app.bridge import RosNode, plan_execution, planning_server
 from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
+from app.bridge.messages import header_message
 from app.bridge.plan_markers import corridor_markers, way_markers
-from app.bridge.ros_errors import GoalAbortedError
+from app.bridge.ros_errors import BridgeError, GoalAbortedError
+from app.bridge.topics import NEWEST, STREAM, Topic
 from app.control import open_control
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import Stamp, SurfaceMesh, Transform
 from app.planning import EntryRegion, ForbiddenStructure, Needle, NeedleTarget, plan_needle
-from tests.waiting import DEADLINE_S
+from tests.planning.plan_files import write_approach
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -92,3 +97,33 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
             plans.call(goal, DEADLINE_S)
         without = corridors.call(request, DEADLINE_S)
     assert without.message == "guard /marginguard: no step in 0.5 s; expected a running one"
+
+
+def test_guard_that_ended_before_the_plan_came_does_not_forbid_its_motion(
+    domain_id, project_root, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(plan_execution, "WAIT_S", 1.0)
+    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
+    plan = write_approach(tmp_path / "plan.json", description.tool.robot, "setup").read_text()
+    now_ns = time.time_ns()
+    with (
+        RosNode("executor", domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer,
+    ):
+        node = plan_execution.ExecutionNode(ros, description, clock_ns=lambda: now_ns)
+        received = []
+        topic = Topic(description.constraint_topic, FixtureConstraint, NEWEST)
+        ros.subscribe(topic, received.append)
+        for instance_id in ("before", "now"):
+            with RosNode(instance_id, domain_id=domain_id) as guard:
+                constraints = guard.publisher(topic)
+                wait_until(lambda each=constraints: each.get_subscription_count() == 2)
+                constraints.publish(FixtureConstraint(instance_id=instance_id, setup_id="setup"))
+                wait_until(lambda each=instance_id: received and received[-1].instance_id == each)
+        joints = peer.publisher(Topic("/arm/measured_js", JointState, STREAM))
+        names = list(description.tool.joints)
+        state = JointState(header=header_message("", Stamp(now_ns)), name=names)
+        state.position = [0.0] * len(names)
+        peer.every(0.02, lambda: joints.publish(state))
+        with pytest.raises(BridgeError, match="constraint: no_message; expected one that allows"):
+            node.run(plan, lambda step: None)
