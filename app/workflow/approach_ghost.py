@@ -8,6 +8,8 @@ from app.control import ShownPlan, parse_shown_plan, read_shown_plan
 from app.geometry import NS_PER_S, InputError, MarginGuardError, Transform
 from app.runtime import SessionContent
 
+_MAX_TEXT = 300
+
 
 @dataclass(frozen=True, slots=True)
 class GhostShown:
@@ -92,12 +94,12 @@ class ApproachGhost:
             return None
         title = "plan of a file" if self._executed is None else "the arm executes this plan"
         if isinstance(plan, str) or self._problem:
-            return GhostShown(title, self._problem, 0, 0, "", "", "")
+            return GhostShown(title, _sendable(self._problem), 0, 0, "", "", "")
         times_ns, at = plan.motion.times_ns, plan.samples[self._place]
         nearest = "no structure" if plan.nearest is not None else "no distances in the plan"
         if plan.nearest:
             name, distance_mm = plan.nearest[self._place]
-            nearest = f"{distance_mm:.1f} mm from {name}"
+            nearest = _sendable(f"{distance_mm:.1f} mm from {name}")
         return GhostShown(
             title,
             "",
@@ -107,6 +109,11 @@ class ApproachGhost:
             nearest,
             f"at least {plan.clearance_mm:g} mm on the whole way",
         )
+
+
+def _sendable(text: str) -> str:
+    """The beginning of ``text``, which may have any length, and characters that UTF-8 has not."""
+    return text[:_MAX_TEXT].encode(errors="replace").decode()
 
 
 def _last(plan: ShownPlan | str | None) -> int:

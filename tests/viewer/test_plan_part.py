@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -149,6 +150,21 @@ def test_executed_plan_goes_first_and_ends(page, shown, robot, tmp_path):
     page.ghost.execute("")
     page.show(0)
     assert page.part.values()["approach"] is None
+
+
+@pytest.mark.parametrize("name", ["\ud800", "x" * 1_000_000])
+def test_names_of_a_received_plan_do_not_keep_the_page_from_its_state(
+    page, shown, robot, tmp_path, name
+):
+    path, known = tmp_path / "plan.json", shown(0).content.setup_id
+    for changes in (
+        {"preview": {"samples": [0], "nearest": [[name, 1.0]]}},
+        {"held": {name: 0.0}},
+        {"robot": [name]},
+    ):
+        page.ghost.execute(write_approach(path, robot, known, **changes).read_text())
+        page.show(0)
+        assert 0 < len(msgpack.packb(page.part.values())) < 2000
 
 
 def test_plan_without_distances_says_so(page, shown, robot, tmp_path):
