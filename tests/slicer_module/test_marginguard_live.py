@@ -106,10 +106,14 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     )
     spin_until(panel_logic, lambda now: is_rearmed(panel_logic, now))
 
-    panel_logic.disconnect()
-    status = spin_until(panel_logic, lambda now: not now.has_session)
-    status = spin_until(panel_logic, lambda now: now.state is MarginState.UNKNOWN)
-    assert status.session == "live session has ended"
+    with RosNode("executor") as executor:
+        executor.publisher(EXECUTED_PLAN).publish(String(data="{}"))
+        spin_until(panel_logic, lambda now: now.plans.approach)
+        panel_logic.disconnect()
+        status = spin_until(panel_logic, lambda now: not now.has_session)
+        status = spin_until(panel_logic, lambda now: now.state is MarginState.UNKNOWN)
+        assert status.session == "live session has ended"
+        assert status.plans.approach is None
     assert tumor_color(application) == MarginState.UNKNOWN.color
 
 

@@ -72,6 +72,7 @@ class LiveStepRun:
                 finally:
                     client.close()
         finally:
+            self.executed_plan = ""
             child.close()
 
     def stop(self) -> None:
