@@ -215,11 +215,11 @@ class ExecutionServer:
 
     def __init__(self, ros: RosNode, node: ExecutionNode, lock: threading.Lock) -> None:
         self._node, self._lock = node, lock
-        ActionServer(ros, Execute, "~/execute", self._run)
+        # Where the goal is accepted, so that a cancel after that is not lost.
+        ActionServer(ros, Execute, "~/execute", self._run, check=lambda _: node.allow())
 
     def _run(self, served: ServedGoal) -> tuple[Execute.Result, GoalOutcome]:
         with alone(self._lock):
-            self._node.allow()
             served.on_cancel(self._node.cancel)
             last = self._node.run(
                 served.request.plan,

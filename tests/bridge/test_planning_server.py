@@ -9,6 +9,7 @@ import trimesh
 from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import NeedleCorridors
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from app.bridge import RosNode, plan_execution, planning_server
@@ -97,6 +98,42 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
             plans.call(goal, DEADLINE_S)
         without = corridors.call(request, DEADLINE_S)
     assert without.message == "guard /marginguard: no step in 0.5 s; expected a running one"
+
+
+class SlowLock:
+    """A lock that is free, which the thread of a goal gets when ``begin`` is set."""
+
+    def __init__(self):
+        self.begin, self._lock = threading.Event(), threading.Lock()
+
+    def acquire(self, *, blocking):
+        assert self.begin.wait(DEADLINE_S)
+        return self._lock.acquire(blocking=blocking)
+
+    def release(self):
+        self._lock.release()
+
+
+def test_cancel_after_the_acceptance_of_a_goal_is_not_lost(
+    domain_id, project_root, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(plan_execution, "WAIT_S", 0.5)
+    description, lock = open_control(project_root / "data" / "worlds" / "lumpectomy"), SlowLock()
+    plan = write_approach(tmp_path / "plan.json", description.tool.robot, "setup").read_text()
+    with (
+        RosNode(planning_server.NODE_NAME, domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer,
+    ):
+        node = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
+        plan_execution.ExecutionServer(ros, node, lock)
+        name = "marginguard_msgs/action/Execute"
+        executions = ActionClient(peer, name, "/marginguard_plan/execute")
+        sent = executions.start({"plan": plan}, DEADLINE_S)
+        cancel = ServiceClient(peer, Trigger, "/marginguard_plan/cancel")
+        assert cancel.call(Trigger.Request(), DEADLINE_S).success
+        lock.begin.set()
+        with pytest.raises(GoalAbortedError, match="cancelled before it began"):
+            sent.result(DEADLINE_S)
 
 
 def test_guard_that_ended_before_the_plan_came_does_not_forbid_its_motion(
