@@ -41,7 +41,7 @@ class ApproachGhost:
         self._drawn: ShownPlan | str | None = None
         self._content: SessionContent | None = None
         self._place = self._drawn_place = 0
-        self._problem = ""
+        self._problem = self._title = ""
         self.links: Mapping[str, Transform] = {}
         """``root_from_link`` at the shown time; another object at another time, empty without."""
         self.revision = 0
@@ -72,7 +72,9 @@ class ApproachGhost:
 
     def update(self, content: SessionContent) -> None:
         """Compare the plan with ``content``, the session's present one."""
-        plan = self._chosen if self._executed is None else self._executed
+        executed = self._executed
+        plan = self._chosen if executed is None else executed
+        self._title = "plan of a file" if executed is None else "the arm executes this plan"
         self._place = _last(plan) if plan is not self._drawn else min(self._place, _last(plan))
         drawn = self._drawn, self._content, self._drawn_place
         if drawn == (plan, content, self._place):
@@ -92,16 +94,15 @@ class ApproachGhost:
         plan = self._drawn
         if plan is None:
             return None
-        title = "plan of a file" if self._executed is None else "the arm executes this plan"
         if isinstance(plan, str) or self._problem:
-            return GhostShown(title, _sendable(self._problem), 0, 0, "", "", "")
+            return GhostShown(self._title, _sendable(self._problem), 0, 0, "", "", "")
         times_ns, at = plan.motion.times_ns, plan.samples[self._place]
         nearest = "no structure" if plan.nearest is not None else "no distances in the plan"
         if plan.nearest:
             name, distance_mm = plan.nearest[self._place]
             nearest = _sendable(f"{distance_mm:.1f} mm from {name}")
         return GhostShown(
-            title,
+            self._title,
             "",
             self._place,
             _last(plan),

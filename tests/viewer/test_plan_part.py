@@ -141,8 +141,12 @@ def test_ghost_needs_a_registered_base(page, shown, robot, tmp_path):
 
 def test_executed_plan_goes_first_and_ends(page, shown, robot, tmp_path):
     path = write_approach(tmp_path / "plan.json", robot, shown(0).content.setup_id)
+    page.ghost.read(path)
+    page.show(0)
     page.ghost.execute(path.read_text())
-    assert page.show(0)
+    assert page.part.values()["approach"]["title"] == "plan of a file"  # it is still drawn
+    page.ghost.remove()
+    page.show(0)
     assert page.part.values()["approach"]["title"] == "the arm executes this plan"
     page.ghost.execute("[]")
     assert page.show(0)
