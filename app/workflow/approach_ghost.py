@@ -96,15 +96,15 @@ class ApproachGhost:
             return None
         if isinstance(plan, str) or self._problem:
             return GhostShown(self._title, _sendable(self._problem), 0, 0, "", "", "")
-        times_ns, at = plan.motion.times_ns, plan.samples[self._place]
+        times_ns, at = plan.motion.times_ns, plan.samples[self._drawn_place]
         nearest = "no structure" if plan.nearest is not None else "no distances in the plan"
         if plan.nearest:
-            name, distance_mm = plan.nearest[self._place]
+            name, distance_mm = plan.nearest[self._drawn_place]
             nearest = _sendable(f"{distance_mm:.1f} mm from {name}")
         return GhostShown(
             self._title,
             "",
-            self._place,
+            self._drawn_place,
             _last(plan),
             f"{times_ns[at] / NS_PER_S:.2f} of {times_ns[-1] / NS_PER_S:.2f} s",
             nearest,

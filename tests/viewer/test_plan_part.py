@@ -89,6 +89,10 @@ def test_ghost_is_the_robot_at_the_chosen_time_of_the_plan(page, shown, robot, t
             np.testing.assert_allclose(found, base @ links[name].matrix, atol=1e-9)
             assert model.GetDisplayNode().GetColor() == pytest.approx(PLAN_COLOR)
             assert model.GetDisplayNode().GetOpacity() == pytest.approx(GHOST_OPACITY)
+    page.ghost.go_to(1_000_000)
+    assert page.part.values()["approach"]["place"] == 10  # drawn until the next moment
+    page.show(0)
+    assert page.part.values()["approach"]["place"] == 20
     assert page.part.values()["approach"]["clearance"] == "at least 5 mm on the whole way"
     page.ghost.remove()
     assert page.show(0)
