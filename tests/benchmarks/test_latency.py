@@ -1,14 +1,9 @@
-"""Short runs of the latency benchmark: the scene shows the sent poses, and it can fail."""
+"""Figures of the latency benchmark. Its loops of Qt: `qt_latency_checks`."""
 
-import json
-import math
-from contextlib import closing
 from dataclasses import replace
-from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 pytest.importorskip("pyigtl")
 pytest.importorskip("rclpy")
@@ -17,9 +12,7 @@ pytest.importorskip(
     "PySide6.QtCore", reason="PySide6 cannot be loaded: apt install libegl1", exc_type=ImportError
 )
 
-from app.scene.convert import world_matrix
-from benchmarks.latency.measure import KINDS, STOP_KINDS, StopRun, delays_at, measure, sending
-from benchmarks.latency.qt_loops import KEPT
+from benchmarks.latency.measure import KINDS, STOP_KINDS, StopRun, delays_at
 from benchmarks.latency.receivers import complete_frame_stamp
 from benchmarks.latency.results import (
     DELAYS_PNG,
@@ -28,57 +21,14 @@ from benchmarks.latency.results import (
     STOPS_PNG,
     Run,
     goals,
-    runs_table,
     transports_ms,
     write_plots,
 )
-from benchmarks.latency.senders import SWEEP_RAD, TURN_RAD, angle_at, body_frames
-from tests.ros_domain import domain_id as domain_id
+from benchmarks.latency.senders import SWEEP_RAD, angle_at
 
 pytestmark = pytest.mark.slow
 
-BODIES = 4
-SECONDS = 0.5
 BY_NAME = {kind.name: kind for kind in KINDS}
-
-
-@pytest.mark.parametrize("name", [OURS, f"{OURS}, {KEPT}", "OpenIGTLink"])
-def test_every_body_arrives_at_its_sent_pose(name, domain_id):
-    kind = BY_NAME[name]
-    with (
-        sending((kind.sends, BODIES, kind.rate_hz, 0.0, SECONDS)) as ((sender,), port),
-        closing(kind.open(BODIES, port)) as receiver,
-    ):
-        receiver.run(sender.has_event)
-        report = sender.expect("sent")
-        nodes = receiver.poses.nodes.values() if name == "OpenIGTLink" else receiver.lookups
-        poses = [world_matrix(node) for node in nodes]
-    last = report["sent"] - 1
-    assert last == round(SECONDS * kind.rate_hz) - 1
-    stamps = [stamp for stamp, _ in receiver.rows]
-    assert sorted(stamps) == stamps
-    assert len(poses) == len(body_frames(BODIES))
-    for body, pose in enumerate(poses):
-        x_mm, y_mm, z_mm = pose[:3, 3]
-        assert x_mm == pytest.approx(0.1 * last, abs=1e-3)
-        assert (y_mm, z_mm) == pytest.approx((10.0 * body, 5.0), abs=1e-3)
-        turned = math.atan2(pose[1, 0], pose[0, 0])
-        assert math.remainder(turned - TURN_RAD * last, math.tau) == pytest.approx(0.0, abs=1e-4)
-
-
-def test_run_counts_frames_sent_after_the_warm_up(domain_id):
-    run = measure(BY_NAME[OURS], SECONDS, BODIES)
-    assert run.sent == round(SECONDS * run.rate_hz)
-    assert run.lost == 0
-    assert run.shown + run.superseded == run.sent
-    assert 0 < run.shown <= run.sent
-    assert (run.delays_ms > 0.0).all()
-    assert len(run.transport_ms) == run.shown
-    assert (run.transport_ms <= run.delays_ms).all()
-    console = Console(file=StringIO(), width=170)
-    console.print(runs_table([run.document()], "title"))
-    assert f" {run.mean_ms:.2f} " in console.file.getvalue()
-    json.dumps(run.document())
 
 
 def test_joint_moves_to_and_fro_with_rests():

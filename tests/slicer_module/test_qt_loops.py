@@ -11,12 +11,16 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-FOLDER = Path(__file__).parent
+CHECKS = (
+    "tests/slicer_module/qt_spinner_checks.py",
+    "tests/slicer_module/ros2_panel_checks.py",
+    "tests/benchmarks/qt_latency_checks.py",
+)
 
 
-@pytest.mark.parametrize("checks", ["qt_spinner_checks.py", "ros2_panel_checks.py"])
+@pytest.mark.parametrize("checks", CHECKS)
 def test_checks_with_a_loop_pass(project_root: Path, checks: str) -> None:
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", FOLDER / checks]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", checks]
     done = subprocess.run(command, cwd=project_root, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-5000:]
     assert " passed" in done.stdout or " skipped" in done.stdout
