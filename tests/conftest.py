@@ -8,10 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-# Workers share the cores: threads of a BLAS would spin while they wait for each other. numpy reads
-# it when it is loaded.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import pytest
 import yaml
 from hypothesis import settings

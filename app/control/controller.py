@@ -76,11 +76,6 @@ class ToolKinematics:
         """(n,) true for the joints whose positions are in m."""
 
     @property
-    def robot_name(self) -> str:
-        """The name in the robot's file."""
-        return self.robot.name
-
-    @property
     def base(self) -> str:
         """The robot's base link."""
         return self.robot.root_link

@@ -91,9 +91,9 @@ class PlanExecution:
 
     def __init__(self, description: ControlDescription, motion: PlannedMotion) -> None:
         self._about, self._motion, self._tool = description, motion, description.tool
-        if motion.robot != self._tool.robot_name:
+        if motion.robot != self._tool.robot.name:
             raise InputError(
-                f"plan: is of robot {motion.robot!r}; expected {self._tool.robot_name!r}"
+                f"plan: is of robot {motion.robot!r}; expected {self._tool.robot.name!r}"
             )
         joints = self._tool.joints
         if {*motion.joints, *motion.held} != set(joints):

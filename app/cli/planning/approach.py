@@ -227,9 +227,9 @@ def _limits_of_arm(path: Path, robot: "Robot") -> "dict[str, MotionLimits]":
     from app.planning import MotionLimits
 
     description = open_control(path)
-    if description.tool.robot_name != robot.name:
+    if description.tool.robot.name != robot.name:
         raise InputError(
-            f"--control: is of robot {description.tool.robot_name!r}; expected {robot.name!r}"
+            f"--control: is of robot {description.tool.robot.name!r}; expected {robot.name!r}"
         )
     return {name: MotionLimits(*each) for name, each in description.joint_limits.items()}
 
