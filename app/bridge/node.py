@@ -213,6 +213,13 @@ class RosNode:
             period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
+    def cancel(self, timer: Timer) -> None:
+        """Stop a timer of `every` before its next call, or the one after it.
+
+        In another thread `Timer.cancel` makes rclpy's executor raise, if the timer is due.
+        """
+        self._in_executor(timer.cancel)
+
     @property
     def definition_problems(self) -> list[str]:
         """Texts that name the nodes with other definitions of our messages, and the remedy."""

@@ -32,7 +32,7 @@ def test_incompatible_endpoints_are_found_on_every_topic(domain_id):
         found = threading.Event()
         watch = ros.every(0.05, lambda: found.set() if len(ros.incompatible) == 4 else None)
         assert found.wait(DEADLINE_S), ros.incompatible
-        watch.cancel()
+        ros.cancel(watch)
 
 
 def test_endpoints_are_destroyed_with_their_events(domain_id):

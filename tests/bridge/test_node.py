@@ -52,6 +52,27 @@ def test_messages_published_before_close_arrive(domain_id, start_receiver, suspe
     assert len(receiver.messages()) == 100
 
 
+def test_timer_that_is_due_is_cancelled_by_another_thread(domain_id):
+    with RosNode("timers", domain_id=domain_id) as ros:
+        cancelled = threading.Semaphore(0)
+
+        def cancel(message):  # the node's thread waits until it returns
+            timer = ros.every(1e-4, lambda: None)
+            while timer.time_until_next_call() > -20_000_000:  # due for 20 ms
+                threading.Event().wait(0.001)
+            ros.cancel(timer)
+            cancelled.release()
+
+        ros.subscribe(CHANGES, cancel)
+        publisher = ros.publisher(CHANGES)
+        assert ros.wait_for_subscribers(CHANGES, 1, timeout_s=DEADLINE_S)
+        for _ in range(5):
+            publisher.publish(String())
+            assert cancelled.acquire(timeout=DEADLINE_S)
+        ros.call(lambda: None)
+        assert ros.failures == 0
+
+
 def test_wait_for_subscribers_times_out(domain_id):
     with RosNode("sender", domain_id=domain_id) as ros:
         ros.publisher(CHANGES)

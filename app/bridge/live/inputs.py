@@ -93,7 +93,7 @@ class PlaybackWatch:
 
     def close(self) -> None:
         """Stop looking for bag players."""
-        self._timer.cancel()
+        self._ros.cancel(self._timer)
 
     def _is_player(self, name: str, namespace: str) -> bool:
         if name.startswith(BAG_PLAYER):

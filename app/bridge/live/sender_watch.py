@@ -293,9 +293,9 @@ class SenderWatch:
         return {name: count for name, count in counts.items() if count}
 
     def close(self) -> None:
-        """Stop watching the graph. Call it in the node's thread, or before the node closes."""
+        """Stop watching the graph."""
         if self._timer is not None:
-            self._timer.cancel()
+            self._ros.cancel(self._timer)
 
     def _meet(self, names: SenderNames, origin: Origin) -> None:
         """Read the graph before the first sample of a sender is used."""
