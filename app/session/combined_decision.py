@@ -119,26 +119,20 @@ def _joined(
     near = [number for number, each in enumerate(steps) if each.at_least_mm is None]
     for number in (governing, *(each for each in near if each != governing)):
         constraint = steps[number].decision.constraint
-        if constraint is None or steps[number].structure_from_tip is None:
+        placed = None if constraint is None else _placed_rows(constraint.rows, number, place)
+        if constraint is None or placed is None:
             return None
-        planes.append(constraint.rows)
+        planes.append(placed)
         owners += [number] * len(constraint)
         free = _smaller(free, constraint.free)
     rows = np.concatenate(planes)
     if len(rows) > MAX_PLANES:
-        # A clearance is the same in every frame.
         clearances = np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
         order = 1 + np.argsort(clearances[1:], kind="stable")
         nearest_left_out_mm = max(float(clearances[order[MAX_PLANES - 1]]), 0.0)
         free = _smaller(free, _free_up_to(nearest_left_out_mm, radius_mm))
         kept = [0, *np.sort(order[: MAX_PLANES - 1]).tolist()]
         rows, owners = rows[kept], [owners[number] for number in kept]
-    for number in set(owners) - {0}:
-        placed = place(number)
-        if placed is None:
-            return None
-        own = np.array(owners) == number
-        rows[own] = _placed_rows(rows[own], placed)
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
 
 
@@ -177,11 +171,15 @@ def _smaller(one: FreeMotion, other: FreeMotion) -> FreeMotion:
     return FreeMotion(min(one.distance_mm, other.distance_mm), min(one.turn_rad, other.turn_rad))
 
 
-def _placed_rows(rows: FloatArray, placed: Transform) -> FloatArray:
-    """``rows`` (k, 10) of a constraint after a motion: offset, normal, tool point, velocity."""
-    moved = rows.copy()
-    moved[:, 1:4] = placed.rotate(rows[:, 1:4])
-    moved[:, 4:7] = placed.apply(rows[:, 4:7])
-    moved[:, 7:] = placed.rotate(rows[:, 7:])
-    moved[:, 0] += moved[:, 1:4] @ placed.translation_mm
+def _placed_rows(rows: FloatArray, number: int, place: _Place) -> FloatArray | None:
+    """``rows`` (k, 10) of a constraint in the tumour's frame: offset, normal, point, velocity."""
+    if number == 0:
+        return rows
+    placed = place(number)
+    if placed is None:
+        return None
+    moved = np.empty_like(rows)
+    moved[:, 1:] = placed.rotate(rows[:, 1:].reshape(-1, 3)).reshape(-1, 9)
+    moved[:, 4:7] += placed.translation_mm
+    moved[:, 0] = rows[:, 0] + moved[:, 1:4] @ placed.translation_mm
     return moved
