@@ -20,7 +20,7 @@ from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.expected import read_expected
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID
-from app.case.manifest.structures import DIFFERENT
+from app.case.manifest.structures import DIFFERENT, MEASURABLE
 from app.files import schema_text
 from app.files.document import Section
 from app.files.document_text import GENERAL_RULES
@@ -32,6 +32,7 @@ UNSTATED = {
     RIGID: r"(rotation|last row of the matrix) of \S+_from_\S+ is ",
     DIFFERENT: r"(tools|structures|robots)(: .*; expected (a|another)| has (\d+|no target);)"
     r"|holds is .*; expected one|structures\.\S+\.frame is .*, the frame of the tool;",
+    MEASURABLE: r"tool_distance_mm is given",
     "tumor.frame is not the frame of the tool": r"tumor\.frame is .*, the frame of the tool;",
     **{
         each.rules[0]: rf"{each.name}\.frame is .*; expected that of a sensor on the {each.name}"

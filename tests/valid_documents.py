@@ -181,7 +181,10 @@ def complete(document: str) -> list[dict[str, Any]]:
         return [shipped(document), shipped_structures()]
     if document.endswith("-2"):
         of_1 = [as_schema_2(values) for values in complete(document.removesuffix("-2"))]
-        return [shipped(document), *of_1]
+        values = shipped(document)
+        (tool,) = values["tools"]
+        two = [tool, {**tool, "name": "left", "frame": "left"}]
+        return [values, values | {"tools": two, "tool_distance_mm": 5.0}, *of_1]
     values = shipped(document)
     optional = {"release_samples": 4, "release_band_mm": 1, "frozen_after_ms": 500.0}
     full = values | {"margins": values["margins"] | optional}

@@ -147,6 +147,14 @@ class Case:
             )
         return self._mesh(tool.mesh, tool.tip_frame, "tool.mesh")
 
+    def other_tool_meshes(self) -> dict[str, SurfaceMesh]:
+        """The surfaces of the other tools that have one, in the frames of their tips, by name."""
+        return {
+            arm.name: self._mesh(arm.tool.mesh, arm.tool.tip_frame, arm.mesh_key)
+            for arm in self.manifest.other_arms
+            if arm.tool.mesh is not None
+        }
+
     def tumor_mesh(self) -> SurfaceMesh:
         """The tumour's closed surface in its own frame; read or built once and cached."""
         return self.structure_mesh(self.manifest.tumor)
@@ -189,7 +197,7 @@ class Case:
     def faulty_mesh(self, of: TumorEntry | ToolEntry) -> SurfaceMesh:
         """The surface as in its file, to be repaired and passed to `with_repaired_mesh`.
 
-        ``of`` is the tool of the manifest or one of its structures.
+        ``of`` is a tool of the manifest or one of its structures.
         """
         entry, frame, key = self._repairable(of)
         if not entry.repair:
@@ -205,8 +213,12 @@ class Case:
         """A copy of the case with this mesh of ``of``; ``notes`` list the repairs."""
         entry, _, key = self._repairable(of)
         repaired, manifest = replace(entry, repair=False), self.manifest
-        if isinstance(of, ToolEntry):
+        if of is manifest.tool:
             manifest = replace(manifest, tool=replace(manifest.tool, mesh=repaired))
+        elif isinstance(of, ToolEntry):
+            tool = replace(of, mesh=repaired)
+            arms = [replace(arm, tool=tool) if arm.tool is of else arm for arm in manifest.arms]
+            manifest = replace(manifest, arms=tuple(arms))
         elif of is manifest.tumor:
             manifest = replace(manifest, tumor=replace(of, shape=repaired))
         else:
@@ -226,7 +238,8 @@ class Case:
     def _repairable(self, of: TumorEntry | ToolEntry) -> tuple[MeshEntry, str, str]:
         """Entry, frame and key of a mesh file."""
         if isinstance(of, ToolEntry):
-            found: tuple[object, str, str] = of.mesh, of.tip_frame, "tool.mesh"
+            keys = [arm.mesh_key for arm in self.manifest.other_arms if arm.tool is of]
+            found: tuple[object, str, str] = of.mesh, of.tip_frame, (keys or ["tool.mesh"])[0]
         else:
             found = of.shape, of.frame_from_tumor.source, of.shape_key
         entry, frame, key = found
@@ -280,6 +293,9 @@ class Case:
             self.file(structure.shape.path, f"{structure.shape_key}.path")
         if tool.mesh is not None:
             self.file(tool.mesh.path, "tool.mesh.path")
+        for arm in self.manifest.other_arms:
+            if arm.tool.mesh is not None:
+                self.file(arm.tool.mesh.path, f"{arm.mesh_key}.path")
         for name, model, _ in self.manifest.item_models:
             self.file(model.path, f"{name}.model.path")
         if self.manifest.robot is not None:

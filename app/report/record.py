@@ -1,5 +1,6 @@
 """Input of a report: the results of a replay."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING
 from app.analysis.samples import Breach, CaseSamples, SampleRow, find_breaches, sample_row
 from app.case import Expected
 from app.fixture import MarginParameters, MarginState
-from app.geometry import Freshness, FreshnessLimits, freshness_of
+from app.geometry import NS_PER_S, Freshness, FreshnessLimits, freshness_of
 from app.registration import RegistrationResult
 from app.report.rows import ReportError, ReportRow
 from app.runtime import PassiveOutput, StepTiming
@@ -113,10 +114,12 @@ class ReplayLog(PassiveOutput):
     """`Output` that keeps a `ReportRow` of every step, and the whole of the deepest step.
 
     ``tumor`` and ``structures``, by name, are the logs of the tumour and the further structures.
+    ``tools``: distance in mm of each other tool, NaN if not known, and stamp in ns, of each step.
     """
 
     tumor: StructureLog = field(default_factory=lambda: StructureLog("tumor", Role.TARGET))
     structures: dict[str, StructureLog] = field(default_factory=dict)
+    tools: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
     durations_ns: list[int] = field(default_factory=list)
     deepest: StepResult | None = None
     _deepest_mm: float | None = None
@@ -138,6 +141,10 @@ class ReplayLog(PassiveOutput):
         for each in step.structures[1:]:
             log = self.structures.setdefault(each.name, StructureLog(each.name, each.role))
             log.add(step.of(each.name))
+        for tool in step.tools:
+            found = tool.proximity
+            distance_mm = math.nan if found is None else found.signed_distance_mm
+            self.tools.setdefault(tool.name, []).append((distance_mm, row.stamp_ns))
         self.durations_ns.append(timing.duration_ns)
         distance = row.signed_distance_mm
         if distance is not None and (self._deepest_mm is None or distance < self._deepest_mm):
@@ -231,6 +238,13 @@ def _notes_of(run: "ReplayRun", log: ReplayLog) -> Iterator[str]:
     for target, source in session.never_changed:
         yield f"{target} -> {source} never changed: taken for a fixed transform"
     yield from run.doubts.texts()
+    for name, distances in log.tools.items():
+        known = [each for each in distances if not math.isnan(each[0])]
+        count, unknown = len(distances), len(distances) - len(known)
+        nearest_mm, ns = min(known, default=(math.nan, 0))
+        at_s = (ns - log.rows[0].stamp_ns) / NS_PER_S
+        nearest = f"nearest {nearest_mm:.1f} mm at {at_s:.3f} s, " if known else ""
+        yield f"tool {name!r}: {nearest}distance not known in {unknown} of {count} frames"
     robot = session.setup.robot
     if robot is None:
         if run.prepared.case.manifest.registration is not None:

@@ -62,6 +62,7 @@ from .shown_state import (
 )
 from .step_result import NO_EDGES, KnownEdges, StepResult
 from .structure import ProximityModel, Role, Structure, StructureStep
+from .tool_distances import ToolDistance
 from .tumor_replacement import (
     TumorChange,
     TumorReplacement,
@@ -110,6 +111,7 @@ __all__ = [
     "StepResult",
     "Structure",
     "StructureStep",
+    "ToolDistance",
     "ToolEngines",
     "TrackingError",
     "TumorChange",

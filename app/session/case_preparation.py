@@ -53,9 +53,11 @@ def with_repaired_meshes(case: Case) -> Case:
         if isinstance(structure.shape, MeshEntry) and structure.shape.repair:
             which = "the tumour" if structure is manifest.tumor else structure.key
             case = _repaired(case, structure, f"{which}'s mesh {structure.shape.path}")
-    tool = manifest.tool
-    if tool.mesh is not None and tool.mesh.repair:
-        case = _repaired(case, tool, f"the tool's mesh {tool.mesh.path}")
+    tools = {"the tool": manifest.tool}
+    tools |= {f"tool {arm.name!r}": arm.tool for arm in manifest.other_arms}
+    for which, tool in tools.items():
+        if tool.mesh is not None and tool.mesh.repair:
+            case = _repaired(case, tool, f"{which}'s mesh {tool.mesh.path}")
     return case
 
 

@@ -12,7 +12,7 @@ from app.geometry import SurfaceMesh
 from app.registration import DriftBound
 from app.session.case_preparation import load_case_robot, register_robot
 from app.session.named_frames import check_frames
-from app.session.setup import RobotSetup, SessionSetup
+from app.session.setup import OtherTool, RobotSetup, SessionSetup
 from app.session.structure import ProximityModel, Role, Structure
 
 MakeEngine = Callable[[SurfaceMesh, SurfaceMesh], ProximityEngine]
@@ -29,10 +29,12 @@ def setup_from_case(
     """
     check_frames(case)
     manifest = case.manifest
-    if len(manifest.arms) > 1:
-        case.add_notes(
-            [f"tools: {len(manifest.arms)} are given; only {manifest.tool.frame!r} is guarded"]
-        )
+    limit_mm = manifest.tool_distance_mm
+    if manifest.other_arms:
+        note = f"tools: {len(manifest.arms)} are given; only {manifest.tool.frame!r} is guarded"
+        if limit_mm is None:
+            note += "; the distance between them is not checked without tool_distance_mm"
+        case.add_notes([note])
     margins = margin_parameters(case)
     tumor = case.tumor_mesh()
     tool = None if tip_only else case.tool_mesh()
@@ -41,6 +43,7 @@ def setup_from_case(
         return TipProximity(structure) if tool is None else make_engine(structure, tool)
 
     proximity = model(tumor)
+    others = {} if limit_mm is None else case.other_tool_meshes()
     return SessionSetup(
         tool_from_tip=manifest.tool.tool_from_tip,
         frame_from_tumor=manifest.tumor.frame_from_tumor,
@@ -50,7 +53,10 @@ def setup_from_case(
         plausibility=manifest.plausibility,
         tumor_sigma_mm=manifest.tumor.sigma_mm,
         tip_sigma_mm=manifest.tool.sigma_mm,
-        shown_frames=tuple(each.frame for each in manifest.items.values()),
+        shown_frames=tuple(
+            each.frame
+            for each in (*manifest.items.values(), *(arm.tool for arm in manifest.other_arms))
+        ),
         structures=tuple(
             Structure(
                 each.frame_from_tumor,
@@ -61,6 +67,11 @@ def setup_from_case(
                 Role(each.role),
             )
             for each in manifest.structures
+        ),
+        other_tools=tuple(
+            OtherTool(arm.name, arm.tool.tool_from_tip, model(others[arm.name]), limit_mm)
+            for arm in manifest.other_arms
+            if limit_mm is not None
         ),
     )
 

@@ -20,6 +20,7 @@ from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult, known_edges
 from app.session.structure import Structure, StructureStep
 from app.session.structure_guard import Observed, StructureGuard
+from app.session.tool_distances import ToolDistances
 
 NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
@@ -29,7 +30,8 @@ class Session:
     """Joins tracking, registration, robot and fixture. Reads no clock: frames carry the time.
 
     ``free_motion``: a controller obeys the constraints, so they say how far its tool may move.
-    ``skip_far``: structures that are far are not measured (`app.session.far_structures`).
+    ``skip_far``: structures and other tools that are far are not measured
+    (`app.session.far_structures`).
     """
 
     def __init__(
@@ -46,6 +48,8 @@ class Session:
         self._guards = [self._guard(each) for each in setup.guarded]
         self._combined = CombinedDecision()
         self._far = FarStructures(setup) if skip_far else None
+        others = setup.other_tools
+        self._tools = ToolDistances(setup, skip_far=skip_far) if others else None
         self._links = RobotLinks(setup.robot)
         self._plausibility = Plausibility(setup)
         self._checked_edges: tuple[Edge, ...] = ()
@@ -68,7 +72,8 @@ class Session:
         than the frame's, a mistake of the caller.
         """
         self._index += 1
-        problems = self._poses.insert(self._plausibility.remove_implausible(frame, self._poses))
+        plausible = self._plausibility.remove_implausible(frame, self._poses)
+        problems = self._poses.insert(plausible)
         if problems:  # the clock went back
             for guard in self._guards:
                 guard.forget_path()
@@ -97,6 +102,9 @@ class Session:
             self._far.end(frame.stamp, far, decisions)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
+        others = (
+            () if self._tools is None else self._tools.update(plausible, problems | found.keys())
+        )
         return StepResult(
             index=self._index,
             frame=frame,
@@ -121,6 +129,7 @@ class Session:
             structures=structures if len(structures) > 1 else (),
             half_spaces_of=self._combined.half_spaces_of,
             off=self.setup.off,
+            tools=others,
         )
 
     def _observe(
@@ -239,6 +248,8 @@ class Session:
             for number in range(len(self._guards)):
                 self._wake(number)
             self._far.use(setup)
+        if self._tools is not None:
+            self._tools.use(setup)
         self._plausibility.use(setup, before)
         motion_changed = (setup.tumor_motion, setup.motion_frame) != (
             before.tumor_motion,

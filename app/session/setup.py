@@ -167,6 +167,20 @@ class RobotSetup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OtherTool:
+    """A further tool, which another session guards: up to ``warn_mm`` its distance is a warning.
+
+    ``tool_from_tip``: its tip in its tracked frame. ``proximity``: distance model of the guarded
+    tool and this one, whose shape is in the frame of its tip.
+    """
+
+    name: str
+    tool_from_tip: Transform
+    proximity: ProximityModel
+    warn_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SessionSetup:
     """The fixed part of a session.
 
@@ -178,10 +192,11 @@ class SessionSetup:
     ``plausibility``: limits and relations by which a wrong pose is found. ``tracking``: latency and
     errors of the tracker, for the margin. ``tumor_sigma_mm``: standard deviation of the tumour's
     surface along its normal, ``tip_sigma_mm`` that of the calibrated tip in its worst direction; 0
-    where they are not stated. ``shown_frames``: tracked frames of display items, which no decision
-    uses. ``structures``: further structures; the tumour is the first of `guarded`, and its frame is
-    that of the constraint. ``off``: structures that an operator has switched off, each with the
-    reason; they are not among ``structures``.
+    where they are not stated. ``shown_frames``: tracked frames of display items and other tools,
+    which no decision uses. ``structures``: further structures; the tumour is the first of
+    `guarded`, and its frame is that of the constraint. ``off``: structures that an operator has
+    switched off, each with the reason; they are not among ``structures``. ``other_tools``: those
+    whose distance from the tool is measured.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
@@ -203,6 +218,7 @@ class SessionSetup:
     shown_frames: tuple[str, ...] = ()
     structures: tuple[Structure, ...] = ()
     off: Mapping[str, str] = field(default_factory=dict)
+    other_tools: tuple[OtherTool, ...] = ()
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:
@@ -215,14 +231,20 @@ class SessionSetup:
                 (_called(each, self.guarded), each.proximity.frames[0], each.frame_from_structure)
                 for each in self.guarded
             ),
+            *(
+                (f"tool {each.name!r}", each.proximity.frames[0], each.tool_from_tip)
+                for each in self.other_tools
+            ),
             *(("tool", each.proximity.frames[1], self.tool_from_tip) for each in self.guarded),
+            *(("tool", each.proximity.frames[1], self.tool_from_tip) for each in self.other_tools),
         ):
             if frame is not None and frame != edge.source:
                 raise FrameError(
                     f"the {what}'s shape is in {frame!r}; expected {edge.source!r}, which is "
                     f"placed in {edge.target!r}"
                 )
-        edges = (self.tool_from_tip, *(each.frame_from_structure for each in self.guarded))
+        tips = (self.tool_from_tip, *(each.tool_from_tip for each in self.other_tools))
+        edges = (*tips, *(each.frame_from_structure for each in self.guarded))
         names = [edge.source for edge in edges]
         for name in names:
             if names.count(name) > 1:
@@ -238,10 +260,10 @@ class SessionSetup:
             )
         links = set() if self.robot is None else {link.name for link in self.robot.robot.links}
         for frame in links.intersection(self.shown_frames):
-            items = " or ".join(each.name for each in DISPLAY_ITEMS)
+            items = ", ".join(each.name for each in DISPLAY_ITEMS)
             raise FrameError(
-                f"the tracked frame {frame!r} of {items} is also a link of the robot; "
-                "expected another name"
+                f"the tracked frame {frame!r} of {items} or another tool is also a "
+                "link of the robot; expected another name"
             )
         for structure in self.structures:
             if structure.name in links:

@@ -29,6 +29,7 @@ from app.robot.kinematic_tree import LinkPoses
 from app.session.path_depth import PathDepth
 from app.session.setup import RobotSetup
 from app.session.structure import StructureStep, governing_number
+from app.session.tool_distances import ToolDistance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,6 +144,7 @@ class StepResult:
     ``structures`` are the decisions on each structure, the tumour first; empty for the tumour
     alone. ``decision`` is then that on all of them (`app.session.combined_decision`), and
     ``half_spaces_of`` the number of the structure of each half-space. ``off`` as in `SessionSetup`.
+    ``tools``: distances of the other tools, which are no part of the decision.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -169,6 +171,7 @@ class StepResult:
     structures: tuple[StructureStep, ...] = ()
     half_spaces_of: tuple[int, ...] = ()
     off: Mapping[str, str] = field(default_factory=dict)
+    tools: tuple[ToolDistance, ...] = ()
 
     def of(self, name: str) -> "StepResult":
         """The step as that of a session with the structure ``name`` alone, without its hold.
@@ -197,6 +200,11 @@ class StepResult:
         return self.of(self.structures[0].name) if self.structures else self
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for each other tool that is near or at a distance that is not known."""
+        return tuple(each.warning for each in self.tools if each.warning)
+
+    @property
     def frames_problem(self) -> str:
         """All of ``frames_problems``, joined by semicolons."""
         return "; ".join(self.frames_problems)
@@ -216,6 +224,7 @@ _VALUES: tuple[type, ...] = (
     *(
         StepResult,
         StructureStep,
+        ToolDistance,
         TrackingFrame,
         TrackedTransform,
         JointSample,

@@ -16,7 +16,7 @@ from app.case.manifest.case_file import FILES, OWN_BASE_FRAME
 from app.case.manifest.display_items import DISPLAY_ITEMS
 from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOURCE
 from app.case.manifest.key_rules import RIGID, SESSION_LIMITS
-from app.case.manifest.structures import DIFFERENT
+from app.case.manifest.structures import DIFFERENT, MEASURABLE
 from app.cli.commands.doctor import SCHEMA_NAMES
 from app.cli.main import main
 from app.files import schema_text
@@ -161,6 +161,7 @@ EXAMPLES: dict[str, tuple[str, str, object]] = {
     GENERAL_RULES[1]: ("case", "schema", 1.0),
     RIGID: ("case", "tumor.pose.matrix", [2.0, *IDENTITY[1:]]),
     DIFFERENT: ("case-2", "structures.1.name", "cautery"),
+    MEASURABLE: ("case-2", "tool_distance_mm", 5.0),
     "tumor.frame is not the frame of the tool": ("live", "tumor.frame", "cautery"),
     **{
         each.rules[0]: ("live", each.name, ITEMS[each.name] | {"frame": "cautery"})

@@ -329,7 +329,89 @@ def test_tools_that_no_session_guards_are_noted(write):
     second = {**values["tools"][0], "name": "probe", "frame": "probe"}
     case = open_case(write(values | {"tools": [*values["tools"], second]}))
     setup_from_case(case, tip_only=True)
-    assert case.notes() == ("tools: 2 are given; only 'cautery' is guarded",)
+    assert case.notes() == (
+        "tools: 2 are given; only 'cautery' is guarded; the distance between them is not checked "
+        "without tool_distance_mm",
+    )
+
+
+def two_tools(**second):
+    """A case with the tool twice, the second one on a sensor of its own."""
+    values = two_structures()
+    (tool,) = values["tools"]
+    values["tools"].append({**copy.deepcopy(tool), "name": "left", "frame": "tracker", **second})
+    return values | {"tool_distance_mm": 8}
+
+
+def test_other_tool_is_measured_up_to_the_stated_distance(write):
+    folder = write(two_tools())
+    for name, other in (("cautery", "left"), ("left", "cautery")):
+        case = open_case(folder).for_tool(name)
+        setup = setup_from_case(case)
+        (tool,) = setup.other_tools
+        tips = tool.tool_from_tip.source, setup.tool_from_tip.source
+        assert (tool.name, tool.warn_mm, tool.proximity.frames) == (other, 8.0, tips)
+        assert tool.tool_from_tip.target in setup.shown_frames
+        (note,) = case.notes()
+        assert note == f"tools: 2 are given; only {case.manifest.tool.frame!r} is guarded"
+
+
+def test_mesh_of_another_tool_is_repaired_on_request(write):
+    mesh = {"path": "wall.stl", "units": "mm", "repair": True}
+    folder = write(two_tools(mesh=mesh), lambda faces: np.vstack([faces[:1, ::-1], faces[1:]]))
+    case = with_repaired_meshes(open_case(folder))
+    assert case.other_tool_meshes()["left"].signed_volume_mm3 == pytest.approx(80.0 * 80.0 * 4.0)
+    (note,) = case.notes()
+    assert "tool 'left''s mesh wall.stl was repaired" in note
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (
+            {"tool_distance_mm": -1},
+            "tool_distance_mm is -1; expected more than 0 to 200",
+        ),
+        ({"tool_distance_mm": 0}, "tool_distance_mm is 0; expected more than 0 to 200"),
+        ({"tool_distance_mm": float("nan")}, "tool_distance_mm is nan; expected a finite number"),
+        ({"tool_distance_mm": float("inf")}, "tool_distance_mm is inf; expected a finite number"),
+        ({"tool_distance_mm": 201}, "tool_distance_mm is 201; expected more than 0 to 200"),
+        (
+            {"tools": two_structures()["tools"]},
+            "case.yaml: tool_distance_mm is given with one tool; expected another one in tools",
+        ),
+        (
+            {"tools": two_tools(mesh=None)["tools"]},
+            "case.yaml: tool_distance_mm is given, but tools.left.mesh is missing; expected one",
+        ),
+        (
+            {"tools": two_tools(frame="cautery_tip")["tools"]},
+            "case.yaml: tools: 2 have the frame 'cautery_tip'; expected another one for each",
+        ),
+        (
+            {"tools": two_tools(name="wall")["tools"]},
+            "structures and tools: 2 have the name 'wall'; expected another one for each",
+        ),
+    ],
+)
+def test_distance_between_tools_that_cannot_be_measured_is_refused(write, change, text):
+    values = two_tools() | copy.deepcopy(change)
+    values["tools"] = [
+        {key: value for key, value in tool.items() if value is not None} for tool in values["tools"]
+    ]
+    with refused(text=text):
+        open_case(write(values))
+
+
+def test_open_mesh_of_another_tool_is_refused(write):
+    case = open_case(write(two_tools(mesh={"path": "wall.stl", "units": "mm"}), lambda f: f[2:]))
+    with refused(text="(case.yaml: tools.left.mesh) is not closed", error=MeshError):
+        setup_from_case(case)
+
+
+def test_missing_mesh_of_another_tool_is_refused(write):
+    with refused(text="case.yaml: tools.left.mesh.path is 'none.stl'"):
+        open_case(write(two_tools(mesh={"path": "none.stl", "units": "mm"})))
 
 
 def test_structure_with_the_name_of_a_recorded_frame_is_refused(write):

@@ -78,9 +78,9 @@ def refused(*words: object) -> str:
     return line
 
 
-def margin_table(case: Path, rate: float | None = None) -> bytes:
+def margin_table(case: Path, rate: float | None = None, tool: str | None = None) -> bytes:
     """The bytes of ``margin.csv``, without the other files of a report, which take seconds."""
-    log, prepared = ReplayLog(), prepare_case(case)
+    log, prepared = ReplayLog(), prepare_case(case, tool=tool)
     for _ in ReplayRun(prepared, clock_ns=time.monotonic_ns, rate=rate, outputs=[log]).steps():
         pass
     others = {name: each.rows for name, each in log.structures.items()}

@@ -8,6 +8,8 @@ import numpy as np
 import trimesh
 import yaml
 
+from app.case.manifest.structures import as_schema_2
+
 FRAMES = 40
 Change = Callable[[dict[str, Any]], None]
 
@@ -51,6 +53,33 @@ def edit_manifest(case: Path, change: Change) -> Path:
     """Alter the manifest of a case that exists."""
     manifest = yaml.safe_load((case / "case.yaml").read_text())
     change(manifest)
+    (case / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
+    return case
+
+
+def write_two_tools(folder: Path) -> Path:
+    """The small case with a second rod, which stands 2 mm from where the first one begins.
+
+    It is lost in frames 5 and 6.
+    """
+    case = write_small_case(folder)
+    path = case / "tracking.igs.mha"
+    lines = []
+    for line in path.read_text().splitlines():
+        lines.append(line)
+        if "_RodToTrackerTransformStatus" in line:
+            start, index = line.partition("_RodTo")[0], int(line[len("Seq_Frame") :][:4])
+            pose = np.eye(4)
+            pose[:3, 3] = [41.5, 0.001 * (index % 3), -30.0]
+            numbers = " ".join(f"{number:g}" for number in pose.ravel())
+            status = "INVALID" if index in (5, 6) else "OK"
+            lines.append(f"{start}_LeftToTrackerTransform = {numbers}")
+            lines.append(f"{start}_LeftToTrackerTransformStatus = {status}")
+    path.write_text("\n".join([*lines, ""]))
+    manifest = as_schema_2(yaml.safe_load((case / "case.yaml").read_text()))
+    (tool,) = manifest["tools"]
+    manifest["tools"].append({**tool, "name": "left", "frame": "left"})
+    manifest["tool_distance_mm"] = 5.0
     (case / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
     return case
 

@@ -9,6 +9,7 @@ import yaml
 from app.case import open_case
 from app.cli.main import main
 from tests.cli.command import margin_table, replayed, run_json
+from tests.cli.small_case import write_small_case, write_two_tools
 from tests.cut_case import write_cut_case
 from tests.shipped_case import BASE, SHAFT, SHIPPED_CASE
 
@@ -83,3 +84,13 @@ def test_case_of_schema_2_is_converted_with_the_meshes_of_all_structures(tmp_pat
         file = f"{name}.stl"
         assert (tmp_path / "copy" / file).read_bytes() == (CASE / file).read_bytes()
     assert len(open_case(tmp_path / "copy").manifest.structures) == 2
+
+
+def test_replay_notes_the_nearest_distance_between_tools(tmp_path):
+    case = write_two_tools(tmp_path / "two")
+    for guarded, other in (("rod", "left"), ("left", "rod")):
+        notes = run_json("replay", case, "--tool", guarded, "--no-ros")["notes"]
+        line = f"tool '{other}': nearest 2.0 mm at 0.000 s, distance not known in 2 of 40 frames"
+        assert line in notes
+    alone = margin_table(write_small_case(tmp_path / "alone"))
+    assert margin_table(case, tool="rod") == alone

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from tests.session.structure_worlds import compare_with_single_sessions, judge_planes
+from tests.session.tool_worlds import compare_with_single_pairs
 from tests.session.vessel_pushes import LOSS_MM, STOP_MM, push
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
@@ -15,6 +16,12 @@ def test_each_structure_is_decided_as_by_a_session_of_its_own(seed):
     """10,000 configurations in all: structures at a frame."""
     rng = np.random.default_rng(seed)
     compare_with_single_sessions(rng, int(rng.integers(1, 21)), frames=250)
+
+
+@pytest.mark.parametrize("seed", range(100, 160))
+def test_random_tools_and_structures_agree_with_single_pairs(seed):
+    rng = np.random.default_rng(seed)
+    compare_with_single_pairs(rng, int(rng.integers(1, 4)), int(rng.integers(1, 4)), frames=200)
 
 
 def test_planes_of_all_structures_permit_no_motion_into_one():

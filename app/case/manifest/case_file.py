@@ -46,7 +46,9 @@ from app.case.manifest.structures import (
     DIFFERENT,
     IN_LISTS,
     MARGINS_OF_ALL,
+    MEASURABLE,
     STRUCTURES,
+    TOOL_DISTANCE,
     TOOLS,
     ArmEntry,
     StructureEntry,
@@ -54,6 +56,7 @@ from app.case.manifest.structures import (
     margins_of,
     read_arms,
     read_structures,
+    read_tool_distance,
     robots_of,
 )
 from app.files.declared import By, block_of
@@ -149,7 +152,7 @@ class CaseManifest:
     ``file`` is the name of the file, for messages. A live case has no ``recording``.
     ``structures`` are those beside the tumour, and ``arms`` all tools with their robots, in schema
     2; ``tool``, ``robot`` and ``registration`` are then those of one arm, the first or that of
-    `for_tool`.
+    `for_tool`. ``tool_distance_mm``: up to which another tool is a warning, None without one.
     """
 
     file: str
@@ -170,6 +173,7 @@ class CaseManifest:
     activation: ActivationEntry | None = None
     structures: tuple[StructureEntry, ...] = ()
     arms: tuple[ArmEntry, ...] = ()
+    tool_distance_mm: float | None = None
 
     @property
     def item_models(self) -> list[tuple[str, MeshEntry, str]]:
@@ -179,6 +183,11 @@ class CaseManifest:
             for name, entry in self.items.items()
             if isinstance(entry, RodEntry) and entry.model is not None
         ]
+
+    @property
+    def other_arms(self) -> tuple[ArmEntry, ...]:
+        """The arms of the other tools than ``tool``."""
+        return tuple(arm for arm in self.arms if arm.tool.frame != self.tool.frame)
 
     @property
     def name_of_tool(self) -> str:
@@ -251,12 +260,13 @@ def with_lists(block: Block) -> Block:
             **keys,
             "schema": Integer("version of the format", 2, 2),
             "tools": TOOLS,
+            "tool_distance_mm": TOOL_DISTANCE,
             "structures": STRUCTURES,
             "robots": robots_of(block.keys["registration"]),
             "margins": MARGINS_OF_ALL,
         },
         needs=(),
-        rules=(FILES, DIFFERENT),
+        rules=(FILES, DIFFERENT, MEASURABLE),
     )
 
 
@@ -337,4 +347,5 @@ def _listed(document: Section) -> dict[str, Any]:
         "registration": first.registration,
         "structures": tuple(structures),
         "arms": arms,
+        "tool_distance_mm": read_tool_distance(document, arms),
     }

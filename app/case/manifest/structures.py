@@ -20,7 +20,7 @@ from app.case.manifest.robot import (
 )
 from app.files.declared import block_of, read_as, value_as
 from app.files.document import Section
-from app.files.keys import Block, Choice, Frame, Key, ListOf, Text
+from app.files.keys import Block, Choice, Frame, Key, ListOf, Number, Text
 from app.geometry import InputError
 
 MAX_STRUCTURES = 100
@@ -94,12 +94,25 @@ class ArmEntry:
     robot: RobotEntry | None = None
     registration: RegistrationEntry | None = None
 
+    @property
+    def mesh_key(self) -> str:
+        """The manifest's key of its mesh, for messages."""
+        return f"tools.{self.name}.mesh"
+
 
 _TOOL = PARTS["tool"]
 TOOLS = ListOf(
     "tracked tools, each with a constraint of its own",
     replace(_TOOL, keys={"name": Text("name of the tool"), **_TOOL.keys}, read=None),
     if_empty="expected at least one",
+)
+
+TOOL_DISTANCE = Number(
+    "distance in mm up to which another tool is a warning; without it the distance between tools "
+    "is not checked",
+    optional=True,
+    above=0.0,
+    maximum=200.0,
 )
 
 
@@ -134,6 +147,7 @@ IN_LISTS = ("tool", "tumor", "robot", "registration")
 """Keys of schema 1 in whose place schema 2 has lists."""
 
 DIFFERENT = "structures, tools and robots have different names, and frames that fit them"
+MEASURABLE = "tool_distance_mm needs several tools, each with a mesh"
 
 
 def read_structures(document: Section) -> tuple[StructureEntry, ...]:
@@ -159,6 +173,8 @@ def check_own_names(
     items: Iterable[ItemEntry],
 ) -> None:
     """Raise `InputError` for a structure with the name of another frame, which would be a loop."""
+    names = [*(each.name for each in structures), *(arm.name for arm in arms)]
+    _check_names(document, "structures and tools", names)
     frames = {REFERENCE_FRAME, *(each.frame for each in structures)}
     frames |= {name for arm in arms for name in (arm.tool.frame, arm.tool.tip_frame)}
     frames |= {arm.robot.base_frame for arm in arms if arm.robot is not None}
@@ -198,8 +214,22 @@ def read_arms(document: Section) -> tuple[ArmEntry, ...]:
     _check_names(
         document, "robots", [arm.robot.base_frame for arm in arms if arm.robot], "base_frame"
     )
-    _check_names(document, "tools", [arm.tool.frame for arm in arms], "frame")
+    tips = [name for arm in arms for name in (arm.tool.frame, arm.tool.tip_frame)]
+    _check_names(document, "tools", tips, "frame")
     return arms
+
+
+def read_tool_distance(document: Section, arms: Sequence[ArmEntry]) -> float | None:
+    """Read ``tool_distance_mm``, None without it; `InputError` unless it can be measured."""
+    if "tool_distance_mm" not in document:
+        return None
+    place = document.place("tool_distance_mm")
+    if len(arms) < 2:
+        raise InputError(f"{place} is given with one tool; expected another one in tools")
+    for arm in arms:
+        if arm.tool.mesh is None:
+            raise InputError(f"{place} is given, but {arm.mesh_key} is missing; expected one")
+    return document.number("tool_distance_mm")
 
 
 def margins_of(of_all: Mapping[str, Any], own: StructureMargins) -> MarginEntry:
