@@ -215,7 +215,7 @@ def _write(live: LiveCase, folder: Path, in_use: SessionValues | None) -> None:
 
 def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     """Replace the keys of ``values``, those of a ``case.yaml``, by the values in use."""
-    parts = PlainParts.of(values)
+    parts = PlainParts.of(values, in_use.tool_from_tip.target)
     tool, tumor = parts.tool, parts.tumor
     tool["tip_from"] = {"matrix": in_use.tool_from_tip.matrix.ravel().tolist()}
     tool["sigma_mm"] = in_use.tip_sigma_mm

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, TextIO
 
-from app.fixture import FixtureDecision, MarginState, Reason
+from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S
-from app.session import StepResult
+from app.session import StepResult, ToolDistance
 
 if TYPE_CHECKING:
     from app.runtime import SessionContent
@@ -32,32 +32,40 @@ _RANK = {reason: rank for rank, reason in enumerate(Reason)}
 
 
 def state_changes(steps: Iterable[StepResult]) -> Iterator[StepResult]:
-    """Yield steps with another state or hold, or worse reasons, at once; better reasons late.
+    """Yield steps with another state or hold, or worse reasons or tools, at once; better ones late.
 
     Close to a threshold the reasons change at every other frame while state and hold stay. The
     last printed line is therefore correct, or too severe for at most `MIN_DURATION_NS`.
     """
-    printed: FixtureDecision | None = None
+    printed: StepResult | None = None
     better_since_ns: int | None = None
     for step in steps:
-        decision, now_ns = step.decision, step.frame.stamp.ns
-        if printed is not None and (decision.state, decision.hold) == (printed.state, printed.hold):
-            severity, severity_printed = _severity(decision), _severity(printed)
+        now_ns = step.frame.stamp.ns
+        if printed is not None and _state(step) == _state(printed):
+            severity, severity_printed = _severity(step), _severity(printed)
             if severity == severity_printed:
                 better_since_ns = None
                 continue
-            if severity < severity_printed:
+            if severity[0] <= severity_printed[0] and severity[1] <= severity_printed[1]:
                 if better_since_ns is None or now_ns < better_since_ns:  # the clock jumped back
                     better_since_ns = now_ns
                 if now_ns - better_since_ns < MIN_DURATION_NS:
                     continue
-        printed, better_since_ns = decision, None
+        printed, better_since_ns = step, None
         yield step
 
 
-def _severity(decision: FixtureDecision) -> tuple[int, ...]:
-    """Larger for worse reasons: compares the worst reason first, then the number of reasons."""
-    return tuple(-_RANK[reason] for reason in decision.reasons)
+def _state(step: StepResult) -> tuple[MarginState, bool]:
+    return step.decision.state, step.decision.hold
+
+
+def _severity(step: StepResult) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Larger for worse reasons: compares the worst reason first, then the number of reasons.
+
+    Then the states of the other tools.
+    """
+    reasons = tuple(-_RANK[reason] for reason in step.decision.reasons)
+    return reasons, tuple(each.state for each in step.tools)
 
 
 def local_time(stamp_ns: int, *, stamps_of_host: bool, now_ns: int) -> str:
@@ -96,7 +104,8 @@ def as_line(step: StepResult, time_text: str = "", *, color: bool = False) -> st
     governing = step.governing
     of_structure = "" if governing is None else f" {governing.name}"
     start = f"{time_text} " if time_text else ""
-    return f"{start}{state}{of_structure}{distance}: {reasons}{playback}"
+    warnings = "".join(f"; {each}" for each in step.warnings)
+    return f"{start}{state}{of_structure}{distance}: {reasons}{warnings}{playback}"
 
 
 def _structures(step: StepResult) -> dict[str, Any]:
@@ -113,6 +122,13 @@ def _structures(step: StepResult) -> dict[str, Any]:
         far = each.at_least_mm
         found.append(values if far is None else values | {"at_least_mm": far})
     return {"structures": found, **off}
+
+
+def _tool(tool: ToolDistance) -> dict[str, Any]:
+    found = tool.proximity
+    distance_mm = None if found is None else _finite(found.signed_distance_mm)
+    values = {"name": tool.name, "state": tool.state.name, "signed_distance_mm": distance_mm}
+    return values if tool.at_least_mm is None else values | {"at_least_mm": tool.at_least_mm}
 
 
 def as_json_line(
@@ -143,6 +159,7 @@ def as_json_line(
             "tre_mm": None if margin is None else _finite(margin.tre_mm),
             "age_mm": None if margin is None else _finite(margin.age_mm),
             **_structures(step),
+            **({"tools": [_tool(each) for each in step.tools]} if step.tools else {}),
             "playback": bool(step.playback),
             "single_source": step.single_source,
             "model_id": content.model_id,

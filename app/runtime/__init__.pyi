@@ -2,7 +2,7 @@ from .audit import AuditLog, AuditOutput
 from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
-from .content import SessionContent, StructureContent, content_of
+from .content import SessionContent, StructureContent, ToolContent, content_of
 from .display_content import ImageDepth, ImageDescription, ShownChange, described_images
 from .display_items import ShownItem
 from .live_run import Deliver, HoldKeeper, LiveRun, Source, used_values
@@ -126,6 +126,7 @@ __all__ = [
     "SwitchContent",
     "SwitchStructure",
     "TooManyRequestsError",
+    "ToolContent",
     "Wakeup",
     "WorldBody",
     "WorldMoment",

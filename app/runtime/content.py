@@ -38,6 +38,15 @@ class StructureContent:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ToolContent:
+    """Another tool, whose surface is in the frame of its tip."""
+
+    name: str
+    surface: SurfaceMesh
+    tool_from_tip: Transform
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SessionContent:
     """The one description of a session that publishers, scene, viewer, report and panel take.
 
@@ -54,6 +63,7 @@ class SessionContent:
     for a session without several depths of its images: no decision depends on them.
     ``structures`` are guarded beside the tumour.
     ``tool_name`` is that of one of several tools, each of which has a session; else empty.
+    ``tools`` are the others that have a mesh; their tips are no ``static_edges``.
     """
 
     name: str
@@ -74,9 +84,11 @@ class SessionContent:
     image_depth: ImageDepth | None = None
     structures: tuple[StructureContent, ...] = ()
     tool_name: str = ""
+    tools: tuple[ToolContent, ...] = ()
 
     def __post_init__(self) -> None:
-        children = [edge.source for edge in self.tf_static_edges]
+        tips = (tool.tool_from_tip for tool in self.tools)
+        children = [edge.source for edge in (*self.tf_static_edges, *tips)]
         for child in children:
             if children.count(child) > 1:
                 raise FrameError(
@@ -272,6 +284,7 @@ class SessionContent:
 
 def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionContent:
     """Describe the session of ``case`` that ``setup`` starts with."""
+    meshes = case.other_tool_meshes()
     return SessionContent(
         name=case.manifest.name,
         tumor=case.tumor_mesh(),
@@ -295,6 +308,11 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
             for entry, each in zip(case.manifest.structures, setup.structures, strict=True)
         ),
         tool_name=case.manifest.name_of_tool,
+        tools=tuple(
+            ToolContent(arm.name, meshes[arm.name], arm.tool.tool_from_tip)
+            for arm in case.manifest.other_arms
+            if arm.name in meshes
+        ),
     )
 
 

@@ -25,7 +25,7 @@ from app.runtime.operator_command import COMMANDS, OperatorCommand
 from app.runtime.requests import KINDS
 from app.session import RobotSetup
 
-VERSION = 2
+VERSION = 3
 """Version of the texts; another one is refused."""
 
 _MAX_KNOWN = 256

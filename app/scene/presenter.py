@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
 
+from app.fixture import MarginState
 from app.geometry import (
     FloatArray,
     FrameError,
@@ -13,7 +14,7 @@ from app.geometry import (
     join_transform_name,
     poses_in,
 )
-from app.runtime import SessionContent, ShownItem
+from app.runtime import SessionContent, ShownItem, StructureContent, ToolContent
 from app.scene.margin_display import MarkerStyle
 from app.scene.offscreen import SceneError
 from app.scene.scene import MarginGuardScene
@@ -134,6 +135,7 @@ class ScenePresenter:
                 self._show_breaches(scene, breach_points_mm)
             if scene.tumor is not None:
                 states = {each.name: each.decision.state for each in step.structures}
+                states |= self._states_of_tools(step)
                 links = dict.fromkeys(scene.robots, step.links)
                 scene.show(step.decision, links, now_ns, states, governing_name(step))
                 if step.frame.activation is not None:
@@ -242,7 +244,8 @@ class ScenePresenter:
         """The static edges that hang, directly or not, from a frame in ``poses``, parents first."""
         placed: list[Transform] = []
         known = set(poses)
-        for edge in self.content.static_edges:
+        tips = (tool.tool_from_tip for tool in self.content.tools)
+        for edge in (*self.content.static_edges, *tips):
             if edge.target in known:
                 placed.append(edge)
                 known.add(edge.source)
@@ -287,6 +290,12 @@ class ScenePresenter:
             return False
         return True
 
+    def _states_of_tools(self, step: StepResult) -> dict[str, MarginState]:
+        """The states of the other tools by the frames of their shapes."""
+        states = {each.name: each.state for each in step.tools}
+        tools = (each for each in self.content.tools if each.name in states)
+        return {tool.surface.frame: states[tool.name] for tool in tools}
+
     def _add_parts(self, scene: MarginGuardScene, step: StepResult) -> None:
         content = self.content
         if scene.tumor is None and scene.tree.node(content.tumor.frame) is not None:
@@ -295,9 +304,11 @@ class ScenePresenter:
                 scene.margin.breaches.set_style(self._marker_style)
             if self._margin_surface is not None:
                 scene.add_margin_surface(self._margin_surface)
-        for structure in content.structures:
-            is_placed = scene.tree.node(structure.name) is not None
-            if is_placed and structure.name not in scene.structures.nodes:
+        shapes: list[StructureContent | ToolContent] = [*content.structures, *content.tools]
+        for structure in shapes:
+            frame = structure.surface.frame
+            is_placed = scene.tree.node(frame) is not None
+            if is_placed and frame not in scene.structures.nodes:
                 scene.add_structure(structure)
         if scene.tool is None and scene.tree.node(content.tip_frame) is not None:
             if content.tool is None:

@@ -17,7 +17,7 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform, poses_in
 from app.robot import Robot
-from app.runtime import ShownItem, StructureContent
+from app.runtime import ShownItem, StructureContent, ToolContent
 from app.scene.item_models import ItemModels
 from app.scene.margin_display import MarginDisplay
 from app.scene.models import add_model, ball, remove_displayed, smooth_surface
@@ -204,11 +204,11 @@ class MarginGuardScene:
                 self.items.draw(item, pose)
         self.items.set_known(item, known)
 
-    def add_structure(self, structure: StructureContent) -> None:
-        """Add a structure beside the tumour; `SceneError` for a second one of its name."""
-        if structure.name in self.structures.nodes:
+    def add_structure(self, structure: StructureContent | ToolContent) -> None:
+        """Add a structure or another tool; `SceneError` for a second one in its frame."""
+        if structure.surface.frame in self.structures.nodes:
             raise SceneError(f"structure {structure.name!r} is already in the scene; expected 1")
-        pose = self._pose_node(structure.name)
+        pose = self._pose_node(structure.surface.frame)
         with self._content():
             self.structures.add(structure, pose)
 

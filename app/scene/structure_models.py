@@ -1,11 +1,11 @@
-"""Models of the structures beside the tumour, each in the colour of its own state."""
+"""Models of the structures beside the tumour and of other tools, in the colours of their states."""
 
 from collections.abc import Mapping
 
 from slicer import vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.fixture import MarginState
-from app.runtime import StructureContent
+from app.runtime import StructureContent, ToolContent
 from app.scene.models import add_model, remove_displayed, smooth_surface
 from app.scene.scene_nodes import Batch
 from app.session import Role
@@ -14,21 +14,22 @@ _OPACITY = {Role.TARGET: 0.4, Role.FORBIDDEN: 0.25}
 
 
 class StructureModels:
-    """Draws structures in ``scene``, each in its own frame and under its own name."""
+    """Draws structures and tools in ``scene``, each by its name, in the frame of its shape."""
 
     def __init__(self, scene: vtkMRMLScene, batch: Batch) -> None:
         self.nodes: dict[str, vtkMRMLModelNode] = {}
-        """The models by the names of their structures."""
+        """The models by the frames of their shapes."""
         self._scene, self._batch = scene, batch
 
-    def add(self, structure: StructureContent, parent: vtkMRMLTransformNode) -> None:
+    def add(self, structure: StructureContent | ToolContent, parent: vtkMRMLTransformNode) -> None:
         """Add ``structure`` under its frame, in grey until its first state."""
-        self.nodes[structure.name] = add_model(
+        opacity = 1.0 if isinstance(structure, ToolContent) else _OPACITY[structure.role]
+        self.nodes[structure.surface.frame] = add_model(
             self._scene,
             structure.name,
             smooth_surface(structure.surface),
             MarginState.UNKNOWN.color,
-            opacity=_OPACITY[structure.role],
+            opacity=opacity,
             parent=parent,
         )
 

@@ -39,7 +39,8 @@ class ToolDistance:
         distance_mm = self.proximity.signed_distance_mm
         if distance_mm > 0.0:
             return f"{tool} is {distance_mm:.1f} mm away"
-        return f"{tool} touches" + (f", by {-distance_mm:.1f} mm" if distance_mm < 0.0 else "")
+        depth = f"{-distance_mm:.1f}"
+        return f"{tool} touches" if depth == "0.0" else f"{tool} overlaps by {depth} mm"
 
     @property
     def warning(self) -> str:

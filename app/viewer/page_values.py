@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from app.case import ENERGY_DEVICE, Activation
-from app.fixture import FixtureDecision, MarginState, Reason
+from app.fixture import FixtureDecision, MarginState, Proximity, Reason
 from app.geometry import ANATOMICAL_WORDS, NS_PER_MS, Freshness
 from app.hold import SeenHold
 from app.runtime import GUARDED_TOOL, OperatorRequest, RecordingStatus, SessionContent, tools_of
@@ -18,6 +18,7 @@ from app.session import (
     ShownState,
     StepResult,
     StructureStep,
+    ToolDistance,
     advice_text,
     banner_states,
     governing_name,
@@ -90,6 +91,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         request=_request(shown.request),
         activation=_activation(shown),
         structures=_structures(shown),
+        tools=_tools(shown),
     )
 
 
@@ -109,7 +111,9 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
                 "shown": display.key,
                 "symbol": display.symbol,
                 "label": "INSIDE" if display.key == MarginState.POSITIVE.name else display.label,
-                "distance": _structure_distance(each) if is_known else distance_text(None),
+                "distance": _measured(each, decision.proximity)
+                if is_known
+                else distance_text(None),
                 "governs": each is shown.step.governing,
                 "off": "",
             }
@@ -120,10 +124,29 @@ def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
     ]
 
 
-def _structure_distance(structure: StructureStep) -> str:
-    if structure.at_least_mm is not None:
-        return f"\N{GREATER-THAN OR EQUAL TO} {math.floor(structure.at_least_mm)}"
-    proximity = structure.decision.proximity
+def _tools(shown: ViewState) -> list[dict[str, str]]:
+    """Each other tool, unknown while the session is silent."""
+    found = []
+    for each in shown.step.tools:
+        state = MarginState.UNKNOWN if shown.silent else each.state
+        display = SHOWN_STATES[state.name]
+        is_known = state is not MarginState.UNKNOWN
+        found.append(
+            {
+                "title": structure_title(each.name),
+                "warning": "" if shown.silent else each.warning,
+                "shown": display.key,
+                "symbol": display.symbol,
+                "label": display.label,
+                "distance": _measured(each, each.proximity) if is_known else distance_text(None),
+            }
+        )
+    return found
+
+
+def _measured(measured: StructureStep | ToolDistance, proximity: Proximity | None) -> str:
+    if measured.at_least_mm is not None:
+        return f"\N{GREATER-THAN OR EQUAL TO} {math.floor(measured.at_least_mm)}"
     return distance_text(None if proximity is None else proximity.signed_distance_mm)
 
 
@@ -183,6 +206,7 @@ def _values(
     request: dict[str, str | bool] | None = None,
     activation: dict[str, str] | None = None,
     structures: Sequence[Mapping[str, Any]] = (),
+    tools: Sequence[Mapping[str, str]] = (),
 ) -> dict[str, Any]:
     display, beside = banner
     return {
@@ -215,6 +239,7 @@ def _values(
         "request": request,
         "activation": activation,
         "structures": list(structures),
+        "tools": list(tools),
     }
 
 

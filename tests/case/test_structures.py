@@ -128,13 +128,20 @@ def test_recording_of_a_live_session_has_the_values_in_use(tmp_path):
         if schema == 2:
             values = as_schema_2(values)
             values["structures"].insert(0, {**copy.deepcopy(WALL), "sigma_mm": 0.3})
+            other = {**values["tools"][0], "name": "left", "frame": "left"}
+            values["tools"].insert(0, other)
         path = tmp_path / "live.yaml"
         path.write_text(yaml.safe_dump(values))
-        begin_case(open_live(path), tmp_path / f"case_{schema}", VALUES)
+        live = open_live(path)
+        tool = None if schema == 1 else "cautery"
+        live = dataclasses.replace(live, case=live.case.for_tool(tool))
+        begin_case(live, tmp_path / f"case_{schema}", VALUES)
         written = tmp_path / f"case_{schema}" / "case.yaml"
         document = yaml.safe_load(written.read_text())
         name = "case" if schema == 1 else "case-2"
         manifests.append(READERS[name](section_of(name, document)))
+    assert document["tools"][0] == other
+    manifests[1] = manifests[1].for_tool("cautery")
     before, after = (plain(each) for each in manifests)
     (wall,) = manifests[1].structures
     assert (wall.name, wall.sigma_mm, wall.margins.stop_mm) == ("wall", 0.3, 2)

@@ -1,6 +1,7 @@
 """Lines of ``marginguard live``: worse reasons at once, and few lines close to a threshold."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.case import TrackingFrame
-from app.cli.live_lines import state_changes
+from app.cli.live_lines import as_line, state_changes
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
-from app.session import StepResult
+from app.session import StepResult, ToolDistance
 from tests.doubles import Runner
 
 FRAME_NS = 16 * NS_PER_MS
@@ -142,3 +143,15 @@ def test_two_alternating_reasons_print_at_most_one_line_per_second(turns, frame_
     kinds = (decided(Reason.WARNING_DISTANCE), decided(Reason.RELEASING))
     lines = list(state_changes(steps_of([kinds[turn] for turn in turns], frame_ns)))
     assert len(lines) <= 2 + len(turns) * frame_ns / NS_PER_S
+
+
+def test_near_tool_is_printed_at_once_and_a_clear_one_late() -> None:
+    def with_tool(state: MarginState, number: int) -> StepResult:
+        tool = ToolDistance("left", state, (Reason.STALE,))
+        return replace(step(decided(Reason.CLEAR), number * FRAME_NS), tools=(tool,))
+
+    states = [MarginState.NEGATIVE] * 5 + [WARNING, MarginState.NEGATIVE] * 50 + [UNKNOWN] * 5
+    found = list(state_changes(map(with_tool, states, range(len(states)))))
+    assert [each.tools[0].state for each in found] == [MarginState.NEGATIVE, WARNING, UNKNOWN]
+    line = "WARNING: clear; distance of tool 'left' is not known (stale)"
+    assert as_line(found[-1]) == line

@@ -36,6 +36,7 @@ def step(distance_mm, *, ns=5, tip=True, activation=None):
         tumor_from_tip=tip_pose if tip else None,
         between_frames=None,
         structures=(),
+        tools=(),
     )
     made.of_tumor = made
     return made

@@ -7,13 +7,13 @@ import pytest
 
 from app.case import Activation
 from app.fixture import MarginState
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import FrameError, SurfaceMesh, Transform
 from app.registration import given_registration
-from app.runtime import ShownItem, StructureContent
+from app.runtime import ShownItem, StructureContent, ToolContent
 from app.scene import ScenePresenter
 from app.scene.convert import world_matrix, world_points
 from app.scene.presenter import GRIP_OPACITY
-from app.session import Role
+from app.session import Role, ToolDistance
 from app.session.step_result import KnownEdges
 from tests.scene.conftest import posed
 
@@ -300,3 +300,21 @@ def test_structures_that_are_added_moved_and_switched_off_are_shown_as_such(
     presenter.show(make_step())
     assert not presenter.scene.structures.nodes
     assert presenter.scene.tree.node("vessel") is None
+
+
+def test_other_tool_is_drawn_at_its_tip_in_the_colour_of_its_state(present, content, make_step):
+    surface = SurfaceMesh("left_tip", content.tumor.vertices_mm, content.tumor.faces)
+    tip = Transform("needle", "left_tip", np.eye(3), [0.0, 0.0, 50.0])
+    presenter = present(replace(content, tools=(ToolContent("left", surface, tip),)))
+    for state in MarginState:
+        presenter.show(replace(make_step(), tools=(ToolDistance("left", state, ()),)))
+        node = presenter.scene.structures.nodes["left_tip"]
+        assert node.GetName() == "left"
+        assert node.GetDisplayNode().GetColor() == state.color
+        at = world(presenter, "needle") @ tip.matrix
+        np.testing.assert_allclose(world(presenter, "left_tip"), at, atol=1e-9)
+    presenter.show(make_step())  # not measured
+    assert node.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+    with pytest.raises(FrameError, match="frame 'left_tip' has 2 parents"):
+        vessel = StructureContent(surface, Role.FORBIDDEN, 1.0, 3.0)
+        presenter.content.with_structure(vessel, tip)

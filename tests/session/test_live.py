@@ -40,6 +40,7 @@ class SimulatedHost:
         source_problem=lambda: "",
         activation=None,
         shown_frames=(),
+        other_tools=(),
     ) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
@@ -51,6 +52,7 @@ class SimulatedHost:
             PARAMETERS,
             robot,
             shown_frames=shown_frames,
+            other_tools=other_tools,
         )
         self.live = LiveSession(
             Session(self.setup),

@@ -1,13 +1,25 @@
-"""A stylus in a live session in simulated time: it is placed, and changes no step of the guard."""
+"""A stylus or another tool in a live session in simulated time: it changes no step of the guard."""
 
 import pytest
 
+from app.fixture import MarginState, TipProximity
+from app.geometry import Transform
+from app.session.setup import OtherTool
 from tests.doubles import sample
 from tests.session.test_live import STALE_MS, SimulatedHost, track
+from tests.session.tool_worlds import box
 
 
 def stylus(at_ms, stamp_ms=None):
     return sample("tracker", "stylus", (5.0, 0.01 * at_ms, 0.0), stamp_ms or at_ms)
+
+
+def beside_another_tool():
+    """A session that also follows a box of 20 mm on the stylus, and warns within 18 mm of it."""
+    tip = Transform.identity("stylus", "stylus_tip")
+    model = TipProximity(box("stylus_tip", (20.0, 20.0, 20.0)))
+    tool = OtherTool("left", tip, model, warn_mm=18.0)
+    return SimulatedHost(shown_frames=("stylus",), other_tools=(tool,))
 
 
 def guarded(steps):
@@ -38,7 +50,7 @@ def guarded(steps):
     ],
 )
 def test_a_stylus_changes_no_step_whatever_its_stamps(stamps, period_ms):
-    hosts = SimulatedHost(shown_frames=("stylus",)), SimulatedHost()
+    hosts = beside_another_tool(), SimulatedHost()
     for host in hosts:
         track(host, 0, 400)
     for at_ms in range(1, 700, period_ms):
@@ -51,7 +63,7 @@ def test_a_stylus_changes_no_step_whatever_its_stamps(stamps, period_ms):
 
 
 def test_a_stylus_is_placed_while_it_is_tracked_and_not_after():
-    host = SimulatedHost(shown_frames=("stylus",))
+    host = beside_another_tool()
     track(host, 0, 1000)
     for at_ms in range(0, 400, 20):
         host.arrive(at_ms + 2.0, stylus(at_ms))
@@ -62,6 +74,11 @@ def test_a_stylus_is_placed_while_it_is_tracked_and_not_after():
     pose, stamp = next(step for at, step in steps if at > 300).edges.between("needle", "stylus")
     assert pose.translation_mm[1] == pytest.approx(0.01 * 290, abs=0.3)
     assert stamp is not None
+    tools = {at: step.tools[0] for at, step in steps}
+    states = {at: tool.state is MarginState.WARNING for at, tool in tools.items()}
+    assert states == known  # 15 mm away, or not known
+    assert "is 15.0 mm away" in tools[min(tools)].text
+    assert tools[max(tools)].warning == "distance of tool 'left' is not known (stale)"
 
 
 def test_an_unknown_frame_is_not_collected():

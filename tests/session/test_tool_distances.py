@@ -88,7 +88,7 @@ class Pair:
         (8.1, "tool 'arm1' is 8.1 mm away", MarginState.NEGATIVE),
         (7.99, "tool 'arm1' is 8.0 mm away", MarginState.WARNING),
         (3.2, "tool 'arm1' is 3.2 mm away", MarginState.WARNING),
-        (-2.0, "tool 'arm1' touches, by 2.0 mm", MarginState.WARNING),
+        (-2.0, "tool 'arm1' overlaps by 2.0 mm", MarginState.WARNING),
     ],
 )
 def test_near_tool_is_a_warning_that_changes_no_state(gap_mm, text, state):
@@ -101,7 +101,7 @@ def test_near_tool_is_a_warning_that_changes_no_state(gap_mm, text, state):
 
 def test_tool_inside_the_other_has_its_depth():
     (tool,) = Pair(box(sides_mm=(40.0, 40.0, 60.0))).step(gap_mm=-4.5).tools
-    assert tool.text == "tool 'arm1' touches, by 19.0 mm"
+    assert tool.text == "tool 'arm1' overlaps by 19.0 mm"
     assert tool.state is MarginState.WARNING
 
 

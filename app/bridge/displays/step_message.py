@@ -37,7 +37,15 @@ from app.hold import SeenHold
 from app.registration import DriftBound, RegistrationDrift
 from app.robot.kinematic_tree import LinkPoses
 from app.runtime import SessionContent
-from app.session import KnownEdges, PathDepth, PathPoint, Role, StepResult, StructureStep
+from app.session import (
+    KnownEdges,
+    PathDepth,
+    PathPoint,
+    Role,
+    StepResult,
+    StructureStep,
+    ToolDistance,
+)
 from app.session.step_result import known_edges
 
 _NUMBERS = 12
@@ -119,6 +127,7 @@ def step_message(
         message.proximity = [_proximity_message(decision.proximity)]
     message.margin_mm = _margin_numbers(decision.margin)
     message.structures = [_structure_message(each) for each in step.structures]
+    message.structures += [_tool_message(each) for each in step.tools]
     message.off = off_messages(step.off)
     if decision.constraint is not None:
         message.half_spaces = array("d", decision.constraint.rows.tobytes())
@@ -179,6 +188,7 @@ def _step(
 ) -> tuple[StepResult, list[TrackedTransform]]:
     tumor, tip = content.tumor.frame, content.tip_frame
     samples = _samples(message)
+    tools = {each.name for each in content.tools}
     joints = _joints(message)
     links = _links(message)
     tumor_from_tip = _transforms(message.tumor_from_tip)
@@ -207,7 +217,10 @@ def _step(
         single_source=message.single_source,
         edges=_edges(message, content, samples, links, joints),
         between_frames=_path(message, tumor, tip),
-        structures=tuple(_structure(each, content) for each in message.structures),
+        structures=tuple(
+            _structure(each, content) for each in message.structures if each.name not in tools
+        ),
+        tools=tuple(_tool(each) for each in message.structures if each.name in tools),
         off={each.name: each.reason for each in message.off},
     )
     others = len(set(message.known).union(range(message.new_poses)))
@@ -273,6 +286,27 @@ def _structure(message: StructureStepMessage, content: SessionContent) -> Struct
     placed = _placed(message.name, content.tip_frame, pose)
     far_mm = message.at_least_mm[0] if len(message.at_least_mm) else None
     return StructureStep(message.name, roles[message.name], decision, placed, None, far_mm)
+
+
+def _tool_message(tool: ToolDistance) -> StructureStepMessage:
+    return StructureStepMessage(
+        name=tool.name,
+        state=int(tool.state),
+        reasons=[reason.value for reason in tool.reasons],
+        proximity=[] if tool.proximity is None else [_proximity_message(tool.proximity)],
+        at_least_mm=[] if tool.at_least_mm is None else [tool.at_least_mm],
+    )
+
+
+def _tool(message: StructureStepMessage) -> ToolDistance:
+    proximity = message.proximity
+    return ToolDistance(
+        message.name,
+        MarginState(message.state),
+        tuple(map(Reason, message.reasons)),
+        _proximity(proximity[0]) if proximity else None,
+        message.at_least_mm[0] if len(message.at_least_mm) else None,
+    )
 
 
 def _margin_numbers(margin: AppliedMargin | None) -> "array[float]":

@@ -32,8 +32,9 @@ class Diagnostics:
     """Reports once per second of session time and at every change.
 
     A change is another state or other reasons, or a problem of the robot or of the frames or a
-    playback that appears or ends. ``counts`` returns the counters of a live source,
-    ``definition_problems`` texts about nodes with other definitions of our messages.
+    playback that appears or ends, or another state of another tool. ``counts`` returns the counters
+    of a live source, ``definition_problems`` texts about nodes with other definitions of our
+    messages.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Diagnostics:
             bool(step.frames_problem),
             bool(step.playback),
             problems,
+            tuple(each.state for each in step.tools),
         )
         elapsed_ns = None if self._last_ns is None else now.ns - self._last_ns
         if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
@@ -76,6 +78,8 @@ class Diagnostics:
         status = [_margin_status(step), self._tracking_status(step, stale_after_ns)]
         if step.joints is not None or step.robot_problem:
             status.append(_robot_status(step))
+        if step.tools:
+            status.append(_tools_status(step))
         if self._counts is not None:
             counts = {name: str(count) for name, count in self._counts().items()}
             level, message = DiagnosticStatus.OK, "counts since the start"
@@ -128,6 +132,12 @@ def _margin_status(step: StepResult) -> DiagnosticStatus:
     if decision.margin is not None:
         values["applied_stop_mm"] = f"{decision.margin.total_mm:.3f}"
     return _status("margin", LEVEL_OF_STATE[decision.state], margin_text(decision), values)
+
+
+def _tools_status(step: StepResult) -> DiagnosticStatus:
+    level = DiagnosticStatus.WARN if step.warnings else DiagnosticStatus.OK
+    message = "; ".join(step.warnings) or "apart"
+    return _status("tools", level, message, {each.name: each.text for each in step.tools})
 
 
 def _robot_status(step: StepResult) -> DiagnosticStatus:

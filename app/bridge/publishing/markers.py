@@ -134,13 +134,15 @@ class Markers:
             markers.append(_surface("tool", self._tool_frame, color_message(TOOL_RGB), 1))
         return serialized(MarkerArray(markers=markers), self._points_m)
 
-    def text(self, decision: FixtureDecision, governing: str = "") -> MarkerArray:
-        """Marker with `margin_text`, above the tumour, in the colour of the state.
+    def text(
+        self, decision: FixtureDecision, governing: str = "", warnings: Sequence[str] = ()
+    ) -> MarkerArray:
+        """Marker with `margin_text` and ``warnings``, above the tumour, in the colour of the state.
 
         Each call fills in the same marker: publish it before the next one.
         """
         self._text.color = color_message(decision.state.color)
-        self._text.text = margin_text(decision, governing)
+        self._text.text = "\n".join([margin_text(decision, governing), *warnings])
         return MarkerArray(markers=[self._text])
 
 
@@ -217,7 +219,7 @@ class PreparedShapes:
         self._tumor, self._tool = content.tumor, content.tool
         self._markers = Markers(content)
         self._surfaces = {state: self._markers.surfaces(state) for state in MarginState}
-        self._texts: dict[tuple[MarginState, str], bytes] = {}
+        self._texts: dict[tuple[MarginState, str, tuple[str, ...]], bytes] = {}
         self._structures = {each.name: _StructureShape(each) for each in content.structures}
 
     def match(self, content: SessionContent) -> bool:
@@ -239,14 +241,16 @@ class PreparedShapes:
         """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool."""
         return self._surfaces[state]
 
-    def text(self, decision: FixtureDecision, governing: str = "") -> bytes:
-        """Serialised ``MarkerArray`` of `margin_text`, above the tumour."""
-        key = (decision.state, margin_text(decision, governing))
+    def text(
+        self, decision: FixtureDecision, governing: str = "", warnings: Sequence[str] = ()
+    ) -> bytes:
+        """Serialised ``MarkerArray`` of `margin_text` and ``warnings``, above the tumour."""
+        key = (decision.state, margin_text(decision, governing), tuple(warnings))
         known = self._texts.get(key)
         if known is None:
             if len(self._texts) >= _MAX_TEXTS:
                 self._texts.clear()
             known = self._texts[key] = bytes(
-                serialize_message(self._markers.text(decision, governing))
+                serialize_message(self._markers.text(decision, governing, warnings))
             )
         return known

@@ -167,7 +167,7 @@ class SessionPublisher:
         since_ns = steady_ns()
         valid_ns = self._valid_ns(step, timing.spent_now_ns())
         in_time = self.constraints.publish(message, valid_ns=valid_ns, since_ns=since_ns)
-        self._publish_margin(step.decision, step.structures, governing_name(step))
+        self._publish_margin(step.decision, step.structures, governing_name(step), step.warnings)
         report = self._diagnostics.report(step, self._content.margins.stale_after_ns)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
@@ -274,13 +274,14 @@ class SessionPublisher:
         decision: FixtureDecision,
         structures: Sequence[StructureStep] = (),
         governing: str = "",
+        warnings: Sequence[str] = (),
     ) -> None:
         distance_mm = math.nan
         if decision.state is not MarginState.UNKNOWN and decision.proximity is not None:
             distance_mm = float(decision.proximity.signed_distance_mm)
         self._send(topics.MARGIN_MM, self._margin.distance(distance_mm))
         self._send(topics.MARGIN_COLOR, self._margin.color(decision.state))
-        self._send(topics.MARKERS, self._shapes.text(decision, governing))
+        self._send(topics.MARKERS, self._shapes.text(decision, governing, warnings))
         states = {each.name: each.decision.state for each in structures}
         of_tumor = states.pop(self._content.tumor.frame, decision.state)
         self._show_surfaces(of_tumor, states)

@@ -278,7 +278,8 @@ def as_schema_2(values: Mapping[str, Any]) -> dict[str, Any]:
 class PlainParts:
     """Mappings of the values of a valid document of either schema, to be edited in place.
 
-    ``tool`` and ``tumor`` are those of `CaseManifest`; ``placed`` has the key ``registration``.
+    ``tool`` is the guarded one and ``tumor`` that of `CaseManifest`; ``placed`` has the key
+    ``registration``.
     """
 
     values: dict[str, Any]
@@ -287,11 +288,11 @@ class PlainParts:
     placed: dict[str, Any]
 
     @classmethod
-    def of(cls, values: dict[str, Any]) -> "PlainParts":
-        """The parts of ``values``."""
+    def of(cls, values: dict[str, Any], tool_frame: str) -> "PlainParts":
+        """The parts of ``values``, whose guarded tool is tracked as ``tool_frame``."""
         if values["schema"] == 1:
             return cls(values, values["tool"], values["tumor"], values)
-        tool = values["tools"][0]
+        tool = next(each for each in values["tools"] if each["frame"] == tool_frame)
         tumor = next(each for each in values["structures"] if each["role"] == "target")
         held = (each for each in values.get("robots", ()) if each["holds"] == tool["name"])
         return cls(values, tool, tumor, next(held, {}))

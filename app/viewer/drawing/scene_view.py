@@ -43,7 +43,7 @@ class Part(StrEnum):
 _RODS = {each.name.upper(): each for each in DISPLAY_ITEMS if each.kind is ItemKind.ROD}
 PARTS: dict[str, str] = {
     Part.TUMOR: "Tumour",
-    Part.STRUCTURES: "Other structures",
+    Part.STRUCTURES: "Other structures, tools",
     Part.MARGIN: "Margin surface",
     Part.TOOL: "Tool",
     **{name: item.title for name, item in _RODS.items()},
@@ -107,7 +107,7 @@ class SceneView:
             absent.add(Part.MARGIN)
         if self.content.robot is None:
             absent |= {Part.ROBOT, Part.GHOST}
-        if not self.content.structures:
+        if not (self.content.structures or self.content.tools):
             absent.add(Part.STRUCTURES)
         return tuple(part for part in PARTS if part not in absent)
 

@@ -195,7 +195,9 @@ def closed_models(
     """
     surfaces = [(scene.tumor, [content.tumor])]
     surfaces += [
-        (scene.structures.nodes.get(each.name), [each.surface]) for each in content.structures
+        (scene.structures.nodes.get(each.frame), [each])
+        for each in [shape.surface for shape in content.structures]
+        + [tool.surface for tool in content.tools]
     ]
     if margin_surface is not None:
         surfaces.append((scene.margin_surface, [margin_surface]))

@@ -276,7 +276,7 @@ class ShownSession:
         return shown, f"{held}; margin {text}" if shown.key == HOLD else f"{text}; {held}"
 
     def reasons(self) -> str:
-        """Reasons of the displayed decision, a line for each cause of its hold and each structure.
+        """Reasons of the displayed decision; a line for each cause of its hold, structure and tool.
 
         Structures that are switched off are listed as such.
 
@@ -287,6 +287,7 @@ class ShownSession:
         decision = self._last.step.decision
         reasons = ", ".join(map(str, decision.reasons))
         structures = [structure_line(each) for each in self._last.step.structures]
+        structures += [each.text for each in self._last.step.tools]
         if self.readout()[0] is not decision.state:
             reasons, structures = str(Reason.STALE), []
         causes = (f"hold: {cause}" for cause in self._last.step.hold_causes)

@@ -15,6 +15,8 @@ from app.bridge.constraint_message import ConstraintBuilder
 from app.bridge.displays.step_message import StepOrigin, seen_of, step_message, step_of
 from app.geometry import TrackedTransform
 from app.hold import SeenHold
+from app.runtime import ToolContent
+from app.session import ToolDistance
 from tests.session.far_step import far_step
 from tests.session.test_step_pickle import assert_same
 
@@ -160,3 +162,19 @@ def test_message_of_no_guard_is_refused_in_one_line(steps, case, change, problem
     with pytest.raises(BridgeError, match=problem) as refused:
         step_of(message, case.content)
     assert "\n" not in str(refused.value)
+
+
+def test_other_tools_are_displayed_with_their_distances(steps, case):
+    tip = mg.Transform("left", "left_tip", np.eye(3), [0.0, 0.0, 50.0])
+    tool = case.content.tool
+    surface = mg.SurfaceMesh("left_tip", tool.vertices_mm, tool.faces)
+    content = replace(case.content, tools=(ToolContent("left", surface, tip),))
+    proximity = steps[0].decision.proximity
+    near = ToolDistance("left", mg.MarginState.WARNING, (mg.Reason.WARNING_DISTANCE,), proximity)
+    far = ToolDistance("left", mg.MarginState.NEGATIVE, (mg.Reason.CLEAR,), None, 52.5)
+    lost = ToolDistance("left", mg.MarginState.UNKNOWN, (mg.Reason.STALE,))
+    for tool in (near, far, lost):
+        found, _ = step_of(sent(replace(steps[0], tools=(tool,))), content)
+        assert_same(found.tools, (tool,))
+        assert found.structures == ()
+        assert found.warnings == ((tool.warning,) if tool.warning else ())

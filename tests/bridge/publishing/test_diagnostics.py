@@ -6,7 +6,8 @@ import pytest
 
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.case import TrackingFrame
-from app.fixture import MarginState
+from app.fixture import MarginState, Reason
+from app.session import ToolDistance
 
 pytestmark = pytest.mark.slow
 
@@ -123,3 +124,18 @@ def test_no_samples_are_reported_as_not_tracked(make_step):
     silent = replace(make_step(0, lost=True), frame=TrackingFrame(make_step(0).frame.stamp, ()))
     tracking = parts(Diagnostics().report(silent, STALE_NS))["tracking"]
     assert (tracking.level, tracking.message) == (b"\x03", "nothing was tracked so far")
+
+
+def test_warning_of_another_tool_has_a_status_of_its_own(make_step):
+    def report(state, *reasons):
+        tool = ToolDistance("left", state, reasons)
+        return diagnostics.report(replace(make_step(0), tools=(tool,)), STALE_NS)
+
+    diagnostics = Diagnostics()
+    tools = parts(report(MarginState.UNKNOWN, Reason.STALE))["tools"]
+    assert tools.level == b"\x01"
+    assert tools.message == "distance of tool 'left' is not known (stale)"
+    found = parts(report(MarginState.NEGATIVE, Reason.CLEAR))
+    assert found["tools"].level == b"\x00"
+    assert found["margin"].level == b"\x00"
+    assert report(MarginState.NEGATIVE, Reason.CLEAR) is None

@@ -70,6 +70,9 @@ def test_without_tool_mesh_only_the_tumour_is_published(content):
 def test_text_is_above_the_tumour(content, make_step):
     (marker,) = Markers(content).text(make_step(0).decision).markers
     assert marker.text == "CLEAR +7.5 mm"
+    near = PreparedShapes(content).text(make_step(0).decision, "", ["tool 'left' is 3.2 mm away"])
+    (warned,) = deserialize_message(near, MarkerArray).markers
+    assert warned.text == "CLEAR +7.5 mm\ntool 'left' is 3.2 mm away"
     position = marker.pose.position
     assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))
 

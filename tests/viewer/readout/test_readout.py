@@ -11,10 +11,12 @@ from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
-from app.session import RobotSetup, Role, StructureStep, moment_text
+from app.session import RobotSetup, Role, StructureStep, ToolDistance, moment_text
 from app.synthetic.motion import TOUCH_URDF
 from app.viewer.page_values import distance_text, readout, reason_text
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
+
+DASH = distance_text(None)
 
 
 def test_every_state_and_reason_has_a_text_of_its_own():
@@ -210,3 +212,26 @@ def test_structure_that_is_off_is_listed_with_its_reason(parts):
     assert readout(replace(known, step=step))["structures"] == [
         {"name": "chest_wall", "title": "chest wall", "shown": "OFF", "off": "not in the field"}
     ]
+
+
+def test_other_tools_are_listed_with_their_warnings(parts):
+    shown = parts.feed.shown[BREACH_FRAME]
+    step = shown.step
+    tools = (
+        ToolDistance("left", MarginState.WARNING, (), step.decision.proximity),
+        ToolDistance("clip_arm", MarginState.NEGATIVE, (), at_least_mm=52.9),
+        ToolDistance("probe", MarginState.UNKNOWN, (Reason.STALE,)),
+    )
+    near = replace(shown, step=replace(step, tools=tools))
+    values = readout(near)
+    depth = distance_text(shown.distance_mm)
+    assert [tuple(each.values()) for each in values.pop("tools")] == [
+        ("left", tools[0].text, "WARNING", "!", "CLOSE", depth),
+        ("clip arm", "", "NEGATIVE", "✓", "CLEAR", "≥ 52"),
+        ("probe", "distance of tool 'probe' is not known (stale)", "UNKNOWN", "?", "UNKNOWN", DASH),
+    ]
+    assert values == {key: value for key, value in readout(shown).items() if key != "tools"}
+    silent = readout(near.as_unknown("nothing comes"))["tools"]
+    assert {(each["shown"], each["warning"], each["distance"]) for each in silent} == {
+        ("UNKNOWN", "", DASH)
+    }
