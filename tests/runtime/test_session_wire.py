@@ -20,6 +20,7 @@ from app.runtime import (
     prepare_case,
     prepare_live,
 )
+from app.runtime.session_wire import VERSION
 from tests.runtime.command_world import NEEDLE, STYLUS, STYLUS_TIP
 from tests.session.test_step_pickle import assert_same
 
@@ -73,8 +74,8 @@ def test_what_has_not_changed_is_the_same_object_in_the_next_content(contents):
 def test_description_of_another_version_or_without_its_meshes_is_refused(contents):
     writer = SessionWire()
     text = writer.description(DescribedSession(contents[0]))
-    other = json.dumps({**json.loads(text), "version": 3})
-    with pytest.raises(InputError, match="not of version 2; expected a MarginGuard of the same"):
+    other = json.dumps({**json.loads(text), "version": VERSION + 1})
+    with pytest.raises(InputError, match=f"not of version {VERSION}; expected a MarginGuard"):
         read(writer, other)
     with pytest.raises(InputError, match=r"mesh .*: not sent; expected it with what names it"):
         SessionWire().described(text)

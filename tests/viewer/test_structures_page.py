@@ -1,12 +1,13 @@
-"""A structure of a live session is switched off and on from the page."""
+"""Several structures and tools on the page: lists, and a structure that is switched off and on."""
 
 import pytest
 from playwright.sync_api import expect
 
 from tests.bridge.conftest import structures_yaml as structures_yaml
+from tests.cli.small_case import write_two_tools
 from tests.page_rules import violations
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import accepted, choose
+from tests.viewer.page_actions import accepted, choose, show_frame
 
 pytestmark = pytest.mark.long
 
@@ -44,4 +45,21 @@ def test_structure_is_switched_off_and_on_from_the_page(browser, live_server):
         expect(page.locator("#switch-question")).to_have_text("Guard this structure again?")
         page.click("#switch-confirm")
         expect(row.locator(".state")).to_have_text("? UNKNOWN")
+        assert watched.errors == []
+
+
+@pytest.mark.timeout(900)
+def test_other_tool_is_listed_with_its_warning(browser, start_server, tmp_path):
+    case = write_two_tools(tmp_path / "two")
+    with watching(browser, start_server(str(case), "--tool", "rod")) as watched:
+        row = watched.page.locator("#tools li")
+        for frame, text, state in (
+            (0, "tool 'left' is 2.0 mm away", "! CLOSE"),
+            (6, "distance of tool 'left' is not known (invalid)", "? UNKNOWN"),
+            (20, "left", "CHECK CLEAR"),
+        ):
+            show_frame(watched.page, frame)
+            expect(row).to_contain_text(text)
+            expect(row.locator(".state")).to_have_text(state.replace("CHECK", "\N{CHECK MARK}"))
+            assert violations(watched.page) == []
         assert watched.errors == []
