@@ -16,10 +16,10 @@ from app.session.setup import OtherTool, SessionSetup
 class ToolDistance:
     """Distance of the guarded tool from the tool ``name`` at one step.
 
-    ``state``: WARNING up to the stated distance, NEGATIVE beyond it, and UNKNOWN if one of the two
-    poses is not known; ``reasons`` are then those of it. ``proximity`` is in the frame of the
-    other's tip, negative where the tools overlap, None if it was not measured. A far tool was not
-    (`app.session.far_structures`): it is at least ``at_least_mm`` away.
+    ``state``: WARNING up to the stated distance, by the lower bound of the measured one, NEGATIVE
+    beyond it, and UNKNOWN for the ``reasons`` for which a pose is not known. ``proximity``: in the
+    frame of the other's tip, negative where the tools overlap, None if it was not measured. A far
+    tool was not (`app.session.far_structures`): it is at least ``at_least_mm`` away.
     """
 
     name: str
