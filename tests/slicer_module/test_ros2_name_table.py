@@ -1,4 +1,4 @@
-"""The table of names in docs/ros2_module.md: each name exists, and the test named there uses it."""
+"""The table of ros2_names.txt: each name exists, and the test named there uses it."""
 
 import ast
 import re
@@ -13,7 +13,7 @@ from tests.slicer_module.test_ros2_names import NAMES
 pytestmark = pytest.mark.slow
 
 FOLDER = Path(__file__).parent
-PAGE = FOLDER.parents[1] / "docs" / "ros2_module.md"
+PAGE = FOLDER / "ros2_names.txt"
 HEADING = "## Every name and its test"
 JUDGES = ("rclpy", "rclpy, scene file", "class")
 
