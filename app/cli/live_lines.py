@@ -4,6 +4,7 @@ reader.
 
 import json
 import math
+import operator
 import os
 import queue
 import threading
@@ -46,7 +47,8 @@ def state_changes(steps: Iterable[StepResult]) -> Iterator[StepResult]:
             if severity == severity_printed:
                 better_since_ns = None
                 continue
-            if severity[0] <= severity_printed[0] and severity[1] <= severity_printed[1]:
+            worse = severity[0] > severity_printed[0]
+            if not worse and all(map(operator.le, severity[1], severity_printed[1])):
                 if better_since_ns is None or now_ns < better_since_ns:  # the clock jumped back
                     better_since_ns = now_ns
                 if now_ns - better_since_ns < MIN_DURATION_NS:

@@ -58,8 +58,7 @@ def check_structure(
     if structure.name == tumor:
         raise FrameError(f"{what}: is the tumour; expected another name, or ~/set_tumor")
     frames = {REFERENCE, setup.tool_from_tip.source, *setup.shown_frames, *known_frames}
-    frames |= {name for ends in setup.measured_ends for name in ends}
-    frames |= {each.name for each in setup.other_tools}
+    frames |= {*setup.tool_names, *(name for ends in setup.measured_ends for name in ends)}
     if setup.robot is not None:
         frames |= {setup.robot.base_frame, *(link.name for link in setup.robot.robot.links)}
     if structure.name in {frame, *frames} - {*others}:

@@ -73,6 +73,7 @@ def setup_from_case(
             for arm in manifest.other_arms
             if limit_mm is not None
         ),
+        tool_names=tuple(arm.name for arm in manifest.other_arms),
     )
 
 

@@ -110,11 +110,13 @@ class PoseTree:
     repeat at once, and never did before, are frozen once they are as old as a stale one
     (`app.session.repetition`). An edge that has *never* changed, including before a jump of the
     clock, is treated as a fixed transform (recordings carry calibrations among the measured ones),
-    except the edges that touch ``moving_frames``: each of these has a sensor.
+    except the edges that touch ``moving_frames``: each of these has a sensor. A sensor of
+    ``shown_frames`` alone does not show that its tracker goes on: no decision depends on it.
     """
 
     limits: FreshnessLimits
     moving_frames: tuple[str, ...]
+    shown_frames: tuple[str, ...] = ()
     _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
     _changed: set[Edge] = field(default_factory=set)
     _sensors: dict[Edge, SensorRepetition] = field(default_factory=dict)
@@ -146,7 +148,9 @@ class PoseTree:
         for sample in frame.poses:
             state = self._insert_sample(sample, frame.stamp)
             edge = (sample.target, sample.source)
-            if state is not None and not state.bad and self._has_to_move(edge):
+            if state is None or state.bad or self._is_shown_only(sample.source):
+                continue
+            if self._has_to_move(edge):
                 durations_ns.setdefault(sample.target, []).append(state.repetition.duration_ns)
         for tracker, each_ns in durations_ns.items():
             source = self._sources.setdefault(tracker, SourceRepetition())
@@ -243,6 +247,9 @@ class PoseTree:
         target, source = edge
         frames = self.moving_frames
         return edge in self._changed or target in frames or source in frames
+
+    def _is_shown_only(self, frame: str) -> bool:
+        return frame in self.shown_frames and frame not in self.moving_frames
 
     def _edge_problems(self, edge: Edge, state: _EdgeState, unchanged_ns: int) -> frozenset[Reason]:
         if self._now is None:

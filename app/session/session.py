@@ -42,7 +42,8 @@ class Session:
         self._static_edges = setup.static_edges
         self._poses = PoseTree(
             limits=setup.margins.freshness_limits,
-            moving_frames=_moving_frames(setup),
+            moving_frames=setup.moving_frames,
+            shown_frames=setup.shown_frames,
         )
         self._tool_frames = _tool_frames(setup)
         self._guards = [self._guard(each) for each in setup.guarded]
@@ -242,7 +243,8 @@ class Session:
         before, self.setup = self.setup, setup
         self._static_edges = setup.static_edges
         self._poses.limits = setup.margins.freshness_limits
-        self._poses.moving_frames = _moving_frames(setup)
+        self._poses.moving_frames = setup.moving_frames
+        self._poses.shown_frames = setup.shown_frames
         self._tool_frames = _tool_frames(setup)
         if self._far is not None:
             for number in range(len(self._guards)):
@@ -323,9 +325,3 @@ def _tool_frames(setup: SessionSetup) -> tuple[str, ...]:
     """The frames in which the tool's pose is needed."""
     structures = (each.frame_from_structure.target for each in setup.guarded)
     return tuple(dict.fromkeys((REFERENCE, *structures)))
-
-
-def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
-    structures = (each.frame_from_structure.target for each in setup.guarded)
-    moving = dict.fromkeys((setup.tool_from_tip.target, *structures))
-    return tuple(moving if setup.robot is None else moving | {REFERENCE: None})

@@ -196,7 +196,7 @@ class SessionSetup:
     which no decision uses. ``structures``: further structures; the tumour is the first of
     `guarded`, and its frame is that of the constraint. ``off``: structures that an operator has
     switched off, each with the reason; they are not among ``structures``. ``other_tools``: those
-    whose distance from the tool is measured.
+    whose distance from the tool is measured; ``tool_names`` are the names of all others.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
@@ -219,6 +219,7 @@ class SessionSetup:
     structures: tuple[Structure, ...] = ()
     off: Mapping[str, str] = field(default_factory=dict)
     other_tools: tuple[OtherTool, ...] = ()
+    tool_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:
@@ -284,6 +285,13 @@ class SessionSetup:
             Role.TARGET,
         )
         return (tumor, *self.structures)
+
+    @property
+    def moving_frames(self) -> tuple[str, ...]:
+        """Frames with sensors: those of tool and structures, and with a robot the reference."""
+        structures = (each.frame_from_structure.target for each in self.guarded)
+        moving = dict.fromkeys((self.tool_from_tip.target, *structures))
+        return tuple(moving if self.robot is None else moving | {REFERENCE: None})
 
     @property
     def static_edges(self) -> tuple[Transform, ...]:

@@ -9,7 +9,7 @@ from app.fixture import MarginState, Proximity, Reason, path_mm, worst_first
 from app.geometry import Transform
 from app.session.far_structures import BEYOND_MM
 from app.session.pose_tree import PoseTree
-from app.session.setup import OtherTool, SessionSetup
+from app.session.setup import REFERENCE, OtherTool, SessionSetup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class ToolDistances:
         self._setup, self._tool = setup, setup.tool_from_tip.target
         self._poses.limits = setup.margins.freshness_limits
         others = (each.tool_from_tip.target for each in setup.other_tools)
-        self._poses.moving_frames = (self._tool, *others)
+        self._poses.moving_frames = (*setup.moving_frames, REFERENCE, *others)
         self._tips = [each.tool_from_tip.inverse() for each in setup.other_tools]
         self._last: dict[str, tuple[Transform, float]] = {}
         """Pose at which each was measured last, and its lower bound in mm there."""

@@ -155,3 +155,17 @@ def test_near_tool_is_printed_at_once_and_a_clear_one_late() -> None:
     assert [each.tools[0].state for each in found] == [MarginState.NEGATIVE, WARNING, UNKNOWN]
     line = "WARNING: clear; distance of tool 'left' is not known (stale)"
     assert as_line(found[-1]) == line
+
+
+def test_second_tool_that_comes_near_is_printed_at_once_while_the_first_leaves() -> None:
+    def with_tools(number: int) -> StepResult:
+        states = [MarginState.NEGATIVE, WARNING]
+        names = ("left", "right") if number >= 5 else ("right", "left")
+        tools = [ToolDistance(*each, ()) for each in sorted(zip(names, states, strict=True))]
+        return replace(step(decided(Reason.CLEAR), number * FRAME_NS), tools=tuple(tools))
+
+    found = list(state_changes(map(with_tools, range(10))))
+    assert [[each.state for each in step.tools] for step in found] == [
+        [WARNING, MarginState.NEGATIVE],
+        [MarginState.NEGATIVE, WARNING],
+    ]

@@ -252,6 +252,12 @@ def test_wrong_request_is_refused_in_one_line_and_changes_nothing(command, error
     assert (last.kind, last.accepted) == (command.kind, False)
 
 
+def test_name_of_another_tool_is_refused(world):
+    world.session.use(replace(world.session.setup, tool_names=("vessel",)))
+    with pytest.raises(FrameError, match="^structure 'vessel': has the name of another frame"):
+        request(world, vessel())
+
+
 def test_other_role_is_refused_where_the_command_is_made():
     with pytest.raises(InputError, match=r"^role: is 'organ'; expected one of target, forbidden$"):
         vessel(role="organ")

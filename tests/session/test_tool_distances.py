@@ -60,18 +60,30 @@ class Pair:
         self.session = Session(replace(setup, other_tools=(self.tool,)), skip_far=skip_far)
         self.now = NOW
 
-    def step(self, gap_mm=20.0, *, other=True, shake_mm=True, status=TrackingStatus.OK):
-        """The tool's tip, with a side of 3 mm, beside a box of 6 mm, ``gap_mm`` apart along x."""
+    def step(
+        self,
+        gap_mm=20.0,
+        *,
+        other=True,
+        shake_mm=True,
+        status=TrackingStatus.OK,
+        tracker="tracker",
+        also=(),
+    ):
+        """The tool's tip, with a side of 3 mm, beside a box of 6 mm, ``gap_mm`` apart along x.
+
+        ``tracker`` measures the box, ``also`` are further poses.
+        """
         self.now = self.now.shifted(20 * NS_PER_MS, self.now.clock)
         shake = np.array([0.0, 0.0, 1e-3 * (self.now.ns // (20 * NS_PER_MS) % 7) * shake_mm])
         poses = {
             "cautery": Transform("tracker", "cautery_tip", np.eye(3), shake) @ TIP.inverse(),
             **{name: Transform("tracker", name, np.eye(3), shake) for name in FRAMES},
         }
-        samples = [TrackedTransform.valid(pose, self.now) for pose in poses.values()]
+        samples = [TrackedTransform.valid(pose, self.now) for pose in (*poses.values(), *also)]
         if other:
             place = Transform(
-                "tracker", "arm1_tip", np.eye(3), [1.5 + 3.0 + gap_mm, 0.0, -12.0 + shake[2]]
+                tracker, "arm1_tip", np.eye(3), [1.5 + 3.0 + gap_mm, 0.0, -12.0 + shake[2]]
             )
             pose = place @ self.tool.tool_from_tip.inverse()
             sample = TrackedTransform.valid(pose, self.now)
@@ -132,6 +144,32 @@ def test_tool_whose_poses_repeat_from_the_first_is_not_known():
         step = pair.step(shake_mm=False)
     assert step.tools[0].state is MarginState.UNKNOWN
     assert Reason.FROZEN in step.tools[0].reasons
+
+
+def test_reference_of_the_other_tracker_that_is_stuck_makes_the_distance_unknown():
+    pair, stuck = Pair(), Transform("second", "reference", np.eye(3), np.zeros(3))
+    for _ in range(200):
+        step = pair.step(tracker="second", also=[stuck])
+    assert step.tools[0].reasons == (Reason.FROZEN,)
+
+
+@pytest.mark.parametrize("moving", [(), ("arm1",)])
+def test_stuck_poses_are_frozen_at_once_beside_another_tool_that_moves(moving):
+    setup = setup_of(random_bodies(np.random.default_rng(4), 1))
+    session = Session(replace(setup, shown_frames=("arm1",)))
+    now, rng = Stamp(10**10), np.random.default_rng(1)
+    still = {name: np.zeros(3) for name in (*FRAMES, "cautery")}
+    for number in range(60):
+        now = now.shifted(20 * NS_PER_MS, now.clock)
+        if number < 40:
+            still = {name: rng.normal(0.0, 0.02, 3) for name in still}
+        places = still | {name: rng.normal(200.0, 0.02, 3) for name in moving}
+        poses = [Transform("tracker", name, np.eye(3), place) for name, place in places.items()]
+        samples = tuple(TrackedTransform.valid(pose, now) for pose in poses)
+        step = session.step(TrackingFrame(now, samples, ()))
+        if number == 39:
+            assert step.decision.state is not MarginState.UNKNOWN
+    assert Reason.FROZEN in step.decision.reasons
 
 
 def test_fault_outside_the_frames_makes_the_distance_unknown():
