@@ -60,6 +60,7 @@ MAY_IMPORT = {
         "igtl",
         "control",
         "planning",
+        "workflow",
         "simulation",
     },
     "analysis": {"geometry", "registration", "fixture", "session"},

@@ -35,6 +35,7 @@ from app.control import (
     ControlDescription,
     ExecutionStep,
     Outcome,
+    Plan,
     PlanExecution,
     parse_plan,
     positions_of,
@@ -79,18 +80,18 @@ class ExecutionNode:
         """Stop the motion within its accelerations, for good. Call it from any thread."""
         self._cancelled.set()
 
-    def run(self, plan: str, report: Callable[[ExecutionStep], None]) -> ExecutionStep | None:
-        """Execute the JSON ``plan`` and return its last step; None if cancelled before it began.
+    def run(self, plan: Plan, report: Callable[[ExecutionStep], None]) -> ExecutionStep | None:
+        """Execute ``plan`` and return its last step; None if cancelled before it began.
 
         ``report`` is called each second. Displays get the plan while it runs. Call it in one
         thread, once at a time. Raises `InputError` for a plan that is none for this arm, and
         `BridgeError` if it may not begin.
         """
-        execution = PlanExecution(self._about, parse_plan(plan))
+        execution = PlanExecution(self._about, plan.motion)
         self._constraints.arrived()  # those before may be of a guard that has ended
         if not self._wait_for_start(execution):
             return None
-        self._plans.publish(String(data=plan))
+        self._plans.publish(String(data=plan.text))
         try:
             return self._execute(execution, report)
         finally:
@@ -222,7 +223,7 @@ class ExecutionServer:
         with alone(self._lock):
             served.on_cancel(self._node.cancel)
             last = self._node.run(
-                served.request.plan,
+                parse_plan(served.request.plan),
                 lambda step: served.feedback(Execute.Feedback(progress=step.progress)),
             )
         if last is None:

@@ -14,7 +14,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -46,15 +45,13 @@ from app.planning import (
     Approach,
     ApproachError,
     EntryRegion,
-    ForbiddenStructure,
     MotionLimits,
     Needle,
-    NeedleTarget,
     plan_approach,
-    plan_needle,
 )
 from app.runtime import SessionContent
-from app.session import Role, StepResult
+from app.session import StepResult
+from app.workflow import plan_corridors
 
 NODE_NAME = "marginguard_plan"
 
@@ -157,11 +154,10 @@ class PlanningServer:
             )
         frame_from_root = base.renamed(source=self._robot.root_link)
         root_from_frame = frame_from_root.inverse()
+        poses = _poses(content, step, frame_from_root.target)
         structures = {
-            name: mesh.transformed(
-                root_from_frame @ step.edges.between(frame_from_root.target, name)[0]
-            )
-            for name, mesh in _surfaces(content).items()
+            name: mesh.transformed(root_from_frame @ poses[name])
+            for name, mesh in content.surfaces.items()
         }
         carried = {}
         if content.tool is not None:
@@ -219,50 +215,27 @@ class PlanningServer:
                 MM_PER_M * request.entry_radius,
                 count=ENTRIES,
             )
-            content, poses = self._of_guard(
-                lambda content, step: (
-                    content,
-                    {
-                        name: step.edges.between(entry.target, name)[0]
-                        for name in _surfaces(content)
-                    },
-                )
-            )
-            placed = {
-                name: mesh.transformed(poses[name]) for name, mesh in _surfaces(content).items()
-            }
-            forbidden = [each for each in content.structures if each.role is Role.FORBIDDEN]
-            name = request.target or content.tumor.frame
-            targets = placed.keys() - {each.name for each in forbidden}
-            if name not in targets:
-                raise InputError(f"target: is {name!r}; expected {' or '.join(sorted(targets))}")
             needle = Needle(
                 *(MM_PER_M * each for each in (request.length, request.diameter, request.bend))
             )
-            plan = plan_needle(
-                region,
-                NeedleTarget.of_structure(placed[name]),
-                needle,
-                [
-                    ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
-                    for each in forbidden
-                ],
-                error=MM_PER_M * request.sigma,
-                k_sigma=content.margins.k_tre,
+            content, poses = self._of_guard(
+                lambda content, step: (content, _poses(content, step, entry.target))
             )
-        self._markers.publish(corridor_markers(plan))
-        response.entries = [point_message(each.entry_mm) for each in plan.corridors]
-        response.targets = [point_message(each.target_mm) for each in plan.corridors]
-        response.scores = [each.score for each in plan.corridors]
+            found = plan_corridors(
+                content,
+                poses,
+                region,
+                needle,
+                target=request.target,
+                sigma_mm=MM_PER_M * request.sigma,
+            )
+        corridors = found.plan.corridors
+        self._markers.publish(corridor_markers(found.plan))
+        response.entries = [point_message(each.entry_mm) for each in corridors]
+        response.targets = [point_message(each.target_mm) for each in corridors]
+        response.scores = [each.score for each in corridors]
         response.setup_id, response.registration_id = _ids(content).values()
-        inputs = {
-            "frame": region.frame,
-            "target": name,
-            "frame_from_target": poses[name].matrix.tolist(),
-            "window_mm": None,
-            "needle": asdict(needle),
-        }
-        response.plan = json.dumps(inputs | _ids(content) | plan.as_document(), allow_nan=False)
+        response.plan = json.dumps(found.document, allow_nan=False)
         response.success = True
 
     def _of_guard(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
@@ -297,11 +270,9 @@ class PlanningServer:
         raise AssertionError("the steps do not end")
 
 
-def _surfaces(content: SessionContent) -> dict[str, SurfaceMesh]:
-    """The tumour and all structures, by their frames."""
-    return {content.tumor.frame: content.tumor} | {
-        each.name: each.surface for each in content.structures
-    }
+def _poses(content: SessionContent, step: StepResult, frame: str) -> dict[str, Transform]:
+    """Tumour and structures in ``frame``; raises `FrameError` while one is not known."""
+    return {name: step.edges.between(frame, name)[0] for name in content.surfaces}
 
 
 def _ids(content: SessionContent) -> dict[str, str]:

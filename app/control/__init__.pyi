@@ -19,7 +19,7 @@ from .controller import (
 )
 from .path_follower import PathFollower, PlannedMotion
 from .plan_execution import ExecutionStep, Outcome, PlanExecution
-from .plan_file import ShownPlan, parse_plan, parse_shown_plan, read_plan, read_shown_plan
+from .plan_file import Plan, named_faults, parse_plan, read_plan
 from .warm_up import warm_up
 
 __all__ = [
@@ -39,18 +39,17 @@ __all__ = [
     "JointMeasurement",
     "Outcome",
     "PathFollower",
+    "Plan",
     "PlanExecution",
     "PlannedMotion",
     "PoseMeasurement",
-    "ShownPlan",
     "ToolKinematics",
     "WrenchMeasurement",
     "half_axis",
+    "named_faults",
     "open_control",
     "parse_plan",
-    "parse_shown_plan",
     "positions_of",
     "read_plan",
-    "read_shown_plan",
     "warm_up",
 ]

@@ -7,8 +7,8 @@ from .needle_guidance import NeedleGuidance, NeedlePath, guide_needle
 from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
-from .path_timing import MotionLimits
-from .preview import ApproachPreview, nearest_structures, preview_approach, preview_samples
+from .path_timing import MotionLimits, shown_samples
+from .preview import ApproachPreview, nearest_structures, preview_approach
 
 __all__ = [
     "Approach",
@@ -35,5 +35,5 @@ __all__ = [
     "plan_approach",
     "plan_needle",
     "preview_approach",
-    "preview_samples",
+    "shown_samples",
 ]

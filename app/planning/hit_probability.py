@@ -6,8 +6,6 @@ turns are left out: give the error at the target, where they are largest. The su
 structure moves along its normal by a normal error of its own, independent of the first.
 """
 
-import math
-
 import numpy as np
 from scipy.special import ndtr
 
@@ -27,6 +25,7 @@ _REACH = 4.5
 _KEPT = float(ndtr(_REACH) - ndtr(-_REACH)) ** 2
 
 _FIRST_CELLS = 6
+_MAX_SIGMA_MM = 1000.0
 _CORNERS = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
 _MAX_LEVELS = 20
 _FINEST_MM = 1e-3
@@ -96,16 +95,18 @@ def covariance_of(error: float | FloatArray) -> FloatArray:
     Raises `InputError` for other values.
     """
     given = np.asarray(error, dtype=np.float64)
-    if given.shape == () and math.isfinite(given) and given >= 0.0:
+    if given.shape == () and 0.0 <= given <= _MAX_SIGMA_MM:
         return np.asarray(np.eye(3) * given**2)
     is_symmetric = (
-        given.shape == (3, 3) and np.isfinite(given).all() and np.allclose(given, given.T)
+        given.shape == (3, 3)
+        and (np.abs(given) <= _MAX_SIGMA_MM**2).all()  # false for NaN
+        and np.allclose(given, given.T)
     )
     if is_symmetric and np.linalg.eigvalsh(given)[0] >= -1e-9 * max(1.0, float(np.trace(given))):
         return given
     raise InputError(
         f"error of the needle: is {' '.join(str(error).split())}; expected a standard deviation "
-        "of 0 mm or more, or a covariance (3, 3) in mm2"
+        f"of 0 to {_MAX_SIGMA_MM:g} mm, or a covariance (3, 3) in mm2"
     )
 
 

@@ -18,6 +18,12 @@ from app.robot import Robot
 SAMPLE_NS = 10_000_000
 """Time between two samples of a trajectory."""
 
+MAX_DURATION_S = 600.0
+"""Longest trajectory."""
+
+MAX_SHOWN = 81
+"""Samples of a trajectory that displays show."""
+
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
@@ -35,6 +41,12 @@ class MotionLimits:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} limit: is {value}; expected a number above 0")
+
+
+def shown_samples(count: int) -> NDArray[np.intp]:
+    """Numbers of `MAX_SHOWN` of ``count`` samples, or of all, the first and the last among them."""
+    shown = np.linspace(0, count - 1, min(count, MAX_SHOWN))
+    return np.unique(shown.round().astype(np.intp))
 
 
 def limit_rows(
@@ -63,14 +75,16 @@ def time_path(
 
     ``limits`` (3, d) are those of `limit_rows`. The samples are `SAMPLE_NS` apart; each part takes
     a whole number of them, so that every via state is a sample and a straight line between two
-    samples is on the path.
+    samples is on the path. Raises `InputError` for limits that give no motion, or one of more than
+    `MAX_DURATION_S`.
     """
     positions, velocities = [states[:1]], [np.zeros((1, states.shape[1]))]
     for start, end in pairwise(states):
         change = end - start
         if not change.any():
             continue
-        along, speed = _rest_to_rest(np.abs(change), limits)
+        left_s = MAX_DURATION_S - sum(map(len, positions)) * SAMPLE_NS * 1e-9
+        along, speed = _rest_to_rest(np.abs(change), limits, left_s)
         positions.append(start + along[:, None] * change)
         positions[-1][-1] = end
         velocities.append(speed[:, None] * change)
@@ -80,7 +94,9 @@ def time_path(
     return times_ns, np.concatenate(positions), np.concatenate(velocities)
 
 
-def _rest_to_rest(change: FloatArray, limits: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _rest_to_rest(
+    change: FloatArray, limits: FloatArray, left_s: float
+) -> tuple[FloatArray, FloatArray]:
     """Fraction (n,) of a straight part at the samples after its start, and its rate (n,) per s."""
     moving = change > 0.0
     import ruckig  # of an extra
@@ -94,9 +110,15 @@ def _rest_to_rest(change: FloatArray, limits: FloatArray) -> tuple[FloatArray, F
         [value] for value in most
     )
     trajectory = ruckig.Trajectory(1)
-    result = otg.calculate(parameters, trajectory)
-    if result not in (ruckig.Result.Finished, ruckig.Result.Working):
-        raise InputError(f"motion limits: {most} give no motion ({result}); expected larger ones")
+    try:
+        otg.calculate(parameters, trajectory)
+    except ruckig.RuckigError:  # its text has many lines
+        raise InputError(f"motion limits: {most} give no motion; expected larger ones") from None
+    if not trajectory.duration <= left_s:
+        raise InputError(
+            f"motion limits: a part of the way takes {trajectory.duration:.4g} s; expected larger "
+            f"ones, with which the whole way takes at most {MAX_DURATION_S:g} s"
+        )
     sample_s = SAMPLE_NS * 1e-9
     count = max(1, math.ceil(trajectory.duration / sample_s))
     slower = trajectory.duration / (count * sample_s)

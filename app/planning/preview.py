@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from app.geometry import NS_PER_S, FloatArray, SurfaceMesh
 from app.planning.approach import Approach
 from app.planning.collision import CollisionModel
+from app.planning.path_timing import shown_samples
 from app.robot import Robot
-
-MAX_PLACES = 81
-"""Times that are shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,11 +40,16 @@ class ApproachPreview:
         """Number of states between start and end at which the robot stops."""
         return max(int((~self.approach.velocities.any(axis=1)).sum()) - 2, 0)
 
-
-def preview_samples(approach: Approach) -> NDArray[np.intp]:
-    """Numbers of `MAX_PLACES` samples of ``approach``, or of all, start and end among them."""
-    count = len(approach.times_ns)
-    return np.unique(np.linspace(0, count - 1, min(count, MAX_PLACES)).round().astype(np.intp))
+    @property
+    def nearest(self) -> list[tuple[str, float]]:
+        """The result of `nearest_structures`, from all distances."""
+        if not np.isfinite(self.distances_mm).any():
+            return []
+        nearest = np.nanargmin(self.distances_mm, axis=1).tolist()
+        return [
+            (self.structures[number][0], float(row[number]))
+            for number, row in zip(nearest, self.distances_mm, strict=True)
+        ]
 
 
 def nearest_structures(
@@ -55,12 +58,12 @@ def nearest_structures(
     structures: Mapping[str, SurfaceMesh],
     carried: Mapping[str, SurfaceMesh],
 ) -> list[tuple[str, float]]:
-    """The structure nearest to the robot at each of `preview_samples`, and its distance in mm.
+    """The structure nearest to the robot at each of `shown_samples`, and its distance in mm.
 
     Empty if no structure is tested.
     """
     model = _model(robot, approach, structures, carried)
-    states = approach.positions[preview_samples(approach)]
+    states = approach.positions[shown_samples(len(approach.times_ns))]
     return [nearest for nearest in map(model.nearest_structure, states) if nearest is not None]
 
 
@@ -70,9 +73,9 @@ def preview_approach(
     structures: Mapping[str, SurfaceMesh],
     carried: Mapping[str, SurfaceMesh],
 ) -> ApproachPreview:
-    """Evaluate ``approach`` at `MAX_PLACES` times; the bodies are those of `plan_approach`."""
+    """Evaluate ``approach`` at its `shown_samples`; the bodies are those of `plan_approach`."""
     model = _model(robot, approach, structures, carried)
-    samples = preview_samples(approach)
+    samples = shown_samples(len(approach.times_ns))
     poses, distances = [], []
     for state in approach.positions[samples]:
         named = {**approach.held, **dict(zip(approach.joints, state.tolist(), strict=True))}

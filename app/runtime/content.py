@@ -157,6 +157,11 @@ class SessionContent:
         """Surfaces of the structures beside the tumour by name."""
         return {each.name: each.surface for each in self.structures}
 
+    @property
+    def surfaces(self) -> dict[str, SurfaceMesh]:
+        """Surfaces of the tumour and the structures by their frames."""
+        return {self.tumor.frame: self.tumor} | self.structure_surfaces
+
     def with_margins(self, setup: SessionSetup) -> "SessionContent":
         """This content with the margins of ``setup`` and the distances of its structures."""
         used = {each.name: (each.stop_mm, each.warn_mm) for each in setup.structures}

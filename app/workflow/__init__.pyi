@@ -1,4 +1,4 @@
-from .approach_ghost import ApproachGhost, GhostShown
+from .approach_ghost import ApproachGhost, GhostShown, ShownPlan
 from .calibration_fit import (
     CalibrationFit,
     CalibrationKind,
@@ -12,6 +12,7 @@ from .guided_text import GuidedShown, TouchedPoint, calibration_shown, registrat
 from .needle_guide import RANGE_MM, RINGS_MM, NeedleGuide, NeedleShown
 from .registration_fit import RegistrationFit, RegistrationTask, fit_registration
 from .robot_registration import RegistrationStatus, RobotRegistration
+from .session_corridors import SessionCorridors, plan_corridors
 from .steps import WorkflowName, WorkflowState, WorkflowStep, next_step, workflow_steps
 from .tip_directions import TipDirections, stop_surface
 from .tool_calibration import CalibrationStatus, TipChange, ToolCalibration, tip_command
@@ -40,6 +41,8 @@ __all__ = [
     "RegistrationStatus",
     "RegistrationTask",
     "RobotRegistration",
+    "SessionCorridors",
+    "ShownPlan",
     "TipChange",
     "TipDirections",
     "ToolCalibration",
@@ -53,6 +56,7 @@ __all__ = [
     "fit_calibration",
     "fit_registration",
     "next_step",
+    "plan_corridors",
     "recorded_breaches",
     "registration_shown",
     "stop_surface",

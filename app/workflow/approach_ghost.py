@@ -4,11 +4,60 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.control import ShownPlan, parse_shown_plan, read_shown_plan
+import numpy as np
+from numpy.typing import NDArray
+
+from app.control import Plan, PlannedMotion, named_faults, parse_plan, read_plan
 from app.geometry import NS_PER_S, InputError, MarginGuardError, Transform
+from app.planning import shown_samples
 from app.runtime import SessionContent
 
 _MAX_TEXT = 300
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownPlan:
+    """A plan as displays show it: ``motion`` at its samples ``samples`` (k,).
+
+    ``nearest`` (k) are the nearest structure there and its distance in mm from the robot; empty
+    where no structure is tested, None in a plan without distances. ``clearance_mm`` is proven for
+    the whole way.
+    """
+
+    motion: PlannedMotion
+    samples: NDArray[np.intp]
+    nearest: tuple[tuple[str, float], ...] | None
+    clearance_mm: float
+
+    @classmethod
+    def of(cls, plan: Plan, place: str) -> "ShownPlan":
+        """``plan`` for a display. Raises `InputError`, which names ``place``, for a fault."""
+        with named_faults(place):
+            return cls(plan.motion, *_preview(plan))
+
+
+def _preview(plan: Plan) -> tuple[NDArray[np.intp], tuple[tuple[str, float], ...] | None, float]:
+    """Samples, nearest structures and clearance of ``plan``, checked."""
+    preview, count = plan.values.get("preview"), len(plan.motion.times_ns)
+    clearance_mm = float(plan.values["clearance_mm"])
+    if not np.isfinite(clearance_mm):
+        raise ValueError("clearance_mm is not finite")
+    if preview is None:
+        return shown_samples(count), None, clearance_mm
+    samples = np.array(preview["samples"])
+    nearest = tuple((name, float(mm)) for name, mm in preview["nearest"])
+    shown = samples.size
+    if not all(isinstance(name, str) for name, _ in nearest):
+        raise TypeError("the name of a structure is no text")
+    if samples.dtype != np.int64 or samples.ndim != 1 or (np.diff(samples) <= 0).any():
+        raise TypeError("samples of the preview are no increasing integers")
+    if shown == 0 or samples[0] < 0 or samples[-1] >= count or len(nearest) not in (0, shown):
+        raise ValueError(
+            f"preview has {shown} samples of 0 to {count - 1}, and {len(nearest)} distances"
+        )
+    if not np.isfinite([mm for _, mm in nearest]).all():
+        raise ValueError("a distance is not finite")
+    return samples, nearest, clearance_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +98,7 @@ class ApproachGhost:
 
     def read(self, path: Path) -> None:
         """Use the plan of a file, at its goal. Raises `InputError` for a file that is none."""
-        self._chosen = read_shown_plan(path)
+        self._chosen = ShownPlan.of(read_plan(path), str(path))
         self.revision += 1
 
     def remove(self) -> None:
@@ -60,7 +109,7 @@ class ApproachGhost:
     def execute(self, text: str) -> None:
         """Use the plan in ``text``, which an arm executes from now on; none if it is empty."""
         try:
-            self._executed = parse_shown_plan(text) if text else None
+            self._executed = ShownPlan.of(parse_plan(text), "plan") if text else None
         except InputError as error:
             self._executed = str(error)
         self.revision += 1

@@ -19,7 +19,7 @@ from app.bridge.messages import header_message
 from app.bridge.plan_markers import corridor_markers, way_markers
 from app.bridge.ros_errors import BridgeError, GoalAbortedError
 from app.bridge.topics import NEWEST, STREAM, Topic
-from app.control import open_control
+from app.control import open_control, read_plan
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.planning import EntryRegion, ForbiddenStructure, Needle, NeedleTarget, plan_needle
 from tests.planning.plan_files import write_approach
@@ -82,7 +82,7 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
         plans = ActionClient(peer, "marginguard_msgs/action/Plan", "/marginguard_plan/plan")
         name = "/marginguard_plan/needle_corridors"
         corridors = ServiceClient(peer, NeedleCorridors, name)
-        request = NeedleCorridors.Request(entry_radius=0.01)
+        request = NeedleCorridors.Request(entry_radius=0.01, length=0.1, diameter=0.001)
         request.entry.header.frame_id, request.entry.pose.orientation.w = "tracker", 1.0
         with pytest.raises(GoalAbortedError, match="allowed_time: is nan s; expected a number"):
             plans.call({"allowed_time": float("nan")}, DEADLINE_S)
@@ -141,7 +141,7 @@ def test_guard_that_ended_before_the_plan_came_does_not_forbid_its_motion(
 ):
     monkeypatch.setattr(plan_execution, "WAIT_S", 1.0)
     description = open_control(project_root / "data" / "worlds" / "lumpectomy")
-    plan = write_approach(tmp_path / "plan.json", description.tool.robot, "setup").read_text()
+    plan = read_plan(write_approach(tmp_path / "plan.json", description.tool.robot, "setup"))
     now_ns = time.time_ns()
     with (
         RosNode("executor", domain_id=domain_id) as ros,

@@ -71,7 +71,7 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (("--target", "chest_wall"), "--target: is 'chest_wall'; expected lesion_2 or tumor"),
+        (("--target", "chest_wall"), "target: is 'chest_wall'; expected lesion_2 or tumor"),
         (("--target-point", 0, 0, 50), "mm outside of its structure; expected a point inside"),
         (("--at-s", -1), "--at-s: is -1.0; expected 0 or more"),
         (("--at-s", 1e6), "the recording ends before; expected a time at which"),

@@ -295,3 +295,13 @@ def test_structures_are_closed_and_in_the_root_frame(touch, start):
 def test_motion_limits_are_finite_and_positive(value):
     with pytest.raises(MarginGuardError, match=r"jerk limit: is .*; expected a number above 0"):
         MotionLimits(1.0, value)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "problem"),
+    [(1e-300, "give no motion; expected larger"), (1e-7, "takes .* s; expected larger ones")],
+)
+def test_limits_that_make_a_motion_endless_are_refused(touch, start, acceleration, problem):
+    limits = limits_of(touch) | {"waist": MotionLimits(acceleration, 50.0)}
+    with pytest.raises(InputError, match=f"motion limits: .*{problem}"):
+        plan(touch, start, {"waist": start["waist"] + 0.3}, {}, limits=limits)

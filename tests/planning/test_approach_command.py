@@ -9,8 +9,9 @@ import trimesh
 from app.cli.main import main
 from app.cli.parsing import CommandParser
 from app.cli.planning import approach
-from app.control import parse_shown_plan
+from app.control import parse_plan
 from app.geometry import InputError
+from app.workflow import ShownPlan
 from tests.planning.approach_scenes import load
 from tests.tiers import PROJECT_ROOT
 
@@ -51,7 +52,7 @@ def test_trajectory_is_printed(plan, capsys):
     assert made["positions"][-1] == [0.5]
     assert made["held"] == dict.fromkeys(JOINTS[1:], 0.1)
     assert len(made["times_ns"]) == len(made["velocities"])
-    shown = parse_shown_plan(json.dumps(made))
+    shown = ShownPlan.of(parse_plan(json.dumps(made)), "plan")
     assert shown.samples[-1] == len(made["times_ns"]) - 1
     assert {name for name, _ in shown.nearest} == {"ball"}
     assert min(distance_mm for _, distance_mm in shown.nearest) > shown.clearance_mm == 5.0

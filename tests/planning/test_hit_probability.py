@@ -86,7 +86,16 @@ def test_without_any_error_the_needle_hits_or_it_does_not(offset, expected):
 
 
 @pytest.mark.parametrize(
-    "error", [-1.0, math.nan, [1.0, 2.0, 3.0], np.diag([1.0, 1.0, -1.0]), np.triu(np.ones((3, 3)))]
+    "error",
+    [
+        -1.0,
+        math.nan,
+        1e300,
+        np.eye(3) * 1e300,
+        [1.0, 2.0, 3.0],
+        np.diag([1.0, 1.0, -1.0]),
+        np.triu(np.ones((3, 3))),
+    ],
 )
 def test_error_that_is_no_covariance_is_refused(error):
     with pytest.raises(InputError, match=r"error of the needle: is .*; expected a standard dev"):

@@ -82,6 +82,8 @@ def test_nearest_structure_is_that_of_the_smallest_distance(robot, structures, p
     found = preview_approach(robot, approach, *everything)
     names = [name for name, _ in found.structures]
     nearest = nearest_structures(robot, approach, *everything)
+    assert [name for name, _ in found.nearest] == [name for name, _ in nearest]
+    assert [mm for _, mm in found.nearest] == pytest.approx([mm for _, mm in nearest], abs=1e-9)
     assert {name for name, _ in nearest} == {"behind", "ball"}
     for (name, distance_mm), row in zip(nearest, found.distances_mm, strict=True):
         assert distance_mm == pytest.approx(row[names.index(name)], abs=1e-9)
@@ -94,7 +96,9 @@ def test_page_of_a_scene_without_structures_has_no_distances(robot, preview):
         clearance_mm=CLEARANCE_MM, limits=limits_of(robot), is_over=lambda: False,
     )  # fmt: skip
     assert nearest_structures(robot, approach, {}, {}) == []
-    page = approach_page(preview_approach(robot, approach, {}, {}), "<robot>")
+    preview = preview_approach(robot, approach, {}, {})
+    assert preview.nearest == []
+    page = approach_page(preview, "<robot>")
     assert "&lt;robot&gt;: approach" in page
     assert "<h2>Distances</h2>" not in page
     assert "Made from" not in page

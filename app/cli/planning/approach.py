@@ -96,12 +96,7 @@ def run(options: argparse.Namespace) -> int:
     if options.report is not None:
         check_writable(options.report)
     made_from = {} if options.guard is None else {"setup_id": _setup_of(options.guard)}
-    from app.planning import (
-        nearest_structures,
-        plan_approach,
-        preview_approach,
-        preview_samples,
-    )
+    from app.planning import nearest_structures, plan_approach, preview_approach, shown_samples
 
     begin_s = time.monotonic()
     robot = load_robot(options.robot, package_dirs=options.package_dirs)
@@ -122,16 +117,17 @@ def run(options: argparse.Namespace) -> int:
         is_over=lambda: time.monotonic() - begin_s > options.allowed_s,
         made_from=made_from,
     )
-    if options.report is not None:
+    if options.report is None:
+        nearest = nearest_structures(robot, approach, structures, carried)
+    else:
         from app.report.approach_page import approach_page
 
-        page = approach_page(preview_approach(robot, approach, structures, carried), robot.name)
+        shown = preview_approach(robot, approach, structures, carried)
+        nearest = shown.nearest
+        page = approach_page(shown, robot.name)
         options.report.mkdir(parents=True, exist_ok=True)
         write_file(options.report / "approach.html", page.encode())
-    preview = {
-        "samples": preview_samples(approach).tolist(),
-        "nearest": nearest_structures(robot, approach, structures, carried),
-    }
+    preview = {"samples": shown_samples(len(approach.times_ns)).tolist(), "nearest": nearest}
     text = json.dumps(approach.as_document(robot.name) | {"preview": preview}, allow_nan=False)
     if options.out is None:
         print(text)

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import add_case, folder_path, frame_name, input_argument, number, output_path
 
 if TYPE_CHECKING:
-    from app.geometry import SurfaceMesh
-    from app.planning import NeedleRobot, NeedleTarget
+    from app.planning import NeedleRobot
     from app.runtime import PreparedCase
     from app.session import StepResult
 
@@ -81,12 +80,12 @@ def run(options: argparse.Namespace) -> int:
     from app import __version__
     from app.files import check_output_path, load_mesh, write_file
     from app.geometry import InputError
-    from app.planning import EntryRegion, ForbiddenStructure, Needle, plan_needle
+    from app.planning import EntryRegion, Needle
     from app.report.needle_page import needle_page
     from app.report.write import check_writable
     from app.runtime import prepare_case
     from app.runtime.content import surface_digest
-    from app.session import Role
+    from app.workflow import plan_corridors
 
     if options.out is not None:
         check_output_path(options.out)
@@ -110,50 +109,24 @@ def run(options: argparse.Namespace) -> int:
         entry = {"disc_mm": disc}
     prepared = prepare_case(options.case, package_dirs=options.package_dirs, tip_only=True)
     content = prepared.content
-    surfaces = {content.tumor.frame: content.tumor} | {
-        each.name: each.surface for each in content.structures
-    }
-    name = options.target or content.tumor.frame
-    others = [each for each in content.structures if each.role is Role.FORBIDDEN]
-    targets = surfaces.keys() - {each.name for each in others}
-    if name not in targets:
-        raise InputError(f"--target: is {name!r}; expected {' or '.join(sorted(targets))}")
+    surfaces = content.surfaces
     step, at_s = _step_with_poses(prepared, [*surfaces], frame, options.at_s)
-    poses = {each: step.edges.between(frame, each)[0] for each in surfaces}
-    placed = {each: surface.transformed(poses[each]) for each, surface in surfaces.items()}
-    forbidden = [
-        ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
-        for each in others
-    ]
-    plan = plan_needle(
+    plan, target, forbidden, values = plan_corridors(
+        content,
+        {each: step.edges.between(frame, each)[0] for each in surfaces},
         region,
-        _target(step, placed[name], name, options.target_point),
         needle,
-        forbidden,
-        error=options.sigma_mm,
-        k_sigma=content.margins.k_tre,
+        target=options.target or "",
+        point_mm=options.target_point,
+        sigma_mm=options.sigma_mm,
+        window_mm=window_mm,
         robot=_robot(prepared, step, frame) if options.robot else None,
     )
-    inputs = {
-        "version": __version__,
-        "case": content.name,
-        "setup_id": content.setup_id,
-        "model_id": content.model_id,
-        "registration_id": content.registration_id,
-        "frame": frame,
-        "entry": entry,
-        "poses_at_s": at_s,
-        "target": name,
-        "frame_from_target": poses[name].matrix.tolist(),
-        "window_mm": window_mm,
-        "needle": {"length_mm": needle.length_mm, "diameter_mm": needle.diameter_mm}
-        | {"bend_mm": needle.bend_mm, "sigma_mm": options.sigma_mm},
-        "k_sigma": content.margins.k_tre,
-    }
-    document = inputs | plan.as_document()
+    inputs = {"version": __version__, "case": content.name, "entry": entry, "poses_at_s": at_s}
+    document = inputs | values
     text = json.dumps(document, indent=2, allow_nan=False)
     if options.report is not None:
-        page = needle_page(plan, placed[name], forbidden, document)
+        page = needle_page(plan, target, forbidden, document)
         options.report.mkdir(parents=True, exist_ok=True)
         write_file(options.report / "needle.html", page.encode())
     if options.out is not None:
@@ -194,19 +167,6 @@ def _step_with_poses(
         f"poses at {'any time' if at_s is None else f'{at_s:g} s'}: {why}; expected a time at "
         f"which {', '.join(names)} are known in {frame!r}"
     )
-
-
-def _target(
-    step: "StepResult", surface: "SurfaceMesh", name: str, point_mm: list[float] | None
-) -> "NeedleTarget":
-    import numpy as np
-
-    from app.planning import NeedleTarget
-
-    if point_mm is None:
-        return NeedleTarget.of_structure(surface)
-    pose = step.edges.between(surface.frame, name)[0]
-    return NeedleTarget.of_points(surface.frame, pose.apply(np.array([point_mm])), within=surface)
 
 
 def _robot(prepared: "PreparedCase", step: "StepResult", frame: str) -> "NeedleRobot":
