@@ -124,6 +124,7 @@ SUB_PACKAGES_MAY_IMPORT = {
 
 ONLY_IN = {
     "rclpy": {"bridge"},
+    "control_msgs": {"bridge"},
     "tf2_msgs": {"bridge"},
     "marginguard_msgs": {"bridge"},
     "slicer": {"scene", "viewer"},

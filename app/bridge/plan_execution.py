@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from marginguard_msgs.action import Execute
 from rclpy.publisher import Publisher
@@ -40,7 +41,7 @@ from app.control import (
     parse_plan,
     positions_of,
 )
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Stamp
 
 NODE_NAME = "marginguard_execute"
 
@@ -49,8 +50,6 @@ LISTEN_S, WAIT_S = 1.0, 5.0
 
 _LOOK_NS = 100 * NS_PER_MS
 """Time between two looks for other senders."""
-
-_REPORT_NS = NS_PER_S
 
 
 class ExecutionNode:
@@ -80,10 +79,16 @@ class ExecutionNode:
         """Stop the motion within its accelerations, for good. Call it from any thread."""
         self._cancelled.set()
 
-    def run(self, plan: Plan, report: Callable[[ExecutionStep], None]) -> ExecutionStep | None:
+    def run(
+        self,
+        plan: Plan,
+        report: Callable[[ExecutionStep], None],
+        *,
+        every_ns: int = NS_PER_S,
+    ) -> ExecutionStep | None:
         """Execute ``plan`` and return its last step; None if cancelled before it began.
 
-        ``report`` is called each second. Displays get the plan while it runs. Call it in one
+        ``report`` is called each ``every_ns``. Displays get the plan while it runs. Call it in one
         thread, once at a time. Raises `InputError` for a plan that is none for this arm, and
         `BridgeError` if it may not begin.
         """
@@ -93,12 +98,12 @@ class ExecutionNode:
             return None
         self._plans.publish(String(data=plan.text))
         try:
-            return self._execute(execution, report)
+            return self._execute(execution, report, every_ns)
         finally:
             self._plans.publish(String())
 
     def _execute(
-        self, execution: PlanExecution, report: Callable[[ExecutionStep], None]
+        self, execution: PlanExecution, report: Callable[[ExecutionStep], None], every_ns: int
     ) -> ExecutionStep:
         if self._command is None:
             topic = Topic(f"{self._arm}/servo_jp", JointState, NEWEST)
@@ -114,20 +119,29 @@ class ExecutionNode:
                 others = self._other_senders()
                 if others:
                     execution.end(Outcome.OTHER_SENDER, others)
-            if now_ns - reported_ns >= _REPORT_NS:
+            if now_ns - reported_ns >= every_ns:
                 reported_ns = now_ns
                 report(step)
         raise AssertionError("the periods do not end")
 
+    def now_ns(self) -> int:
+        """The time on the clock of the stamps."""
+        return self._clock_ns()
+
+    def measured(self) -> FloatArray | None:
+        """Positions (n,) of the arm's joints now; None if they cannot be used."""
+        joints, max_age_ns = self._about.tool.joints, self._about.parameters.max_joints_age_ns
+        return positions_of(self._joints.measurement(), joints, max_age_ns, self._clock_ns())
+
     def positions(self) -> dict[str, float]:
         """The joint positions now. Raises `BridgeError` if none arrive in `WAIT_S`."""
-        begin_s, max_age_ns = time.monotonic(), self._about.parameters.max_joints_age_ns
+        begin_s = time.monotonic()
         for _ in control_periods():
-            joints, measured = self._about.tool.joints, self._joints.measurement()
-            found = positions_of(measured, joints, max_age_ns, self._clock_ns())
+            found = self.measured()
             if found is not None:
-                return dict(zip(joints, found.tolist(), strict=True))
+                return dict(zip(self._about.tool.joints, found.tolist(), strict=True))
             if time.monotonic() - begin_s > WAIT_S:
+                max_age_ns = self._about.parameters.max_joints_age_ns
                 problem = self._joints.problem() or f"joints of {self._arm}: no usable positions"
                 raise BridgeError(
                     f"{problem}; expected all joints, at most {max_age_ns / NS_PER_MS:g} ms old"
@@ -209,15 +223,29 @@ def alone(lock: threading.Lock) -> Iterator[None]:
 
 
 class ExecutionServer:
-    """Serves the action ``~/execute`` with ``node``, until ``ros`` closes.
+    """Serves the action ``~/execute`` with ``node``, and others that move it, until ``ros`` closes.
 
     A plan is executed with ``lock`` held, and refused while another request holds it.
     """
 
     def __init__(self, ros: RosNode, node: ExecutionNode, lock: threading.Lock) -> None:
-        self._node, self._lock = node, lock
-        # Where the goal is accepted, so that a cancel after that is not lost.
-        ActionServer(ros, Execute, "~/execute", self._run, check=lambda _: node.allow())
+        self._ros, self._node, self._lock = ros, node, lock
+        self._servers: list[ActionServer] = []
+        self.serve(Execute, "~/execute", self._run)
+
+    def serve(
+        self,
+        action: type,
+        name: str,
+        run: Callable[[ServedGoal], tuple[Any, GoalOutcome]],
+    ) -> None:
+        """Serve an action whose ``run`` moves the arm; its goal is rejected while another is."""
+        self._servers.append(ActionServer(self._ros, action, name, run, check=self._check))
+
+    def _check(self, _: object) -> None:
+        if any(each.is_active for each in self._servers):
+            raise BridgeError("another goal moves the arm; expected one after the other")
+        self._node.allow()  # where the goal is accepted, so that a cancel after that is not lost
 
     def _run(self, served: ServedGoal) -> tuple[Execute.Result, GoalOutcome]:
         with alone(self._lock):

@@ -13,8 +13,7 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import NamedTuple, TypeVar
+from collections.abc import Mapping
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -25,20 +24,17 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from app.bridge import topics
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.displays.session_client import SessionClient
+from app.bridge.guard_scene import GuardScene, Scene, ids_of, poses_of
 from app.bridge.messages import MM_PER_M, header_message, point_message
 from app.bridge.node import RosNode
-from app.bridge.plan_execution import WAIT_S, ExecutionNode, alone
+from app.bridge.plan_execution import ExecutionNode, alone
 from app.bridge.plan_markers import corridor_markers, way_markers
-from app.bridge.ros_errors import BridgeError
 from app.control import ControlDescription
 from app.geometry import (
     NS_PER_S,
     FloatArray,
-    FrameError,
     InputError,
     Stamp,
-    SurfaceMesh,
     Transform,
 )
 from app.planning import (
@@ -60,24 +56,13 @@ ENTRIES = 10_000
 
 _FEEDBACK_S = 0.5
 _TIP = "tip"
-_Value = TypeVar("_Value")
-
-
-class _Scene(NamedTuple):
-    """Arguments of `plan_approach` from the guard, in the arm's root link, ``carried`` in links."""
-
-    content: SessionContent
-    frame_from_root: Transform
-    structures: Mapping[str, SurfaceMesh]
-    carried: Mapping[str, SurfaceMesh]
-    goal: Mapping[str, float] | Transform
 
 
 class PlanningServer:
     """Serves plans for the arm of ``description`` until ``ros`` closes.
 
-    ``arm`` measures and moves it. One request at a time is served, with ``lock`` held: a plan
-    begins where the arm stands, and its search would delay the commands of a motion.
+    ``arm`` measures and moves it, ``guard`` has the scene. One request at a time is served, with
+    ``lock`` held: a plan begins where the arm stands, and its search would delay a motion.
     """
 
     def __init__(
@@ -85,9 +70,10 @@ class PlanningServer:
         ros: RosNode,
         description: ControlDescription,
         arm: ExecutionNode,
+        guard: GuardScene,
         lock: threading.Lock,
     ) -> None:
-        self._ros, self._about, self._arm, self._lock = ros, description, arm, lock
+        self._about, self._arm, self._guard, self._lock = description, arm, guard, lock
         self._tool, self._robot = description.tool, description.tool.robot
         self._markers = ros.publisher(topics.MARKERS)
         ActionServer(ros, Plan, "~/plan", self._plan)
@@ -113,12 +99,14 @@ class PlanningServer:
 
         with alone(self._lock):
             start = self._arm.positions()
-            scene = self._of_guard(lambda content, step: self._scene(content, step, request))
+            scene, goal = self._guard.read(
+                lambda content, step: self._scene(content, step, request)
+            )
             try:
                 approach = plan_approach(
                     self._robot,
                     start,
-                    scene.goal,
+                    goal,
                     scene.structures,
                     clearance_mm=MM_PER_M * request.clearance,
                     limits={
@@ -126,7 +114,7 @@ class PlanningServer:
                     },
                     carried=scene.carried,
                     is_over=is_over,
-                    made_from=_ids(scene.content),
+                    made_from=scene.ids,
                 )
             except ApproachError:
                 if served.cancelled.is_set():
@@ -139,31 +127,15 @@ class PlanningServer:
             success=True,
             trajectory=self._trajectory(approach),
             plan=json.dumps(approach.as_document(self._robot.name), allow_nan=False),
-            **_ids(scene.content),
+            **scene.ids,
         )
         return result, GoalOutcome.SUCCEEDED
 
-    def _scene(self, content: SessionContent, step: StepResult, request: Plan.Goal) -> _Scene:
-        """Raises `FrameError` while a pose is not known."""
-        registration = content.registration
-        base = self._about.frame_from_base if registration is None else registration.transform
-        if base is None:
-            raise BridgeError(
-                "base of the arm: the guard has no registration, and control.yaml no base; "
-                "expected one"
-            )
-        frame_from_root = base.renamed(source=self._robot.root_link)
-        root_from_frame = frame_from_root.inverse()
-        poses = _poses(content, step, frame_from_root.target)
-        structures = {
-            name: mesh.transformed(root_from_frame @ poses[name])
-            for name, mesh in content.surfaces.items()
-        }
-        carried = {}
-        if content.tool is not None:
-            link_from_tool = self._tool.link_from_tip.renamed(source=content.tool.frame)
-            carried[content.tool_name or "tool"] = content.tool.transformed(link_from_tool)
-        goal: Mapping[str, float] | Transform
+    def _scene(
+        self, content: SessionContent, step: StepResult, request: Plan.Goal
+    ) -> tuple[Scene, Mapping[str, float] | Transform]:
+        """The scene and the goal. Raises `FrameError` while a pose is not known."""
+        scene = self._guard.scene(content, step)
         if request.joints or request.positions:
             goal = dict(zip(request.joints, request.positions, strict=False))
             if not len(goal) == len(request.joints) == len(request.positions):
@@ -171,13 +143,13 @@ class PlanningServer:
                     f"goal: has {len(request.joints)} joints, {len(goal)} of them once and with a "
                     f"position, and {len(request.positions)} positions; expected one for each joint"
                 )
-        else:
-            tip = _pose(request.tip, "tip", _TIP)
-            if tip.target != self._robot.root_link:
-                between = step.edges.between(frame_from_root.target, tip.target)[0]
-                tip = root_from_frame @ between @ tip
-            goal = tip @ self._tool.link_from_tip.renamed(source=_TIP).inverse()
-        return _Scene(content, frame_from_root, structures, carried, goal)
+            return scene, goal
+        tip = _pose(request.tip, "tip", _TIP)
+        if tip.target != self._robot.root_link:
+            frame_from_root = scene.frame_from_root
+            between = step.edges.between(frame_from_root.target, tip.target)[0]
+            tip = frame_from_root.inverse() @ between @ tip
+        return scene, tip @ self._tool.link_from_tip.renamed(source=_TIP).inverse()
 
     def _tips_mm(self, approach: Approach) -> FloatArray:
         """Places (n, 3) of the tool's tip in the root link."""
@@ -218,8 +190,8 @@ class PlanningServer:
             needle = Needle(
                 *(MM_PER_M * each for each in (request.length, request.diameter, request.bend))
             )
-            content, poses = self._of_guard(
-                lambda content, step: (content, _poses(content, step, entry.target))
+            content, poses = self._guard.read(
+                lambda content, step: (content, poses_of(content, step, entry.target))
             )
             found = plan_corridors(
                 content,
@@ -234,49 +206,9 @@ class PlanningServer:
         response.entries = [point_message(each.entry_mm) for each in corridors]
         response.targets = [point_message(each.target_mm) for each in corridors]
         response.scores = [each.score for each in corridors]
-        response.setup_id, response.registration_id = _ids(content).values()
+        response.setup_id, response.registration_id = ids_of(content).values()
         response.plan = json.dumps(found.document, allow_nan=False)
         response.success = True
-
-    def _of_guard(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
-        """``use(content, step)`` of the guard's first step for which it raises no `FrameError`.
-
-        A step whose margin is UNKNOWN is not used: its poses may be wrong. Raises the last error
-        after `WAIT_S`, and `BridgeError` without a guard.
-        """
-        name = self._about.constraint_topic.rpartition("/")[0]
-        begin_s = time.monotonic()
-
-        def wait(waited_s: float) -> None:
-            if waited_s > WAIT_S:
-                raise BridgeError(f"guard {name}: no step in {WAIT_S:g} s; expected a running one")
-
-        domain_id = self._ros.node.context.get_domain_id()
-        with RosNode("marginguard_plan_guard", domain_id=domain_id) as ros:
-            client = SessionClient(ros, name, waiting=wait)
-            try:
-                for step in client.steps():
-                    if client.operator is None:
-                        continue
-                    try:
-                        if step.distrust:
-                            raise FrameError(step.distrust)
-                        return use(client.operator.content, step)
-                    except FrameError:
-                        if time.monotonic() - begin_s > WAIT_S:
-                            raise
-            finally:
-                client.close()
-        raise AssertionError("the steps do not end")
-
-
-def _poses(content: SessionContent, step: StepResult, frame: str) -> dict[str, Transform]:
-    """Tumour and structures in ``frame``; raises `FrameError` while one is not known."""
-    return {name: step.edges.between(frame, name)[0] for name in content.surfaces}
-
-
-def _ids(content: SessionContent) -> dict[str, str]:
-    return {"setup_id": content.setup_id, "registration_id": content.registration_id}
 
 
 def _pose(message: PoseStamped, what: str, source: str) -> Transform:

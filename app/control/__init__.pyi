@@ -17,14 +17,16 @@ from .controller import (
     WrenchMeasurement,
     positions_of,
 )
-from .path_follower import PathFollower, PlannedMotion
-from .plan_execution import ExecutionStep, Outcome, PlanExecution
+from .path_follower import PathFollower, PlannedMotion, keeps_to_lines, lines_of
+from .plan_execution import FOLLOW_M, FOLLOW_RAD, ExecutionStep, Outcome, PlanExecution
 from .plan_file import Plan, named_faults, parse_plan, read_plan
 from .warm_up import warm_up
 
 __all__ = [
     "BASE",
     "CONTROL",
+    "FOLLOW_M",
+    "FOLLOW_RAD",
     "RULE_FRAME",
     "AdmittanceGains",
     "ControlDecision",
@@ -46,6 +48,8 @@ __all__ = [
     "ToolKinematics",
     "WrenchMeasurement",
     "half_axis",
+    "keeps_to_lines",
+    "lines_of",
     "named_faults",
     "open_control",
     "parse_plan",

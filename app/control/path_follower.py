@@ -73,16 +73,11 @@ class PlannedMotion:
             raise InputError("plan: names a joint twice; expected each joint once")
         if not (self.accelerations > 0.0).all():
             raise InputError("plan: has a limit of 0 or less; expected limits above 0")
-        steps = np.diff(self.positions, axis=0)
-        lengths = np.linalg.norm(steps, axis=1, keepdims=True)
-        lines = np.divide(steps, lengths, out=np.zeros_like(steps), where=lengths > 0.0)
-        for ends in (self.velocities[:-1], self.velocities[1:]):
-            along = np.maximum((ends * lines).sum(axis=1, keepdims=True), 0.0)
-            if np.abs(ends - along * lines).max(initial=0.0) > _ASIDE:
-                raise InputError("plan: moves off the lines of its samples; expected rest at turns")
+        if not keeps_to_lines(self.positions, self.velocities):
+            raise InputError("plan: moves off the lines of its samples; expected rest at turns")
         if self.velocities[[0, -1]].any():
             raise InputError("plan: begins or ends in motion; expected rest")
-        self._check_between(lengths, lines)
+        self._check_between(*lines_of(self.positions))
 
     def _check_between(self, lengths: FloatArray, lines: FloatArray) -> None:
         """Set ``fastest``, and check the motion between samples.
@@ -111,6 +106,23 @@ class PlannedMotion:
         fastest = (peak * np.abs(lines)).max(axis=0, initial=0.0)
         fastest.flags.writeable = False
         object.__setattr__(self, "fastest", fastest)
+
+
+def lines_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lengths (k - 1, 1) of the lines between ``positions`` (k, d), and directions (k - 1, d)."""
+    steps = np.diff(positions, axis=0)
+    lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+    return lengths, np.divide(steps, lengths, out=np.zeros_like(steps), where=lengths > 0.0)
+
+
+def keeps_to_lines(positions: FloatArray, velocities: FloatArray) -> bool:
+    """True if ``velocities`` (k, d) are along the lines between ``positions``, and 0 at turns."""
+    _, lines = lines_of(positions)
+    for ends in (velocities[:-1], velocities[1:]):
+        along = np.maximum((ends * lines).sum(axis=1, keepdims=True), 0.0)
+        if not np.abs(ends - along * lines).max(initial=0.0) <= _ASIDE:
+            return False
+    return True
 
 
 class PathFollower:

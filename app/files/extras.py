@@ -9,7 +9,7 @@ from app.geometry import InputError
 DISTRIBUTION = "marginguard"
 GUIDE = "docs/installation.md"
 
-OWN_MESSAGES = ("marginguard_msgs", "tf2_msgs")
+OWN_MESSAGES = ("control_msgs", "marginguard_msgs", "tf2_msgs")
 """Packages of the wheel ``marginguard-interfaces``, which is compiled for each Python."""
 
 _MODULES = {

@@ -1,4 +1,4 @@
-from .approach import Approach, ApproachError, plan_approach
+from .approach import Approach, ApproachError, plan_approach, prove_path
 from .collision import CollisionModel, Contact
 from .hit_probability import covariance_of, hit_probability
 from .needle import NoCorridorError, plan_needle
@@ -7,7 +7,7 @@ from .needle_guidance import NeedleGuidance, NeedlePath, guide_needle
 from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
-from .path_timing import MotionLimits, shown_samples
+from .path_timing import MotionLimits, limit_rows, shown_samples, time_path
 from .preview import ApproachPreview, nearest_structures, preview_approach
 
 __all__ = [
@@ -30,10 +30,13 @@ __all__ = [
     "covariance_of",
     "guide_needle",
     "hit_probability",
+    "limit_rows",
     "nearest_structures",
     "needle_constraint",
     "plan_approach",
     "plan_needle",
     "preview_approach",
+    "prove_path",
     "shown_samples",
+    "time_path",
 ]

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -147,6 +147,36 @@ def plan_approach(
         _reasons(found, path, len(goals)),
         dict(made_from or {}),
     )
+
+
+def prove_path(
+    robot: Robot,
+    joints: tuple[str, ...],
+    held: Mapping[str, float],
+    states: FloatArray,
+    structures: Mapping[str, SurfaceMesh],
+    *,
+    clearance_mm: float,
+    carried: Mapping[str, SurfaceMesh],
+) -> None:
+    """Raise `ApproachError` unless the lines between ``states`` (k, d) keep all clearances.
+
+    The bodies and their clearances are those of `plan_approach`, and so is the proof; ``states``
+    are finite. Raises the errors of `CollisionModel` too.
+    """
+    model = CollisionModel(
+        robot, joints, held, structures, clearance_mm=clearance_mm, carried=carried
+    )
+    contact = model.contact_at(states[0])
+    if contact is not None:
+        raise ApproachError(f"start: {contact}")
+    for number, part in enumerate(pairwise(states)):
+        bodies = model.blocking_bodies(*part)
+        if bodies is not None:
+            raise ApproachError(
+                f"path: after {number} of {len(states) - 1} parts {bodies[0]} is not proven to "
+                f"keep its clearance from {bodies[1]}; expected {clearance_mm:g} mm from structures"
+            )
 
 
 def _reasons(found: FloatArray, path: FloatArray, goals: int) -> tuple[str, ...]:

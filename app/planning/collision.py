@@ -154,6 +154,14 @@ class CollisionModel:
         """
         return self._blocking(self._pairs, start, end, assumed_mm) == FREE
 
+    def blocking_bodies(self, start: FloatArray, end: FloatArray) -> tuple[str, str] | None:
+        """Two bodies that are not proven to keep their clearance on the straight way, or None."""
+        pair = self._blocking(self._pairs, start, end)
+        if pair == FREE:
+            return None
+        other, body = (self._bodies[k].name for k in self._pairs.bodies[pair].tolist())
+        return body, other
+
     def _blocking(
         self, pairs: Pairs, start: FloatArray, end: FloatArray, assumed_mm: float = 0.0
     ) -> int:

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
-from app.bridge import RosNode, plan_execution, planning_server
+from app.bridge import RosNode, guard_scene, plan_execution, planning_server
 from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.messages import header_message
@@ -66,7 +66,7 @@ def test_entries_are_shown_by_their_score_and_blocked_ones_red():
 
 
 def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, monkeypatch):
-    for module in (plan_execution, planning_server):
+    for module in (plan_execution, guard_scene):
         monkeypatch.setattr(module, "WAIT_S", 0.5)
     description, lock = (
         open_control(project_root / "data" / "worlds" / "lumpectomy"),
@@ -78,7 +78,8 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
     ):
         arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
         plan_execution.ExecutionServer(ros, arm, lock)
-        planning_server.PlanningServer(ros, description, arm, lock)
+        guard = guard_scene.GuardScene(ros, description)
+        planning_server.PlanningServer(ros, description, arm, guard, lock)
         plans = ActionClient(peer, "marginguard_msgs/action/Plan", "/marginguard_plan/plan")
         name = "/marginguard_plan/needle_corridors"
         corridors = ServiceClient(peer, NeedleCorridors, name)

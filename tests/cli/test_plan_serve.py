@@ -3,10 +3,13 @@
 import json
 import re
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
 from marginguard_msgs.srv import NeedleCorridors
 from visualization_msgs.msg import MarkerArray
 
@@ -17,7 +20,7 @@ from app.bridge.topics import LATCHED, Topic
 from app.workflow.needle_guide import read_needle_plan
 from tests.bridge.live.conftest import DEADLINE_S
 from tests.cli.test_page_push import world as world
-from tests.cli.test_plan_execute import FOLLOW_RAD
+from tests.cli.test_plan_execute import FOLLOW_RAD, MAX_PLANS
 from tests.cli.test_plan_execute import cell as cell
 
 pytestmark = pytest.mark.long
@@ -141,3 +144,83 @@ def test_cancelled_goal_ends(cell, planner):
         assert sent.result(DEADLINE_S).success  # found before
     except GoalCancelledError as error:
         assert error.result.message == "cancelled"
+
+
+@pytest.fixture
+def trajectories(planner, start):
+    """Goals of a process with plain rclpy: ``send(joints, points, cancel)`` returns the result."""
+    client = start(Path(__file__).with_name("trajectory_client.py"))
+    client.line(lambda line: line == "ready\n")
+
+    def send(joints, points, cancel=None):
+        client.send(json.dumps({"joints": joints, "points": points, "cancel": cancel}))
+        return json.loads(client.line(lambda line: line.startswith("{")))
+
+    return send
+
+
+def test_trajectory_of_another_planner_is_executed(cell, planner, trajectories):
+    """Two lines of two joints, in motion at the corner, as of a planner that blends."""
+    names = ["elbow", "waist"]
+    for _ in range(MAX_PLANS):
+        cell.wait(cell.judge.is_ready)
+        at = dict(zip(cell.joints, cell.judge.measured()[-1].tolist(), strict=True))
+        begin = np.array([at[name] for name in names])
+        corners = begin + np.array([[0.0, 0.0], [0.0, 0.2], [0.1, 0.2]])
+        moving = [[0.0, 0.0], [0.1, 0.1], [0.0, 0.0]]
+        points = [[2.0 * k, corner.tolist(), moving[k]] for k, corner in enumerate(corners)]
+        since = len(cell.judge.received)
+        found = trajectories(names, points)
+        columns = [cell.joints.index(name) for name in names]
+        measured = cell.judge.measured(since)[:, columns] - begin
+        along_first = np.clip(measured[:, 1], 0.0, 0.2)[:, None] * [0.0, 1.0]
+        along_second = np.clip(measured[:, 0], 0.0, 0.1)[:, None] * [1.0, 0.0] + [0.0, 0.2]
+        away = [np.abs(measured - each).max(axis=1) for each in (along_first, along_second)]
+        assert np.minimum(*away).max() < FOLLOW_RAD
+        if found["code"] == FollowJointTrajectory.Result.SUCCESSFUL:
+            break
+        assert found["status"] == GoalStatus.STATUS_ABORTED
+        assert "expected" in found["text"]  # late data: planned again
+    assert found["status"] == GoalStatus.STATUS_SUCCEEDED
+    assert measured[-1] == pytest.approx([0.1, 0.2], abs=FOLLOW_RAD)
+    assert len(found["feedback"]) > 3
+    for _, joints, desired, actual, error in found["feedback"]:
+        assert joints == names
+        assert np.subtract(desired, actual) == pytest.approx(error)
+        assert np.abs(error).max() < FOLLOW_RAD
+    seconds = [each[0] for each in found["feedback"]]
+    assert seconds == sorted(seconds)
+
+
+def test_trajectory_that_may_not_begin_is_refused_and_a_cancelled_one_stops(
+    cell, planner, trajectories
+):
+    result = FollowJointTrajectory.Result
+    cell.wait(cell.judge.is_ready)
+    at = dict(zip(cell.joints, cell.judge.measured()[-1].tolist(), strict=True))
+    before = cell.judge.measured()[-1]
+    waist = at["waist"]
+    found = trajectories(["knee"], [[1.0, [0.0], []]])
+    assert (found["status"], found["code"]) == (GoalStatus.STATUS_ABORTED, result.INVALID_JOINTS)
+    assert found["text"].startswith("joint_names: are knee; expected some of waist, shoulder")
+    found = trajectories(["waist"], [[0.01, [waist + 0.5], []]])
+    assert found["code"] == result.INVALID_GOAL
+    assert "joint 'waist': moves with 50 per s; expected at most" in found["text"]
+    away = waist + 0.1
+    found = trajectories(["waist"], [[0.0, [away], []], [2.0, [away + 0.1], []]])
+    assert f"joint 'waist': is at {waist:.3f}"[:-1] in found["text"]
+    into = cell.lowered()
+    found = trajectories([*into], [[4.0, [*into.values()], []]])
+    assert re.match(r"path: after \d+ of \d+ parts tool is not proven to keep", found["text"])
+    assert "from tumor; expected 5 mm from structures" in found["text"]
+    assert cell.judge.plans == []
+    assert np.abs(cell.judge.measured()[-1] - before).max() < FOLLOW_RAD
+    for _ in range(MAX_PLANS):
+        cell.wait(cell.judge.is_ready)
+        begin = cell.judge.measured()[-1][cell.joints.index("waist")]
+        found = trajectories(["waist"], [[5.0, [begin + 0.6], []]], 0.2)
+        if found["status"] == GoalStatus.STATUS_CANCELED:
+            break
+        assert found["status"] == GoalStatus.STATUS_ABORTED  # late data
+    assert "cancelled by an operator" in found["text"]
+    assert cell.judge.measured()[-1][cell.joints.index("waist")] < begin + 0.5

@@ -36,7 +36,7 @@ def with_marginguard() -> Typestore:
     """Types of Jazzy and of our definition files, read by the parser of rosbags."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in MESSAGES:
-        if path.parts[-3] == "marginguard_msgs":
+        if path.parts[-3] != "tf2_msgs":
             store.register(get_types_from_msg(path.read_text(), type_name(path)))
     return store
 
@@ -66,6 +66,11 @@ def test_tf2_msgs_are_those_of_jazzy(jazzy: Typestore, name: str) -> None:
         const: value for const, _, value in constants
     }
     assert list(installed_hashes(name)) == [jazzy.hash_rihs01(name)]
+
+
+def test_follow_joint_trajectory_is_that_of_control_msgs() -> None:
+    (found,) = installed_hashes("control_msgs/action/FollowJointTrajectory")
+    assert found == "RIHS01_738ebcb7a2d7cfa42f9f1001cc99ce3a4383d1cfe508015d9be8485e4b1c66f6"
 
 
 @pytest.mark.parametrize("path", MESSAGES, ids=type_name)

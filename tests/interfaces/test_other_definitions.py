@@ -36,10 +36,12 @@ def other_site(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> 
         text = path.read_text()
         assert f"\n{line}" in text
         path.write_text(text.replace(f"\n{line}", f"\nfloat64 extra\n{line}", 1))
-    shutil.rmtree(source / "tf2_msgs")  # less to compile
     project = source / "pyproject.toml"
     lines = project.read_text().splitlines()
-    project.write_text("\n".join(line for line in lines if '"tf2_msgs.' not in line) + "\n")
+    for package in ("tf2_msgs", "control_msgs"):  # less to compile
+        shutil.rmtree(source / package)
+        lines = [line for line in lines if f'"{package}.' not in line]
+    project.write_text("\n".join(lines) + "\n")
     site = folder / "site"
     install = [sys.executable, "-m", "pip", "install", "--no-deps", "--target", str(site)]
     done = subprocess.run(

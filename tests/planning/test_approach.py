@@ -9,7 +9,13 @@ import pytest
 import trimesh
 
 from app.geometry import FrameError, InputError, MarginGuardError, MeshError, SurfaceMesh, Transform
-from app.planning import ApproachError, CollisionModel, MotionLimits, plan_approach
+from app.planning import (
+    ApproachError,
+    CollisionModel,
+    MotionLimits,
+    plan_approach,
+    prove_path,
+)
 from app.robot import robot_from_text
 from tests.planning.approach_scenes import (
     LINKS,
@@ -305,3 +311,16 @@ def test_limits_that_make_a_motion_endless_are_refused(touch, start, acceleratio
     limits = limits_of(touch) | {"waist": MotionLimits(acceleration, 50.0)}
     with pytest.raises(InputError, match=f"motion limits: .*{problem}"):
         plan(touch, start, {"waist": start["waist"] + 0.3}, {}, limits=limits)
+
+
+def test_path_of_another_planner_is_proven_or_refused(touch, start):
+    made = plan(touch, start, {"waist": 0.5}, {})
+    bodies = {"carried": {}, "clearance_mm": CLEARANCE_MM}
+    tip = touch.forward_kinematics({**start, "waist": 0.0})["stylus"].translation_mm
+    away, near = ball(touch, tip + np.array([0.0, 0.0, 300.0])), ball(touch, tip)
+    prove_path(touch, made.joints, made.held, made.positions, {"ball": away}, **bodies)
+    with pytest.raises(ApproachError, match=r"path: after \d+ of \d+ parts .* from ball; expected"):
+        prove_path(touch, made.joints, made.held, made.positions, {"ball": near}, **bodies)
+    middle = made.positions[[len(made.positions) // 2] * 2]
+    with pytest.raises(ApproachError, match=r"start: .* from ball; expected at least 2 mm"):
+        prove_path(touch, made.joints, made.held, middle, {"ball": near}, **bodies)

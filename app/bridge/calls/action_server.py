@@ -135,6 +135,11 @@ class ActionServer:
         self._idle.set()
         ros.on_close(self.close)
 
+    @property
+    def is_active(self) -> bool:
+        """True while a goal is executed."""
+        return bool(self._goals)
+
     def close(self) -> None:
         """Cancel the active goal, wait until its result is sent, stop serving."""
         if self._closing:

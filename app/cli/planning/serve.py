@@ -4,15 +4,20 @@ CONTROL is the control.yaml of the arm, or its folder. The node marginguard_plan
 ~/plan (an approach from where the arm stands), the service ~/needle_corridors and the action
 ~/execute (marginguard_msgs), one request at a time, until a signal. Surfaces, their poses and the
 registration are those of the guard; ~/markers shows the last plan in RViz. An approach needs the
-joint_limits of CONTROL. For its motion the rules of 'plan execute' hold; ~/cancel stops it.
+joint_limits of CONTROL. For its motion the rules of 'plan execute' hold; ~/cancel stops it. The
+action ~/follow_joint_trajectory (control_msgs) executes a trajectory of another planner, such as
+MoveIt, after a proof that its path keeps --clearance-mm.
 
 Exit status: 0; 2 on bad input, 130 or 143 after a signal.
 """
 
 import argparse
+import math
 import threading
 import time
 from pathlib import Path
+
+from app.cli.options import number
 
 NAME = "serve"
 SUMMARY = "plan and execute for other ROS nodes, beside a guard"
@@ -21,6 +26,11 @@ SUMMARY = "plan and execute for other ROS nodes, beside a guard"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``marginguard plan serve``."""
     parser.add_argument("control", type=Path, metavar="CONTROL", help="control.yaml or its folder")
+    parser.add_argument(
+        "--clearance-mm", type=number, default=5.0, metavar="MM",
+        help="distance that a motion of ~/follow_joint_trajectory keeps from all structures "
+        "(default: %(default)g)",
+    )  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -28,15 +38,21 @@ def run(options: argparse.Namespace) -> int:
     from app.cli.ros import load_bridge, print_reach
     from app.cli.signals import note_signals
     from app.files.extras import check_installed
+    from app.geometry import InputError
 
     check_installed("ompl", "ruckig")
+    clearance_mm: float = options.clearance_mm
+    if not 0.0 < clearance_mm < math.inf:
+        raise InputError(f"--clearance-mm: is {clearance_mm}; expected a number above 0")
     with note_signals() as received:
         load_bridge("which 'plan serve' needs")
         print_reach()
         with received.ends_at_once():
             from app.bridge import RosNode
+            from app.bridge.guard_scene import GuardScene
             from app.bridge.plan_execution import ExecutionNode, ExecutionServer
             from app.bridge.planning_server import NODE_NAME, PlanningServer
+            from app.bridge.trajectory_server import TrajectoryServer
             from app.cli.gc_control import prompt_process
             from app.control import open_control
 
@@ -44,8 +60,9 @@ def run(options: argparse.Namespace) -> int:
         stop, lock = threading.Event(), threading.Lock()
         with RosNode(NODE_NAME) as ros, prompt_process():
             arm = ExecutionNode(ros, description, clock_ns=time.time_ns)
-            ExecutionServer(ros, arm, lock)
-            PlanningServer(ros, description, arm, lock)
+            executions, guard = ExecutionServer(ros, arm, lock), GuardScene(ros, description)
+            PlanningServer(ros, description, arm, guard, lock)
+            TrajectoryServer(description, arm, executions, guard, lock, clearance_mm=clearance_mm)
             print(f"PLANS for arm {description.arm}; Ctrl-C ends", flush=True)
             received.stops(stop.set)
             stop.wait()  # closing the node cancels the goal, and sends its result

@@ -10,7 +10,7 @@ import pytest
 from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import NeedleCorridors
 
-from app.bridge import RosNode, plan_execution, planning_server
+from app.bridge import RosNode, guard_scene, plan_execution, planning_server
 from app.bridge.calls.service_client import ServiceClient
 from app.control import open_control
 from tests.bridge.conftest import TF, TRACKED
@@ -107,7 +107,7 @@ def test_joints_of_another_device_on_the_robots_topic_are_no_fault(
 def test_nothing_is_planned_by_the_poses_of_two_senders(
     guarded, start, frames_file, domain_id, project_root, monkeypatch
 ):
-    monkeypatch.setattr(planning_server, "WAIT_S", 1.0)
+    monkeypatch.setattr(guard_scene, "WAIT_S", 1.0)
     guarded("tracked")
     description = open_control(project_root / "data" / "worlds" / "lumpectomy")
     with (
@@ -116,7 +116,8 @@ def test_nothing_is_planned_by_the_poses_of_two_senders(
         RosNode("peer", domain_id=domain_id) as peer,
     ):
         arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
-        planning_server.PlanningServer(ros, description, arm, threading.Lock())
+        guard = guard_scene.GuardScene(ros, description)
+        planning_server.PlanningServer(ros, description, arm, guard, threading.Lock())
         name = "/marginguard_plan/needle_corridors"
         corridors = ServiceClient(peer, NeedleCorridors, name)
         request = NeedleCorridors.Request(

@@ -1,0 +1,100 @@
+"""Scene of a planning request: surfaces, their poses and the arm's base, from the running guard."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeVar
+
+from app.bridge.displays.session_client import SessionClient
+from app.bridge.node import RosNode
+from app.bridge.plan_execution import WAIT_S
+from app.bridge.ros_errors import BridgeError
+from app.control import ControlDescription
+from app.geometry import FrameError, SurfaceMesh, Transform
+from app.runtime import SessionContent
+from app.session import StepResult
+
+_Value = TypeVar("_Value")
+
+
+class Scene(NamedTuple):
+    """``structures`` in the arm's root link, by name; ``carried`` in the frames of links."""
+
+    content: SessionContent
+    frame_from_root: Transform
+    structures: Mapping[str, SurfaceMesh]
+    carried: Mapping[str, SurfaceMesh]
+
+    @property
+    def ids(self) -> dict[str, str]:
+        """Ids of setup and registration."""
+        return ids_of(self.content)
+
+
+class GuardScene:
+    """Reads the guard of ``description``. Call it in a thread of its own."""
+
+    def __init__(self, ros: RosNode, description: ControlDescription) -> None:
+        self._domain_id = ros.node.context.get_domain_id()
+        self._about, self._tool = description, description.tool
+
+    def scene(self, content: SessionContent, step: StepResult) -> Scene:
+        """The scene at ``step``. Raises `FrameError` while a pose is not known."""
+        registration = content.registration
+        base = self._about.frame_from_base if registration is None else registration.transform
+        if base is None:
+            raise BridgeError(
+                "base of the arm: the guard has no registration, and control.yaml no base; "
+                "expected one"
+            )
+        frame_from_root = base.renamed(source=self._tool.robot.root_link)
+        root_from_frame = frame_from_root.inverse()
+        poses = poses_of(content, step, frame_from_root.target)
+        structures = {
+            name: mesh.transformed(root_from_frame @ poses[name])
+            for name, mesh in content.surfaces.items()
+        }
+        carried = {}
+        if content.tool is not None:
+            link_from_tool = self._tool.link_from_tip.renamed(source=content.tool.frame)
+            carried[content.tool_name or "tool"] = content.tool.transformed(link_from_tool)
+        return Scene(content, frame_from_root, structures, carried)
+
+    def read(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
+        """``use(content, step)`` of the guard's first step for which it raises no `FrameError`.
+
+        A step whose margin is UNKNOWN is not used: its poses may be wrong. Raises the last error
+        after `WAIT_S`, and `BridgeError` without a guard.
+        """
+        name = self._about.constraint_topic.rpartition("/")[0]
+        begin_s = time.monotonic()
+
+        def wait(waited_s: float) -> None:
+            if waited_s > WAIT_S:
+                raise BridgeError(f"guard {name}: no step in {WAIT_S:g} s; expected a running one")
+
+        with RosNode("marginguard_plan_guard", domain_id=self._domain_id) as ros:
+            client = SessionClient(ros, name, waiting=wait)
+            try:
+                for step in client.steps():
+                    if client.operator is None:
+                        continue
+                    try:
+                        if step.distrust:
+                            raise FrameError(step.distrust)
+                        return use(client.operator.content, step)
+                    except FrameError:
+                        if time.monotonic() - begin_s > WAIT_S:
+                            raise
+            finally:
+                client.close()
+        raise AssertionError("the steps do not end")
+
+
+def poses_of(content: SessionContent, step: StepResult, frame: str) -> dict[str, Transform]:
+    """Tumour and structures in ``frame``; raises `FrameError` while one is not known."""
+    return {name: step.edges.between(frame, name)[0] for name in content.surfaces}
+
+
+def ids_of(content: SessionContent) -> dict[str, str]:
+    """Ids of setup and registration."""
+    return {"setup_id": content.setup_id, "registration_id": content.registration_id}
