@@ -6,10 +6,11 @@ from typing import NamedTuple, TypeVar
 
 from app.bridge.displays.session_client import SessionClient
 from app.bridge.node import RosNode
+from app.bridge.obstacles import Obstacles
 from app.bridge.plan_execution import WAIT_S
 from app.bridge.ros_errors import BridgeError
 from app.control import ControlDescription
-from app.geometry import FrameError, SurfaceMesh, Transform
+from app.geometry import FrameError, Stamp, SurfaceMesh, Transform
 from app.runtime import SessionContent
 from app.session import StepResult
 
@@ -31,9 +32,10 @@ class Scene(NamedTuple):
 
 
 class GuardScene:
-    """Reads the guard of ``description``. Call it in a thread of its own."""
+    """Reads the guard of ``description``, and the obstacles. Call it in a thread of its own."""
 
-    def __init__(self, ros: RosNode, description: ControlDescription) -> None:
+    def __init__(self, ros: RosNode, description: ControlDescription, obstacles: Obstacles) -> None:
+        self.obstacles = obstacles
         self._domain_id = ros.node.context.get_domain_id()
         self._about, self._tool = description, description.tool
 
@@ -58,6 +60,32 @@ class GuardScene:
             link_from_tool = self._tool.link_from_tip.renamed(source=content.tool.frame)
             carried[content.tool_name or "tool"] = content.tool.transformed(link_from_tool)
         return Scene(content, frame_from_root, structures, carried)
+
+    def scene_with_obstacles(
+        self, content: SessionContent, step: StepResult
+    ) -> tuple[Scene, dict[str, SurfaceMesh]]:
+        """The scene, and the obstacles in the arm's root link."""
+        scene = self.scene(content, step)
+        return scene, self.obstacles_at(scene, step)[0]
+
+    def obstacles_at(self, scene: Scene, step: StepResult) -> tuple[dict[str, SurfaceMesh], bool]:
+        """The obstacles in the arm's root link, and True if none is in a frame that moves."""
+        found, is_still = {}, True
+        root_from_frame = scene.frame_from_root.inverse()
+        for name, surface in self.obstacles.current():
+            pose = Transform.identity(root_from_frame.target, surface.frame)
+            if surface.frame != root_from_frame.target:  # which the guard may not have registered
+                between, stamp = _pose(name, surface, root_from_frame.source, step)
+                pose, is_still = root_from_frame @ between, is_still and stamp is None
+            found[f"obstacle {name}"] = surface.transformed(pose)
+        return found, is_still
+
+    def obstacles_in(self, frame: str, step: StepResult) -> dict[str, SurfaceMesh]:
+        """The obstacles in ``frame``. Raises `FrameError` for one in an unknown frame."""
+        return {
+            f"obstacle {name}": surface.transformed(_pose(name, surface, frame, step)[0])
+            for name, surface in self.obstacles.current()
+        }
 
     def read(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
         """``use(content, step)`` of the guard's first step for which it raises no `FrameError`.
@@ -98,3 +126,12 @@ def poses_of(content: SessionContent, step: StepResult, frame: str) -> dict[str,
 def ids_of(content: SessionContent) -> dict[str, str]:
     """Ids of setup and registration."""
     return {"setup_id": content.setup_id, "registration_id": content.registration_id}
+
+
+def _pose(
+    name: str, surface: SurfaceMesh, frame: str, step: StepResult
+) -> tuple[Transform, Stamp | None]:
+    try:
+        return step.edges.between(frame, surface.frame)
+    except FrameError as error:
+        raise FrameError(f"obstacle {name!r}: {error}; expected a known frame") from error

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from numpy.typing import ArrayLike
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -111,6 +111,17 @@ def transform_of(
     place, turn = message.transform.translation, message.transform.rotation
     place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = numbers
     return message
+
+
+def pose_of(message: Pose, frame: str, source: str) -> Transform:
+    """``frame_from_source`` of a pose. Raises `MarginGuardError` for numbers that are no pose."""
+    place, turn = message.position, message.orientation
+    return Transform.from_quaternion(
+        (turn.x, turn.y, turn.z, turn.w),
+        [MM_PER_M * value for value in (place.x, place.y, place.z)],
+        target=frame,
+        source=source,
+    )
 
 
 def transform_numbers(transform: Transform) -> tuple[float, ...]:

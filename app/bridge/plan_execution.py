@@ -52,6 +52,10 @@ _LOOK_NS = 100 * NS_PER_MS
 """Time between two looks for other senders."""
 
 
+Watch = Callable[[FloatArray | None, float], str | None]
+"""Takes positions (n,) on the path, None before the start, and the progress."""
+
+
 class ExecutionNode:
     """Executes motions with the arm of ``description``. ``clock_ns`` is the host's clock.
 
@@ -85,32 +89,42 @@ class ExecutionNode:
         report: Callable[[ExecutionStep], None],
         *,
         every_ns: int = NS_PER_S,
+        watch: Watch = lambda positions, progress: "",
     ) -> ExecutionStep | None:
         """Execute ``plan`` and return its last step; None if cancelled before it began.
 
-        ``report`` is called each ``every_ns``. Displays get the plan while it runs. Call it in one
-        thread, once at a time. Raises `InputError` for a plan that is none for this arm, and
-        `BridgeError` if it may not begin.
+        ``report`` is called each ``every_ns``. Displays get the plan while it runs. ``watch`` is
+        asked at each step: the motion brakes while it returns None, and stops for good for a text.
+        Call it in one thread, once at a time. Raises `InputError` for a plan that is none for this
+        arm, and `BridgeError` if it may not begin.
         """
         execution = PlanExecution(self._about, plan.motion)
         self._constraints.arrived()  # those before may be of a guard that has ended
-        if not self._wait_for_start(execution):
+        if not self._wait_for_start(execution, watch):
             return None
         self._plans.publish(String(data=plan.text))
         try:
-            return self._execute(execution, report, every_ns)
+            return self._execute(execution, report, every_ns, watch)
         finally:
             self._plans.publish(String())
 
     def _execute(
-        self, execution: PlanExecution, report: Callable[[ExecutionStep], None], every_ns: int
+        self,
+        execution: PlanExecution,
+        report: Callable[[ExecutionStep], None],
+        every_ns: int,
+        watch: Watch,
     ) -> ExecutionStep:
         if self._command is None:
             topic = Topic(f"{self._arm}/servo_jp", JointState, NEWEST)
             self._command = self._ros.publisher(topic)
         reported_ns = looked_ns = time.monotonic_ns()
+        verdict = watch(None, 0.0)
         for _ in control_periods():
-            step = self._step(execution, self._command)
+            if verdict:
+                execution.end(Outcome.OBSTACLE, verdict)
+            step = self._step(execution, self._command, is_paused=verdict is None)
+            verdict = watch(step.positions, step.progress)
             if step.is_over:
                 return step
             now_ns = time.monotonic_ns()
@@ -148,7 +162,7 @@ class ExecutionNode:
                 )
         raise AssertionError("the periods do not end")
 
-    def _wait_for_start(self, execution: PlanExecution) -> bool:
+    def _wait_for_start(self, execution: PlanExecution, watch: Watch) -> bool:
         """True when nothing forbids the motion, False when it is cancelled."""
         begin_ns = time.monotonic_ns()
         for _ in control_periods():
@@ -159,6 +173,11 @@ class ExecutionNode:
             problem = execution.problem(
                 self._joints.measurement(), self._base.measurement(), self._clock_ns()
             )
+            verdict = watch(None, 0.0)
+            if verdict:
+                raise BridgeError(verdict)
+            if verdict is None:
+                problem = problem or "obstacles: the path is being tested; expected the result"
             if not problem and waited_s >= LISTEN_S:
                 break
             if waited_s > WAIT_S:
@@ -180,14 +199,16 @@ class ExecutionNode:
         ]
         return f"arm {self._arm}: {publishers_text(infos)} may move it; expected this one alone"
 
-    def _step(self, execution: PlanExecution, command: Publisher) -> ExecutionStep:
+    def _step(
+        self, execution: PlanExecution, command: Publisher, *, is_paused: bool
+    ) -> ExecutionStep:
         """One period: read, decide, send. The command has the time after the reading."""
         if self._cancelled.is_set():
             execution.end(Outcome.CANCELLED, "cancelled by an operator")
         self._receive(execution)
         joints, pose = self._joints.measurement(), self._base.measurement()
         now_ns = self._clock_ns()
-        step = execution.step(joints, pose, now_ns, time.monotonic_ns())
+        step = execution.step(joints, pose, now_ns, time.monotonic_ns(), is_paused=is_paused)
         command.publish(
             JointState(
                 header=header_message("", Stamp(now_ns)),
@@ -225,11 +246,18 @@ def alone(lock: threading.Lock) -> Iterator[None]:
 class ExecutionServer:
     """Serves the action ``~/execute`` with ``node``, and others that move it, until ``ros`` closes.
 
-    A plan is executed with ``lock`` held, and refused while another request holds it.
+    A plan is executed with ``lock`` held, and refused while another request holds it. ``watch`` of
+    a plan is that of `ExecutionNode.run`.
     """
 
-    def __init__(self, ros: RosNode, node: ExecutionNode, lock: threading.Lock) -> None:
-        self._ros, self._node, self._lock = ros, node, lock
+    def __init__(
+        self,
+        ros: RosNode,
+        node: ExecutionNode,
+        lock: threading.Lock,
+        watch: Callable[[Plan], Watch],
+    ) -> None:
+        self._ros, self._node, self._lock, self._watch = ros, node, lock, watch
         self._servers: list[ActionServer] = []
         self.serve(Execute, "~/execute", self._run)
 
@@ -250,9 +278,11 @@ class ExecutionServer:
     def _run(self, served: ServedGoal) -> tuple[Execute.Result, GoalOutcome]:
         with alone(self._lock):
             served.on_cancel(self._node.cancel)
+            plan = parse_plan(served.request.plan)
             last = self._node.run(
-                parse_plan(served.request.plan),
+                plan,
                 lambda step: served.feedback(Execute.Feedback(progress=step.progress)),
+                watch=self._watch(plan),
             )
         if last is None:
             result = Execute.Result(message="cancelled before it began")

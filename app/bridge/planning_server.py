@@ -25,7 +25,7 @@ from app.bridge import topics
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.guard_scene import GuardScene, Scene, ids_of, poses_of
-from app.bridge.messages import MM_PER_M, header_message, point_message
+from app.bridge.messages import MM_PER_M, header_message, point_message, pose_of
 from app.bridge.node import RosNode
 from app.bridge.plan_execution import ExecutionNode, alone
 from app.bridge.plan_markers import corridor_markers, way_markers
@@ -135,7 +135,8 @@ class PlanningServer:
         self, content: SessionContent, step: StepResult, request: Plan.Goal
     ) -> tuple[Scene, Mapping[str, float] | Transform]:
         """The scene and the goal. Raises `FrameError` while a pose is not known."""
-        scene = self._guard.scene(content, step)
+        scene, obstacles = self._guard.scene_with_obstacles(content, step)
+        scene = scene._replace(structures={**scene.structures, **obstacles})
         if request.joints or request.positions:
             goal = dict(zip(request.joints, request.positions, strict=False))
             if not len(goal) == len(request.joints) == len(request.positions):
@@ -190,8 +191,12 @@ class PlanningServer:
             needle = Needle(
                 *(MM_PER_M * each for each in (request.length, request.diameter, request.bend))
             )
-            content, poses = self._guard.read(
-                lambda content, step: (content, poses_of(content, step, entry.target))
+            content, poses, obstacles = self._guard.read(
+                lambda content, step: (
+                    content,
+                    poses_of(content, step, entry.target),
+                    self._guard.obstacles_in(entry.target, step),
+                )
             )
             found = plan_corridors(
                 content,
@@ -200,6 +205,7 @@ class PlanningServer:
                 needle,
                 target=request.target,
                 sigma_mm=MM_PER_M * request.sigma,
+                obstacles=obstacles,
             )
         corridors = found.plan.corridors
         self._markers.publish(corridor_markers(found.plan))
@@ -215,10 +221,4 @@ def _pose(message: PoseStamped, what: str, source: str) -> Transform:
     """Raises `InputError` without a frame and `MarginGuardError` for numbers that are no pose."""
     if not message.header.frame_id:
         raise InputError(f"{what}: has no frame_id; expected the frame of its pose")
-    place, turn = message.pose.position, message.pose.orientation
-    return Transform.from_quaternion(
-        (turn.x, turn.y, turn.z, turn.w),
-        [MM_PER_M * value for value in (place.x, place.y, place.z)],
-        target=message.header.frame_id,
-        source=source,
-    )
+    return pose_of(message.pose, message.header.frame_id, source)

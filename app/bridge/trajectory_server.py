@@ -22,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from app.bridge.calls.action_server import GoalOutcome, ServedGoal
 from app.bridge.guard_scene import GuardScene
 from app.bridge.messages import header_message, ns_of
+from app.bridge.path_watch import PathWatch
 from app.bridge.plan_execution import ExecutionNode, ExecutionServer, alone
 from app.control import (
     FOLLOW_M,
@@ -89,7 +90,8 @@ class TrajectoryServer:
                 goal = read_trajectory(served.request, joints)
                 plan = self._proven(goal)
                 report = partial(self._report, served, joints, plan)
-                last = self._arm.run(plan, report, every_ns=_FEEDBACK_NS)
+                watch = PathWatch(self._about, self._guard, plan)
+                last = self._arm.run(plan, report, every_ns=_FEEDBACK_NS, watch=watch)
         except MarginGuardError as error:
             return _Result(error_code=code, error_string=str(error)), GoalOutcome.ABORTED
         if last is None:
@@ -125,7 +127,7 @@ class TrajectoryServer:
         goal = with_start(goal, np.array([measured[name] for name in goal.joints]))
         held = {name: value for name, value in measured.items() if name not in goal.joints}
         motion = timed(goal, rows)
-        scene = self._guard.read(self._guard.scene)
+        scene, obstacles = self._guard.read(self._guard.scene_with_obstacles)
         approach = Approach(
             goal.joints,
             held,
@@ -146,7 +148,7 @@ class TrajectoryServer:
             goal.joints,
             held,
             approach.positions,
-            scene.structures,
+            {**scene.structures, **obstacles},
             clearance_mm=self._clearance_mm,
             carried=scene.carried,
         )

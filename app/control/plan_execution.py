@@ -55,6 +55,8 @@ class Outcome(StrEnum):
     NO_POSE = "no_pose"
     OFF_PATH = "off_path"
     """The arm does not follow."""
+    OBSTACLE = "obstacle"
+    """The rest of the path is not proven against the obstacles of other nodes."""
     BLOCKED = "blocked"
     """The planes have allowed no motion along the path for 2 s."""
 
@@ -189,8 +191,10 @@ class PlanExecution:
         pose: PoseMeasurement | None,
         now_ns: int,
         steady_ns: int,
+        *,
+        is_paused: bool = False,
     ) -> ExecutionStep:
-        """The command at ``now_ns``: the next place on the path, or a stop on it.
+        """The command at ``now_ns``: the next place on the path, or a stop on it if ``is_paused``.
 
         ``now_ns`` is on the clock of the stamps. The motion follows ``steady_ns``, of a clock that
         is never set: otherwise it would jump with the other one.
@@ -205,7 +209,7 @@ class PlanExecution:
             self._usable_ns = steady_ns
         elif checked.outcome not in _LATE or steady_ns - self._usable_ns > LATE_NS:
             self.end(*checked)
-        if self._ended is not None:
+        if self._ended is not None or is_paused:
             share = 0.0
         self._follower.step(share, elapsed_ns)
         velocities = self._follower.rate * self._follower.planned_velocities
@@ -214,16 +218,17 @@ class PlanExecution:
         self._sent.append((steady_ns, sent))
         while steady_ns - self._sent[0][0] > MEMORY_NS:
             self._sent.popleft()
-        is_over = self._is_over(steady_ns)
+        is_over = self._is_over(steady_ns, is_paused)
         moving = np.zeros(len(sent))
         moving[self._moving] = velocities
         outcome, text = self._ended or (None, "")
         return ExecutionStep(sent, moving, self._follower.progress, outcome, text, is_over)
 
-    def _is_over(self, steady_ns: int) -> bool:
+    def _is_over(self, steady_ns: int, is_paused: bool) -> bool:
         """True once the last command has been sent for so long that the arm has followed."""
         is_at_end = self._follower.progress >= 1.0
-        if self._follower.rate > _LEAST_RATE and not is_at_end:
+        is_moving = self._follower.rate > _LEAST_RATE and not is_at_end
+        if is_moving or (is_paused and self._ended is None):
             self._standing_ns = None
             return False
         if self._standing_ns is None:

@@ -1,6 +1,7 @@
 """Needle corridors past the forbidden structures of a session."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,12 +40,14 @@ def plan_corridors(
     sigma_mm: float,
     window_mm: float | None = None,
     robot: NeedleRobot | None = None,
+    obstacles: Mapping[str, SurfaceMesh] = MappingProxyType({}),
 ) -> SessionCorridors:
     """Plan from ``region`` to the structure ``target``, the tumour if empty.
 
     ``poses`` are those of the content's `surfaces` in the region's frame, ``point_mm`` is in the
-    frame of the target, ``window_mm`` is for displays, the others are those of `plan_needle`.
-    Raises its errors, and `InputError` for a target that is not one of the session.
+    frame of the target, ``window_mm`` is for displays, ``obstacles`` are surfaces in the region's
+    frame that are forbidden, too, with the error of the needle alone; the others are those of
+    `plan_needle`. Raises its errors, and `InputError` for a target that is not of the session.
     """
     others = [each for each in content.structures if each.role is Role.FORBIDDEN]
     placed = {name: mesh.transformed(poses[name]) for name, mesh in content.surfaces.items()}
@@ -55,7 +58,7 @@ def plan_corridors(
     forbidden = [
         ForbiddenStructure(each.name, placed[each.name], each.stop_mm, each.sigma_mm)
         for each in others
-    ]
+    ] + [ForbiddenStructure(name, mesh, 0.0, 0.0) for name, mesh in obstacles.items()]
     points = (
         NeedleTarget.of_structure(placed[name])
         if point_mm is None

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from app.bridge import RosNode, guard_scene, plan_execution, planning_server
 from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.messages import header_message
+from app.bridge.obstacles import Obstacles
+from app.bridge.path_watch import PathWatch
 from app.bridge.plan_markers import corridor_markers, way_markers
 from app.bridge.ros_errors import BridgeError, GoalAbortedError
 from app.bridge.topics import NEWEST, STREAM, Topic
@@ -77,8 +80,8 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
         RosNode("peer", domain_id=domain_id) as peer,
     ):
         arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
-        plan_execution.ExecutionServer(ros, arm, lock)
-        guard = guard_scene.GuardScene(ros, description)
+        guard = guard_scene.GuardScene(ros, description, Obstacles(ros))
+        plan_execution.ExecutionServer(ros, arm, lock, partial(PathWatch, description, guard))
         planning_server.PlanningServer(ros, description, arm, guard, lock)
         plans = ActionClient(peer, "marginguard_msgs/action/Plan", "/marginguard_plan/plan")
         name = "/marginguard_plan/needle_corridors"
@@ -126,7 +129,8 @@ def test_cancel_after_the_acceptance_of_a_goal_is_not_lost(
         RosNode("peer", domain_id=domain_id) as peer,
     ):
         node = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
-        plan_execution.ExecutionServer(ros, node, lock)
+        guard = guard_scene.GuardScene(ros, description, Obstacles(ros))
+        plan_execution.ExecutionServer(ros, node, lock, partial(PathWatch, description, guard))
         name = "marginguard_msgs/action/Execute"
         executions = ActionClient(peer, name, "/marginguard_plan/execute")
         sent = executions.start({"plan": plan}, DEADLINE_S)

@@ -11,12 +11,12 @@ import trimesh
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
 from marginguard_msgs.srv import NeedleCorridors
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.ros_errors import GoalAbortedError, GoalCancelledError
-from app.bridge.topics import LATCHED, Topic
+from app.bridge.topics import LATCHED, STREAM, Topic
 from app.workflow.needle_guide import read_needle_plan
 from tests.bridge.live.conftest import DEADLINE_S
 from tests.cli.test_page_push import world as world
@@ -37,7 +37,7 @@ class Planner:
 
     def __init__(self, cell):
         self.cell, self.ros, self.markers = cell, cell.judge.ros, []
-        self.server = cell.serve()
+        self.server, self.obstacles = cell.serve(), None
         topic = Topic("/marginguard_plan/markers", MarkerArray, LATCHED)
         self.ros.subscribe(topic, self.markers.append)
         self.plans, self.executions = (
@@ -48,6 +48,24 @@ class Planner:
     def plan(self, clearance_mm=3.0, **goal):
         goal |= {"clearance": clearance_mm, "allowed_time": 20.0}  # plain values are in mm
         return self.plans.call(goal, DEADLINE_S)
+
+    def place(self, number, center_mm, radius_mm, frame):
+        """Report a ball as an obstacle; returns its marker."""
+        ball = Marker(ns="ball", id=number, type=Marker.SPHERE, action=Marker.ADD)
+        ball.header.frame_id = frame
+        place, turn = ball.pose.position, ball.pose.orientation
+        place.x, place.y, place.z = (np.asarray(center_mm) / 1000.0).tolist()
+        turn.w = 1.0
+        ball.scale.x = ball.scale.y = ball.scale.z = 0.002 * radius_mm
+        self.report(ball)
+        return ball
+
+    def report(self, *markers):
+        if self.obstacles is None:
+            topic = Topic("/marginguard_plan/obstacles", MarkerArray, STREAM)
+            self.obstacles = self.ros.publisher(topic)
+            self.cell.wait(lambda: self.obstacles.get_subscription_count() == 1)
+        self.obstacles.publish(MarkerArray(markers=list(markers)))
 
     def shown(self):
         """The last markers without the one that deletes those before."""
@@ -129,6 +147,11 @@ def test_corridors_end_in_the_tumour_where_it_truly_is(cell, planner, project_ro
     assert tumor.contains(target_mm - TUMOR_MM).all()
     entry = reply.entries[0]
     assert entry.z == pytest.approx(skin[2] / 1000.0)
+    planner.place(0, skin, 25.0, "tracker")  # over the whole disc
+    blocked = client.call(request, DEADLINE_S)
+    while blocked.success:  # the obstacle has not arrived yet
+        blocked = client.call(request, DEADLINE_S)
+    assert "obstacle ball/0 blocks 10000" in blocked.message
     entries, corridors = planner.shown()
     assert (len(entries.points), len(entries.colors)) == (10_000, 10_000)
     assert len(corridors.points) == 2 * len(reply.entries)
@@ -217,10 +240,74 @@ def test_trajectory_that_may_not_begin_is_refused_and_a_cancelled_one_stops(
     assert np.abs(cell.judge.measured()[-1] - before).max() < FOLLOW_RAD
     for _ in range(MAX_PLANS):
         cell.wait(cell.judge.is_ready)
-        begin = cell.judge.measured()[-1][cell.joints.index("waist")]
+        begin = float(cell.judge.measured()[-1][cell.joints.index("waist")])
         found = trajectories(["waist"], [[5.0, [begin + 0.6], []]], 0.2)
         if found["status"] == GoalStatus.STATUS_CANCELED:
             break
         assert found["status"] == GoalStatus.STATUS_ABORTED  # late data
     assert "cancelled by an operator" in found["text"]
     assert cell.judge.measured()[-1][cell.joints.index("waist")] < begin + 0.5
+
+
+BALL_MM = 10.0
+
+
+def tips_mm(cell, measured):
+    """The tool's tip in the root link, (k, 3)."""
+    poses = [
+        cell.robot.forward_kinematics(dict(zip(cell.joints, each.tolist(), strict=True)))
+        for each in measured
+    ]
+    return np.array([pose["stylus"].apply([[0.0, 0.0, 70.0]])[0] for pose in poses])
+
+
+def with_obstacle(cell, planner, center_mm, expected):
+    """Turn the waist, and report a ball in mid-motion; the result, and the joints on the way.
+
+    Planned again while late data have stopped the arm.
+    """
+    for _ in range(MAX_PLANS):
+        planner.report(Marker(action=Marker.DELETEALL))
+        begin = float(cell.judge.measured()[-1][cell.joints.index("waist")])
+        plan = cell.plan({"waist": begin + 0.6})
+        cell.wait(cell.judge.is_ready)
+        since = len(cell.judge.received)
+        sent = planner.executions.start({"plan": json.dumps(plan)}, DEADLINE_S)
+        cell._wait_until_moving(plan, sent)
+        planner.place(0, center_mm(begin), BALL_MM, cell.robot.root_link)
+        cell._wait_until_ended(sent)
+        try:
+            result = sent.result(DEADLINE_S)
+        except GoalAbortedError as error:
+            result = error.result
+        if result.outcome == expected:
+            return result, cell.judge.measured(since)
+        assert result.outcome in ("", "rule", "no_joints", "no_pose", "off_path"), result.message
+    return pytest.fail(f"not within {MAX_PLANS} plans: {result.message}")
+
+
+def test_obstacle_in_the_way_stops_a_motion_and_is_avoided(cell, planner):
+    def ahead(begin):
+        at = dict(zip(cell.joints, cell.judge.measured()[-1].tolist(), strict=True))
+        state = np.array([{**at, "waist": begin + 0.5}[name] for name in cell.joints])
+        found.append((tips_mm(cell, [state])[0], begin + 0.5))
+        return found[-1][0]
+
+    found = []
+    result, measured = with_obstacle(cell, planner, ahead, "obstacle")
+    assert "is not proven to keep its clearance from obstacle ball/0" in result.message
+    center_mm, waist = found[-1]
+    distances_mm = np.linalg.norm(tips_mm(cell, measured) - center_mm, axis=1)
+    assert distances_mm.min() > BALL_MM
+    with pytest.raises(GoalAbortedError, match=r"goal: .* mm from obstacle ball/0; expected"):
+        planner.plan(joints=["waist"], positions=[waist])
+    planner.place(1, [0.0, 0.0, 900.0], BALL_MM, "nowhere")
+    with pytest.raises(GoalAbortedError, match=r"obstacle 'ball/1': 'nowhere' is not connected"):
+        planner.plan(joints=["waist"], positions=[0.0])
+    planner.report(Marker(ns="ball", id=1, action=Marker.DELETE))
+    assert planner.plan(joints=["waist"], positions=[0.0]).success
+
+
+def test_motion_goes_on_past_an_obstacle_that_is_not_in_its_way(cell, planner):
+    result, _ = with_obstacle(cell, planner, lambda _: [0.0, 0.0, 900.0], "arrived")
+    assert result.success

@@ -55,7 +55,7 @@ class Loop:
         self.positions = START.copy()
         self.sent, self.clearances_mm = [], []
         self.pose = Transform.identity("tumor", "base")
-        self.fields = {}
+        self.fields, self.is_paused = {}, False
 
     def measure(self):
         """The guard sees the arm, and its constraint arrives later."""
@@ -86,7 +86,9 @@ class Loop:
     def step(self, change=lambda *inputs: inputs):
         self.now_ns, self.steady_ns = self.now_ns + PERIOD_NS, self.steady_ns + PERIOD_NS
         self.measure()
-        step = self.execution.step(*change(*self.inputs()), self.steady_ns)
+        step = self.execution.step(
+            *change(*self.inputs()), self.steady_ns, is_paused=self.is_paused
+        )
         self.sent.append(step.positions)
         share = 1.0 - np.exp(-PERIOD_NS * 1e-9 / LAG_S)
         self.positions += share * (step.positions - self.positions)
@@ -264,3 +266,18 @@ def test_file_that_is_no_plan_is_named(tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match=r"plan\.json"):
         read_plan(path)
+
+
+def test_paused_motion_brakes_waits_and_goes_on(description, motion):
+    loop = Loop(description, motion)
+    assert loop.begin() == ""
+    loop.run(lambda step: step.progress > 0.3)
+    loop.is_paused = True
+    stopped = loop.run(lambda step: not step.velocities.any())
+    assert 0.3 < stopped.progress < 0.9
+    for _ in range(600):  # 3 s, longer than a motion may be blocked
+        waiting = loop.step()
+    assert (waiting.progress, waiting.is_over) == (stopped.progress, False)
+    loop.is_paused = False
+    assert loop.run().outcome is Outcome.ARRIVED
+    assert loop.largest_acceleration() <= 1.1 * 5.0

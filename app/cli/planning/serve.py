@@ -6,7 +6,9 @@ CONTROL is the control.yaml of the arm, or its folder. The node marginguard_plan
 registration are those of the guard; ~/markers shows the last plan in RViz. An approach needs the
 joint_limits of CONTROL. For its motion the rules of 'plan execute' hold; ~/cancel stops it. The
 action ~/follow_joint_trajectory (control_msgs) executes a trajectory of another planner, such as
-MoveIt, after a proof that its path keeps --clearance-mm.
+MoveIt, after a proof that its path keeps --clearance-mm. The markers of ~/obstacles
+(visualization_msgs/MarkerArray: SPHERE, CUBE, CYLINDER, TRIANGLE_LIST) are avoided, too; a motion
+stops for a new one if the rest of its path is not proven.
 
 Exit status: 0; 2 on bad input, 130 or 143 after a signal.
 """
@@ -15,6 +17,7 @@ import argparse
 import math
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 from app.cli.options import number
@@ -50,6 +53,8 @@ def run(options: argparse.Namespace) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.guard_scene import GuardScene
+            from app.bridge.obstacles import Obstacles
+            from app.bridge.path_watch import PathWatch
             from app.bridge.plan_execution import ExecutionNode, ExecutionServer
             from app.bridge.planning_server import NODE_NAME, PlanningServer
             from app.bridge.trajectory_server import TrajectoryServer
@@ -60,7 +65,9 @@ def run(options: argparse.Namespace) -> int:
         stop, lock = threading.Event(), threading.Lock()
         with RosNode(NODE_NAME) as ros, prompt_process():
             arm = ExecutionNode(ros, description, clock_ns=time.time_ns)
-            executions, guard = ExecutionServer(ros, arm, lock), GuardScene(ros, description)
+            guard = GuardScene(ros, description, Obstacles(ros))
+            watch = partial(PathWatch, description, guard)
+            executions = ExecutionServer(ros, arm, lock, watch)
             PlanningServer(ros, description, arm, guard, lock)
             TrajectoryServer(description, arm, executions, guard, lock, clearance_mm=clearance_mm)
             print(f"PLANS for arm {description.arm}; Ctrl-C ends", flush=True)

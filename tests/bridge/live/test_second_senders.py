@@ -12,6 +12,7 @@ from marginguard_msgs.srv import NeedleCorridors
 
 from app.bridge import RosNode, guard_scene, plan_execution, planning_server
 from app.bridge.calls.service_client import ServiceClient
+from app.bridge.obstacles import Obstacles
 from app.control import open_control
 from tests.bridge.conftest import TF, TRACKED
 from tests.bridge.live.guard_monitor import monitored
@@ -116,7 +117,7 @@ def test_nothing_is_planned_by_the_poses_of_two_senders(
         RosNode("peer", domain_id=domain_id) as peer,
     ):
         arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
-        guard = guard_scene.GuardScene(ros, description)
+        guard = guard_scene.GuardScene(ros, description, Obstacles(ros))
         planning_server.PlanningServer(ros, description, arm, guard, threading.Lock())
         name = "/marginguard_plan/needle_corridors"
         corridors = ServiceClient(peer, NeedleCorridors, name)

@@ -1,0 +1,207 @@
+"""Obstacles that other nodes report, as bodies for plans.
+
+================  ===================================  ===========================================
+``~/obstacles``   visualization_msgs/MarkerArray       SPHERE, CUBE, CYLINDER and TRIANGLE_LIST, by
+                                                       ``ns`` and ``id``: ADD, DELETE, DELETEALL
+================  ===================================  ===========================================
+
+An obstacle stays until it is deleted: lifetimes are not applied. One that cannot be used is a
+problem until it is corrected or deleted. Surfaces contain the ideal shapes.
+"""
+
+import math
+import threading
+from collections.abc import Mapping
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from visualization_msgs.msg import Marker, MarkerArray
+
+from app.bridge.message_origin import Origin
+from app.bridge.messages import MM_PER_M, pose_of
+from app.bridge.node import RosNode
+from app.bridge.sender_names import node_name
+from app.bridge.topics import INCOMING_TF, STATIC_TF, Topic
+from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh
+from app.geometry.mesh import weld_vertices
+from app.robot.primitives import SIDES, box, cylinder, sphere
+
+TOPIC = "~/obstacles"
+MAX_OBSTACLES, MAX_TRIANGLES = 64, 5000
+_MAX_BYTES = 1 << 20
+_MAX_MM = 10_000.0
+_SHAPES = {Marker.SPHERE: "SPHERE", Marker.CUBE: "CUBE", Marker.CYLINDER: "CYLINDER"}
+_LOOK_S = 0.2
+"""Time between two looks for latched publishers."""
+_UNREAD = ""
+"""Key of the problem of messages that name no obstacle."""
+
+
+class Obstacle(NamedTuple):
+    """``surface`` is in its own frame, that of the marker's header."""
+
+    name: str
+    surface: SurfaceMesh
+
+
+class Obstacles:
+    """Receives the obstacles. Thread-safe."""
+
+    def __init__(self, ros: RosNode) -> None:
+        self._ros, self._lock = ros, threading.Lock()
+        self._markers: dict[str, bytes] = {}
+        self._found: dict[str, Obstacle | str] = {}
+        self.revision = 0
+        """Changes with each obstacle."""
+        self._name = ros.node.resolve_topic_name(TOPIC)
+        self._hears_latched = False
+        self._subscribe(INCOMING_TF, is_latched=False)
+        ros.every(_LOOK_S, self._hear_latched)
+
+    def current(self) -> list[Obstacle]:
+        """The obstacles now. Raises `InputError` while one of them cannot be used."""
+        for info in self._infos():
+            if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
+                raise InputError(
+                    f"{self._name}: node {node_name(info)} sends with best effort; expected "
+                    "reliable messages"
+                )
+        with self._lock:
+            found = list(self._found.values())
+        problems = [each for each in found if isinstance(each, str)]
+        if problems:
+            raise InputError(problems[0])
+        return [each for each in found if isinstance(each, Obstacle)]
+
+    def _subscribe(self, qos: QoSProfile, *, is_latched: bool) -> None:
+        self._ros.subscribe_with_origin(
+            Topic(TOPIC, MarkerArray, qos), partial(self._take, is_latched=is_latched)
+        )
+
+    def _hear_latched(self) -> None:
+        """Subscribe for the messages that latched publishers have sent before.
+
+        Not from the beginning: each other publisher would warn of an incompatible subscription.
+        """
+        if not self._hears_latched and any(map(_is_latched, self._infos())):
+            self._hears_latched = True
+            self._subscribe(STATIC_TF, is_latched=True)
+
+    def _infos(self) -> list[TopicEndpointInfo]:
+        return self._ros.node.get_publishers_info_by_topic(self._name)
+
+    def _take(self, data: bytes, origin: Origin, *, is_latched: bool) -> None:
+        if not is_latched and self._hears_latched and self._sends_latched(origin):
+            return  # the other subscription gets it
+        with self._lock:
+            before = dict(self._markers)
+            try:
+                if len(data) > _MAX_BYTES:
+                    raise InputError(f"{len(data)} bytes; expected at most {_MAX_BYTES}")
+                for marker in deserialize_message(data, MarkerArray).markers:
+                    self._apply(marker)
+            except Exception as error:  # rclpy raises several unrelated types for invalid bytes
+                self._set(
+                    _UNREAD,
+                    b"",
+                    f"obstacles: a message cannot be read ({error}); expected a MarkerArray, after "
+                    "a DELETEALL",
+                )
+            if self._markers != before:
+                self.revision += 1
+
+    def _sends_latched(self, origin: Origin) -> bool:
+        return any(
+            bytes(info.endpoint_gid) == origin.sender for info in filter(_is_latched, self._infos())
+        )
+
+    def _apply(self, marker: Marker) -> None:
+        name = f"{marker.ns}/{marker.id}"
+        if marker.action == Marker.DELETEALL:
+            self._markers.clear()
+            self._found.clear()
+        elif marker.action == Marker.DELETE:
+            self._markers.pop(name, None)
+            self._found.pop(name, None)
+        elif name not in self._markers and len(self._markers) >= MAX_OBSTACLES:
+            text = f"obstacles: are more than {MAX_OBSTACLES}; expected fewer, after a DELETEALL"
+            self._set(_UNREAD, b"", text)
+        else:
+            marker.header.stamp = Time()
+            content = bytes(serialize_message(marker))
+            if self._markers.get(name) == content:
+                return
+            try:
+                self._set(name, content, obstacle_of(name, marker))
+            except MarginGuardError as error:
+                self._set(name, content, f"obstacle {name!r}: {error}")
+
+    def _set(self, name: str, content: bytes, found: Obstacle | str) -> None:
+        self._markers[name], self._found[name] = content, found
+        if isinstance(found, str):
+            self._ros.warn(f"{self._name}: {found}; nothing is planned until then")
+
+
+def _is_latched(info: TopicEndpointInfo) -> bool:
+    return info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def obstacle_of(name: str, marker: Marker) -> Obstacle:
+    """The body of a ``marker``. Raises `MarginGuardError` for one that cannot be used."""
+    if marker.action != Marker.ADD:
+        raise InputError(f"action is {marker.action}; expected ADD, DELETE or DELETEALL")
+    scale_mm = MM_PER_M * np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+    if not ((scale_mm > 0.0) & (scale_mm <= MM_PER_M * _MAX_MM)).all():
+        raise InputError(f"scale is {(scale_mm / MM_PER_M).tolist()} m; expected numbers above 0")
+    frame = marker.header.frame_id
+    if not frame:
+        raise InputError("has no frame_id; expected the frame of its pose")
+    if marker.type == Marker.TRIANGLE_LIST:
+        vertices, faces = _triangles(marker)
+    elif marker.type in _SHAPES:
+        vertices, faces = _shapes()[marker.type]
+    else:
+        kinds = ", ".join(_SHAPES.values())
+        raise InputError(f"type is {marker.type}; expected {kinds} or TRIANGLE_LIST")
+    placed = pose_of(marker.pose, frame, "obstacle").apply(vertices * scale_mm)
+    if not (np.abs(placed) <= _MAX_MM).all():
+        raise InputError(
+            f"is farther than {_MAX_MM / MM_PER_M:g} m from its frame; expected nearer"
+        )
+    surface = SurfaceMesh(frame, placed, faces.astype(np.int32))
+    return Obstacle(name, surface.require_closed("its surface"))
+
+
+def _triangles(marker: Marker) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Vertices in units of the scale, and faces."""
+    points = np.array([[each.x, each.y, each.z] for each in marker.points]).reshape(-1, 3)
+    count, rest = divmod(len(points), 3)
+    if rest or not 0 < count <= MAX_TRIANGLES or not np.isfinite(points).all():
+        raise InputError(
+            f"has {len(points)} points; expected finite corners of 1 to {MAX_TRIANGLES} triangles"
+        )
+    vertices, faces, _ = weld_vertices(points, np.arange(len(points)).reshape(-1, 3))
+    return vertices, faces
+
+
+@cache
+def _shapes() -> Mapping[int, tuple[FloatArray, NDArray[np.int64]]]:
+    """Shapes of size 1 around the ideal ones."""
+    ball, ball_faces = sphere(0.5)
+    corners = ball[ball_faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    inside = float((normals * corners[:, 0]).sum(axis=1).min())  # nearest face of the ball
+    rod, rod_faces = cylinder(0.5, 1.0)
+    around = np.array([1.0, 1.0, math.cos(math.pi / SIDES)]) / math.cos(math.pi / SIDES)
+    return {
+        Marker.SPHERE: (ball * (0.5 / inside), ball_faces),
+        Marker.CUBE: box((1.0, 1.0, 1.0)),
+        Marker.CYLINDER: (rod * around, rod_faces),
+    }

@@ -1,0 +1,186 @@
+"""Markers of other nodes as bodies: larger than the ideal shapes, or a reason to plan nothing."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from geometry_msgs.msg import Point, Quaternion
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from visualization_msgs.msg import Marker, MarkerArray
+
+from app.bridge import RosNode
+from app.bridge.obstacles import MAX_OBSTACLES, Obstacles, obstacle_of
+from app.bridge.topics import INCOMING_TF, STATIC_TF, Topic
+from app.geometry import InputError, MarginGuardError
+from tests.waiting import wait_until
+
+pytestmark = pytest.mark.slow
+
+
+def marker(kind=Marker.CUBE, number=0, scale=(0.02, 0.03, 0.04), points=(), **changes):
+    made = Marker(ns="box", id=number, type=kind, action=Marker.ADD)
+    made.header.frame_id = "tracker"
+    made.pose.position.x = 0.1
+    made.pose.orientation = Quaternion(w=math.sqrt(0.5), z=math.sqrt(0.5))
+    made.scale.x, made.scale.y, made.scale.z = scale
+    made.points = [Point(x=x, y=y, z=z) for x, y, z in points]
+    for name, value in changes.items():
+        setattr(made, name, value)
+    return made
+
+
+def corners(shape):
+    return np.asarray(shape.triangles).reshape(-1, 3).tolist()
+
+
+def ideal_points(kind, rng):
+    """Points of the shape of size 1, (n, 3)."""
+    directions = rng.normal(size=(2000, 3))
+    if kind == Marker.SPHERE:
+        return 0.5 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    if kind == Marker.CUBE:
+        return rng.uniform(-0.5, 0.5, size=(2000, 3))
+    sides = directions[:, :2] / np.linalg.norm(directions[:, :2], axis=1, keepdims=True)
+    return np.column_stack([0.5 * sides, rng.uniform(-0.5, 0.5, 2000)])
+
+
+@pytest.mark.parametrize("kind", [Marker.SPHERE, Marker.CUBE, Marker.CYLINDER])
+def test_surface_contains_the_ideal_shape_and_little_more(kind):
+    name, surface = obstacle_of("box/0", marker(kind))
+    assert (name, surface.frame) == ("box/0", "tracker")
+    size_mm = np.array([20.0, 30.0, 40.0])
+    x, y, z = (ideal_points(kind, np.random.default_rng(2)) * size_mm).T
+    placed = np.column_stack([100.0 - y, x, z])  # by a quarter turn
+    first, second, third = np.moveaxis(surface.triangles_mm, 1, 0)
+    normals = np.cross(second - first, third - first)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    heights = placed @ normals.T - (normals * first).sum(axis=1)
+    assert heights.max() < 1e-9
+    ideal_mm3 = {Marker.SPHERE: math.pi / 6.0, Marker.CUBE: 1.0, Marker.CYLINDER: math.pi / 4.0}
+    assert 1.0 <= surface.signed_volume_mm3 / (ideal_mm3[kind] * size_mm.prod()) + 1e-9 < 1.01
+
+
+def test_triangles_are_placed_and_scaled():
+    ball = trimesh.creation.icosphere(2, 0.01)
+    _, surface = obstacle_of(
+        "a", marker(Marker.TRIANGLE_LIST, scale=(1, 1, 2), points=corners(ball))
+    )
+    assert surface.signed_volume_mm3 == pytest.approx(2.0 * ball.volume * 1e9)
+    np.testing.assert_allclose(surface.vertices_mm.mean(axis=0), [100.0, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"scale": (0.1, math.nan, 0.1)}, r"scale is .*nan.* m; expected numbers above 0"),
+        ({"scale": (0.1, 0.0, 0.1)}, "expected numbers above 0"),
+        ({"scale": (1e300, 1.0, 1.0)}, "expected numbers above 0"),
+        ({"scale": (30.0, 1.0, 1.0)}, "is farther than 10 m from its frame"),
+        ({"kind": Marker.ARROW}, "type is 0; expected SPHERE, CUBE, CYLINDER or TRIANGLE_LIST"),
+        ({"action": 7}, "action is 7; expected ADD, DELETE or DELETEALL"),
+        ({"kind": Marker.TRIANGLE_LIST}, "has 0 points; expected finite corners"),
+        (
+            {"kind": Marker.TRIANGLE_LIST, "points": [[0.0, 0.0, math.inf]] * 3},
+            "expected finite corners",
+        ),
+        (
+            {"kind": Marker.TRIANGLE_LIST, "points": corners(trimesh.creation.box())[3:]},
+            "is not closed",
+        ),
+        (
+            {"kind": Marker.TRIANGLE_LIST, "points": corners(trimesh.creation.box())[::-1]},
+            "expected a positive volume",
+        ),
+    ],
+)
+def test_marker_that_is_no_body_is_refused(changes, problem):
+    with pytest.raises(MarginGuardError, match=problem):
+        obstacle_of("box/0", marker(**changes))
+
+
+def test_marker_without_a_place_is_refused():
+    for change, problem in (
+        (lambda made: setattr(made.header, "frame_id", ""), "has no frame_id"),
+        (lambda made: setattr(made.pose, "orientation", Quaternion(w=0.0)), "quaternion"),
+        (lambda made: setattr(made.pose.position, "x", math.nan), "finite"),
+    ):
+        made = marker()
+        change(made)
+        with pytest.raises(MarginGuardError, match=problem):
+            obstacle_of("box/0", made)
+
+
+@pytest.fixture
+def nodes(domain_id):
+    with (
+        RosNode("marginguard_plan", domain_id=domain_id) as ros,
+        RosNode("camera", domain_id=domain_id) as peer,
+    ):
+        yield ros, peer
+
+
+def sender(peer, qos, count):
+    publisher = peer.publisher(Topic("/marginguard_plan/obstacles", MarkerArray, qos))
+    wait_until(lambda: publisher.get_subscription_count() == count)
+    return lambda *markers: publisher.publish(MarkerArray(markers=list(markers)))
+
+
+def names(obstacles):
+    return [each.name for each in obstacles.current()]
+
+
+def test_obstacles_change_until_they_are_deleted(nodes):
+    ros, peer = nodes
+    obstacles = Obstacles(ros)
+    send = sender(peer, INCOMING_TF, 1)
+    send(marker(), marker(number=1))
+    wait_until(lambda: names(obstacles) == ["box/0", "box/1"])
+    revision = obstacles.revision
+    later = marker()
+    later.header.stamp.sec = 7
+    send(later)  # the same body
+    send(marker(number=1, action=Marker.DELETE))
+    wait_until(lambda: names(obstacles) == ["box/0"])
+    assert obstacles.revision == revision + 1
+    send(marker(scale=(0.1, 0.1, 0.1)))
+    wait_until(lambda: np.ptp(obstacles.current()[0].surface.vertices_mm[:, 2]) > 99.0)
+    send(marker(number=2, scale=(0.0, 1.0, 1.0)))
+    wait_until(lambda: obstacles.revision == revision + 3)
+    with pytest.raises(InputError, match=r"obstacle 'box/2': scale is .*; expected numbers above"):
+        obstacles.current()
+    send(marker(number=2))
+    wait_until(lambda: obstacles.revision == revision + 4)
+    assert names(obstacles) == ["box/0", "box/2"]
+    send(*[marker(number=each) for each in range(MAX_OBSTACLES + 1)])
+    wait_until(lambda: obstacles.revision == revision + 5)
+    with pytest.raises(InputError, match=f"are more than {MAX_OBSTACLES}; expected fewer"):
+        obstacles.current()
+    send(Marker(action=Marker.DELETEALL))
+    wait_until(lambda: obstacles.revision == revision + 6)
+    assert obstacles.current() == []
+
+
+def test_latched_obstacles_of_before_are_received(nodes):
+    ros, peer = nodes
+    send = sender(peer, STATIC_TF, 0)
+    send(marker())
+    obstacles = Obstacles(ros)
+    wait_until(lambda: names(obstacles) == ["box/0"])
+    send(marker(number=1))
+    wait_until(lambda: names(obstacles) == ["box/0", "box/1"])
+
+
+def test_sender_whose_obstacles_may_be_lost_forbids_plans(nodes):
+    ros, peer = nodes
+    obstacles = Obstacles(ros)
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    peer.node.create_publisher(MarkerArray, "/marginguard_plan/obstacles", qos)
+
+    def problem():
+        try:
+            return obstacles.current()
+        except InputError as error:
+            return str(error)
+
+    wait_until(lambda: "node /camera sends with best effort; expected reliable" in str(problem()))
