@@ -27,6 +27,8 @@ from app.bridge.plan_execution import ExecutionNode, ExecutionServer, alone
 from app.control import (
     FOLLOW_M,
     FOLLOW_RAD,
+    START_M,
+    START_RAD,
     ControlDescription,
     ExecutionStep,
     Outcome,
@@ -125,6 +127,13 @@ class TrajectoryServer:
         rows = limit_rows(self._robot, goal.joints, limits)
         measured = self._arm.positions()
         goal = with_start(goal, np.array([measured[name] for name in goal.joints]))
+        for name, begin in zip(goal.joints, goal.positions[0].tolist(), strict=True):
+            tolerance = START_M if self._robot.tree.joint(name).slides else START_RAD
+            if abs(measured[name] - begin) > tolerance:
+                raise InputError(
+                    f"joint {name!r}: is at {measured[name]:.4f}, the trajectory begins at "
+                    f"{begin:.4f}; expected at most {tolerance:g} between them"
+                )
         held = {name: value for name, value in measured.items() if name not in goal.joints}
         motion = timed(goal, rows)
         scene, obstacles = self._guard.read(self._guard.scene_with_obstacles)

@@ -18,7 +18,15 @@ from .controller import (
     positions_of,
 )
 from .path_follower import PathFollower, PlannedMotion, keeps_to_lines, lines_of
-from .plan_execution import FOLLOW_M, FOLLOW_RAD, ExecutionStep, Outcome, PlanExecution
+from .plan_execution import (
+    FOLLOW_M,
+    FOLLOW_RAD,
+    START_M,
+    START_RAD,
+    ExecutionStep,
+    Outcome,
+    PlanExecution,
+)
 from .plan_file import Plan, named_faults, parse_plan, read_plan
 from .warm_up import warm_up
 
@@ -28,6 +36,8 @@ __all__ = [
     "FOLLOW_M",
     "FOLLOW_RAD",
     "RULE_FRAME",
+    "START_M",
+    "START_RAD",
     "AdmittanceGains",
     "ControlDecision",
     "ControlDescription",
