@@ -162,6 +162,12 @@ def _shown(
     hand = None if options.hand is None else MouseHand(time.monotonic_ns)
     world = None if options.world is None else SimulatedWorld(WORLD, TRACKER, time.time_ns)
     bodies = () if world is None else (Part.BODIES,)
+    goal = None
+    if plans is not None:
+        from app.bridge.displays import ApproachRequest
+        from app.workflow import GoalPose
+
+        goal = GoalPose(ApproachRequest(ros).plan, plans[0].choose)
     viewer = Viewer(
         SceneView(content, added=(*bodies, *planned_parts(plans))),
         feed,
@@ -173,6 +179,7 @@ def _shown(
         hand=hand,
         world=world,
         plans=plans,
+        goal=goal,
     )
     feed.call_on_change(viewer.wake)
     if plans is not None:

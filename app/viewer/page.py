@@ -73,7 +73,7 @@ class Page:
         self._guided = guided
         self._world = world
         self._plans = plans
-        state.world = state.approach = state.guidance = None
+        state.world = state.approach = state.guidance = state.goal = None
         state.registration = None
         state.calibration = state.calibration_map = None
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None

@@ -4,13 +4,21 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
+from app.geometry import FloatArray
 from app.scene import PlannedModels
+from app.scene.convert import world_matrix, world_triangles
+from app.viewer.drawing.grips import PicturePoints, first_hit
 from app.viewer.drawing.scene_view import Part, SceneView
-from app.viewer.messages.checks import Commands, integer
+from app.viewer.messages.checks import Commands, integer, number, numbers
+from app.viewer.messages.methods import Event
+from app.viewer.pointer_parts import place_of
 from app.viewer.view_state import ViewState
-from app.workflow import RANGE_MM, RINGS_MM, ApproachGhost, NeedleGuide
+from app.workflow import RANGE_MM, RINGS_MM, ApproachGhost, GoalPose, NeedleGuide
 
 _MAX_NUMBER = 1_000_000
+_MAX_MOVE_MM, _MAX_CLEARANCE_MM = 1000.0, 100.0
 
 
 def planned_parts(plans: tuple[ApproachGhost, NeedleGuide] | None) -> tuple[Part, ...]:
@@ -23,18 +31,23 @@ def planned_parts(plans: tuple[ApproachGhost, NeedleGuide] | None) -> tuple[Part
 class PlanPart:
     """Shows ``ghost`` and ``needle`` in the scene and as values. The page's thread owns it."""
 
-    def __init__(self, ghost: ApproachGhost, needle: NeedleGuide) -> None:
-        self._ghost, self._needle = ghost, needle
+    def __init__(
+        self, ghost: ApproachGhost, needle: NeedleGuide, goal: GoalPose | None = None
+    ) -> None:
+        self._ghost, self._needle, self._goal = ghost, needle, goal
         self._models: PlannedModels | None = None
 
     @property
     def revision(self) -> object:
         """A value that changes when the page needs an update without a new step."""
-        return self._ghost.revision, self._needle.revision
+        goal = None if self._goal is None else self._goal.revision
+        return self._ghost.revision, self._needle.revision, goal
 
     def update(self, shown: ViewState, view: SceneView) -> bool:
         """Show the moment ``shown``; True if there are other models."""
         content = shown.content
+        if self._goal is not None:
+            self._goal.update(content, shown.step, shown.silent)
         self._ghost.update(content)
         self._needle.update(shown.step, content, shown.silent)
         models = self._models
@@ -45,7 +58,10 @@ class PlanPart:
             if view.scene is None:
                 return False
             models = self._models = PlannedModels(view.scene)
-        models.show(content, self._ghost.links, self._needle.surface)
+        links = self._ghost.links
+        if self._goal is not None and self._goal.links and not self._ghost.is_executed:
+            links = self._goal.links
+        models.show(content, links, self._needle.surface)
         corridor = {} if models.corridor is None else {"corridor": models.corridor}
         is_ghost_new = view.use_models(Part.GHOST, models.links)
         return view.use_models(Part.CORRIDOR, corridor) or is_ghost_new
@@ -53,9 +69,11 @@ class PlanPart:
     def values(self) -> dict[str, Any]:
         """The values of the page that belong to the last `update`."""
         ghost, needle = self._ghost.shown(), self._needle.shown()
+        goal = None if self._goal is None else self._goal.shown()
         scale = {"range": RANGE_MM, "rings": RINGS_MM}
         return {
             "approach": None if ghost is None else asdict(ghost),
+            "goal": None if goal is None else asdict(goal),
             "guidance": None if needle is None else asdict(needle) | scale,
         }
 
@@ -80,3 +98,92 @@ class PlanControls:
 
         commands.add("approach_place", go_to, integer(0, _MAX_NUMBER))
         commands.add("corridor", choose, integer(0, _MAX_NUMBER))
+
+
+class GoalControls:
+    """Sets ``goal``, moves it in mm and degrees along the robot's axes, and asks for a plan."""
+
+    def __init__(self, commands: Commands, goal: GoalPose, changed: Callable[[], None]) -> None:
+        def do(act: Callable[[], None]) -> None:
+            act()
+            changed()
+
+        def move(way_mm: tuple[float, ...], turn_deg: tuple[float, ...]) -> None:
+            goal.hold()
+            if goal.place_mm is not None:
+                goal.turn(np.radians(turn_deg))
+                goal.move_to(goal.place_mm + np.array(way_mm))
+
+        commands.add(
+            "goal_begin",
+            lambda clearance_mm: do(lambda: goal.begin(clearance_mm)),
+            number(0.1, _MAX_CLEARANCE_MM),
+        )
+        commands.add(
+            "goal_move",
+            lambda way_mm, turn_deg: do(lambda: move(way_mm, turn_deg)),
+            numbers(3, -_MAX_MOVE_MM, _MAX_MOVE_MM),
+            numbers(3, -180.0, 180.0),
+        )
+        commands.add("goal_plan", lambda: do(goal.plan))
+        commands.add("goal_end", lambda: do(goal.end))
+
+
+class GoalDrag:
+    """Takes the events of the pointer that drag the ghost at ``goal``; a `PointerPart`.
+
+    The tip moves in the plane that faces the camera. One page drags at a time. All calls come from
+    the page's thread, events from pages that may operate.
+    """
+
+    def __init__(self, view: SceneView, goal: GoalPose, changed: Callable[[], None]) -> None:
+        self._view, self._goal, self._changed = view, goal, changed
+        self._picture = PicturePoints(view)
+        self._page: str | None = None
+        self._offset_mm: FloatArray = np.zeros(3)
+
+    def take(self, page: str, event: Event, /) -> bool:
+        """Process an event of ``page``; False if it is for others."""
+        kind, at = event["type"], place_of(event)
+        tip = self._tip()
+        if self._page is None:
+            is_plain = not any(event[key] for key in ("ctrlKey", "altKey", "shiftKey"))
+            if kind != "LeftButtonPress" or not is_plain or tip is None or not self._hits(at):
+                return False
+            on_plane = self._picture.on_plane(at, tip[1])
+            if on_plane is None:
+                return False
+            self._page, self._offset_mm = page, tip[1] - on_plane
+            self._goal.hold()
+            return True
+        if page != self._page:
+            return False
+        if kind in ("MouseMove", "LeftButtonRelease") and tip is not None:
+            ras_from_root, tip_mm = tip
+            on_plane = self._picture.on_plane(at, tip_mm)
+            if on_plane is not None:
+                place = np.linalg.inv(ras_from_root) @ [*(on_plane + self._offset_mm), 1.0]
+                self._goal.move_to(place[:3])
+                self._changed()
+        if kind == "LeftButtonRelease" or "Press" in kind:
+            self._page = None
+        return True
+
+    def gone(self, page: str, /) -> None:
+        """Let go of the goal: ``page`` is closed."""
+        if page == self._page:
+            self._page = None
+
+    def _hits(self, at: FloatArray) -> bool:
+        near, far = self._picture.ray(at)
+        models = self._view.added.get(Part.GHOST, {}).values()
+        return any(first_hit(near, far, world_triangles(each)) is not None for each in models)
+
+    def _tip(self) -> tuple[FloatArray, FloatArray] | None:
+        """``ras_from_root`` (4, 4) and the goal's tip (3,) in RAS; None without a goal."""
+        place_mm, scene, robot = self._goal.place_mm, self._view.scene, self._view.content.robot
+        node = None if scene is None or robot is None else scene.tree.node(robot.base_frame)
+        if place_mm is None or node is None:
+            return None
+        ras_from_root = world_matrix(node)
+        return ras_from_root, (ras_from_root @ [*place_mm, 1.0])[:3]

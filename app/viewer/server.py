@@ -48,12 +48,12 @@ from app.viewer.messages.methods import Methods
 from app.viewer.messages.open_pages import OpenPages
 from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
-from app.viewer.plan_part import PlanControls, PlanPart
+from app.viewer.plan_part import GoalControls, GoalDrag, PlanControls, PlanPart
 from app.viewer.pointer_parts import BodyDrag, HandPart, MouseHand, PointerArea, PointerPart
 from app.viewer.timeline import Timeline, band_patterns, state_css
 from app.viewer.web_app import Content, Handle, WebServer
 from app.viewer.world_part import BodyUpload, WorldControls, WorldPart
-from app.workflow import ApproachGhost, EventNotes, NeedleGuide, Workflow
+from app.workflow import ApproachGhost, EventNotes, GoalPose, NeedleGuide, Workflow
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "scene"
@@ -86,7 +86,8 @@ class Viewer:
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
     known here. ``world``: a simulated one, whose bodies ``view`` shows, too. ``plans``: an approach
-    and a needle's corridor, which ``view`` shows, too.
+    and a needle's corridor, which ``view`` shows, too; ``goal`` with ``plans``: an operator may
+    move the robot's ghost to a goal.
     """
 
     def __init__(
@@ -104,6 +105,7 @@ class Viewer:
         hand: MouseHand | None = None,
         world: SimulatedWorld | None = None,
         plans: tuple[ApproachGhost, NeedleGuide] | None = None,
+        goal: GoalPose | None = None,
     ) -> None:
         if client and hand is not None:
             raise ViewerError("page: drawn by the browser, with a hand; expected one of both")
@@ -134,6 +136,8 @@ class Viewer:
         self._pointed: list[PointerPart] = [] if self._hand is None else [self._hand]
         if world is not None and not client:
             self._pointed.append(BodyDrag(view, world))
+        if goal is not None and not client:
+            self._pointed.append(GoalDrag(view, goal, self.redraw))
         self._page = Page(
             state,
             view,
@@ -148,7 +152,7 @@ class Viewer:
             _no_recording if operator is None else lambda: operator.recording,
             self._guided,
             self._world,
-            None if plans is None else PlanPart(*plans),
+            None if plans is None else PlanPart(*plans, goal),
         )
         state.rates = []
         self._commands = Commands()
@@ -170,6 +174,8 @@ class Viewer:
             WorldControls(self._commands, world, self.redraw)
         if plans is not None:
             PlanControls(self._commands, *plans, self.redraw)
+        if goal is not None:
+            GoalControls(self._commands, goal, self.redraw)
 
     @property
     def workflow(self) -> Workflow | None:

@@ -7,6 +7,7 @@ from .calibration_fit import (
     fit_calibration,
 )
 from .contour_tumor import ContourTumor
+from .goal_pose import GoalPose, GoalShown
 from .guided_recording import DisplayOperator, GuidedFits, Phase
 from .guided_text import GuidedShown, TouchedPoint, calibration_shown, registration_shown
 from .needle_guide import RANGE_MM, RINGS_MM, NeedleGuide, NeedleShown
@@ -32,6 +33,8 @@ __all__ = [
     "EventNote",
     "EventNotes",
     "GhostShown",
+    "GoalPose",
+    "GoalShown",
     "GuidedFits",
     "GuidedShown",
     "NeedleGuide",

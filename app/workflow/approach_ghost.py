@@ -90,7 +90,7 @@ class ApproachGhost:
         self._drawn: ShownPlan | str | None = None
         self._content: SessionContent | None = None
         self._place = self._drawn_place = 0
-        self._problem = self._title = ""
+        self._problem = self._title = self._source = ""
         self.links: Mapping[str, Transform] = {}
         """``root_from_link`` at the shown time; another object at another time, empty without."""
         self.revision = 0
@@ -98,8 +98,18 @@ class ApproachGhost:
 
     def read(self, path: Path) -> None:
         """Use the plan of a file, at its goal. Raises `InputError` for a file that is none."""
-        self._chosen = ShownPlan.of(read_plan(path), str(path))
+        self._chosen, self._source = ShownPlan.of(read_plan(path), str(path)), "plan of a file"
         self.revision += 1
+
+    def choose(self, text: str) -> None:
+        """Use the plan in ``text``, at its goal. Raises `InputError` for a text that is none."""
+        self._chosen, self._source = ShownPlan.of(parse_plan(text), "plan"), "plan to the goal"
+        self.revision += 1
+
+    @property
+    def is_executed(self) -> bool:
+        """True while an arm executes a plan."""
+        return self._executed is not None
 
     def remove(self) -> None:
         """Show no plan of a file."""
@@ -123,7 +133,7 @@ class ApproachGhost:
         """Compare the plan with ``content``, the session's present one."""
         executed = self._executed
         plan = self._chosen if executed is None else executed
-        self._title = "plan of a file" if executed is None else "the arm executes this plan"
+        self._title = self._source if executed is None else "the arm executes this plan"
         self._place = _last(plan) if plan is not self._drawn else min(self._place, _last(plan))
         drawn = self._drawn, self._content, self._drawn_place
         if drawn == (plan, content, self._place):
@@ -144,12 +154,12 @@ class ApproachGhost:
         if plan is None:
             return None
         if isinstance(plan, str) or self._problem:
-            return GhostShown(self._title, _sendable(self._problem), 0, 0, "", "", "")
+            return GhostShown(self._title, sendable(self._problem), 0, 0, "", "", "")
         times_ns, at = plan.motion.times_ns, plan.samples[self._drawn_place]
         nearest = "no structure" if plan.nearest is not None else "no distances in the plan"
         if plan.nearest:
             name, distance_mm = plan.nearest[self._drawn_place]
-            nearest = _sendable(f"{distance_mm:.1f} mm from {name}")
+            nearest = sendable(f"{distance_mm:.1f} mm from {name}")
         return GhostShown(
             self._title,
             "",
@@ -161,7 +171,7 @@ class ApproachGhost:
         )
 
 
-def _sendable(text: str) -> str:
+def sendable(text: str) -> str:
     """The beginning of ``text``, which may have any length, and characters that UTF-8 has not."""
     return text[:_MAX_TEXT].encode(errors="replace").decode()
 

@@ -2,15 +2,24 @@
 
 import json
 import re
+import threading
+import time
 
 import numpy as np
 import pytest
 from playwright.sync_api import expect
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from app.bridge import RosNode
-from app.bridge.topics import EXECUTED_PLAN
-from app.geometry import poses_in
+from app.bridge.guard_scene import GuardScene
+from app.bridge.messages import header_message
+from app.bridge.obstacles import Obstacles
+from app.bridge.plan_execution import ExecutionNode
+from app.bridge.planning_server import NODE_NAME, PlanningServer
+from app.bridge.topics import EXECUTED_PLAN, STREAM, Topic
+from app.control import open_control
+from app.geometry import Stamp, poses_in
 from app.runtime import prepare_live
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
@@ -22,6 +31,7 @@ from tests.planning.plan_files import write_approach, write_needle
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import choose, press, read, wait_for
 from tests.viewer.pictures import picture
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
@@ -96,4 +106,64 @@ def test_page_guides_the_needle_and_shows_the_ghost(
             refused = "plan: is of the setup 'other'; expected "
             expect(page.locator("#approach-problem")).to_contain_text(refused)
         expect(title).to_have_text("plan of a file")  # its node has left
+        assert watched.errors == []
+
+
+@pytest.fixture
+def planner(domain_id, project_root):
+    """The planning node, for an arm that stands beside the tumour."""
+    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
+    with (
+        RosNode(NODE_NAME, domain_id=domain_id) as ros,
+        RosNode("arm", domain_id=domain_id) as arm,
+    ):
+        joints = arm.publisher(Topic(f"{description.arm}/measured_js", JointState, STREAM))
+        names = list(description.tool.joints)
+        at = [{"waist": 1.0, "shoulder": 0.6, "elbow": 0.3}.get(name, 0.0) for name in names]
+
+        def measure():
+            header = header_message("", Stamp(time.time_ns()))
+            joints.publish(JointState(header=header, name=names, position=at))
+
+        arm.every(0.005, measure)
+        node = ExecutionNode(ros, description, clock_ns=time.time_ns)
+        guard = GuardScene(ros, description, Obstacles(ros))
+        PlanningServer(ros, description, node, guard, threading.Lock())
+        yield
+
+
+@pytest.mark.timeout(900)
+def test_goal_is_moved_and_a_plan_to_it_is_shown(
+    browser, planned, planner, start, frames_file, domain_id
+):
+    server, _ = planned
+    with watching(browser, server) as watched:
+        page = watched.page
+        start(str(SENDER), str(frames_file), "tracked", "again")
+        choose(page, "operate")
+        page.fill("#goal-clearance", "1")
+
+        def has_begun():  # as soon as the joints are known
+            page.evaluate("document.getElementById('goal-begin')?.click()")
+            return page.locator("#goal-place").count()
+
+        wait_until(has_begun, pause_s=0.5)
+        place = page.locator("#goal-place")
+        expect(place).to_contain_text(" mm from the root of the robot")
+        for step in 8 * ["#goal-step-2", "#goal-step-4"]:  # aside and up, away from the tumour
+            before = place.text_content()
+            page.click(step)
+            expect(place).not_to_have_text(before)
+        expect(page.locator("#goal-problem")).to_have_count(0)
+        assert violations(page) == []
+        picture(page, "goal", "#goal")
+        page.click("#goal-plan")
+        expect(page.locator("#goal-status")).to_have_text(
+            "planned; nothing has moved", timeout=40_000
+        )
+        expect(page.locator("#approach .count")).to_have_text("plan to the goal")
+        page.click("#goal-begin")
+        page.evaluate("trame.trigger('goal_move', [[1000, 0, 0], [0, 0, 0]])")
+        expect(page.locator("#goal-problem")).to_contain_text("out of reach: link 'stylus'")
+        expect(page.locator("#goal-plan")).to_be_disabled()
         assert watched.errors == []
