@@ -5,8 +5,9 @@
                                                        ``ns`` and ``id``: ADD, DELETE, DELETEALL
 ================  ===================================  ===========================================
 
-An obstacle stays until it is deleted: lifetimes are not applied. One that cannot be used is a
-problem until it is corrected or deleted. Surfaces contain the ideal shapes.
+An obstacle stays until its sender deletes it, or, when that has left, another one: lifetimes are
+not applied. One that cannot be used is a problem until it is corrected or deleted, a lost message
+until a DELETEALL. Surfaces contain the ideal shapes.
 """
 
 import math
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from visualization_msgs.msg import Marker, MarkerArray
@@ -26,8 +27,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from app.bridge.message_origin import Origin
 from app.bridge.messages import MM_PER_M, pose_of
 from app.bridge.node import RosNode
-from app.bridge.sender_names import node_name
-from app.bridge.topics import INCOMING_TF, STATIC_TF, Topic
+from app.bridge.sender_names import SenderNames, node_name
+from app.bridge.topics import Topic
 from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh
 from app.geometry.mesh import weld_vertices
 from app.robot.primitives import SIDES, box, cylinder, sphere
@@ -38,9 +39,9 @@ _MAX_BYTES = 1 << 20
 _MAX_MM = 10_000.0
 _SHAPES = {Marker.SPHERE: "SPHERE", Marker.CUBE: "CUBE", Marker.CYLINDER: "CYLINDER"}
 _LOOK_S = 0.2
-"""Time between two looks for latched publishers."""
-_UNREAD = ""
-"""Key of the problem of messages that name no obstacle."""
+"""Time between two looks at the publishers."""
+_Key = tuple[bytes | None, str | None, int]
+"""Sender, namespace and id; the namespace is None for a problem of messages of the sender."""
 
 
 class Obstacle(NamedTuple):
@@ -55,43 +56,67 @@ class Obstacles:
 
     def __init__(self, ros: RosNode) -> None:
         self._ros, self._lock = ros, threading.Lock()
-        self._markers: dict[str, bytes] = {}
-        self._found: dict[str, Obstacle | str] = {}
+        self._markers: dict[_Key, bytes] = {}
+        self._found: dict[_Key, Obstacle | str] = {}
+        self._last: dict[bytes | None, int] = {}
+        self._best_effort: set[bytes] = set()
         self.revision = 0
-        """Changes with each obstacle."""
+        """Changes with each obstacle, and with the senders that cannot be used."""
         self._name = ros.node.resolve_topic_name(TOPIC)
+        self._senders = SenderNames(ros, self._name)
         self._hears_latched = False
-        self._subscribe(INCOMING_TF, is_latched=False)
-        ros.every(_LOOK_S, self._hear_latched)
+        self._subscribe(is_latched=False)
+        ros.every(_LOOK_S, self._look)
 
     def current(self) -> list[Obstacle]:
-        """The obstacles now. Raises `InputError` while one of them cannot be used."""
-        for info in self._infos():
-            if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
-                raise InputError(
-                    f"{self._name}: node {node_name(info)} sends with best effort; expected "
-                    "reliable messages"
-                )
+        """The obstacles now, each with another name.
+
+        Raises `InputError` while one of them cannot be used.
+        """
+        for info in filter(_is_best_effort, self._infos()):
+            raise InputError(
+                f"{self._name}: node {node_name(info)} sends with best effort; expected "
+                "reliable messages"
+            )
         with self._lock:
             found = list(self._found.values())
-        problems = [each for each in found if isinstance(each, str)]
-        if problems:
-            raise InputError(problems[0])
-        return [each for each in found if isinstance(each, Obstacle)]
+        named: dict[str, Obstacle] = {}
+        for each in found:
+            if isinstance(each, str):
+                raise InputError(each)
+            name, number = each.name, 1
+            while name in named:  # of another sender
+                number += 1
+                name = f"{each.name} ({number})"
+            named[name] = each._replace(name=name)
+        return list(named.values())
 
-    def _subscribe(self, qos: QoSProfile, *, is_latched: bool) -> None:
+    def _subscribe(self, *, is_latched: bool) -> None:
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_ALL,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=durability,
+        )
         self._ros.subscribe_with_origin(
             Topic(TOPIC, MarkerArray, qos), partial(self._take, is_latched=is_latched)
         )
 
-    def _hear_latched(self) -> None:
-        """Subscribe for the messages that latched publishers have sent before.
+    def _look(self) -> None:
+        """Look for senders with best effort, and for what latched ones have sent before.
 
-        Not from the beginning: each other publisher would warn of an incompatible subscription.
+        That is not subscribed from the beginning: each other publisher would warn of an
+        incompatible subscription.
         """
-        if not self._hears_latched and any(map(_is_latched, self._infos())):
+        infos = self._infos()
+        best_effort = {bytes(each.endpoint_gid) for each in filter(_is_best_effort, infos)}
+        if best_effort != self._best_effort:
+            self._best_effort = best_effort
+            with self._lock:
+                self.revision += 1
+        if not self._hears_latched and any(map(_is_latched, infos)):
             self._hears_latched = True
-            self._subscribe(STATIC_TF, is_latched=True)
+            self._subscribe(is_latched=True)
 
     def _infos(self) -> list[TopicEndpointInfo]:
         return self._ros.node.get_publishers_info_by_topic(self._name)
@@ -101,14 +126,17 @@ class Obstacles:
             return  # the other subscription gets it
         with self._lock:
             before = dict(self._markers)
+            self._senders.refresh()
+            self._senders.is_present(origin.sender)  # shows whether the graph identifies senders
             try:
+                self._count(origin)
                 if len(data) > _MAX_BYTES:
                     raise InputError(f"{len(data)} bytes; expected at most {_MAX_BYTES}")
                 for marker in deserialize_message(data, MarkerArray).markers:
-                    self._apply(marker)
+                    self._apply(marker, origin.sender)
             except Exception as error:  # rclpy raises several unrelated types for invalid bytes
                 self._set(
-                    _UNREAD,
+                    (origin.sender, None, 0),
                     b"",
                     f"obstacles: a message cannot be read ({error}); expected a MarkerArray, after "
                     "a DELETEALL",
@@ -116,40 +144,63 @@ class Obstacles:
             if self._markers != before:
                 self.revision += 1
 
+    def _count(self, origin: Origin) -> None:
+        """Find lost messages: the numbers of a sender have a gap; latched ones come again."""
+        if origin.sequence is None:  # Cyclone DDS
+            return
+        lost = origin.sequence - self._last.get(origin.sender, origin.sequence) - 1
+        self._last[origin.sender] = origin.sequence
+        if lost > 0:
+            text = f"obstacles: {lost} messages are lost; expected all, after a DELETEALL"
+            self._set((origin.sender, None, 1), b"", text)
+
     def _sends_latched(self, origin: Origin) -> bool:
         return any(
             bytes(info.endpoint_gid) == origin.sender for info in filter(_is_latched, self._infos())
         )
 
-    def _apply(self, marker: Marker) -> None:
-        name = f"{marker.ns}/{marker.id}"
-        if marker.action == Marker.DELETEALL:
-            self._markers.clear()
-            self._found.clear()
-        elif marker.action == Marker.DELETE:
-            self._markers.pop(name, None)
-            self._found.pop(name, None)
-        elif name not in self._markers and len(self._markers) >= MAX_OBSTACLES:
+    def _apply(self, marker: Marker, sender: bytes | None) -> None:
+        key, name = (sender, marker.ns, marker.id), f"{marker.ns}/{marker.id}"
+        if marker.action in (Marker.DELETE, Marker.DELETEALL):
+            self._delete(marker, sender)
+        elif key not in self._markers and len(self._markers) >= MAX_OBSTACLES:
             text = f"obstacles: are more than {MAX_OBSTACLES}; expected fewer, after a DELETEALL"
-            self._set(_UNREAD, b"", text)
+            self._set((sender, None, 2), b"", text)
         else:
             marker.header.stamp = Time()
             content = bytes(serialize_message(marker))
-            if self._markers.get(name) == content:
+            if self._markers.get(key) == content:
                 return
             try:
-                self._set(name, content, obstacle_of(name, marker))
+                self._set(key, content, obstacle_of(name, marker))
             except MarginGuardError as error:
-                self._set(name, content, f"obstacle {name!r}: {error}")
+                self._set(key, content, f"obstacle {name!r}: {error}")
 
-    def _set(self, name: str, content: bytes, found: Obstacle | str) -> None:
-        self._markers[name], self._found[name] = content, found
+    def _delete(self, marker: Marker, sender: bytes | None) -> None:
+        """Delete what ``marker`` names of ``sender``, and of senders that have left."""
+        for key in list(self._markers):
+            owner, ns, number = key
+            if owner != sender and self._senders.is_present(owner):
+                continue
+            if marker.action == Marker.DELETEALL:
+                is_named = marker.ns in ("", ns)
+            else:
+                is_named = (ns, number) == (marker.ns, marker.id)
+            if is_named:
+                del self._markers[key], self._found[key]
+
+    def _set(self, key: _Key, content: bytes, found: Obstacle | str) -> None:
+        self._markers[key], self._found[key] = content, found
         if isinstance(found, str):
             self._ros.warn(f"{self._name}: {found}; nothing is planned until then")
 
 
 def _is_latched(info: TopicEndpointInfo) -> bool:
     return info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def _is_best_effort(info: TopicEndpointInfo) -> bool:
+    return info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
 
 
 def obstacle_of(name: str, marker: Marker) -> Obstacle:

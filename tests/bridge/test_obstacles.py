@@ -7,11 +7,13 @@ import pytest
 import trimesh
 from geometry_msgs.msg import Point, Quaternion
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge import RosNode
+from app.bridge.message_origin import Origin
 from app.bridge.obstacles import MAX_OBSTACLES, Obstacles, obstacle_of
-from app.bridge.topics import INCOMING_TF, STATIC_TF, Topic
+from app.bridge.topics import INCOMING_TF, LATCHED, STATIC_TF, STREAM, Topic
 from app.geometry import InputError, MarginGuardError
 from tests.waiting import wait_until
 
@@ -122,7 +124,7 @@ def nodes(domain_id):
 
 def sender(peer, qos, count):
     publisher = peer.publisher(Topic("/marginguard_plan/obstacles", MarkerArray, qos))
-    wait_until(lambda: publisher.get_subscription_count() == count)
+    wait_until(lambda: publisher.get_subscription_count() >= count)
     return lambda *markers: publisher.publish(MarkerArray(markers=list(markers)))
 
 
@@ -161,6 +163,87 @@ def test_obstacles_change_until_they_are_deleted(nodes):
     assert obstacles.current() == []
 
 
+def test_deletion_is_of_its_namespace_and_sender(nodes, domain_id):
+    ros, peer = nodes
+    obstacles = Obstacles(ros)
+    send = sender(peer, STREAM, 1)
+    send(marker(ns="spine"), marker(ns="table"), Marker(ns="spine", action=Marker.DELETEALL))
+    wait_until(lambda: names(obstacles) == ["table/0"])
+    with RosNode("second", domain_id=domain_id) as second:
+        other = sender(second, STREAM, 1)
+        other(marker(ns="table", scale=(0.1, 0.1, 0.1)), marker(ns="other"))
+        wait_until(lambda: names(obstacles) == ["table/0", "table/0 (2)", "other/0"])
+        first, replaced, _ = obstacles.current()
+        assert np.ptp(first.surface.vertices_mm[:, 2]) == pytest.approx(40.0)
+        assert np.ptp(replaced.surface.vertices_mm[:, 2]) == pytest.approx(100.0)
+        send(marker(ns="other", action=Marker.DELETE))
+        send(Marker(action=Marker.DELETEALL), marker(number=1))
+        wait_until(lambda: names(obstacles) == ["table/0", "other/0", "box/1"])
+
+
+def test_obstacles_of_a_sender_that_has_left_stay_until_another_deletes_them(nodes, domain_id):
+    ros, peer = nodes
+    obstacles = Obstacles(ros)
+    with RosNode("second", domain_id=domain_id) as second:
+        sender(second, STREAM, 1)(marker(), marker(ns="other"))
+        wait_until(lambda: names(obstacles) == ["box/0", "other/0"])
+    wait_until(lambda: ros.node.count_publishers("/marginguard_plan/obstacles") == 0)
+    send = sender(peer, STREAM, 1)
+    send(marker(), marker(ns="other", action=Marker.DELETE))
+    wait_until(lambda: names(obstacles) == ["box/0", "box/0 (2)"])
+    send(Marker(action=Marker.DELETEALL))
+    wait_until(lambda: names(obstacles) == [])
+
+
+def test_burst_is_received_by_a_busy_node(nodes):
+    ros, peer = nodes
+    obstacles = Obstacles(ros)
+    send = sender(peer, STREAM, 1)
+    with obstacles._lock:
+        for number in range(MAX_OBSTACLES):
+            send(marker(number=number))
+    wait_until(lambda: len(names(obstacles)) == MAX_OBSTACLES)
+
+
+def test_lost_message_forbids_plans_until_all_is_deleted(nodes):
+    ros, _ = nodes
+    obstacles = Obstacles(ros)
+
+    def take(number, *markers, source=b"a", is_latched=False):
+        data = serialize_message(MarkerArray(markers=list(markers)))
+        obstacles._take(data, Origin(source, number), is_latched=is_latched)
+
+    take(5, marker())
+    take(6)
+    for number in (4, 5, 6, 7):  # again, by the subscription for latched messages
+        take(number, marker(number=number), is_latched=True)
+    take(2, source=b"b")
+    assert len(names(obstacles)) == 5
+    take(10, marker(number=10))
+    with pytest.raises(InputError, match="2 messages are lost; expected all, after a DELETEALL"):
+        obstacles.current()
+    take(11, Marker(ns="box", action=Marker.DELETEALL))
+    with pytest.raises(InputError, match="are lost"):
+        obstacles.current()
+    take(12, Marker(action=Marker.DELETEALL), marker())
+    assert names(obstacles) == ["box/0"]
+
+
+def test_latched_deletion_of_before_keeps_later_obstacles_of_others(nodes, domain_id):
+    ros, peer = nodes
+    obstacles = Obstacles(ros)
+    send = sender(peer, STREAM, 1)
+    send(marker())
+    wait_until(lambda: names(obstacles) == ["box/0"])
+    with RosNode("second", domain_id=domain_id) as second:
+        old = sender(second, LATCHED, 1)
+        old(Marker(action=Marker.DELETEALL), marker(ns="old"))
+        wait_until(lambda: names(obstacles) == ["box/0", "old/0"])
+        wait_until(lambda: ros.node.count_subscribers("/marginguard_plan/obstacles") == 2)
+        send(marker(number=1))
+        wait_until(lambda: names(obstacles) == ["box/0", "old/0", "box/1"])
+
+
 def test_latched_obstacles_of_before_are_received(nodes):
     ros, peer = nodes
     send = sender(peer, STATIC_TF, 0)
@@ -174,8 +257,9 @@ def test_latched_obstacles_of_before_are_received(nodes):
 def test_sender_whose_obstacles_may_be_lost_forbids_plans(nodes):
     ros, peer = nodes
     obstacles = Obstacles(ros)
+    assert obstacles.revision == 0
     qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    peer.node.create_publisher(MarkerArray, "/marginguard_plan/obstacles", qos)
+    publisher = peer.node.create_publisher(MarkerArray, "/marginguard_plan/obstacles", qos)
 
     def problem():
         try:
@@ -184,3 +268,7 @@ def test_sender_whose_obstacles_may_be_lost_forbids_plans(nodes):
             return str(error)
 
     wait_until(lambda: "node /camera sends with best effort; expected reliable" in str(problem()))
+    wait_until(lambda: obstacles.revision == 1)  # which a motion tests
+    peer.node.destroy_publisher(publisher)
+    wait_until(lambda: obstacles.revision == 2)
+    assert obstacles.current() == []
