@@ -79,6 +79,10 @@ class ExecutionNode:
         """Allow the next motion, which a cancel before it does not stop any more."""
         self._cancelled.clear()
 
+    def is_cancelled(self) -> bool:
+        """True from a cancel on, until the next motion is allowed."""
+        return self._cancelled.is_set()
+
     def cancel(self) -> None:
         """Stop the motion within its accelerations, for good. Call it from any thread."""
         self._cancelled.set()

@@ -11,6 +11,7 @@ turns; else it is timed anew, and rests there.
 
 import json
 import threading
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -39,10 +40,17 @@ from app.control import (
     parse_plan,
 )
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, InputError, MarginGuardError, Stamp
-from app.planning import Approach, MotionLimits, limit_rows, prove_path, time_path
+from app.planning import (
+    MAX_DURATION_S,
+    Approach,
+    MotionLimits,
+    limit_rows,
+    prove_path,
+    time_path,
+)
 
 _Result = FollowJointTrajectory.Result
-_MAX_POINTS = 60_000
+_MAX_POINTS = 10_000
 _FEEDBACK_NS = 100 * NS_PER_MS
 _ROUNDED = 1.0 + 1e-6
 _STRAIGHT = 1e-9
@@ -95,9 +103,11 @@ class TrajectoryServer:
                 watch = PathWatch(self._about, self._guard, plan)
                 last = self._arm.run(plan, report, every_ns=_FEEDBACK_NS, watch=watch)
         except MarginGuardError as error:
-            return _Result(error_code=code, error_string=str(error)), GoalOutcome.ABORTED
+            if not self._arm.is_cancelled():
+                return _Result(error_code=code, error_string=str(error)), GoalOutcome.ABORTED
+            last = None
         if last is None:
-            text = "cancelled before it began"
+            code, text = _Result.GOAL_TOLERANCE_VIOLATED, "cancelled before it began"
             return _Result(error_code=code, error_string=text), GoalOutcome.CANCELLED
         if last.outcome is Outcome.ARRIVED:
             return _Result(error_code=_Result.SUCCESSFUL), GoalOutcome.SUCCEEDED
@@ -135,7 +145,7 @@ class TrajectoryServer:
                     f"{begin:.4f}; expected at most {tolerance:g} between them"
                 )
         held = {name: value for name, value in measured.items() if name not in goal.joints}
-        motion = timed(goal, rows)
+        motion = timed(goal, rows, self._arm.is_cancelled)
         scene, obstacles = self._guard.read(self._guard.scene_with_obstacles)
         approach = Approach(
             goal.joints,
@@ -160,6 +170,7 @@ class TrajectoryServer:
             {**scene.structures, **obstacles},
             clearance_mm=self._clearance_mm,
             carried=scene.carried,
+            is_over=self._arm.is_cancelled,
         )
         return plan
 
@@ -256,11 +267,12 @@ def with_start(goal: TrajectoryGoal, start: FloatArray) -> TrajectoryGoal:
 
 
 def timed(
-    goal: TrajectoryGoal, limits: FloatArray
+    goal: TrajectoryGoal, limits: FloatArray, is_over: Callable[[], bool] = lambda: False
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Times (n,) in ns, positions and velocities (n, d) of a motion along the lines of ``goal``.
 
-    ``limits`` (3, d) are those of `limit_rows`. Raises `InputError` for a goal that is faster.
+    ``limits`` (3, d) are those of `limit_rows`. Raises `InputError` for a goal that is faster or
+    takes longer than `MAX_DURATION_S`, and when ``is_over``.
     """
     spans_s = np.diff(goal.times_ns)[:, None] / NS_PER_S
     speeds = np.abs(np.diff(goal.positions, axis=0)) / spans_s
@@ -273,8 +285,13 @@ def timed(
         )
     velocities = goal.velocities
     if velocities is not None and keeps_to_lines(goal.positions, velocities):
+        duration_s = int(goal.times_ns[-1]) / NS_PER_S
+        if duration_s > MAX_DURATION_S:
+            raise InputError(
+                f"trajectory: takes {duration_s:g} s; expected at most {MAX_DURATION_S:g}"
+            )
         return goal.times_ns, goal.positions, velocities
-    return time_path(_turns(goal.positions), limits)
+    return time_path(_turns(goal.positions), limits, is_over)
 
 
 def _turns(positions: FloatArray) -> FloatArray:

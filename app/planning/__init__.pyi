@@ -7,10 +7,11 @@ from .needle_guidance import NeedleGuidance, NeedlePath, guide_needle
 from .needle_places import EntryRegion, NeedleTarget
 from .needle_reach import NeedleRobot
 from .needle_values import Corridor, ForbiddenStructure, Needle, NeedlePlan
-from .path_timing import MotionLimits, limit_rows, shown_samples, time_path
+from .path_timing import MAX_DURATION_S, MotionLimits, limit_rows, shown_samples, time_path
 from .preview import ApproachPreview, nearest_structures, preview_approach
 
 __all__ = [
+    "MAX_DURATION_S",
     "Approach",
     "ApproachError",
     "ApproachPreview",

@@ -158,11 +158,13 @@ def prove_path(
     *,
     clearance_mm: float,
     carried: Mapping[str, SurfaceMesh],
+    is_over: Callable[[], bool] = lambda: False,
 ) -> None:
     """Raise `ApproachError` unless the lines between ``states`` (k, d) keep all clearances.
 
     The bodies and their clearances are those of `plan_approach`, and so is the proof; ``states``
-    are finite. Raises the errors of `CollisionModel` too.
+    are finite. Raises it, too, when ``is_over``, which is asked at each line, and the errors of
+    `CollisionModel`.
     """
     model = CollisionModel(
         robot, joints, held, structures, clearance_mm=clearance_mm, carried=carried
@@ -171,6 +173,8 @@ def prove_path(
     if contact is not None:
         raise ApproachError(f"start: {contact}")
     for number, part in enumerate(pairwise(states)):
+        if is_over():
+            raise ApproachError("path: its proof was ended; expected the time for it")
         bodies = model.blocking_bodies(*part)
         if bodies is not None:
             raise ApproachError(

@@ -5,7 +5,7 @@ at the price of time: a blend at a corner would leave the path.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -69,27 +69,29 @@ def limit_rows(
 
 
 def time_path(
-    states: FloatArray, limits: FloatArray
+    states: FloatArray, limits: FloatArray, is_over: Callable[[], bool] = lambda: False
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Times (n,) in ns from 0, positions (n, d) and velocities (n, d) along ``states`` (k, d).
 
     ``limits`` (3, d) are those of `limit_rows`. The samples are `SAMPLE_NS` apart; each part takes
     a whole number of them, so that every via state is a sample and a straight line between two
     samples is on the path. Raises `InputError` for limits that give no motion, or one of more than
-    `MAX_DURATION_S`.
+    `MAX_DURATION_S`, and when ``is_over``, which is asked at each part.
     """
-    positions, velocities = [states[:1]], [np.zeros((1, states.shape[1]))]
+    positions, velocities, count = [states[:1]], [np.zeros((1, states.shape[1]))], 1
     for start, end in pairwise(states):
+        if is_over():
+            raise InputError("path: its timing was ended; expected the time for it")
         change = end - start
         if not change.any():
             continue
-        left_s = MAX_DURATION_S - sum(map(len, positions)) * SAMPLE_NS * 1e-9
+        left_s = MAX_DURATION_S - count * SAMPLE_NS * 1e-9
         along, speed = _rest_to_rest(np.abs(change), limits, left_s)
+        count += len(along)
         positions.append(start + along[:, None] * change)
         positions[-1][-1] = end
         velocities.append(speed[:, None] * change)
         velocities[-1][-1] = 0.0
-    count = sum(map(len, positions))
     times_ns = SAMPLE_NS * np.arange(count, dtype=np.int64)
     return times_ns, np.concatenate(positions), np.concatenate(velocities)
 

@@ -6,10 +6,13 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointComponentTolerance, JointTolerance
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from app.bridge.calls import ActionClient, ActionServer
+from app.bridge.ros_errors import GoalAbortedError
 from app.bridge.trajectory_server import read_trajectory, timed, with_start
 from app.control import PlannedMotion
 from app.geometry import NS_PER_S, InputError
-from app.planning import time_path
+from app.planning import MAX_DURATION_S, time_path
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
 
@@ -76,6 +79,40 @@ def test_motion_begins_where_the_arm_stands():
     assert with_start(at_zero, np.array([0.1, 0.2])) is at_zero
 
 
+def test_kept_times_have_a_longest_duration():
+    line = [[0.0, 0.0], [0.1, 0.0]]
+    for end_s in (MAX_DURATION_S, MAX_DURATION_S + 1.0):
+        goal = read_trajectory(message(line, [0.0, end_s], np.zeros((2, 2))), JOINTS)
+        if end_s == MAX_DURATION_S:
+            assert timed(goal, LIMITS)[0][-1] == end_s * NS_PER_S
+        else:
+            with pytest.raises(InputError, match="takes 601 s; expected at most 600"):
+                timed(goal, LIMITS)
+
+
+def test_timing_ends_when_it_is_cancelled():
+    zigzag = np.zeros((100, 2))
+    zigzag[1::2, 0] = 1e-6
+    goal = read_trajectory(message(zigzag, range(100)), JOINTS)
+    answers = iter([False] * 50 + [True])
+    with pytest.raises(InputError, match="path: its timing was ended"):
+        timed(goal, LIMITS, lambda: next(answers))
+    assert next(answers, None) is None
+
+
+def test_failure_of_the_server_is_no_success(ros):
+    def fail(_):
+        raise ZeroDivisionError("division failed")
+
+    ActionServer(ros, FollowJointTrajectory, "~/follow", fail)
+    client = ActionClient(ros, FollowJointTrajectory, "~/follow")
+    with pytest.raises(GoalAbortedError) as caught:
+        client.call(FollowJointTrajectory.Goal(), DEADLINE_S)
+    result = caught.value.result
+    assert result.error_code == result.GOAL_TOLERANCE_VIOLATED
+    assert result.error_string == "the server failed: ZeroDivisionError: division failed"
+
+
 def test_faster_motion_than_the_arm_allows_is_refused():
     goal = read_trajectory(message(CORNER, [0.0, 1.0, 1.3]), JOINTS)
     with pytest.raises(
@@ -98,6 +135,7 @@ def test_what_cannot_be_kept_is_refused():
         return lambda goal: goal.path_tolerance.append(JointTolerance(name="a", **values))
 
     refuse(lambda goal: points(goal).clear(), "has 0 points; expected 1 to")
+    refuse(lambda goal: points(goal).extend(10_000 * points(goal)[:1]), "has 10003 points; ")
     refuse(lambda goal: points(goal).reverse(), "does not increase from 0; expected increasing")
     refuse(lambda goal: points(goal).append(points(goal)[-1]), "does not increase")
     refuse(

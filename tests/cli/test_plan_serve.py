@@ -236,6 +236,13 @@ def test_trajectory_that_may_not_begin_is_refused_and_a_cancelled_one_stops(
     found = trajectories([*into], [[4.0, [*into.values()], []]])
     assert re.match(r"path: after \d+ of \d+ parts tool is not proven to keep", found["text"])
     assert "from tumor; expected 5 mm from structures" in found["text"]
+    turns = [[0.1 * k, [waist + 1e-6 * (k % 2)], []] for k in range(9000)]
+    found = trajectories(["waist"], turns, -1.0)
+    assert (found["status"], found["code"], found["text"]) == (
+        GoalStatus.STATUS_CANCELED,
+        result.GOAL_TOLERANCE_VIOLATED,
+        "cancelled before it began",
+    )
     assert cell.judge.plans == []
     assert np.abs(cell.judge.measured()[-1] - before).max() < FOLLOW_RAD
     for _ in range(MAX_PLANS):

@@ -2,7 +2,8 @@
 
 ``python trajectory_client.py`` waits for the server and prints ``ready``; then each line of its
 input is ``{"joints": [...], "points": [[seconds, positions, velocities], ...], "cancel": 0.2}`` in
-JSON. It cancels after ``cancel`` of the time, and prints the feedback and the result as JSON.
+JSON. It cancels after ``cancel`` s of the motion, or before it for a negative one, and prints the
+feedback and the result as JSON.
 """
 
 import json
@@ -50,6 +51,8 @@ def executed(node, client, wanted):
     handle = sent.result()
     if not handle.accepted:
         return {"status": "rejected"}
+    if wanted["cancel"] is not None and wanted["cancel"] < 0.0:
+        handle.cancel_goal_async()
     ended = handle.get_result_async()
     rclpy.spin_until_future_complete(node, ended)
     result = ended.result()

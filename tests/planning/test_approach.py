@@ -321,6 +321,10 @@ def test_path_of_another_planner_is_proven_or_refused(touch, start):
     prove_path(touch, made.joints, made.held, made.positions, {"ball": away}, **bodies)
     with pytest.raises(ApproachError, match=r"path: after \d+ of \d+ parts .* from ball; expected"):
         prove_path(touch, made.joints, made.held, made.positions, {"ball": near}, **bodies)
+    with pytest.raises(ApproachError, match="path: its proof was ended"):
+        prove_path(
+            touch, made.joints, made.held, made.positions, {}, **bodies, is_over=lambda: True
+        )
     middle = made.positions[[len(made.positions) // 2] * 2]
     with pytest.raises(ApproachError, match=r"start: .* from ball; expected at least 2 mm"):
         prove_path(touch, made.joints, made.held, middle, {"ball": near}, **bodies)

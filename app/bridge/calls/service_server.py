@@ -255,7 +255,13 @@ def _qos(max_waiting: int | None) -> QoSProfile:
 
 
 def failure_reply(message: Any, reason: str) -> Any:
-    """Set ``reason`` in the ``message`` field of a default response or result, if it has one."""
+    """Set ``reason`` in the ``message`` field of a default response or result, if it has one.
+
+    In a result of FollowJointTrajectory, whose default is a success, it is the ``error_string``.
+    """
+    text = reason.encode("utf-8", "replace").decode("utf-8")
     if isinstance(getattr(message, "message", None), str):
-        message.message = reason.encode("utf-8", "replace").decode("utf-8")
+        message.message = text
+    elif hasattr(message, "GOAL_TOLERANCE_VIOLATED"):
+        message.error_code, message.error_string = message.GOAL_TOLERANCE_VIOLATED, text
     return message
