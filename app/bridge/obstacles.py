@@ -59,6 +59,8 @@ class Obstacles:
         self._markers: dict[_Key, bytes] = {}
         self._found: dict[_Key, Obstacle | str] = {}
         self._last: dict[bytes | None, int] = {}
+        self._listed: set[bytes | None] = set()
+        """Senders that the graph has listed: only these can leave."""
         self._best_effort: set[bytes] = set()
         self.revision = 0
         """Changes with each obstacle, and with the senders that cannot be used."""
@@ -127,7 +129,8 @@ class Obstacles:
         with self._lock:
             before = dict(self._markers)
             self._senders.refresh()
-            self._senders.is_present(origin.sender)  # shows whether the graph identifies senders
+            if self._senders.is_present(origin.sender):
+                self._listed.add(origin.sender)
             try:
                 self._count(origin)
                 if len(data) > _MAX_BYTES:
@@ -180,7 +183,8 @@ class Obstacles:
         """Delete what ``marker`` names of ``sender``, and of senders that have left."""
         for key in list(self._markers):
             owner, ns, number = key
-            if owner != sender and self._senders.is_present(owner):
+            has_left = owner in self._listed and not self._senders.is_present(owner)
+            if owner != sender and not has_left:
                 continue
             if marker.action == Marker.DELETEALL:
                 is_named = marker.ns in ("", ns)

@@ -254,7 +254,7 @@ def test_wrong_request_is_refused_in_one_line_and_changes_nothing(command, error
 
 def test_name_of_another_tool_is_refused(world):
     world.session.use(replace(world.session.setup, tool_names=("vessel",)))
-    with pytest.raises(FrameError, match="^structure 'vessel': has the name of another frame"):
+    with pytest.raises(FrameError, match=r"^structure 'vessel': has the name of another frame"):
         request(world, vessel())
 
 
