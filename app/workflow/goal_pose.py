@@ -55,6 +55,8 @@ class GoalPose:
         self._goal: Transform | None = None
         self._model: CollisionModel | None = None
         self._joints: Mapping[str, float] = {}
+        self._reached: Mapping[str, float] = {}
+        """The joints that move the tool's link, at the goal."""
         self._clearance_mm = 0.0
         self._silent = self._problem = self._status = ""
         self._is_planning = False
@@ -144,7 +146,7 @@ class GoalPose:
             raise InputError("goal: an approach is being planned; expected its end")
         self._is_planning, self._status = True, "planning..."
         self.revision += 1
-        self._plan(dict(self._joints), self._clearance_mm, self._answer)
+        self._plan(dict(self._reached), self._clearance_mm, self._answer)
 
     def shown(self) -> GoalShown | None:
         """Texts at the last `update`; None for a session without a registered robot."""
@@ -178,12 +180,13 @@ class GoalPose:
             robot, goal = setup.robot, self._goal
             assert goal is not None  # the callers have checked it
             try:
-                found = robot.inverse_kinematics(
+                self._reached = robot.inverse_kinematics(
                     goal.source, goal, seed=self._joints, options=IkOptions(restarts=_RESTARTS)
                 )
             except UnreachableError as error:
                 raise InputError(f"out of reach: {error}") from error
-            self._joints = dict.fromkeys(robot.actuated_joint_names, 0.0) | found
+            known = {**self._joints, **self._reached}
+            self._joints = dict.fromkeys(robot.actuated_joint_names, 0.0) | known
             self.links = robot.forward_kinematics(self._joints)
             if self._model is None:
                 self._model = _model(setup, self._content, step, self._clearance_mm)
