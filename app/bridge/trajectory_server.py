@@ -284,7 +284,7 @@ def timed(
             f"expected at most {limits[0, column]:g}"
         )
     velocities = goal.velocities
-    if velocities is not None and keeps_to_lines(goal.positions, velocities):
+    if velocities is not None and keeps_to_lines(velocities, lines_of(goal.positions)[1]):
         duration_s = int(goal.times_ns[-1]) / NS_PER_S
         if duration_s > MAX_DURATION_S:
             raise InputError(

@@ -73,11 +73,12 @@ class PlannedMotion:
             raise InputError("plan: names a joint twice; expected each joint once")
         if not (self.accelerations > 0.0).all():
             raise InputError("plan: has a limit of 0 or less; expected limits above 0")
-        if not keeps_to_lines(self.positions, self.velocities):
+        lengths, lines = lines_of(self.positions)
+        if not keeps_to_lines(self.velocities, lines):
             raise InputError("plan: moves off the lines of its samples; expected rest at turns")
         if self.velocities[[0, -1]].any():
             raise InputError("plan: begins or ends in motion; expected rest")
-        self._check_between(*lines_of(self.positions))
+        self._check_between(lengths, lines)
 
     def _check_between(self, lengths: FloatArray, lines: FloatArray) -> None:
         """Set ``fastest``, and check the motion between samples.
@@ -115,9 +116,8 @@ def lines_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     return lengths, np.divide(steps, lengths, out=np.zeros_like(steps), where=lengths > 0.0)
 
 
-def keeps_to_lines(positions: FloatArray, velocities: FloatArray) -> bool:
-    """True if ``velocities`` (k, d) are along the lines between ``positions``, and 0 at turns."""
-    _, lines = lines_of(positions)
+def keeps_to_lines(velocities: FloatArray, lines: FloatArray) -> bool:
+    """True if ``velocities`` (k, d) are along ``lines`` (k - 1, d) of `lines_of`, 0 at turns."""
     for ends in (velocities[:-1], velocities[1:]):
         along = np.maximum((ends * lines).sum(axis=1, keepdims=True), 0.0)
         if not np.abs(ends - along * lines).max(initial=0.0) <= _ASIDE:

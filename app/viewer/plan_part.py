@@ -13,7 +13,7 @@ from app.viewer.drawing.grips import PicturePoints, first_hit
 from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.messages.checks import Commands, integer, number, numbers
 from app.viewer.messages.methods import Event
-from app.viewer.pointer_parts import place_of
+from app.viewer.pointer_parts import PageDrag, place_of
 from app.viewer.view_state import ViewState
 from app.workflow import RANGE_MM, RINGS_MM, ApproachGhost, GoalPose, NeedleGuide
 
@@ -129,50 +129,39 @@ class GoalControls:
         commands.add("goal_end", lambda: do(goal.end))
 
 
-class GoalDrag:
-    """Takes the events of the pointer that drag the ghost at ``goal``; a `PointerPart`.
-
-    The tip moves in the plane that faces the camera. One page drags at a time. All calls come from
-    the page's thread, events from pages that may operate.
-    """
+class GoalDrag(PageDrag):
+    """Drags the ghost at ``goal``: its tip moves in the plane that faces the camera."""
 
     def __init__(self, view: SceneView, goal: GoalPose, changed: Callable[[], None]) -> None:
+        super().__init__()
         self._view, self._goal, self._changed = view, goal, changed
         self._picture = PicturePoints(view)
-        self._page: str | None = None
         self._offset_mm: FloatArray = np.zeros(3)
 
-    def take(self, page: str, event: Event, /) -> bool:
-        """Process an event of ``page``; False if it is for others."""
-        kind, at = event["type"], place_of(event)
-        tip = self._tip()
-        if self._page is None:
-            is_plain = not any(event[key] for key in ("ctrlKey", "altKey", "shiftKey"))
-            if kind != "LeftButtonPress" or not is_plain or tip is None or not self._hits(at):
-                return False
-            on_plane = self._picture.on_plane(at, tip[1])
-            if on_plane is None:
-                return False
-            self._page, self._offset_mm = page, tip[1] - on_plane
-            self._goal.hold()
-            return True
-        if page != self._page:
+    def _begin(self, event: Event) -> bool:
+        is_plain = not any(event[key] for key in ("ctrlKey", "altKey", "shiftKey"))
+        if event["type"] != "LeftButtonPress" or not is_plain:
             return False
-        if kind in ("MouseMove", "LeftButtonRelease") and tip is not None:
+        at, tip = place_of(event), self._tip()
+        if tip is None or not self._hits(at):
+            return False
+        on_plane = self._picture.on_plane(at, tip[1])
+        if on_plane is None:
+            return False
+        self._offset_mm = tip[1] - on_plane
+        self._goal.hold()
+        return True
+
+    def _move(self, event: Event) -> bool:
+        tip = self._tip()
+        if tip is not None:
             ras_from_root, tip_mm = tip
-            on_plane = self._picture.on_plane(at, tip_mm)
+            on_plane = self._picture.on_plane(place_of(event), tip_mm)
             if on_plane is not None:
                 place = np.linalg.inv(ras_from_root) @ [*(on_plane + self._offset_mm), 1.0]
                 self._goal.move_to(place[:3])
                 self._changed()
-        if kind == "LeftButtonRelease" or "Press" in kind:
-            self._page = None
         return True
-
-    def gone(self, page: str, /) -> None:
-        """Let go of the goal: ``page`` is closed."""
-        if page == self._page:
-            self._page = None
 
     def _hits(self, at: FloatArray) -> bool:
         near, far = self._picture.ray(at)

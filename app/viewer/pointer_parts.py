@@ -1,6 +1,7 @@
 """The pointer in the picture: it drags the tool or a body, or moves the camera."""
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -212,47 +213,67 @@ def _percent(at: FloatArray) -> list[float]:
     return [round(100.0 * float(at[0]), 2), round(100.0 * float(1.0 - at[1]), 2)]
 
 
-class BodyDrag:
-    """Takes the events of the pointer that drag a body, with the shift key; a `PointerPart`.
+class PageDrag(ABC):
+    """Takes the events of the pointer from a press to its release; a `PointerPart`.
 
-    Each event requests a pose; what the picture shows is what the physics makes of it. One page
-    drags at a time. All calls come from the page's thread, events from pages that may operate.
+    One page drags at a time. All calls come from the page's thread, events from pages that may
+    operate.
     """
 
-    def __init__(self, view: SceneView, world: SimulatedWorld) -> None:
-        self._world = world
-        self._grip = BodyGrip(view, lambda name: world.moment().poses.get(name))
+    def __init__(self) -> None:
         self._page: str | None = None
+
+    @abstractmethod
+    def _begin(self, event: Event) -> bool:
+        """True if ``event`` begins a drag."""
+
+    @abstractmethod
+    def _move(self, event: Event) -> bool:
+        """Follow the pointer; False ends the drag."""
 
     def take(self, page: str, event: Event, /) -> bool:
         """Process an event of ``page``; False if it is for others."""
-        kind = event["type"]
         if self._page is None:
-            is_asked = kind == "LeftButtonPress" and event["shiftKey"]
-            if not is_asked or event["ctrlKey"] or event["altKey"]:
-                return False
-            if self._grip.grip(place_of(event)) is None:
-                return False
-            self._page = page
-            return True
+            is_begun = self._begin(event)
+            if is_begun:
+                self._page = page
+            return is_begun
         if page != self._page:
             return False
-        if kind in ("MouseMove", "LeftButtonRelease"):
-            self._move(event)
-        if kind == "LeftButtonRelease" or "Press" in kind:
+        kind = event["type"]
+        goes_on = kind not in ("MouseMove", "LeftButtonRelease") or self._move(event)
+        if not goes_on or kind == "LeftButtonRelease" or "Press" in kind:
             self._page = None
         return True
 
     def gone(self, page: str, /) -> None:
-        """Let go of a body: ``page`` is closed."""
+        """End the drag: ``page`` is closed."""
         if page == self._page:
             self._page = None
 
-    def _move(self, event: Event) -> None:
+
+class BodyDrag(PageDrag):
+    """Drags a body, with the shift key.
+
+    Each event requests a pose; what the picture shows is what the physics makes of it.
+    """
+
+    def __init__(self, view: SceneView, world: SimulatedWorld) -> None:
+        super().__init__()
+        self._world = world
+        self._grip = BodyGrip(view, lambda name: world.moment().poses.get(name))
+
+    def _begin(self, event: Event) -> bool:
+        is_asked = event["type"] == "LeftButtonPress" and event["shiftKey"]
+        if not is_asked or event["ctrlKey"] or event["altKey"]:
+            return False
+        return self._grip.grip(place_of(event)) is not None
+
+    def _move(self, event: Event) -> bool:
         pose = self._grip.moved_to(place_of(event))
-        if pose is None:
-            return
-        try:
-            self._world.place(pose)
-        except InputError:  # the page shows that no simulation receives requests
-            self._page = None
+        if pose is not None:
+            try:
+                self._world.place(pose)
+            except InputError:  # the page shows that no simulation receives requests
+                return False
+        return True

@@ -23,13 +23,13 @@ def main():
     client.wait_for_server()
     print("ready", flush=True)
     for line in sys.stdin:
-        print(json.dumps(executed(node, client, json.loads(line))), flush=True)
+        print(json.dumps(execute(node, client, json.loads(line))), flush=True)
 
 
-def executed(node, client, wanted):
+def execute(node, client, request):
     goal = FollowJointTrajectory.Goal()
-    goal.trajectory.joint_names = wanted["joints"]
-    for seconds, positions, velocities in wanted["points"]:
+    goal.trajectory.joint_names = request["joints"]
+    for seconds, positions, velocities in request["points"]:
         point = JointTrajectoryPoint(positions=positions, velocities=velocities)
         point.time_from_start.sec, point.time_from_start.nanosec = divmod(
             round(seconds * 1e9), 10**9
@@ -43,7 +43,7 @@ def executed(node, client, wanted):
         at_s = at.sec + 1e-9 * at.nanosec
         rows = [list(each.positions) for each in (seen.desired, seen.actual, seen.error)]
         feedback.append([at_s, list(seen.joint_names), *rows])
-        if wanted["cancel"] is not None and at_s > wanted["cancel"] and not cancels:
+        if request["cancel"] is not None and at_s > request["cancel"] and not cancels:
             cancels.append(handle.cancel_goal_async())
 
     sent = client.send_goal_async(goal, feedback_callback=take)
@@ -51,7 +51,7 @@ def executed(node, client, wanted):
     handle = sent.result()
     if not handle.accepted:
         return {"status": "rejected"}
-    if wanted["cancel"] is not None and wanted["cancel"] < 0.0:
+    if request["cancel"] is not None and request["cancel"] < 0.0:
         handle.cancel_goal_async()
     ended = handle.get_result_async()
     rclpy.spin_until_future_complete(node, ended)
