@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import rosidl_generator_c
@@ -10,11 +11,15 @@ from rosidl_cli.command.hash.api import generate_type_hashes
 from rosidl_cli.command.translate.api import translate
 from rosidl_generator_c.cli import GenerateC
 from rosidl_generator_py.cli import GeneratePython
+from rosidl_parser import parser
 from rosidl_typesupport_c.cli import GenerateCTypesupport
 from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
 from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
 from rosidl_build.package import KINDS, InterfacePackage
+
+# Six generators parse each file: a third of the time of the build.
+parser.get_ast_from_idl_string = cache(parser.get_ast_from_idl_string)
 
 TYPE_SUPPORTS = (
     "rosidl_typesupport_c",
