@@ -78,6 +78,16 @@ def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def uv_variables() -> dict[str, str]:
+    """Variables of uv, run in the project's root: the constraints and the settings of pip."""
+    return {
+        "UV_CONSTRAINT": CONSTRAINTS,
+        "UV_BUILD_CONSTRAINT": CONSTRAINTS,
+        "UV_INDEX_STRATEGY": "unsafe-best-match",  # any index, as pip
+        **settings(run("pip", "config", "list").stdout),
+    }
+
+
 def main(arguments: list[str]) -> int:
     """Install ``arguments`` (as for ``pip install``) into this Python's environment."""
     print(f"Installing {' '.join(a for a in arguments if a != '-e')} ...", flush=True)
@@ -87,10 +97,7 @@ def main(arguments: list[str]) -> int:
         done = run(
             *("uv", "pip", "install", "--python", sys.executable, "--compile-bytecode"),
             *arguments,
-            UV_CONSTRAINT=CONSTRAINTS,
-            UV_BUILD_CONSTRAINT=CONSTRAINTS,
-            UV_INDEX_STRATEGY="unsafe-best-match",  # any index, as pip
-            **settings(run("pip", "config", "list").stdout),
+            **uv_variables(),
         )
         output += done.stdout
     LOG.write_text(output)

@@ -22,6 +22,7 @@ import pytest
 from tests import shipped_case
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.test_marginguard_command import OURS, SLICER_DOUBLE
+from tools import install
 
 pytestmark = pytest.mark.timeout(1200)  # a fixture builds and installs
 
@@ -75,21 +76,17 @@ class Installation:
         done = self.run("python", "-m", "pip", "--quiet", *arguments)
         assert done.returncode == 0, done.stdout + done.stderr
 
-    def install(self, *wheels: str) -> None:
-        """Install wheels; modules are compiled when they are imported, which most never are."""
-        self.pip("install", "--no-compile", *wheels)
-
     def copy_kernels(self) -> None:
-        """Use the kernels that the checkout has compiled of the same sources in ``app/fixture``.
+        """Use the kernels that the checkout has compiled of the same sources.
 
-        numba knows a source by its size and time. The kernels of other packages are compiled here.
+        numba knows a source by its size and time.
         """
-        fixture = self.project / "app" / "fixture"
-        for source in fixture.rglob("*.py"):
+        sources = self.project / "app"
+        for source in sources.rglob("*.py"):
             installed, times = self.packages / source.relative_to(self.project), source.stat()
             assert installed.read_bytes() == source.read_bytes()
             os.utime(installed, ns=(times.st_atime_ns, times.st_mtime_ns))
-        for kernel in fixture.rglob("__pycache__/*.nb[ci]"):
+        for kernel in sources.rglob("__pycache__/*.nb[ci]"):
             folder = self.packages / kernel.parent.relative_to(self.project)
             folder.mkdir(exist_ok=True)
             shutil.copy(kernel, folder)
@@ -116,17 +113,20 @@ def installed(
     copy = root / "copy"
     ignored = shutil.ignore_patterns(".venv", ".git", "build", "out", "__pycache__", "*.egg-info")
     shutil.copytree(project_root, copy, ignore=ignored)
+    build = [sys.executable, "-m", "build", "--installer=uv", "--outdir", str(made.dist)]
     for folder in (copy, copy / "interfaces"):
         # A source distribution first and the wheel from it, each in an environment of its own.
         subprocess.run(
-            [sys.executable, "-m", "build", "--outdir", str(made.dist), str(folder)],
-            env={**os.environ, "PIP_CONSTRAINT": str(project_root / "constraints.txt")},
+            [*build, str(folder)],
+            cwd=project_root,
+            env={**os.environ, **install.uv_variables()},
             stdout=subprocess.DEVNULL,
             check=True,
         )
     shutil.rmtree(copy)
     subprocess.run([sys.executable, "-m", "venv", str(made.venv)], check=True)
-    made.install(made.wheel("marginguard"))
+    # Modules are compiled when they are imported, which most never are.
+    made.pip("install", "--no-compile", made.wheel("marginguard"))
     made.copy_kernels()
     yield made
     shutil.rmtree(root)
@@ -134,9 +134,16 @@ def installed(
 
 @pytest.fixture(scope="module")
 def complete(installed: Installation) -> Installation:
-    """The same installation with the extras and the messages."""
+    """The same installation with the extras and the messages, by uv: 2 GB."""
     wheels = installed.wheel("marginguard_interfaces"), installed.wheel("marginguard")
-    installed.install(wheels[0], f"{wheels[1]}[ros,scene]")
+    extras = f"{wheels[1]}[ros,scene]"
+    into = ["--python", str(installed.venv / "bin" / "python")]
+    subprocess.run(
+        [sys.executable, "-m", "uv", "-q", "pip", "install", *into, wheels[0], extras],
+        cwd=installed.project,
+        env={**os.environ, **install.uv_variables()},
+        check=True,
+    )
     return installed
 
 
