@@ -1,16 +1,17 @@
 """The decision on all structures of a session, from those on each."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
 from typing import TypeAlias
 
 import numpy as np
 import scipy  # loads `scipy.optimize` on first use
+from numpy.typing import NDArray
 
 from app.fixture import Constraint, FixtureDecision, Proximity, Reason, worst_first
 from app.fixture.control.constraint import MAX_PLANES
+from app.fixture.jit import inlined, kernel
 from app.fixture.proximity.values import FreeMotion, Witnesses
 from app.geometry import FloatArray, Transform
 from app.session.structure import StructureStep, governing_number
@@ -26,6 +27,12 @@ class CombinedDecision:
     """
 
     def __init__(self) -> None:
+        # Run the kernels once, so that the first step does not wait for the compiler.
+        planes = np.zeros((MAX_PLANES + 1, 10))
+        _rotate(planes, Transform.identity("tumor", "tumor").rotation)
+        _keep_nearest(planes, np.arange(MAX_PLANES))
+        planes.setflags(write=False)
+        is_narrow(planes, [0])
         self._constraint: Constraint | None = None
         self.half_spaces_of: tuple[int, ...] = ()
         """The structure of each half-space, as its number in ``steps``; empty for one structure."""
@@ -46,11 +53,12 @@ class CombinedDecision:
             return steps[0].decision
         governing = governing_number(steps)
         decision = steps[governing].decision
-        place = cache(partial(_tumor_from, steps))
+        near = [number for number, each in enumerate(steps) if each.at_least_mm is None]
+        places = {number: _tumor_from(steps, number) for number in near if number > 0}
         current = all(each.decision.constraint_is_current for each in steps)
         hold = any(each.decision.hold for each in steps)
         if current:
-            joined = _joined(steps, governing, place, radius_mm, far_mm, hold=hold)
+            joined = _joined(steps, governing, places, radius_mm, far_mm, hold=hold)
             self._constraint, self.half_spaces_of = (None, ()) if joined is None else joined
         elif self._constraint is not None:
             self._constraint = self._constraint.on_hold()
@@ -62,14 +70,15 @@ class CombinedDecision:
         planes = self._constraint if current else None
         if planes is not None and is_narrow(planes.rows, self.half_spaces_of):
             reasons.add(Reason.NARROW)
-        return replace(
-            decision,
-            reasons=worst_first(reasons),
-            proximity=_in_tumor_frame(decision.proximity, governing, place),
-            constraint=self._constraint,
+        return FixtureDecision(
+            decision.state,
+            worst_first(reasons),
+            _in_tumor_frame(decision.proximity, governing, places),
+            decision.margin,
+            self._constraint,
             hold=hold,
-            seq=steps[0].decision.seq,
             stamp=min(known) if len(known) == len(stamps) else None,
+            seq=steps[0].decision.seq,
             constraint_is_current=current,
         )
 
@@ -83,26 +92,27 @@ def _tumor_from(steps: Sequence[StructureStep], number: int) -> Transform | None
     return tumor_from_tip @ structure_from_tip.inverse()
 
 
-_Place: TypeAlias = Callable[[int], Transform | None]
-"""`_tumor_from` of the structures of one step."""
+_Places: TypeAlias = Mapping[int, Transform | None]
+"""`_tumor_from` of the near structures of one step but the tumour."""
 
 
-def _in_tumor_frame(proximity: Proximity | None, number: int, place: _Place) -> Proximity | None:
+def _in_tumor_frame(proximity: Proximity | None, number: int, places: _Places) -> Proximity | None:
     if number == 0 or proximity is None:
         return proximity
-    placed = place(number)
+    placed = places[number]
     if placed is None:
         return None
     rows = proximity.witnesses.rows.copy()
-    rows[:, 1:4], rows[:, 4:7] = placed.apply(rows[:, 1:4]), placed.apply(rows[:, 4:7])
-    rows[:, 7:] = placed.rotate(rows[:, 7:])
+    _rotate(rows, placed.rotation)
+    rows[:, 1:4] += placed.translation_mm
+    rows[:, 4:7] += placed.translation_mm
     return replace(proximity, witnesses=Witnesses.of_rows(rows))
 
 
 def _joined(
     steps: Sequence[StructureStep],
     governing: int,
-    place: _Place,
+    places: _Places,
     radius_mm: float,
     far_mm: float,
     *,
@@ -115,25 +125,68 @@ def _joined(
     """
     planes: list[FloatArray] = []
     owners: list[int] = []
-    free = _free_up_to(far_mm, radius_mm)
-    near = [number for number, each in enumerate(steps) if each.at_least_mm is None]
-    for number in (governing, *(each for each in near if each != governing)):
+    free = [_free_up_to(far_mm, radius_mm)]
+    for number in dict.fromkeys((governing, 0, *places)):
         constraint = steps[number].decision.constraint
-        placed = None if constraint is None else _placed_rows(constraint.rows, number, place)
-        if constraint is None or placed is None:
+        if constraint is None:
             return None
-        planes.append(placed)
-        owners += [number] * len(constraint)
-        free = _smaller(free, constraint.free)
+        rows = constraint.rows
+        if number > 0:
+            placed = places[number]
+            if placed is None:
+                return None
+            rows = rows.copy()
+            _rotate(rows, placed.rotation)
+            rows[:, 4:7] += placed.translation_mm
+            rows[:, 0] += rows[:, 1:4] @ placed.translation_mm
+        planes.append(rows)
+        owners += [number] * len(rows)
+        free.append(constraint.free)
     rows = np.concatenate(planes)
     if len(rows) > MAX_PLANES:
-        clearances = np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
-        order = 1 + np.argsort(clearances[1:], kind="stable")
-        nearest_left_out_mm = max(float(clearances[order[MAX_PLANES - 1]]), 0.0)
-        free = _smaller(free, _free_up_to(nearest_left_out_mm, radius_mm))
-        kept = [0, *np.sort(order[: MAX_PLANES - 1]).tolist()]
-        rows, owners = rows[kept], [owners[number] for number in kept]
-    return Constraint.unchecked(steps[0].name, rows, hold=hold, free=free), tuple(owners)
+        kept = np.arange(MAX_PLANES)
+        nearest_left_out_mm = max(_keep_nearest(rows, kept), 0.0)
+        free.append(_free_up_to(nearest_left_out_mm, radius_mm))
+        rows, owners = rows[kept], [owners[number] for number in kept.tolist()]
+    least = FreeMotion(*map(min, zip(*free, strict=True)))
+    return Constraint.unchecked(steps[0].name, rows, hold=hold, free=least), tuple(owners)
+
+
+@kernel
+def _rotate(rows: FloatArray, rotation: FloatArray) -> None:
+    """Rotate the three vectors in the columns 1 to 9 of ``rows`` (k, 10), in place."""
+    for k in range(len(rows)):
+        for i in (1, 4, 7):
+            x, y, z = rows[k, i], rows[k, i + 1], rows[k, i + 2]
+            for j in range(3):
+                rows[k, i + j] = rotation[j, 0] * x + rotation[j, 1] * y + rotation[j, 2] * z
+
+
+@inlined
+def _clearance_mm(plane: FloatArray) -> float:
+    return float(plane[1] * plane[4] + plane[2] * plane[5] + plane[3] * plane[6] - plane[0])
+
+
+@kernel
+def _keep_nearest(planes: FloatArray, kept: NDArray[np.int64]) -> float:
+    """Write to ``kept`` (m,), which is 0 to m - 1, the numbers of the planes to keep, in order.
+
+    These are the first of ``planes`` (k, 10), k > m, and the m - 1 others of the smallest
+    clearances. Returns the smallest clearance in mm of those that are left out.
+    """
+    size, left_out_mm = len(kept), math.inf
+    for new in range(size, len(planes)):
+        farthest, largest_mm = size, _clearance_mm(planes[new])
+        for i in range(size - 1, 0, -1):  # of equal clearances the last is left out
+            clearance_mm = _clearance_mm(planes[kept[i]])
+            if clearance_mm > largest_mm:
+                farthest, largest_mm = i, clearance_mm
+        left_out_mm = min(left_out_mm, largest_mm)
+        if farthest < size:
+            for i in range(farthest, size - 1):
+                kept[i] = kept[i + 1]
+            kept[size - 1] = new
+    return left_out_mm
 
 
 NARROW_MM = 10.0
@@ -148,14 +201,26 @@ def is_narrow(rows: FloatArray, owners: Sequence[int]) -> bool:
     problem (Lawson and Hanson, "Solving Least Squares Problems", 1974, chapter 23); beyond
     `NARROW_MM` the planes say nothing about the structures.
     """
-    missing_mm = rows[:, 0] - np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7])
-    if len({owner for owner, mm in zip(owners, missing_mm, strict=True) if mm > 0.0}) < 2:
+    if not _are_two_breached(rows, np.array(owners)):
         return False
+    missing_mm = rows[:, 0] - np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7])
     problem = np.vstack([rows[:, 1:4].T, missing_mm / NARROW_MM])
     target = np.array([0.0, 0.0, 0.0, 1.0])
     share = 1.0 - problem[3] @ scipy.optimize.nnls(problem, target)[0]
     # The way is sqrt(1 / share - 1) times `NARROW_MM`; without a solution the share is 0.
     return bool(share < 0.5)
+
+
+@kernel
+def _are_two_breached(planes: FloatArray, owners: NDArray[np.int64]) -> bool:
+    """True if ``planes`` (k, 10) of two of their ``owners`` (k,) have clearances below 0."""
+    owner = -1
+    for k in range(len(planes)):
+        if _clearance_mm(planes[k]) < 0.0:
+            if owner not in (-1, owners[k]):
+                return True
+            owner = owners[k]
+    return False
 
 
 def _free_up_to(clearance_mm: float, radius_mm: float) -> FreeMotion:
@@ -165,21 +230,3 @@ def _free_up_to(clearance_mm: float, radius_mm: float) -> FreeMotion:
     the lever at most.
     """
     return FreeMotion(clearance_mm, clearance_mm / radius_mm if radius_mm > 0.0 else math.inf)
-
-
-def _smaller(one: FreeMotion, other: FreeMotion) -> FreeMotion:
-    return FreeMotion(min(one.distance_mm, other.distance_mm), min(one.turn_rad, other.turn_rad))
-
-
-def _placed_rows(rows: FloatArray, number: int, place: _Place) -> FloatArray | None:
-    """``rows`` (k, 10) of a constraint in the tumour's frame: offset, normal, point, velocity."""
-    if number == 0:
-        return rows
-    placed = place(number)
-    if placed is None:
-        return None
-    moved = np.empty_like(rows)
-    moved[:, 1:] = placed.rotate(rows[:, 1:].reshape(-1, 3)).reshape(-1, 9)
-    moved[:, 4:7] += placed.translation_mm
-    moved[:, 0] = rows[:, 0] + moved[:, 1:4] @ placed.translation_mm
-    return moved
