@@ -15,7 +15,9 @@ def load_without_declarations(runtime: Any) -> Callable[[_Dispatcher], _Dispatch
     """
 
     def changed(dispatcher: _Dispatcher) -> _Dispatcher:
-        cache: Any = dispatcher._cache  # type: ignore[attr-defined]
+        if not hasattr(dispatcher, "_cache"):
+            return dispatcher  # NUMBA_DISABLE_JIT=1: the function stays plain Python
+        cache: Any = dispatcher._cache
 
         def load_overload(signature: object, context: object) -> object:
             runtime.initialize(context)

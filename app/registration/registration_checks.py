@@ -17,7 +17,8 @@ base that was moved, a reference sensor that slipped, and metal in the EM field.
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,20 +58,34 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     >>> mg.predict_tre(result, [[25, 25, 0], [25, 25, 200]]).round(2).tolist()
     [0.5, 3.3]
     """
-    variances = _variances_mm2(result, as_points(points_mm, "points_mm of a target error"))
+    points = as_points(points_mm, "points_mm of a target error")
+    variances = _tre_kernel().variance_mm2(*_trace_terms(result), *points.T)
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-def largest_tre(result: RegistrationResult, points_mm: FloatArray) -> float:
-    """The largest of `predict_tre` for finite ``points_mm`` (m, 3), m > 0, without checks."""
-    return math.sqrt(max(float(_variances_mm2(result, points_mm).max()), 0.0))
+def largest_tre(
+    result: RegistrationResult, tip: Transform, other_tip: Transform, points_mm: FloatArray
+) -> float:
+    """The largest of `predict_tre` at the tip of a tool and at points (m, 3), without checks.
+
+    ``tip`` is its pose in the fixed frame, ``other_tip`` that in the frame of the points.
+    """
+    variance_mm2 = _tre_kernel().largest_variance_mm2(
+        *_trace_terms(result),
+        tip.rotation,
+        tip.translation_mm,
+        other_tip.rotation,
+        other_tip.translation_mm,
+        points_mm.copy(),  # compiled code is specialised on the layout
+    )
+    return math.sqrt(max(variance_mm2, 0.0))
 
 
-def _variances_mm2(result: RegistrationResult, points_mm: FloatArray) -> FloatArray:
-    """The squares (m,) of `predict_tre`, with rounding errors that may be below 0."""
-    quadratic, linear, constant = _trace_terms(result)
-    squares = (points_mm.dot(quadratic) * points_mm).sum(axis=1)
-    return np.asarray(squares - 2.0 * points_mm.dot(linear) + constant)
+@cache
+def _tre_kernel() -> ModuleType:
+    from app.registration import tre_kernel  # slow: loads the compiler
+
+    return tre_kernel
 
 
 def tre_growth(result: RegistrationResult) -> float:

@@ -24,7 +24,12 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
-from app.registration import RegistrationResult, largest_tre
+from app.registration import (
+    RegistrationResult,
+    given_registration,
+    largest_tre,
+    predict_tre,
+)
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity, oldest
 from app.session.setup import REFERENCE, SessionSetup
@@ -47,6 +52,10 @@ class StructureGuard:
         margins = structure.margins(setup.margins)
         self._monitor = MarginMonitor(margins, frame=structure.name)
         self._begin()
+        # Run the kernel once, so that the first step does not wait for the compiler.
+        tip = Transform.identity("reference", "tip")
+        registration = given_registration(tip, np.eye(6))
+        largest_tre(registration, tip, tip, np.zeros((1, 3)))
 
     def use(self, structure: Structure, setup: SessionSetup, *, motion_changed: bool) -> bool:
         """Continue with ``structure``; True if its shape, pose or tool has changed.
@@ -243,13 +252,10 @@ class StructureGuard:
             problems |= {Reason.REGISTRATION_REFUSED}
         if tip is None or registration.covariance is None:
             return 0.0, problems
-        points_mm = tip.translation_mm[None]
-        if proximity is not None and structure_from_tip is not None:
-            reference_from_structure = tip @ structure_from_tip.inverse()
-            points_mm = np.empty((1 + len(proximity.witnesses), 3))
-            points_mm[0] = tip.translation_mm
-            points_mm[1:] = reference_from_structure.apply(proximity.witnesses.on_tool_mm)
-        return largest_tre(registration, points_mm), problems
+        if proximity is None or structure_from_tip is None:
+            return float(predict_tre(registration, tip.translation_mm[None])[0]), problems
+        points_mm = proximity.witnesses.on_tool_mm
+        return largest_tre(registration, tip, structure_from_tip, points_mm), problems
 
 
 class Observed(NamedTuple):

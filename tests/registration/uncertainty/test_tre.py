@@ -11,6 +11,7 @@ from app.registration import (
     NotFiniteError,
     TooFewError,
     given_registration,
+    largest_tre,
     predict_layout_tre,
     predict_tre,
     register_points,
@@ -54,6 +55,23 @@ def test_sigma_is_the_square_root_of_the_trace_of_the_covariance():
         np.testing.assert_allclose(predict_tre(result, targets), np.sqrt(traces), rtol=1e-9)
         with pytest.raises(NotFiniteError, match="nan"):
             predict_tre(result, np.array([[0.0, np.nan, 0.0]]))
+
+
+def test_largest_error_is_that_at_the_tip_or_at_a_point_in_another_frame():
+    rng = np.random.default_rng(5)
+    at_tip = []
+    for _ in range(40):
+        factor = rng.normal(size=(6, 6))
+        result = given_registration(random_transform(rng), factor @ factor.T)
+        tip, other_tip = random_transform(rng), random_transform(rng)
+        points = rng.normal(scale=50.0, size=(3, 3))
+        placed = tip.apply(other_tip.inverse().apply(points))
+        sigmas = predict_tre(result, [tip.translation_mm, *placed])
+        assert largest_tre(result, tip, other_tip, points) == pytest.approx(sigmas.max(), rel=1e-9)
+        at_tip.append(sigmas.argmax() == 0)
+        points[1, 2] = np.nan
+        assert np.isnan(largest_tre(result, tip, other_tip, points))
+    assert 0 < sum(at_tip) < 40
 
 
 @pytest.mark.parametrize("matched", [True, False])

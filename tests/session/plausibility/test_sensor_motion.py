@@ -241,10 +241,13 @@ def test_noise_is_learned_and_bounded():
 RULES = """
 import numpy as np
 from app.geometry import NS_PER_MS, Stamp, Transform
+from app.registration import given_registration, largest_tre
+from app.session.combined_decision import _keep_nearest, is_narrow
 from app.session.joint_check import MeanDrift, SuddenChange
 from app.session.sensor_motion import MotionLimits, SensorMotion
 
 random = np.random.default_rng(3)
+registration = given_registration(Transform.identity("tracker", "base"), np.eye(6))
 sensor, mean, change = SensorMotion(MotionLimits()), MeanDrift(1.0), SuddenChange(1.0)
 for k in range(400):
     turn = random.normal(0.0, 0.01, 3) + (k % 150 == 99)
@@ -253,7 +256,11 @@ for k in range(400):
     pose = Transform.from_rotation_vector(turn, place, target="tracker", source="tool")
     mean.update(tuple(place.tolist()), Stamp(ns))
     change.update(tuple(place.tolist()), (0.1 * k, 0.0, 0.0), mean.start, ns)
+    planes, kept = random.normal(0.0, 3.0, (12, 10)).round(1), np.arange(8)
+    left_out_mm, narrow = _keep_nearest(planes, kept), is_narrow(planes, [0, 1, 2] * 4)
+    tre_mm = largest_tre(registration, pose, pose, planes[:, 1:4])
     print(sensor.update(pose, ns), sensor.jump, mean.exceeded, mean.text, change.text)
+    print(narrow, kept, left_out_mm, tre_mm)
 """
 
 
