@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from app.fixture import FixtureDecision, MarginObservation, MarginState
+from app.fixture.jit import kernel
 from app.geometry import NS_PER_S, FloatArray, Freshness, Stamp, Transform, freshness_of_stamp
 from app.registration import tre_growth
 from app.session.pose_tree import MeasuredPose
+from app.session.sensor_motion import State
 from app.session.setup import REFERENCE, SessionSetup
 
 BEYOND_MM = 20.0
@@ -31,6 +33,29 @@ class FarDistance(NamedTuple):
     clearance_mm: float
 
 
+_STRUCTURE = np.dtype(
+    [
+        ("frame", np.int64),  # the number of its tracked frame
+        ("radius_mm", np.float64),  # of the tool
+        ("stop_mm", np.float64),
+        ("sigma_mm", np.float64),  # of its surface and of the tip
+        ("needed_mm", np.float64),  # the clearance from which it is far
+        ("measured_mm", np.float64),  # the last measured distance; -inf if it cannot be far,
+        ("rotation", np.float64, (3, 3)),  # and the tip at that time in its tracked frame
+        ("tip_mm", np.float64, 3),
+        ("k_tre", np.float64),  # of the margins, as the next one: the same for all structures
+        ("age_mm", np.float64),
+        ("tre_growth", np.float64),
+        ("tracking_mm", np.float64),  # of two poses
+        ("tracking_rad", np.float64),
+        ("tool_lever_mm", np.float64),
+        ("at_least_mm", np.float64),  # `FarDistance` at this step
+        ("clearance_mm", np.float64),
+    ],
+    align=True,
+)
+
+
 class FarStructures:
     """Remembers for each structure but the first how far the tool was when it was last measured.
 
@@ -43,30 +68,36 @@ class FarStructures:
         self._tips: dict[str, Transform] = {}
         self._last: dict[str, Transform] = {}
         self.use(setup)
+        # Run the kernel once, so that the first step does not wait for the compiler.
+        tip = Transform.identity("frame", "tip")
+        _find_bounds(self._state, -1, tip.rotation, tip.translation_mm, 0.0)
 
     def use(self, setup: SessionSetup) -> None:
         """Replace the setup: each structure is measured at the next step."""
-        structures, margins = setup.guarded, setup.margins
+        structures, margins, tracking = setup.guarded, setup.margins, setup.tracking
         self._setup = setup
         self._asleep: frozenset[int] = frozenset()
         self._frames = [each.frame_from_structure.target for each in structures]
         self._names = tuple(dict.fromkeys(self._frames))
         self._needed_frames = {*self._names, *(() if setup.robot is None else (REFERENCE,))}
-        self._frame = np.array([self._names.index(name) for name in self._frames])
-        self._radius_mm = np.array([each.proximity.radius_mm for each in structures])
-        self._stop_mm = np.array([each.stop_mm for each in structures])
-        warn_mm = np.array([each.warn_mm for each in structures])
-        self._needed_mm = warn_mm - self._stop_mm + margins.release_band_mm + BEYOND_MM
-        own = [math.hypot(each.sigma_mm, setup.tip_sigma_mm) for each in structures]
-        self._own_sigma_mm = np.array(own)
-        self._tool_lever_mm = float(np.linalg.norm(setup.tool_from_tip.translation_mm))
-        registration = None if setup.robot is None else setup.robot.registration
-        self._growth = 0.0 if registration is None else tre_growth(registration)
-        self._age_mm = margins.v_max_mm_s * margins.stale_after_ns / NS_PER_S
         self._known: set[int] = set()
-        self._at_least_mm = np.full(len(structures), -math.inf)
-        self._rotations = np.zeros((len(structures), 3, 3))
-        self._tips_mm = np.zeros((len(structures), 3))
+        self._state: State = np.zeros(len(structures), _STRUCTURE)
+        self._needed_mm, self._measured_mm = self._state["needed_mm"], self._state["measured_mm"]
+        self._rotations, self._tips_mm = self._state["rotation"], self._state["tip_mm"]
+        for state, each, frame in zip(self._state, structures, self._frames, strict=True):
+            state["frame"] = self._names.index(frame)
+            state["radius_mm"], state["stop_mm"] = each.proximity.radius_mm, each.stop_mm
+            state["sigma_mm"] = math.hypot(each.sigma_mm, setup.tip_sigma_mm)
+            band_mm = each.warn_mm - each.stop_mm + margins.release_band_mm
+            state["needed_mm"] = band_mm + BEYOND_MM
+        registration = None if setup.robot is None else setup.robot.registration
+        growth = 0.0 if registration is None else tre_growth(registration)
+        lever_mm = np.linalg.norm(setup.tool_from_tip.translation_mm)
+        self._state["k_tre"], self._state["tre_growth"] = margins.k_tre, growth
+        self._state["age_mm"] = margins.v_max_mm_s * margins.stale_after_ns / NS_PER_S
+        self._state["tracking_mm"] = math.sqrt(2.0) * tracking.sigma_mm
+        self._state["tracking_rad"], self._state["tool_lever_mm"] = tracking.sigma_rad, lever_mm
+        self._forget()
 
     def found(
         self, tools: Mapping[str, MeasuredPose], first: MarginObservation
@@ -86,33 +117,16 @@ class FarStructures:
             self._forget()  # the margin is UNKNOWN after a gap
         if not self._known:
             return {}
-        tips = [self._tip(name) for name in self._names]
-        tips_mm = np.array([each.translation_mm for each in tips])[self._frame]
-        rotations = np.array([each.rotation for each in tips])[self._frame]
-        cosines = 0.5 * (np.einsum("nij,nij->n", self._rotations, rotations) - 1.0)
-        turns_rad = np.arccos(np.clip(cosines, -1.0, 1.0)) + _ROUNDING_RAD
-        ways_mm = np.linalg.norm(tips_mm - self._tips_mm, axis=1) + self._radius_mm * turns_rad
-        at_least_mm = self._at_least_mm - ways_mm
-        clearances_mm = at_least_mm - self._largest_margins_mm(tips_mm, first.sigma_tre_mm)
+        for number, name in enumerate(self._names):
+            tip, sigma_mm = self._tip(name), first.sigma_tre_mm
+            _find_bounds(self._state, number, tip.rotation, tip.translation_mm, sigma_mm)
+        fields = ("at_least_mm", "clearance_mm", "needed_mm")
+        bounds = zip(*(self._state[name].tolist() for name in fields), strict=True)
         return {
-            number: FarDistance(float(at_least_mm[number]), float(clearances_mm[number]))
-            for number in np.flatnonzero(clearances_mm >= self._needed_mm).tolist()
+            number: FarDistance(at_least_mm, clearance_mm)
+            for number, (at_least_mm, clearance_mm, needed_mm) in enumerate(bounds)
+            if clearance_mm >= needed_mm
         }
-
-    def _largest_margins_mm(self, tips_mm: FloatArray, sigma_mm: float) -> FloatArray:
-        """Upper bounds (n,) of the stop margins, wherever on the tool the witnesses are.
-
-        ``tips_mm`` (n, 3) is the tip in the structures' tracked frames. ``sigma_mm`` holds the
-        error of the registration at the tip.
-        """
-        tracking, radius_mm = self._setup.tracking, self._radius_mm
-        levers_mm = np.hypot(
-            self._tool_lever_mm + radius_mm, np.linalg.norm(tips_mm, axis=1) + radius_mm
-        )
-        tracked = np.hypot(math.sqrt(2.0) * tracking.sigma_mm, tracking.sigma_rad * levers_mm)
-        sigmas_mm = np.hypot(sigma_mm + self._growth * radius_mm, tracked)
-        sigmas_mm = np.hypot(sigmas_mm, self._own_sigma_mm)
-        return np.asarray(self._stop_mm + self._setup.margins.k_tre * sigmas_mm + self._age_mm)
 
     def last_seen(self, number: int) -> tuple[Stamp, Transform | None] | None:
         """Time and pose ``frame_from_tip`` of the last step if the structure was far at it.
@@ -150,11 +164,11 @@ class FarStructures:
             or proximity.lower_bound_mm < self._needed_mm[number]
         ):
             self._known.discard(number)
-            self._at_least_mm[number] = -math.inf
+            self._measured_mm[number] = -math.inf
             return
         tip = self._tip(self._frames[number])
         self._known.add(number)
-        self._at_least_mm[number] = proximity.lower_bound_mm
+        self._measured_mm[number] = proximity.lower_bound_mm
         self._rotations[number], self._tips_mm[number] = tip.rotation, tip.translation_mm
 
     def _tip(self, frame: str) -> Transform:
@@ -167,4 +181,34 @@ class FarStructures:
 
     def _forget(self) -> None:
         self._known.clear()
-        self._at_least_mm[:] = -math.inf
+        self._measured_mm[:] = -math.inf
+
+
+@kernel
+def _find_bounds(
+    structures: State, frame: int, rotation: FloatArray, tip_mm: FloatArray, sigma_mm: float
+) -> None:
+    """Write the `FarDistance` of the ``structures`` (n,) whose tracked frame has the number.
+
+    ``rotation`` (3, 3) and ``tip_mm`` (3,) are the tip in that frame. The margin is the largest,
+    wherever on the tool the witnesses are; ``sigma_mm`` holds the error of the registration at the
+    tip.
+    """
+    for k in range(len(structures)):
+        s = structures[k]
+        if s["frame"] != frame:
+            continue
+        trace = squared_way = squared_tip = 0.0
+        for i in range(3):
+            squared_way += (tip_mm[i] - s["tip_mm"][i]) ** 2
+            squared_tip += tip_mm[i] ** 2
+            for j in range(3):
+                trace += s["rotation"][i, j] * rotation[i, j]
+        radius_mm = s["radius_mm"]
+        turn_rad = math.acos(min(max(0.5 * (trace - 1.0), -1.0), 1.0)) + _ROUNDING_RAD
+        s["at_least_mm"] = s["measured_mm"] - (math.sqrt(squared_way) + radius_mm * turn_rad)
+        lever_mm = math.hypot(s["tool_lever_mm"] + radius_mm, math.sqrt(squared_tip) + radius_mm)
+        tracked_mm = math.hypot(s["tracking_mm"], s["tracking_rad"] * lever_mm)
+        error_mm = math.hypot(sigma_mm + s["tre_growth"] * radius_mm, tracked_mm)
+        margin_mm = s["stop_mm"] + s["k_tre"] * math.hypot(error_mm, s["sigma_mm"]) + s["age_mm"]
+        s["clearance_mm"] = s["at_least_mm"] - margin_mm
