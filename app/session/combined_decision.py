@@ -1,9 +1,8 @@
 """The decision on all structures of a session, from those on each."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 import scipy  # loads `scipy.optimize` on first use
@@ -13,6 +12,7 @@ from app.fixture import Constraint, FixtureDecision, Proximity, Reason, worst_fi
 from app.fixture.control.constraint import MAX_PLANES
 from app.fixture.jit import inlined, kernel
 from app.fixture.proximity.values import FreeMotion, Witnesses
+from app.fixture.vectors import rotate_inverse, transform_point, transform_point_inverse
 from app.geometry import FloatArray, Transform
 from app.session.structure import StructureStep, governing_number
 
@@ -28,10 +28,10 @@ class CombinedDecision:
 
     def __init__(self) -> None:
         # Run the kernels once, so that the first step does not wait for the compiler.
-        planes = np.zeros((MAX_PLANES + 1, 10))
-        _rotate(planes, Transform.identity("tumor", "tumor").rotation)
+        planes, tip = np.zeros((MAX_PLANES + 1, 10)), Transform.identity("tumor", "tip")
         _keep_nearest(planes, np.arange(MAX_PLANES))
         planes.setflags(write=False)
+        _placed(planes, tip, tip, planes=True)
         is_narrow(planes, [0])
         self._constraint: Constraint | None = None
         self.half_spaces_of: tuple[int, ...] = ()
@@ -53,12 +53,10 @@ class CombinedDecision:
             return steps[0].decision
         governing = governing_number(steps)
         decision = steps[governing].decision
-        near = [number for number, each in enumerate(steps) if each.at_least_mm is None]
-        places = {number: _tumor_from(steps, number) for number in near if number > 0}
         current = all(each.decision.constraint_is_current for each in steps)
         hold = any(each.decision.hold for each in steps)
         if current:
-            joined = _joined(steps, governing, places, radius_mm, far_mm, hold=hold)
+            joined = _joined(steps, governing, radius_mm, far_mm, hold=hold)
             self._constraint, self.half_spaces_of = (None, ()) if joined is None else joined
         elif self._constraint is not None:
             self._constraint = self._constraint.on_hold()
@@ -73,7 +71,7 @@ class CombinedDecision:
         return FixtureDecision(
             decision.state,
             worst_first(reasons),
-            _in_tumor_frame(decision.proximity, governing, places),
+            _in_tumor_frame(decision.proximity, steps, governing),
             decision.margin,
             self._constraint,
             hold=hold,
@@ -83,36 +81,21 @@ class CombinedDecision:
         )
 
 
-def _tumor_from(steps: Sequence[StructureStep], number: int) -> Transform | None:
-    """The structure in the tumour's frame, both as the tool sees them; None if not known."""
-    tumor_from_tip = steps[0].structure_from_tip
-    structure_from_tip = steps[number].structure_from_tip
-    if tumor_from_tip is None or structure_from_tip is None:
-        return None
-    return tumor_from_tip @ structure_from_tip.inverse()
-
-
-_Places: TypeAlias = Mapping[int, Transform | None]
-"""`_tumor_from` of the near structures of one step but the tumour."""
-
-
-def _in_tumor_frame(proximity: Proximity | None, number: int, places: _Places) -> Proximity | None:
+def _in_tumor_frame(
+    proximity: Proximity | None, steps: Sequence[StructureStep], number: int
+) -> Proximity | None:
+    tumor_tip, tip = steps[0].structure_from_tip, steps[number].structure_from_tip
     if number == 0 or proximity is None:
         return proximity
-    placed = places[number]
-    if placed is None:
+    if tumor_tip is None or tip is None:
         return None
-    rows = proximity.witnesses.rows.copy()
-    _rotate(rows, placed.rotation)
-    rows[:, 1:4] += placed.translation_mm
-    rows[:, 4:7] += placed.translation_mm
+    rows = _placed(proximity.witnesses.rows, tip, tumor_tip, planes=False)
     return replace(proximity, witnesses=Witnesses.of_rows(rows))
 
 
 def _joined(
     steps: Sequence[StructureStep],
     governing: int,
-    places: _Places,
     radius_mm: float,
     far_mm: float,
     *,
@@ -123,23 +106,17 @@ def _joined(
     The governing plane is first. Of more planes the nearest are kept, and far structures have none;
     the free motion then ends before one of those that are left out is reached.
     """
+    tumor_tip = steps[0].structure_from_tip
     planes: list[FloatArray] = []
     owners: list[int] = []
     free = [_free_up_to(far_mm, radius_mm)]
-    for number in dict.fromkeys((governing, 0, *places)):
-        constraint = steps[number].decision.constraint
-        if constraint is None:
+    near = [number for number, each in enumerate(steps) if each.at_least_mm is None]
+    for number in (governing, *(each for each in near if each != governing)):
+        constraint, tip = steps[number].decision.constraint, steps[number].structure_from_tip
+        if constraint is None or tumor_tip is None or tip is None:
             return None
         rows = constraint.rows
-        if number > 0:
-            placed = places[number]
-            if placed is None:
-                return None
-            rows = rows.copy()
-            _rotate(rows, placed.rotation)
-            rows[:, 4:7] += placed.translation_mm
-            rows[:, 0] += rows[:, 1:4] @ placed.translation_mm
-        planes.append(rows)
+        planes.append(_placed(rows, tip, tumor_tip, planes=True) if number > 0 else rows)
         owners += [number] * len(rows)
         free.append(constraint.free)
     rows = np.concatenate(planes)
@@ -152,14 +129,52 @@ def _joined(
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=least), tuple(owners)
 
 
+def _placed(rows: FloatArray, tip: Transform, tumor_tip: Transform, *, planes: bool) -> FloatArray:
+    """``rows`` (k, 10) of witnesses, or of ``planes``, of a structure in the tumour's frame.
+
+    The tip is at ``tip`` in the structure's frame and at ``tumor_tip`` in the tumour's.
+    """
+    placed = np.empty(rows.shape)
+    _place(
+        rows,
+        tip.rotation,
+        tip.translation_mm,
+        tumor_tip.rotation,
+        tumor_tip.translation_mm,
+        planes,
+        placed,
+    )
+    return placed
+
+
 @kernel
-def _rotate(rows: FloatArray, rotation: FloatArray) -> None:
-    """Rotate the three vectors in the columns 1 to 9 of ``rows`` (k, 10), in place."""
+def _place(
+    rows: FloatArray,
+    rotation: FloatArray,
+    tip_mm: FloatArray,
+    tumor_rotation: FloatArray,
+    tumor_tip_mm: FloatArray,
+    planes: bool,
+    placed: FloatArray,
+) -> None:
+    """Write ``rows`` (k, 10) of a structure in the tumour's frame to ``placed`` (k, 10).
+
+    ``rotation`` (3, 3) and ``tip_mm`` (3,) are the pose of the tip in the frame of the structure. A
+    row of ``planes``: offset, normal, point, velocity; another one: distance, two points, normal.
+    """
+    at_tip = transform_point_inverse(rotation, tip_mm, (0.0, 0.0, 0.0))
+    origin = transform_point(tumor_rotation, tumor_tip_mm, at_tip)
     for k in range(len(rows)):
+        placed[k, 0] = rows[k, 0]
         for i in (1, 4, 7):
-            x, y, z = rows[k, i], rows[k, i + 1], rows[k, i + 2]
+            at_tip = rotate_inverse(rotation, (rows[k, i], rows[k, i + 1], rows[k, i + 2]))
+            is_point = i == 4 or (i == 1 and not planes)
             for j in range(3):
-                rows[k, i + j] = rotation[j, 0] * x + rotation[j, 1] * y + rotation[j, 2] * z
+                turned = tumor_rotation[j]
+                value = turned[0] * at_tip[0] + turned[1] * at_tip[1] + turned[2] * at_tip[2]
+                placed[k, i + j] = value + origin[j] if is_point else value
+                if planes and i == 1:
+                    placed[k, 0] += value * origin[j]
 
 
 @inlined
