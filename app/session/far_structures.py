@@ -188,7 +188,7 @@ class FarStructures:
 def _find_bounds(
     structures: State, frame: int, rotation: FloatArray, tip_mm: FloatArray, sigma_mm: float
 ) -> None:
-    """Write the `FarDistance` of the ``structures`` (n,) whose tracked frame has the number.
+    """Write the `FarDistance` of the ``structures`` (n,) of the tracked frame number ``frame``.
 
     ``rotation`` (3, 3) and ``tip_mm`` (3,) are the tip in that frame. The margin is the largest,
     wherever on the tool the witnesses are; ``sigma_mm`` holds the error of the registration at the
