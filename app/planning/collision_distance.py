@@ -5,14 +5,14 @@ points near the axis of a joint move little.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.fixture.jit import inlined, kernel
 from app.fixture.surfaces.triangles import closest_of_triangles
-from app.fixture.vectors import Vector, add, cross, dot, row, sub
+from app.fixture.vectors import Vector, add, cross, dot, length, row, scaled, sub
 from app.geometry import FloatArray
 
 MAX_INTERVALS, MAX_OPEN = 1 << 14, 1 << 18
@@ -20,8 +20,12 @@ MAX_INTERVALS, MAX_OPEN = 1 << 14, 1 << 18
 
 _STACK = 256
 
-_VISITS, _LARGE_MM = 24, 5.0
+_VISITS, _LARGE_MM = 8, 5.0
 """After so many pairs of nodes a motion by more than this is not proven: two halves are quicker."""
+
+
+Motion: TypeAlias = tuple[Vector, Vector, float, float]
+"""Turn, way of the origin, bend and longest way of a body, as in `Scratch.twists`."""
 
 
 class Bodies(NamedTuple):
@@ -49,8 +53,9 @@ class Scratch(NamedTuple):
 
     ``middle`` and ``half`` (n,) are a range of joint positions, ``positions`` and ``steps`` (n,)
     the middle and half the range of every joint k, ``matrices`` the poses of the links there.
-    ``lines`` (b, n, 8) are the joints that move each body, from the body on, in the frame of its
-    link: axis, pivot, and the largest step to either side, in rad and for sliding joints in mm.
+    ``twists`` (b, n, 8) are the motion of each body by its first, its first two, ... joints, from
+    the body on, within half the range, in the frame of its link: turn in rad; way of the origin in
+    mm; the most that its points go off the straight way; the longest way of all.
     """
 
     middle: FloatArray
@@ -58,7 +63,7 @@ class Scratch(NamedTuple):
     positions: FloatArray
     steps: FloatArray
     matrices: FloatArray
-    lines: FloatArray
+    twists: FloatArray
     ends: FloatArray
     lists: NDArray[np.int64]
     open: NDArray[np.int64]
@@ -84,37 +89,59 @@ def new_scratch(joints: int, bodies: int) -> Scratch:
 
 
 @kernel
-def moved_mm(lines: FloatArray, body: int, joints: int, spheres: FloatArray, i: int) -> float:
+def moved_mm(twists: FloatArray, body: int, joints: int, spheres: FloatArray, i: int) -> float:
     """The longest way of any point of a sphere of ``body`` against the link above so many joints.
 
-    A joint moves a point by at most its step times the distance from its axis, to which the joints
-    between add what they move.
+    That is its way by the velocity in the middle, and what all others can add (`Scratch.twists`).
     """
-    total, center = 0.0, row(spheres, i)
-    for n in range(joints):
-        turn = lines[body, n, 6]
-        if turn > 0.0:
-            axis = (lines[body, n, 0], lines[body, n, 1], lines[body, n, 2])
-            pivot = (lines[body, n, 3], lines[body, n, 4], lines[body, n, 5])
-            lever = cross(axis, sub(center, pivot))
-            total += turn * (math.sqrt(dot(lever, lever)) + spheres[i, 3] + total)
-        total += lines[body, n, 7]
-    return total
+    if joints == 0:
+        return 0.0
+    n = joints - 1
+    turn = (twists[body, n, 0], twists[body, n, 1], twists[body, n, 2])
+    way = (twists[body, n, 3], twists[body, n, 4], twists[body, n, 5])
+    way = add(way, cross(turn, row(spheres, i)))
+    straight = length(way) + spheres[i, 3] * length(turn)
+    return min(straight + twists[body, n, 6], twists[body, n, 7])
+
+
+@inlined
+def _moved_along(n: Vector, go: Vector, radius: float, motion: Motion) -> float:
+    """The longest way along the unit vector ``n`` of a sphere whose centre goes by ``go``."""
+    turn, _, bend, longest = motion
+    return min(abs(dot(n, go)) + radius * length(cross(n, turn)) + bend, longest)
 
 
 @kernel
 def _box_gap(
-    nodes: FloatArray, i: int, j: int, x: Vector, y: Vector, z: Vector, shift: Vector, below: float
+    nodes: FloatArray,
+    i: int,
+    j: int,
+    x: Vector,
+    y: Vector,
+    z: Vector,
+    shift: Vector,
+    motion: Motion,
+    below: float,
 ) -> float:
     """A lower bound of the distance of the nodes ``i`` and ``j``; at once if it is not ``below``.
 
-    ``x``, ``y`` and ``z`` are the rows of the rotation of the second into the frame of the first.
+    ``x``, ``y`` and ``z`` are the rows of the rotation of the second into the frame of the first,
+    in which it moves by ``motion``.
     """
     center = row(nodes, j)
-    to = sub(add(shift, (dot(x, center), dot(y, center), dot(z, center))), row(nodes, i))
-    gap = float(math.sqrt(dot(to, to)) - nodes[i, 3] - nodes[j, 3])
-    if gap >= below:
-        return gap
+    center = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
+    to, go, radius = sub(center, row(nodes, i)), (0.0, 0.0, 0.0), nodes[j, 3]
+    apart = math.sqrt(dot(to, to))
+    gap = float(apart - nodes[i, 3] - radius)
+    if gap >= below + motion[3]:
+        return gap - motion[3]
+    moves = motion[3] > 0.0
+    if moves:
+        go = add(motion[1], cross(motion[0], center))
+        if gap > 0.0:
+            gap -= _moved_along(scaled(1.0 / apart, to), go, radius, motion)
+            if gap >= below:
+                return gap
     a, b, c = (
         (nodes[j, 4], nodes[j, 5], nodes[j, 6]),
         (nodes[j, 7], nodes[j, 8], nodes[j, 9]),
@@ -137,12 +164,19 @@ def _box_gap(
         along = (
             abs(dot(u, to)) - half - by_a * nodes[j, 13] - by_b * nodes[j, 14] - by_c * nodes[j, 15]
         )
+        if along > 0.0 and moves:
+            along -= _moved_along(u, go, radius, motion)
         if along > 0.0:
             first += along * along
     second = 0.0
-    for along in (along_a - nodes[j, 13], along_b - nodes[j, 14], along_c - nodes[j, 15]):
-        if along > 0.0:
-            second += along * along
+    for n, along in (
+        (a, along_a - nodes[j, 13]),
+        (b, along_b - nodes[j, 14]),
+        (c, along_c - nodes[j, 15]),
+    ):
+        left = along - _moved_along(n, go, radius, motion) if along > 0.0 and moves else along
+        if left > 0.0:
+            second += left * left
     if first == 0.0 and second == 0.0:
         return gap  # below 0 for boxes that overlap: the deeper, the sooner visited
     return max(gap, math.sqrt(max(first, second)))
@@ -180,7 +214,7 @@ def find_nearer(
     that the motion is not proven free. ``exact``: the distance itself if it is below ``clearance``,
     0 where surfaces intersect.
     """
-    matrices, lines = scratch.matrices, scratch.lines
+    matrices, twists = scratch.matrices, scratch.twists
     stack, bounds = scratch.stack, scratch.bounds
     f, g = matrices[bodies.link[a]], matrices[bodies.link[b]]
     to = (g[0, 3] - f[0, 3], g[1, 3] - f[1, 3], g[2, 3] - f[2, 3])
@@ -208,20 +242,31 @@ def find_nearer(
     nodes, corners, spheres, normals = bodies.nodes, bodies.corners, bodies.spheres, bodies.normals
     first_a, first_b = bodies.first[a, 1], bodies.first[b, 1]
     leaf_a, leaf_b = (1 << bodies.levels[a]) - 1, (1 << bodies.levels[b]) - 1
-    found, of_a = math.inf, moved_mm(lines, a, joints_a, nodes, first_a)
-    slack = of_a + moved_mm(lines, b, joints_b, nodes, first_b)
+    found, of_a = math.inf, moved_mm(twists, a, joints_a, nodes, first_a)
+    slack = of_a + moved_mm(twists, b, joints_b, nodes, first_b)
+    still = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0)
+    motion = still
+    if slack > of_a:
+        last = twists[b, joints_b - 1]
+        turn, way = (last[0], last[1], last[2]), (last[3], last[4], last[5])
+        turn = (dot(x, turn), dot(y, turn), dot(z, turn))
+        way = sub((dot(x, way), dot(y, way), dot(z, way)), cross(turn, shift))
+        motion = (turn, way, last[6], last[7])
     if slack > 0.0 and not exact:
         # One pair of triangles often shows at once that the motion is not proven free.
         m, n = bodies.first[a, 0] + bodies.size[a] // 2, bodies.first[b, 0] + bodies.size[b] // 2
         center = row(spheres, n)
-        apart = sub(add(shift, (dot(x, center), dot(y, center), dot(z, center))), row(spheres, m))
-        distance = math.sqrt(dot(apart, apart))
-        if distance < clearance + of_a + moved_mm(lines, b, joints_b, spheres, n):
-            found, slack, of_a = distance, 0.0, 0.0
+        center = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
+        apart = sub(center, row(spheres, m))
+        distance = length(apart)
+        go = add(motion[1], cross(motion[0], center))
+        moved = of_a + _moved_along(scaled(1.0 / max(distance, 1e-9), apart), go, 0.0, motion)
+        if distance < clearance + moved:
+            found, slack, of_a, motion = distance, 0.0, 0.0, still
             if distance < clearance:
                 return found
     stack[0, 0], stack[0, 1], top = 0, 0, 0
-    bounds[0] = _box_gap(nodes, first_a, first_b, x, y, z, shift, clearance + slack)
+    bounds[0] = _box_gap(nodes, first_a, first_b, x, y, z, shift, motion, clearance + of_a)
     visits = 0
     while top >= 0:
         i, j, bound = stack[top, 0], stack[top, 1], bounds[top]
@@ -229,20 +274,20 @@ def find_nearer(
         visits += 1
         if visits > _VISITS and slack > _LARGE_MM and not exact:
             # From now on only a collision now is of interest.
-            found, slack, of_a = clearance + slack, 0.0, 0.0
-        if bound >= clearance + slack:
-            continue
-        if bound >= clearance and bound - clearance >= of_a + moved_mm(
-            lines, b, joints_b, nodes, first_b + j
-        ):
+            found, slack, of_a, motion = clearance + slack, 0.0, 0.0, still
+        if bound >= clearance + of_a:
             continue
         if i < leaf_a or j < leaf_b:
             by_a = j >= leaf_b or (i < leaf_a and nodes[first_a + i, 3] >= nodes[first_b + j, 3])
             near = (2 * i + 1, j) if by_a else (i, 2 * j + 1)
             far = (2 * i + 2, j) if by_a else (i, 2 * j + 2)
-            below = clearance + slack
-            to_near = _box_gap(nodes, first_a + near[0], first_b + near[1], x, y, z, shift, below)
-            to_far = _box_gap(nodes, first_a + far[0], first_b + far[1], x, y, z, shift, below)
+            below = clearance + of_a
+            to_near = _box_gap(
+                nodes, first_a + near[0], first_b + near[1], x, y, z, shift, motion, below
+            )
+            to_far = _box_gap(
+                nodes, first_a + far[0], first_b + far[1], x, y, z, shift, motion, below
+            )
             if to_far < to_near:
                 near, far, to_near, to_far = far, near, to_far, to_near
             if to_far < below:
@@ -265,22 +310,26 @@ def find_nearer(
             d = _corner(corners, n, 0, x, y, z, shift)
             e = _corner(corners, n, 1, x, y, z, shift)
             h = _corner(corners, n, 2, x, y, z, shift)
-            moved = of_a + moved_mm(lines, b, joints_b, spheres, n) if slack > 0.0 else 0.0
+            go, radius = add(motion[1], cross(motion[0], center)), spheres[n, 3]
             for m in range(from_a, to_a):
-                apart = sub(center, row(spheres, m))
-                reach = clearance + moved + spheres[m, 3] + spheres[n, 3]
+                near, apart = clearance + of_a, sub(center, row(spheres, m))
+                reach = near + motion[3] + spheres[m, 3] + radius
                 if dot(apart, apart) >= reach * reach:
                     continue
                 u = (corners[m, 0, 0], corners[m, 0, 1], corners[m, 0, 2])
                 v = (corners[m, 1, 0], corners[m, 1, 1], corners[m, 1, 2])
                 w = (corners[m, 2, 0], corners[m, 2, 1], corners[m, 2, 2])
-                if (
-                    _plane_gap(row(normals, m), u, d, e, h) >= clearance + moved
-                    or _plane_gap(normal, d, u, v, w) >= clearance + moved
-                ):
+                side = row(normals, m)
+                gap = _plane_gap(side, u, d, e, h)
+                if gap >= near and gap >= near + _moved_along(side, go, radius, motion):
                     continue
-                distance, _, _ = closest_of_triangles(u, v, w, d, e, h)
-                if distance >= clearance + moved:
+                gap = _plane_gap(normal, d, u, v, w)
+                if gap >= near and gap >= near + _moved_along(normal, go, radius, motion):
+                    continue
+                distance, p, q = closest_of_triangles(u, v, w, d, e, h)
+                # Only what moves along the line between them brings them together.
+                line = scaled(1.0 / max(distance, 1e-9), sub(q, p))
+                if distance >= near and distance >= near + _moved_along(line, go, radius, motion):
                     continue
                 found = distance
                 if exact and distance > 0.0:
@@ -288,5 +337,5 @@ def find_nearer(
                 elif distance < clearance:
                     return found
                 else:
-                    slack = moved = of_a = 0.0
+                    slack, of_a, motion = 0.0, 0.0, still
     return found

@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.fixture.jit import compiled, inlined, kernel
-from app.fixture.vectors import Vector, add, rotate_inverse, row, sub
+from app.fixture.vectors import (
+    Vector,
+    add,
+    cross,
+    length,
+    rotate_inverse,
+    row,
+    scaled,
+    sub,
+)
 from app.geometry import FloatArray
 from app.planning import collision_distance
 from app.planning.collision_distance import (
@@ -67,11 +76,22 @@ class Arm(NamedTuple):
 
 
 @kernel
-def _fill_lines(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
-    """Write the joints above each body, as the poses and steps in ``scratch`` are."""
-    matrices, lines = scratch.matrices, scratch.lines
+def _fill_twists(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
+    """Write `Scratch.twists`, as the poses and steps in ``scratch`` are.
+
+    A joint moves a point by at most its step times the distance from its axis, to which the joints
+    between add what they move. The way of a point bends by half its largest acceleration, as the
+    range is passed in unit time: the step squared times that distance, and twice the step times
+    the longest way by the joints between.
+    """
+    matrices, twists = scratch.matrices, scratch.twists
     for body in range(len(bodies.link)):
         pose, at, n = matrices[bodies.link[body]], bodies.link[body], 0
+        center, radius = (
+            row(bodies.nodes, bodies.first[body, 1]),
+            bodies.nodes[bodies.first[body, 1], 3],
+        )
+        turn, way, bend, longest = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0
         while at > 0:
             k = at - 1
             if arm.driver[k] >= 0:
@@ -80,10 +100,19 @@ def _fill_lines(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
                 pivot = _turned(frame, row(arm.pivots_mm, k))
                 pivot = add(pivot, (frame[0, 3], frame[1, 3], frame[2, 3]))
                 pivot = rotate_inverse(pose, sub(pivot, (pose[0, 3], pose[1, 3], pose[2, 3])))
+                size = abs(step)
+                if arm.slides[k]:
+                    way = add(way, scaled(MM_PER_M * step, axis))
+                    longest += MM_PER_M * size
+                else:
+                    lever = length(cross(axis, sub(center, pivot))) + radius + longest
+                    turn = add(turn, scaled(step, axis))
+                    way = add(way, scaled(step, cross(pivot, axis)))
+                    bend += size * longest + 0.5 * size * size * lever
+                    longest += size * lever
                 for i in range(3):
-                    lines[body, n, i], lines[body, n, 3 + i] = axis[i], pivot[i]
-                lines[body, n, 6] = 0.0 if arm.slides[k] else step
-                lines[body, n, 7] = MM_PER_M * step if arm.slides[k] else 0.0
+                    twists[body, n, i], twists[body, n, 3 + i] = turn[i], way[i]
+                twists[body, n, 6], twists[body, n, 7] = bend, longest
                 n += 1
             at = arm.parents[k]
 
@@ -99,17 +128,17 @@ def _turned(pose: FloatArray, p: Vector) -> Vector:
 
 @kernel
 def _set_range(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
-    """Compute poses and lines of the range ``middle`` and ``half`` in ``scratch``."""
+    """Compute poses and twists of the range ``middle`` and ``half`` in ``scratch``."""
     for k in range(len(arm.base)):
         scratch.positions[k], scratch.steps[k] = arm.base[k], 0.0
         driver = arm.driver[k]
         if driver >= 0:
             scratch.positions[k] += arm.gain[k] * scratch.middle[driver]
-            scratch.steps[k] = abs(arm.gain[k]) * scratch.half[driver]
+            scratch.steps[k] = arm.gain[k] * scratch.half[driver]
     compute_link_poses(
         scratch.positions, arm.slides, arm.origins, arm.motions, arm.parents, scratch.matrices
     )
-    _fill_lines(bodies, arm, scratch)
+    _fill_twists(bodies, arm, scratch)
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -143,7 +172,7 @@ def blocking_pair(
         for joint in range(len(start)):
             change = end[joint] - start[joint]
             scratch.middle[joint] = start[joint] + middle * change
-            scratch.half[joint] = 0.5 * (high - low) * abs(change)
+            scratch.half[joint] = 0.5 * (high - low) * change
         _set_range(bodies, arm, scratch)
         begin = used
         for at in range(scratch.lists[head, 0], scratch.lists[head, 1]):
@@ -154,8 +183,8 @@ def blocking_pair(
             if distance < clearance:
                 return pair
             if distance < math.inf:
-                moved = moved_mm(scratch.lines, a, by_a, bodies.nodes, bodies.first[a, 1])
-                moved += moved_mm(scratch.lines, b, by_b, bodies.nodes, bodies.first[b, 1])
+                moved = moved_mm(scratch.twists, a, by_a, bodies.nodes, bodies.first[a, 1])
+                moved += moved_mm(scratch.twists, b, by_b, bodies.nodes, bodies.first[b, 1])
                 if moved < assumed_mm:
                     continue
                 if moved < RESOLUTION_MM or used == MAX_OPEN:

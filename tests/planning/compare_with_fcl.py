@@ -115,10 +115,10 @@ def sampled_path(model, start, goal, limits, resolution, is_over):
 
 
 def compare(name, queries, resolutions, allowed_s, seed):
-    """Print success and times of one robot."""
+    """Compare one robot, with a report every 100 queries."""
     robot, rng = load(name), np.random.default_rng(seed)
     rows = {label: [] for label in ("proven", *(f"FCL {each:g}" for each in resolutions))}
-    for _ in range(queries // 5):
+    for scene in range(1, queries // 5 + 1):
         structures, pairs, model = random_queries(robot, rng, CLEARANCE_MM)
         joints = model.joints
         held = {joint: value for joint, value in pairs[0][0].items() if joint not in joints}
@@ -144,6 +144,12 @@ def compare(name, queries, resolutions, allowed_s, seed):
                     clearance_mm = CLEARANCE_MM if label == "proven" else 0.0
                     excess = coal_scene.closest_mm(path, held, joints, clearance_mm)[0]
                 rows[label].append((path is not None, excess, spent_s))
+        if scene % 20 == 0 or scene == queries // 5:
+            report(name, rows)
+
+
+def report(name, rows):
+    """Print success and times of the queries until now."""
     for label, values in rows.items():
         found, excess, spent_s = (np.array(column) for column in zip(*values, strict=True))
         valid = found & (excess > (-1e-6 if label == "proven" else 0.0))
