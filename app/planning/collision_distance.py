@@ -101,7 +101,7 @@ def moved_mm(twists: FloatArray, body: int, joints: int, spheres: FloatArray, i:
     way = (twists[body, n, 3], twists[body, n, 4], twists[body, n, 5])
     way = add(way, cross(turn, row(spheres, i)))
     straight = length(way) + spheres[i, 3] * length(turn)
-    return min(straight + twists[body, n, 6], twists[body, n, 7])
+    return float(min(straight + twists[body, n, 6], twists[body, n, 7]))
 
 
 @inlined
@@ -312,8 +312,8 @@ def find_nearer(
             h = _corner(corners, n, 2, x, y, z, shift)
             go, radius = add(motion[1], cross(motion[0], center)), spheres[n, 3]
             for m in range(from_a, to_a):
-                near, apart = clearance + of_a, sub(center, row(spheres, m))
-                reach = near + motion[3] + spheres[m, 3] + radius
+                least, apart = clearance + of_a, sub(center, row(spheres, m))
+                reach = least + motion[3] + spheres[m, 3] + radius
                 if dot(apart, apart) >= reach * reach:
                     continue
                 u = (corners[m, 0, 0], corners[m, 0, 1], corners[m, 0, 2])
@@ -321,15 +321,15 @@ def find_nearer(
                 w = (corners[m, 2, 0], corners[m, 2, 1], corners[m, 2, 2])
                 side = row(normals, m)
                 gap = _plane_gap(side, u, d, e, h)
-                if gap >= near and gap >= near + _moved_along(side, go, radius, motion):
+                if gap >= least and gap >= least + _moved_along(side, go, radius, motion):
                     continue
                 gap = _plane_gap(normal, d, u, v, w)
-                if gap >= near and gap >= near + _moved_along(normal, go, radius, motion):
+                if gap >= least and gap >= least + _moved_along(normal, go, radius, motion):
                     continue
                 distance, p, q = closest_of_triangles(u, v, w, d, e, h)
                 # Only what moves along the line between them brings them together.
                 line = scaled(1.0 / max(distance, 1e-9), sub(q, p))
-                if distance >= near and distance >= near + _moved_along(line, go, radius, motion):
+                if distance >= least and distance >= least + _moved_along(line, go, radius, motion):
                     continue
                 found = distance
                 if exact and distance > 0.0:
