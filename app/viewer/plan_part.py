@@ -58,9 +58,8 @@ class PlanPart:
             if view.scene is None:
                 return False
             models = self._models = PlannedModels(view.scene)
-        links = self._ghost.links
-        if self._goal is not None and self._goal.links and not self._ghost.is_executed:
-            links = self._goal.links
+        ghost, goal = self._ghost, self._goal
+        links = ghost.links if goal is None else goal.links_before(ghost)
         models.show(content, links, self._needle.surface)
         corridor = {} if models.corridor is None else {"corridor": models.corridor}
         is_ghost_new = view.use_models(Part.GHOST, models.links)

@@ -11,7 +11,7 @@ from app.geometry import FloatArray, FrameError, InputError, MarginGuardError, T
 from app.robot import IkOptions, UnreachableError
 from app.runtime import SessionContent
 from app.session import RobotSetup, StepResult
-from app.workflow.approach_ghost import sendable
+from app.workflow.approach_ghost import ApproachGhost, sendable
 
 if TYPE_CHECKING:
     from app.planning import CollisionModel
@@ -118,25 +118,36 @@ class GoalPose:
         self._model = None
 
     @property
+    def pose(self) -> Transform | None:
+        """The goal; None without one."""
+        return self._goal
+
+    @property
     def place_mm(self) -> FloatArray | None:
         """The goal of the tip (3,) in the root link; None without one."""
         return None if self._goal is None else self._goal.translation_mm
 
+    def place(self, rotation: FloatArray, place_mm: FloatArray) -> None:
+        """Move the goal, of ``rotation`` (3, 3), with its tip at ``place_mm`` in the root link."""
+        if self._goal is not None:
+            self._goal = Transform(self._goal.target, self._goal.source, rotation, place_mm)
+            self._solve()
+
     def move_to(self, place_mm: FloatArray) -> None:
         """Move the goal's tip to ``place_mm`` (3,) in the root link."""
         if self._goal is not None:
-            goal = self._goal
-            self._goal = Transform(goal.target, goal.source, goal.rotation, place_mm)
-            self._solve()
+            self.place(self._goal.rotation, place_mm)
 
     def turn(self, vector_rad: FloatArray) -> None:
         """Turn the goal about its tip by ``vector_rad`` (3,), along the axes of the root link."""
         if self._goal is not None:
             goal, root = self._goal, self._goal.target
             turn = Transform.from_rotation_vector(vector_rad, np.zeros(3), target=root, source=root)
-            rotation = turn.rotation @ goal.rotation
-            self._goal = Transform(root, goal.source, rotation, goal.translation_mm)
-            self._solve()
+            self.place(turn.rotation @ goal.rotation, goal.translation_mm)
+
+    def links_before(self, ghost: ApproachGhost) -> Mapping[str, Transform]:
+        """The links to draw: of the goal, unless there is none or an arm executes a plan."""
+        return self.links if self.links and not ghost.is_executed else ghost.links
 
     def plan(self) -> None:
         """Ask for an approach to the goal. Raises `InputError` while the arm is not at it."""
@@ -216,8 +227,7 @@ def _model(
         raise FrameError(f"collisions are not tested: {error}") from error
     carried = {}
     if content.tool is not None and setup.link_from_tip is not None:
-        link_from_tool = setup.link_from_tip @ content.tool_from_tip.inverse()
-        carried["tool"] = content.tool.transformed(link_from_tool)
+        carried["tool"] = content.tool.transformed(setup.link_from_tip)
     return CollisionModel(
         robot,
         robot.actuated_joint_names,

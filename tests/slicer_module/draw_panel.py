@@ -25,7 +25,7 @@ from tests.slicer_module import qt_double, slicer_double
 from tests.slicer_module.marginguard_module import CASE, CLEAR_S, FOLDER, write_plans
 
 BREACH_S = middle_s(DEEP)
-SIZE, TOUCH_SIZE, PLANS_SIZE = (490, 1760), (490, 1340), (490, 860)
+SIZE, TOUCH_SIZE, PLANS_SIZE = (490, 1760), (490, 1340), (490, 960)
 DWELLS_END_S = 19.0
 SECTIONS = ("connect", "tumor", "navigation", "breaches", "notes", "replay")
 
@@ -89,6 +89,7 @@ def main(path: str, touch_path: str, plans_path: str) -> None:
         approach, needle = write_plans(Path(folder), logic.session)
         logic.plans.show_approach(approach)
         logic.plans.show_needle(needle)
+    widget.ui.beginGoalButton.click()
     widget.ui.approachPathLineEdit.setText("approach.json")
     widget.ui.needlePathLineEdit.setText("needle.json")
     widget.refresh()

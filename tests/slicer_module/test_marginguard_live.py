@@ -4,6 +4,7 @@ import re
 import signal
 import threading
 from contextlib import suppress
+from queue import Queue
 
 import pytest
 from std_msgs.msg import String
@@ -21,6 +22,7 @@ from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_live_command import SENDER, TRACKED
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.marginguard_module import CASE, node_of, spin_until, tumor_color
+from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
 
@@ -86,6 +88,12 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
     panel_logic.set_margins(1.5, 6.0)
     spin_until(panel_logic, lambda now: panel_logic.margins().stop_mm == 1.5)
     assert panel_logic.margins().warn_mm == 6.0
+
+    answers = Queue()
+    panel_logic.plans._ask({"waist": 0.0}, 5.0, lambda *answer: answers.put(answer))
+    plan, problem = answers.get(timeout=DEADLINE_S)
+    assert plan == ""
+    assert "/marginguard_plan/plan" in problem  # no planner runs
 
     with RosNode("executor") as executor:
         plans = executor.publisher(EXECUTED_PLAN)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.fixture import MarginState
 from app.geometry import InputError
@@ -22,6 +23,8 @@ from tests.waiting import wait_until
 pytestmark = pytest.mark.slow
 
 STYLUS = "Planned_stylus_model"
+FREE_S = 5.0
+"""A moment at which the arm touches nothing."""
 
 
 def test_plans_are_in_the_scene_until_the_session_ends(replayed, application, tmp_path):
@@ -55,6 +58,77 @@ def test_plans_are_in_the_scene_until_the_session_ends(replayed, application, tm
     assert node_of(application, STYLUS) is node_of(application, "Planned_Corridor") is None
     with pytest.raises(InputError, match="no such file; expected the JSON of a plan"):
         replayed.plans.show_approach(approach.parent)
+
+
+def place_handle(node, shift_mm, scale=1.0):
+    """Move the node by ``shift_mm`` in its parent's frame, as Slicer's handles do."""
+    matrix = vtkMatrix4x4()
+    node.GetMatrixTransformToParent(matrix)
+    for axis, way_mm in enumerate(shift_mm):
+        matrix.SetElement(axis, 3, matrix.GetElement(axis, 3) + way_mm)
+        matrix.SetElement(axis, 0, matrix.GetElement(axis, 0) * scale)
+    node.SetMatrixTransformToParent(matrix)
+
+
+def test_arm_follows_the_handle_of_the_goal_or_says_why_not(replayed, application):
+    show(replayed, FREE_S)
+    goal = replayed.plans.goal
+    assert replayed.refresh().plans.goal.is_active is False
+    goal.begin(0.1)
+    assert replayed.refresh().plans.goal.problem == ""
+    handle, stylus = (node_of(application, name) for name in ("ToolGoal", STYLUS))
+    begin = world_matrix(handle)
+    assert handle.GetDisplayNode().GetEditorVisibility()
+    np.testing.assert_allclose(world_matrix(stylus.GetParentTransformNode()), begin, atol=1e-6)
+
+    place_handle(handle, (-5.0, -3.0, 2.0))
+    assert replayed.refresh().plans.goal.problem == ""
+    moved = world_matrix(handle)
+    assert np.linalg.norm((moved - begin)[:3, 3]) == pytest.approx(np.sqrt(38.0), abs=1e-6)
+    np.testing.assert_allclose(world_matrix(stylus.GetParentTransformNode()), moved, atol=1e-4)
+
+    place_handle(handle, (2000.0, 0.0, 0.0))
+    shown = replayed.refresh().plans.goal
+    assert shown.problem.startswith("out of reach: link 'stylus' cannot be moved to")
+    assert shown.can_plan is False
+    np.testing.assert_allclose(world_matrix(stylus.GetParentTransformNode()), moved, atol=1e-4)
+    place_handle(handle, (-2000.0, 0.0, 0.0), scale=2.0)
+    assert replayed.refresh().plans.goal == shown  # a goal is not scaled
+    place_handle(handle, (-2000.0, 0.0, 0.0))
+    assert replayed.refresh().plans.goal.problem == ""
+
+    application.scene.RemoveNode(handle)
+    assert replayed.refresh().plans.goal.is_active is False
+    assert node_of(application, STYLUS) is None
+    goal.begin(5.0)
+    replayed.refresh()
+    assert node_of(application, "ToolGoal") is not None
+    replayed.end_session()
+    assert node_of(application, "ToolGoal") is node_of(application, STYLUS) is None
+
+
+def test_widgets_set_a_goal_and_say_that_a_replay_plans_nothing(panel, opens_at_once, errors):
+    ui, logic = panel.ui, panel.logic.panel_logic
+    panel.refresh()
+    assert ui.goalLabel.text() == "needs a robot whose base is registered"
+    assert not ui.beginGoalButton.isEnabled()
+    logic.load_case(CASE)
+    spin_until(logic, lambda now: now.position_s is not None)
+    show(logic, FREE_S)
+    panel.refresh()
+    assert not ui.planGoalButton.isEnabled()
+    ui.goalClearanceSpinBox.setValue(0.1)
+    ui.beginGoalButton.click()
+    panel.refresh()
+    assert " mm from the root of the robot" in ui.goalLabel.text()
+    ui.planGoalButton.click()
+    panel.refresh()
+    assert "\napproach: the session is not live; expected a live one" in ui.goalLabel.text()
+    ui.endGoalButton.click()
+    panel.refresh()
+    assert ui.goalLabel.text() == ""
+    assert ui.beginGoalButton.isEnabled()
+    assert errors == []
 
 
 def test_widgets_show_plans_and_why_one_is_refused(panel, opens_at_once, errors, tmp_path):

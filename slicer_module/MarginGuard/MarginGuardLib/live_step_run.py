@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator
 from secrets import token_hex
 
 from app.bridge import RosNode, prepare_environment
-from app.bridge.displays import ExecutedPlan, LiveChild, SessionClient
+from app.bridge.displays import ApproachRequest, ExecutedPlan, LiveChild, SessionClient
 from app.bridge.displays.remote_operator import PANEL_NODE
 from app.bridge.publishing.session_publisher import NODE_NAME
 from app.geometry import InputError
 from app.runtime import Operator, SessionContent
 from app.session import LiveImages, StepResult
 from app.workflow import WorkflowOutput
+from app.workflow.goal_pose import Plan
 
 
 class LiveStepRun:
@@ -29,6 +30,8 @@ class LiveStepRun:
         """Guided recordings and breaches; None before the first step."""
         self.executed_plan = ""
         """JSON of the plan that an arm executes now; empty without one."""
+        self.plan: Plan | None = None
+        """Asks ``marginguard plan serve`` for an approach; None while there is no node."""
         self._client: SessionClient | None = None
         self._child: LiveChild | None = None
         self._stopped = False
@@ -65,6 +68,7 @@ class LiveStepRun:
         try:
             with RosNode(name) as ros:
                 ExecutedPlan(ros, self._executes)
+                self.plan = ApproachRequest(ros).plan
                 client = self._client = SessionClient(ros, NODE_NAME, waiting=self._check, own=True)
                 try:
                     if not self._stopped:
@@ -72,7 +76,7 @@ class LiveStepRun:
                 finally:
                     client.close()
         finally:
-            self.executed_plan = ""
+            self.executed_plan, self.plan = "", None
             child.close()
 
     def stop(self) -> None:

@@ -1,18 +1,19 @@
-"""The widgets of plans: an approach with its slider, a needle with its cross-hair."""
+"""The widgets of plans: an approach with its slider, a goal, a needle with its cross-hair."""
 
 from pathlib import Path
 from typing import Any
 
-from app.workflow import GhostShown, NeedleShown
+from app.workflow import GhostShown, GoalShown, NeedleShown
 
 from .plans import PlansShown
 from .widgets import OnClick, crosshair_picture
 
 _NO_PLAN = "no plan"
+_NO_ROBOT = "needs a robot whose base is registered"
 
 
 class PlanSection:
-    """Connects the buttons, and shows both plans."""
+    """Connects the buttons, and shows the plans and the goal."""
 
     def __init__(self, ui: Any, on_click: OnClick) -> None:
         self._ui = ui
@@ -28,6 +29,12 @@ class PlanSection:
                 ui.showNeedleButton,
                 lambda logic: logic.plans.show_needle(_path(ui.needlePathLineEdit)),
             ),
+            (
+                ui.beginGoalButton,
+                lambda logic: logic.plans.goal.begin(ui.goalClearanceSpinBox.property("value")),
+            ),
+            (ui.planGoalButton, lambda logic: logic.plans.goal.plan()),
+            (ui.endGoalButton, lambda logic: logic.plans.goal.end()),
             (ui.removeNeedleButton, lambda logic: logic.plans.remove_needle()),
             (
                 ui.useCorridorButton,
@@ -41,6 +48,7 @@ class PlanSection:
     def show(self, shown: PlansShown) -> None:
         """Show ``shown``."""
         self._show_approach(shown.approach)
+        self._show_goal(shown.goal)
         self._show_needle(shown.needle)
 
     def _show_approach(self, shown: GhostShown | None) -> None:
@@ -57,6 +65,15 @@ class PlanSection:
             slider.setProperty("maximum", float(shown.last))
             slider.setValue(float(shown.place))
             slider.blockSignals(False)
+
+    def _show_goal(self, shown: GoalShown | None) -> None:
+        ui, is_active = self._ui, shown is not None and shown.is_active
+        for widget in (ui.beginGoalButton, ui.goalClearanceSpinBox):
+            widget.setEnabled(shown is not None and not is_active)
+        ui.planGoalButton.setEnabled(shown is not None and shown.can_plan)
+        ui.endGoalButton.setEnabled(is_active)
+        lines = (_NO_ROBOT,) if shown is None else (shown.place, shown.problem, shown.status)
+        ui.goalLabel.setText("\n".join(filter(None, lines)))
 
     def _show_needle(self, shown: NeedleShown | None) -> None:
         ui = self._ui

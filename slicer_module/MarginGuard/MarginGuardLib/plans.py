@@ -1,12 +1,22 @@
-"""Plans beside the shown session: the ghost of an approach, and a needle on its corridor."""
+"""Plans beside the shown session: an approach with a goal by hand, and a needle on its corridor."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.geometry import InputError
 from app.scene import PlannedModels
-from app.workflow import ApproachGhost, GhostShown, NeedleGuide, NeedleShown
+from app.workflow import (
+    ApproachGhost,
+    GhostShown,
+    GoalPose,
+    GoalShown,
+    NeedleGuide,
+    NeedleShown,
+)
+from app.workflow.goal_pose import Answer
 
+from .goal_handle import GoalHandle
 from .live_step_run import LiveStepRun
 from .shown_session import ShownSession
 
@@ -17,6 +27,7 @@ class PlansShown:
 
     approach: GhostShown | None = None
     needle: NeedleShown | None = None
+    goal: GoalShown | None = None
 
 
 class PanelPlans:
@@ -27,6 +38,8 @@ class PanelPlans:
 
     def __init__(self, session: ShownSession) -> None:
         self._ghost, self._needle = ApproachGhost(), NeedleGuide()
+        self.goal = GoalPose(self._ask, self._ghost.choose)
+        self._handle = GoalHandle(self.goal)
         self._session = session
         self._models: PlannedModels | None = None
         self._executed = ""
@@ -58,8 +71,8 @@ class PanelPlans:
     def update(self) -> None:
         """Show the plans with the step that is shown now."""
         session = self._session
-        run = None if session.thread is None else session.thread.run
-        executed = run.executed_plan if isinstance(run, LiveStepRun) else ""
+        run = self._live_run()
+        executed = "" if run is None else run.executed_plan
         if executed != self._executed:
             self._executed = executed
             self._ghost.execute(executed)
@@ -73,19 +86,37 @@ class PanelPlans:
         self._needle.update(step, display.content, session.silent)
         if self._models is None:
             self._models = PlannedModels(scene)
-        self._models.show(display.content, self._ghost.links, self._needle.surface)
+        self.goal.update(display.content, step, session.silent)
+        self._handle.update(scene, display.content, step)
+        links = self.goal.links_before(self._ghost)
+        self._models.show(display.content, links, self._needle.surface)
 
     def shown(self) -> PlansShown:
         """Texts at the last `update`; none without a session."""
         if self._models is None:
             return PlansShown()
-        return PlansShown(self._ghost.shown(), self._needle.shown())
+        return PlansShown(self._ghost.shown(), self._needle.shown(), self.goal.shown())
 
     def clear(self) -> None:
         """Remove the nodes from the scene; the plans are shown in the next session again."""
         if self._models is not None:
             self._models.remove()
         self._models = None
+        self.goal.end()
+        self._handle.remove()
+
+    def _live_run(self) -> LiveStepRun | None:
+        thread = self._session.thread
+        run = None if thread is None else thread.run
+        return run if isinstance(run, LiveStepRun) else None
+
+    def _ask(self, joints: Mapping[str, float], clearance_mm: float, answer: Answer) -> None:
+        run = self._live_run()
+        plan = None if run is None else run.plan
+        if plan is None:
+            answer("", "approach: the session is not live; expected a live one")
+        else:
+            plan(joints, clearance_mm, answer)
 
 
 def _file(path: Path) -> Path:
