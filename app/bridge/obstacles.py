@@ -217,6 +217,8 @@ def obstacle_of(name: str, marker: Marker) -> Obstacle:
     frame = marker.header.frame_id
     if not frame:
         raise InputError("has no frame_id; expected the frame of its pose")
+    if marker.frame_locked:
+        raise InputError("is frame_locked; expected one that does not move with its frame")
     if marker.type == Marker.TRIANGLE_LIST:
         vertices, faces = _triangles(marker)
     elif marker.type in _SHAPES:

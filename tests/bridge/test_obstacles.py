@@ -80,6 +80,7 @@ def test_triangles_are_placed_and_scaled():
         ({"scale": (1e300, 1.0, 1.0)}, "expected numbers above 0"),
         ({"scale": (30.0, 1.0, 1.0)}, "is farther than 10 m from its frame"),
         ({"kind": Marker.ARROW}, "type is 0; expected SPHERE, CUBE, CYLINDER or TRIANGLE_LIST"),
+        ({"frame_locked": True}, "is frame_locked; expected one that does not move with its frame"),
         ({"action": 7}, "action is 7; expected ADD, DELETE or DELETEALL"),
         ({"kind": Marker.TRIANGLE_LIST}, "has 0 points; expected finite corners"),
         (
