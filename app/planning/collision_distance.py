@@ -51,11 +51,11 @@ class Bodies(NamedTuple):
 class Scratch(NamedTuple):
     """Memory of one search at a time.
 
-    ``middle`` and ``half`` (n,) are a range of joint positions, ``positions`` and ``steps`` (n,)
-    the middle and half the range of every joint k, ``matrices`` the poses of the links there.
+    ``middle`` and ``half`` (n,) are the middle of a straight motion in joint space and half its
+    steps, ``positions`` and ``steps`` (n,) those of every joint k, ``matrices`` the links' poses.
     ``twists`` (b, n, 8) are the motion of each body by its first, its first two, ... joints, from
-    the body on, within half the range, in the frame of its link: turn in rad; way of the origin in
-    mm; the most that its points go off the straight way; the longest way of all.
+    the body on, by half the steps, in the frame of its link: turn in rad and way of the origin in
+    mm by the velocity in the middle; bounds of how far points go off that way, and of all ways.
     """
 
     middle: FloatArray

@@ -2,7 +2,8 @@
 
 Continuous, by the bound of the motion and not by samples (Schwarzer, Saha and Latombe, Adaptive
 dynamic collision checking, 2005): two bodies that are ``d`` apart in the middle of an interval stay
-apart by the clearance if no point of either moves by more than ``d`` less the clearance from there.
+apart by the clearance if no point of either moves by more than ``d`` less the clearance along the
+line between them. That way is bounded by the velocity in the middle and the largest acceleration.
 An interval for which that does not hold is bisected, for the pairs of bodies that it leaves open.
 """
 
