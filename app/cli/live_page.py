@@ -133,7 +133,7 @@ def _shown(
 ) -> Iterator["Viewer"]:
     """The page, with the steps on their way to it within the context."""
     from app.bridge.world_client import TRACKER, WORLD
-    from app.runtime import SimulatedWorld
+    from app.runtime import SimulatedWorld, stop_surface
     from app.viewer import (
         LiveFeed,
         LiveOperator,
@@ -147,7 +147,6 @@ def _shown(
     )
     from app.viewer.drawing.scene_view import Part
     from app.viewer.plan_part import planned_parts
-    from app.workflow import stop_surface
 
     def silence() -> str:
         return (child.ended if child is not None else "") or session.silence

@@ -131,13 +131,13 @@ def replay_parts(
         from app.analysis import find_breaches
         from app.cli.scene_log import PICTURES_PER_S, SceneLog
         from app.report import ReplayLog
-        from app.runtime import ReplayRun, prepare_case
+        from app.runtime import ReplayRun, prepare_case, stop_surface
         from app.viewer import (
             ReplayFeed,
             ReplayTimeline,
             ViewStateBuilder,
         )
-        from app.workflow import EventNotes, stop_surface
+        from app.workflow import EventNotes
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only, tool=tool)
     setup, log = prepared.setup, ReplayLog()

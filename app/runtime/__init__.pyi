@@ -3,8 +3,7 @@ from .case_recorder import CaseRecorder, RecordingStatus
 from .commands import OperatorCommands
 from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, StructureContent, ToolContent, content_of
-from .display_content import ImageDepth, ImageDescription, ShownChange, described_images
-from .display_items import ShownItem
+from .display_items import ImageDepth, ImageDescription, ShownChange, ShownItem, described_images
 from .live_run import Deliver, HoldKeeper, LiveRun, Source, used_values
 from .opening import (
     PreparedCase,
@@ -59,7 +58,15 @@ from .thread_handover import (
     QtSpinner,
     Wakeup,
 )
-from .tracked_tool import GUARDED_TOOL, tip_mm, tip_of, tool_names, tools_of
+from .tracked_tool import (
+    GUARDED_TOOL,
+    TipDirections,
+    stop_surface,
+    tip_mm,
+    tip_of,
+    tool_names,
+    tools_of,
+)
 
 __all__ = [
     "GUARDED_TOOL",
@@ -125,6 +132,7 @@ __all__ = [
     "StructureContent",
     "SwitchContent",
     "SwitchStructure",
+    "TipDirections",
     "TooManyRequestsError",
     "ToolContent",
     "Wakeup",
@@ -141,6 +149,7 @@ __all__ = [
     "prepare_case",
     "prepare_live",
     "register_case",
+    "stop_surface",
     "text_digest",
     "tip_mm",
     "tip_of",

@@ -8,9 +8,9 @@ from app.geometry import InputError, Transform
 from app.hold import SeenHold, margin_changes, tip_change_text
 from app.registration import RegistrationResult
 from app.runtime.case_recorder import CaseRecorder, RecordingStatus
-from app.runtime.display_content import ShownChange
-from app.runtime.replacements import check_tip
+from app.runtime.display_items import ShownChange
 from app.runtime.requests import RequestKind
+from app.runtime.session_changes import check_tip
 from app.runtime.structure_commands import StructureCommands
 
 _STEPS_WAIT_S = 0.5
@@ -157,7 +157,7 @@ class OperatorCommands(StructureCommands):
             done.append(change if robot is None else f"{change}; register the robot again")
 
     def change_shown(self, kind: str, change: ShownChange, *, origin: str) -> None:
-        """Change what is shown (`app.runtime.display_content`); state, constraint and hold stay.
+        """Change what is shown (`app.runtime.display_items`); state, constraint and hold stay.
 
         Raises `InputError` for what the change refuses, and while another one is being prepared.
         """

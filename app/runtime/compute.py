@@ -5,20 +5,23 @@ for the interpreter lock and for the processors. In a process of its own, with a
 does neither.
 """
 
+import gc
 import logging
 import mmap
 import os
 import pickle
+import signal
 import socket
 import struct
 import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol, Self, TypeVar, cast
 
 from app.files.child_process import module_command, same_code, work_behind
-from app.geometry import InputError
+from app.geometry import InputError, MarginGuardError
 
 _LOG = logging.getLogger(__name__)
 
@@ -151,7 +154,7 @@ def _start() -> tuple["subprocess.Popen[bytes]", socket.socket]:
     here, there = socket.socketpair()
     with there:
         process = subprocess.Popen(
-            module_command("app.runtime.compute_worker", str(there.fileno())),
+            module_command("app.runtime.compute", str(there.fileno())),
             pass_fds=[there.fileno()],
             stdin=subprocess.DEVNULL,
             env=same_code(),
@@ -241,3 +244,26 @@ def read_object(file: int) -> object:
 
 def _aligned(offset: int) -> int:
     return -(-offset // _ALIGNMENT) * _ALIGNMENT
+
+
+def serve(connection: socket.socket) -> None:
+    """Answer the calls that arrive on ``connection`` until it is closed."""
+    while (request := receive_object(connection)) is not None:
+        function, args = cast(tuple[Callable[..., object], tuple[object, ...]], request)
+        reply: tuple[bool, object]
+        try:
+            reply = (True, function(*args))
+        except MarginGuardError as error:
+            reply = (False, error)
+        except Exception as error:  # the caller reports any failure, and the next call follows
+            _LOG.exception("%s failed", function)
+            reply = (False, RuntimeError(f"{type(error).__name__}: {error}"))
+        send_object(connection, reply)
+        del request, args, reply
+        gc.collect()
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the session ends this process
+    with socket.socket(fileno=int(sys.argv[1])) as parent:
+        serve(parent)

@@ -15,8 +15,7 @@ from app.fixture import FIXTURE_FRAME, MarginParameters
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.robot import urdf_text
-from app.runtime.display_content import ImageDepth, image_depth_of
-from app.runtime.display_items import ShownItem, items_of
+from app.runtime.display_items import ImageDepth, ShownItem, image_depth_of, items_of
 from app.session import RobotSetup, Role, SessionSetup
 from app.session.structure import with_named
 

@@ -13,8 +13,8 @@ from app.runtime.commands import OperatorCommands
 from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent, surface_digest
 from app.runtime.outputs import Output, StepHolds, StepTiming
-from app.runtime.replacements import MAX_LIVE_TRIANGLES
 from app.runtime.requests import RequestLog
+from app.runtime.session_changes import MAX_LIVE_TRIANGLES
 from app.session import LiveSession, StepResult
 
 

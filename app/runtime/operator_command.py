@@ -14,7 +14,7 @@ from app.geometry import InputError, SurfaceMesh, Transform
 from app.hold import SeenHold, tip_change_text
 from app.registration import RegistrationResult
 from app.runtime.content import StructureContent
-from app.runtime.display_content import other_depth
+from app.runtime.display_items import other_depth
 from app.runtime.requests import OperatorRequest, RequestKind
 from app.session.structure import role_of
 

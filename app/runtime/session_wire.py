@@ -19,8 +19,7 @@ from app.geometry import InputError, MarginGuardError, SurfaceMesh, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot, load_robot
 from app.runtime.content import SessionContent, surface_digest
-from app.runtime.display_content import ImageDescription
-from app.runtime.display_items import ShownItem
+from app.runtime.display_items import ImageDescription, ShownItem
 from app.runtime.operator_command import COMMANDS, OperatorCommand
 from app.runtime.requests import KINDS
 from app.session import RobotSetup

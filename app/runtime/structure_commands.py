@@ -8,9 +8,15 @@ from typing import Any
 
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.runtime.content import SessionContent, StructureContent
-from app.runtime.replacements import check_structure, check_surface, checked_reason, model_of
 from app.runtime.requests import RequestKind
-from app.runtime.session_changes import ContentChange, SessionChanges
+from app.runtime.session_changes import (
+    ContentChange,
+    SessionChanges,
+    check_structure,
+    check_surface,
+    checked_reason,
+    model_of,
+)
 from app.session import ProximityModel, SessionSetup, Structure
 from app.session.structure import with_named
 from app.session.tumor_replacement import TUMOR

@@ -10,7 +10,7 @@ from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.geometry.frames import MAX_FRAME_CHARS
 from app.runtime import ITEM_COMMANDS, ChooseDepth, Rearm, Record, SetMargins, SwitchStructure
-from app.runtime.replacements import MAX_REASON
+from app.runtime.session_changes import MAX_REASON
 from app.scene import MarkerStyle
 from app.scene.margin_display import (
     MAX_SIZE_MM,

@@ -21,11 +21,11 @@ from app.geometry import (
     stale_in_ns,
 )
 from app.hold import SeenHold
-from app.runtime import Operator, OperatorRequest, SessionContent
+from app.runtime import Operator, OperatorRequest, SessionContent, stop_surface
 from app.session import StepResult
 from app.viewer.address import ViewerError
 from app.viewer.view_state import ViewState, ViewStateBuilder
-from app.workflow import Workflow, stop_surface
+from app.workflow import Workflow
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """The rates of the page: recorded time over clock time."""

@@ -9,7 +9,14 @@ from app.case import ENERGY_DEVICE, Activation
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason
 from app.geometry import ANATOMICAL_WORDS, NS_PER_MS, Freshness
 from app.hold import SeenHold
-from app.runtime import GUARDED_TOOL, OperatorRequest, RecordingStatus, SessionContent, tools_of
+from app.runtime import (
+    GUARDED_TOOL,
+    OperatorRequest,
+    RecordingStatus,
+    SessionContent,
+    TipDirections,
+    tools_of,
+)
 from app.scene.shown_margin import TransformHealth
 from app.session import (
     HOLD,
@@ -28,7 +35,6 @@ from app.session import (
     structure_title,
 )
 from app.viewer.view_state import ViewState
-from app.workflow import TipDirections
 
 
 def reason_text(state: MarginState, reasons: tuple[Reason, ...]) -> str:

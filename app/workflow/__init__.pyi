@@ -15,7 +15,6 @@ from .registration_fit import RegistrationFit, RegistrationTask, fit_registratio
 from .robot_registration import RegistrationStatus, RobotRegistration
 from .session_corridors import SessionCorridors, plan_corridors
 from .steps import WorkflowName, WorkflowState, WorkflowStep, next_step, workflow_steps
-from .tip_directions import TipDirections, stop_surface
 from .tool_calibration import CalibrationStatus, TipChange, ToolCalibration, tip_command
 from .workflow import EventNote, EventNotes, Workflow, WorkflowOutput, recorded_breaches
 
@@ -47,7 +46,6 @@ __all__ = [
     "SessionCorridors",
     "ShownPlan",
     "TipChange",
-    "TipDirections",
     "ToolCalibration",
     "TouchedPoint",
     "Workflow",
@@ -62,7 +60,6 @@ __all__ = [
     "plan_corridors",
     "recorded_breaches",
     "registration_shown",
-    "stop_surface",
     "tip_command",
     "workflow_steps",
 ]

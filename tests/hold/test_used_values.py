@@ -10,7 +10,7 @@ from app.geometry import SurfaceMesh, Transform
 from app.hold.changes import causes_of_change
 from app.registration import given_registration
 from app.runtime import StructureContent, used_values
-from app.runtime.display_content import ImageDepth
+from app.runtime.display_items import ImageDepth
 from app.session import Role
 from tests.session_content import FACES, TETRAHEDRON, one_link_content, registered
 

@@ -8,7 +8,7 @@ import pytest
 from app.fixture import MarginState, Reason
 from app.geometry import FrameError, InputError, MeshError, SurfaceMesh, Transform
 from app.runtime import LocalOperator, SetStructure, SwitchStructure
-from app.runtime.replacements import MAX_REASON
+from app.runtime.session_changes import MAX_REASON
 from app.session import Role, Session
 from tests.doubles import frame, sample
 from tests.runtime.command_world import APPLIED, LATCHED, PREPARED, World
@@ -264,7 +264,7 @@ def test_other_role_is_refused_where_the_command_is_made():
 
 
 def test_more_structures_or_triangles_than_allowed_are_refused(world, monkeypatch):
-    monkeypatch.setattr("app.runtime.replacements.MAX_STRUCTURES", 2)
+    monkeypatch.setattr("app.runtime.session_changes.MAX_STRUCTURES", 2)
     request(world, vessel(), OFF)
     with pytest.raises(InputError, match="'nerve': the session has 2 structures; expected at most"):
         request(world, vessel(name="nerve"))

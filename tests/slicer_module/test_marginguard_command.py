@@ -154,7 +154,7 @@ def test_path_that_is_not_a_program_is_rejected(install, tmp_path, capsys):
 
 
 def test_installation_without_the_modules_is_reported(install, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
+    monkeypatch.setattr("app.files.paths._SHARE", tmp_path)
     assert main(["slicer", "--slicer", str(install()), "--print"]) == 2
     assert f"{tmp_path / 'slicer_module' / 'MarginGuard'}: no such" in capsys.readouterr().err
 

@@ -5,8 +5,8 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import InputError
+from app.runtime import stop_surface
 from app.session import AxisDistances
-from app.workflow import stop_surface
 from tests.shipped_case import BREACHES, DEEP, middle_s
 from tests.slicer_module.marginguard_module import CASE, CLEAR_S, node_of, show, spin_until
 from tests.waiting import wait_until

@@ -26,7 +26,7 @@ from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
 from app.hold import SeenHold
 from app.registration import RegistrationResult, register_points
 from app.runtime import LatestValue, OperatorCommands, RequestKind, StructureContent
-from app.runtime.replacements import MAX_LIVE_TRIANGLES
+from app.runtime.session_changes import MAX_LIVE_TRIANGLES
 from app.session.structure import role_of
 
 

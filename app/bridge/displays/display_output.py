@@ -36,8 +36,8 @@ from app.runtime import (
     SwitchContent,
 )
 from app.runtime.operator_command import OperatorCommand, Rearm, SetMargins
-from app.runtime.replacements import MAX_LIVE_TRIANGLES
 from app.runtime.requests import RateLimit
+from app.runtime.session_changes import MAX_LIVE_TRIANGLES
 from app.runtime.session_wire import (
     DescribedSession,
     SessionWire,

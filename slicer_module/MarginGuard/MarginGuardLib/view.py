@@ -6,10 +6,18 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from slicer import vtkMRMLCameraNode, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.geometry import InputError, MarginGuardError, SurfaceMesh
-from app.runtime import GUARDED_TOOL, ITEM_COMMANDS, Compute, SessionContent, ShownItem, tools_of
+from app.runtime import (
+    GUARDED_TOOL,
+    ITEM_COMMANDS,
+    Compute,
+    SessionContent,
+    ShownItem,
+    TipDirections,
+    stop_surface,
+    tools_of,
+)
 from app.scene import MarkerStyle, Preset
 from app.session import StepResult
-from app.workflow import TipDirections, stop_surface
 
 from .jobs import one_line
 from .shown_session import ShownSession
