@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from app.bridge.calls.action_server import GoalOutcome, ServedGoal
-from app.bridge.guard_scene import GuardScene
+from app.bridge.guard_scene import GuardScene, PathWatch
 from app.bridge.messages import header_message, ns_of
-from app.bridge.path_watch import PathWatch
 from app.bridge.plan_execution import ExecutionNode, ExecutionServer, alone
 from app.control import (
     FOLLOW_M,

@@ -16,10 +16,10 @@ from visualization_msgs.msg import Marker
 from app.bridge import RosNode, guard_scene, plan_execution, planning_server
 from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
+from app.bridge.guard_scene import PathWatch
 from app.bridge.messages import header_message
 from app.bridge.obstacles import Obstacles
-from app.bridge.path_watch import PathWatch
-from app.bridge.plan_markers import corridor_markers, way_markers
+from app.bridge.planning_server import corridor_markers, way_markers
 from app.bridge.ros_errors import BridgeError, GoalAbortedError
 from app.bridge.topics import NEWEST, STREAM, Topic
 from app.control import open_control, read_plan

@@ -52,9 +52,8 @@ def run(options: argparse.Namespace) -> int:
         print_reach()
         with received.ends_at_once():
             from app.bridge import RosNode
-            from app.bridge.guard_scene import GuardScene
+            from app.bridge.guard_scene import GuardScene, PathWatch
             from app.bridge.obstacles import Obstacles
-            from app.bridge.path_watch import PathWatch
             from app.bridge.plan_execution import ExecutionNode, ExecutionServer
             from app.bridge.planning_server import NODE_NAME, PlanningServer
             from app.bridge.trajectory_server import TrajectoryServer
