@@ -1,5 +1,6 @@
 from .convert import mesh_of_model, mesh_of_segment, points_of_markups
 from .image_nodes import ImagePlane, ImageVolume
+from .item_models import ContourModel
 from .margin_display import BreachMarkers, FixturePlane, MarkerStyle
 from .offscreen import OffscreenError, SceneError, load_3d_view_only, use_offscreen_rendering
 from .pictures.camera_views import (
@@ -31,7 +32,6 @@ from .sequences import add_sequences
 from .shown_margin import TransformHealth, TransformWatchdog
 from .simulated_bodies import BodyModels
 from .transform_tree import EditedTransform, TransformTree
-from .workflow_models import ContourModel
 
 __all__ = [
     "QUICK_TYPE",

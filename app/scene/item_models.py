@@ -1,13 +1,17 @@
-"""Models of the display items of a session."""
+"""Models of display items, of structures and other tools, and of a contour that is being edited."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from slicer import vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
+from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
+from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 from app.fixture import MarginState
-from app.runtime import ShownItem
+from app.geometry import SurfaceMesh
+from app.runtime import ShownItem, StructureContent, ToolContent
+from app.scene.convert import poly_data
 from app.scene.models import Rgb, add_model, remove_displayed, smooth_surface
-from app.scene.scene_nodes import Batch
+from app.scene.scene_nodes import PART, Batch, mark
+from app.session import Role
 
 
 class ItemModels:
@@ -64,3 +68,74 @@ class ItemModels:
             remove_displayed(self._scene, node)
         self.nodes.clear()
         self._drawn.clear()
+
+
+_OPACITY = {Role.TARGET: 0.4, Role.FORBIDDEN: 0.25}
+
+
+class StructureModels:
+    """Draws structures and tools in ``scene``, each by its name, in the frame of its shape."""
+
+    def __init__(self, scene: vtkMRMLScene, batch: Batch) -> None:
+        self.nodes: dict[str, vtkMRMLModelNode] = {}
+        """The models by the frames of their shapes."""
+        self._scene, self._batch = scene, batch
+
+    def add(self, structure: StructureContent | ToolContent, parent: vtkMRMLTransformNode) -> None:
+        """Add ``structure`` under its frame, in grey until its first state."""
+        opacity = 1.0 if isinstance(structure, ToolContent) else _OPACITY[structure.role]
+        self.nodes[structure.surface.frame] = add_model(
+            self._scene,
+            structure.name,
+            smooth_surface(structure.surface),
+            MarginState.UNKNOWN.color,
+            opacity=opacity,
+            parent=parent,
+        )
+
+    def show(self, states: Mapping[str, MarginState]) -> None:
+        """Colour each structure by its state; one without a state is grey."""
+        for name, node in self.nodes.items():
+            color = states.get(name, MarginState.UNKNOWN).color
+            display = node.GetDisplayNode()
+            if display.GetColor() != color:
+                self._batch.hold(display)
+                display.SetColor(*color)
+
+    def remove(self) -> None:
+        """Remove all models from the scene."""
+        for node in self.nodes.values():
+            remove_displayed(self._scene, node)
+        self.nodes.clear()
+
+
+_CONTOUR_NAME = "Contour"
+CONTOUR_COLOR = (0.91, 0.61, 1.0)
+"""The page draws the contour's points and its line in the image in the same colour."""
+_CONTOUR_OPACITY = 0.35
+
+
+class ContourModel:
+    """A model node under the frame of the node ``parent``. Hidden until `show`."""
+
+    def __init__(self, scene: vtkMRMLScene, parent: vtkMRMLTransformNode) -> None:
+        self._scene = scene
+        self.node = add_model(scene, _CONTOUR_NAME, vtkPolyData(), CONTOUR_COLOR, parent=parent)
+        mark(self.node, PART)
+        display = self.node.GetDisplayNode()
+        display.SetRepresentation(vtkMRMLDisplayNode.WireframeRepresentation)
+        display.SetOpacity(_CONTOUR_OPACITY)
+        display.SetVisibility(False)
+
+    def show(self, mesh: SurfaceMesh) -> None:
+        """Show ``mesh``, in the parent's frame."""
+        self.node.SetAndObservePolyData(poly_data(mesh))
+        self.node.GetDisplayNode().SetVisibility(True)
+
+    def hide(self) -> None:
+        """Hide the surface."""
+        self.node.GetDisplayNode().SetVisibility(False)
+
+    def remove(self) -> None:
+        """Remove the node from the scene."""
+        remove_displayed(self._scene, self.node)

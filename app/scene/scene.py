@@ -18,14 +18,13 @@ from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform, poses_in
 from app.robot import Robot
 from app.runtime import ShownItem, StructureContent, ToolContent
-from app.scene.item_models import ItemModels
+from app.scene.item_models import ItemModels, StructureModels
 from app.scene.margin_display import MarginDisplay
 from app.scene.models import add_model, ball, remove_displayed, smooth_surface
 from app.scene.offscreen import SceneError
 from app.scene.robot_model import RobotModel
 from app.scene.scene_nodes import PART, SURFACE, AdoptedNodes, Batch, NodeIntegrity, mark
 from app.scene.shown_margin import TransformHealth, TransformWatchdog, shown_margin
-from app.scene.structure_models import StructureModels
 from app.scene.transform_tree import RAS, TransformTree
 from app.session import named
 

@@ -48,7 +48,7 @@ READS_OWN_FILES = {
     "cli/cohort_run.py": "a table of the kernel",
     "cli/replay_page.py": "the report that this process wrote",
     "cli/scene_process.py": "a picture that a child process wrote",
-    "files/video_file.py": "the video that this process wrote",
+    "scene/pictures/movie.py": "the video that this process wrote",
     "fixture/jit.py": "source code of this project",
     "planning/collision_kernel.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
@@ -105,7 +105,7 @@ OPENS_FILES = {
     # The lock of a cohort's results.
     "cli/cohort_run.py": {"(folder / LOCK_FILE).open"},
     # A video in a temporary folder of its own.
-    "files/video_file.py": {"av.open"},
+    "scene/pictures/movie.py": {"av.open"},
     # Pipes between processes, and the folder of own caches.
     "files/child_process.py": {"os.fdopen"},
     "cli/caches.py": {"os.open"},

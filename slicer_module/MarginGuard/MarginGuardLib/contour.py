@@ -20,7 +20,7 @@ from app.contour.surface import pixel_sigma
 from app.geometry import FloatArray, InputError
 from app.runtime import GUARDED_TOOL, Operator, tip_mm
 from app.scene import ContourModel, SceneError
-from app.scene.workflow_models import COLOR
+from app.scene.item_models import CONTOUR_COLOR
 from app.workflow import ContourTumor
 
 from .shown_session import ShownSession
@@ -49,7 +49,7 @@ class ContourPoints:
         self.node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", NAME)
         self.node.CreateDefaultDisplayNodes()
         self.node.GetDisplayNode().SetPointLabelsVisibility(False)
-        self.node.GetDisplayNode().SetSelectedColor(*COLOR)
+        self.node.GetDisplayNode().SetSelectedColor(*CONTOUR_COLOR)
         self.node.SetAndObserveTransformNodeID(parent.GetID())
         self._history: deque[FloatArray] = deque(maxlen=_MAX_UNDO)
         self._last = self.positions_mm

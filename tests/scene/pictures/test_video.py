@@ -7,9 +7,10 @@ from io import BytesIO
 import numpy as np
 import pytest
 
-from app.files import extras, video_file
-from app.files.video_file import video_mp4
+from app.files import extras
 from app.geometry import InputError
+from app.scene.pictures import movie
+from app.scene.pictures.movie import video_mp4
 
 RATE = Fraction(25, 2)
 COLORS = [(230, 30, 30), (30, 160, 60), (128, 128, 128), (240, 170, 20)]
@@ -56,7 +57,7 @@ def test_pictures_that_are_no_video_are_refused(shapes, message):
 
 
 def test_missing_encoder_is_one_line(monkeypatch):
-    monkeypatch.setattr(video_file, "_CODEC", "no_such_codec")
+    monkeypatch.setattr(movie, "_CODEC", "no_such_codec")
     with pytest.raises(InputError, match="PyAV has no encoder no_such_codec; expected"):
         video_mp4(pictures(1), RATE)
 
