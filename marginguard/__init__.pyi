@@ -1,11 +1,3 @@
-from .approaches import (
-    Approach,
-    ApproachError,
-    MotionLimits,
-    Robot,
-    load_robot,
-    plan_approach,
-)
 from .cases import (
     PreparedCase,
     StepResult,
@@ -69,9 +61,12 @@ from .margins import (
     plot_margin,
 )
 from .planning import (
+    Approach,
+    ApproachError,
     Corridor,
     EntryRegion,
     ForbiddenStructure,
+    MotionLimits,
     Needle,
     NeedleGuidance,
     NeedlePath,
@@ -79,8 +74,11 @@ from .planning import (
     NeedleRobot,
     NeedleTarget,
     NoCorridorError,
+    Robot,
     guide_needle,
+    load_robot,
     needle_constraint,
+    plan_approach,
     plan_needle,
 )
 from .values import InputError, MarginGuardError, Transform

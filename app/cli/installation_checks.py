@@ -16,8 +16,7 @@ from pathlib import Path
 from app.cli.system_checks import Check, check_building, check_machine, checked
 from app.files.child_process import ChildError, run_to_end
 from app.files.extras import DISTRIBUTION, GUIDE, install_command, install_interfaces
-from app.files.paths import state_folder
-from app.files.shipped import checkout, shipped
+from app.files.paths import checkout, shipped, state_folder
 
 PROBE_TIMEOUT_S = 60.0
 EXTRAS = ("", "ros", "scene")

@@ -17,7 +17,16 @@ from .controller import (
     WrenchMeasurement,
     positions_of,
 )
-from .path_follower import PathFollower, PlannedMotion, keeps_to_lines, lines_of
+from .path_follower import (
+    PathFollower,
+    Plan,
+    PlannedMotion,
+    keeps_to_lines,
+    lines_of,
+    named_faults,
+    parse_plan,
+    read_plan,
+)
 from .plan_execution import (
     FOLLOW_M,
     FOLLOW_RAD,
@@ -27,7 +36,6 @@ from .plan_execution import (
     Outcome,
     PlanExecution,
 )
-from .plan_file import Plan, named_faults, parse_plan, read_plan
 from .warm_up import warm_up
 
 __all__ = [

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, NoReturn
 
-from app.files.shipped import checkout
+from app.files.paths import checkout
 
 _NICENESS = 5
 """Low enough for the thread of the constraint to go first, high enough to proceed beside others."""

@@ -3,7 +3,7 @@
 import re
 from importlib.util import find_spec
 
-from app.files.shipped import checkout
+from app.files.paths import checkout
 from app.geometry import InputError
 
 DISTRIBUTION = "marginguard"

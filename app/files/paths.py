@@ -1,16 +1,38 @@
-"""Places of files: those that a document names, and the folder of the user's state."""
+"""Places of files: shipped ones, those that a document names, and the folder of the user's state.
+
+MarginGuard ships data, Slicer modules, RViz, Foxglove and benchmarks beside its code. These folders
+are below the project's root in a checkout and in an editable installation. A wheel holds them in
+``app/share``, where ``tools/build_py.py`` copies them.
+"""
 
 import hashlib
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
 from app.files.bounded_io import is_file, is_folder, open_for_reading
-from app.files.shipped import shipped
 from app.files.xml_guard import parse_xml, read_xml
 from app.geometry import InputError
+
+_PACKAGE = Path(str(files("app")))
+_SHARE = _PACKAGE / "share"
+
+
+def checkout() -> Path | None:
+    """Root of the checkout that contains this code; None if it was installed from a wheel.
+
+    An editable installation (``pip install -e``) runs the code of its checkout.
+    """
+    return None if _SHARE.is_dir() else _PACKAGE.parent
+
+
+def shipped(*parts: str) -> Path:
+    """Path of a shipped file or folder: ``shipped("data", "recorded_case")``. May not exist."""
+    return (checkout() or _SHARE).joinpath(*parts)
+
 
 PACKAGE_SCHEME = "package://"
 OWN_PACKAGE = "marginguard"

@@ -1,12 +1,11 @@
 from .case_options import CaseErrors, CaseOptions
-from .frame_names import BASE_FRAME, TIP_FRAME, TUMOR_FRAME
 from .motion import ArmKinematics
 from .recording import Recording
 from .simulated_tracker import SimulatedTracker
 from .simulation import Simulation, simulate
 from .tracker_model import Jitter, TrackerModel
 from .truth import Clearance, TrueBreach, find_breaches
-from .tumour_and_tool import Tumour, tool_mesh
+from .tumour_and_tool import BASE_FRAME, TIP_FRAME, TUMOR_FRAME, Tumour, tool_mesh
 from .writing import simulate_case, simulate_unrecorded_case
 
 __all__ = [

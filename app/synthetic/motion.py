@@ -9,11 +9,11 @@ import numpy as np
 from scipy.interpolate import BPoly, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.geometry import FloatArray, InputError, Transform, mismatched_frames
 from app.geometry.rotations import rotation_of_vector
 from app.robot import load_robot
-from app.synthetic.frame_names import TOOL_LINK
+from app.synthetic.tumour_and_tool import TOOL_LINK
 
 MAX_TURN_RAD = 2.5
 """Rotation vectors are smooth below pi; this leaves a margin."""

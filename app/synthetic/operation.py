@@ -10,9 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
 from app.geometry.rotations import rotation_of_vector
-from app.synthetic.frame_names import BASE_FRAME, TIP_FRAME, TOOL_SENSOR, TUMOR_FRAME, TUMOR_SENSOR
 from app.synthetic.motion import ArmKinematics
-from app.synthetic.tumour_and_tool import Tumour
+from app.synthetic.tumour_and_tool import (
+    BASE_FRAME,
+    TIP_FRAME,
+    TOOL_SENSOR,
+    TUMOR_FRAME,
+    TUMOR_SENSOR,
+    Tumour,
+)
 
 PROBE, REFERENCE, TRACKER = "probe", "reference", "tracker"
 DIAMETER_MM = 18.0

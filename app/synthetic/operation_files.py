@@ -9,21 +9,23 @@ import yaml
 from app.case import write_live_manifest
 from app.files.atomic_io import new_folder
 from app.geometry import SurfaceMesh, Transform
-from app.synthetic.frame_names import (
-    BASE_FRAME,
-    TOOL_FILE,
-    TOOL_LINK,
-    TOOL_SENSOR,
-    TUMOR_FRAME,
-    TUMOR_SENSOR,
-)
 from app.synthetic.operation import (
     PROBE,
     SUPPOSED_RADIUS_MM,
     OperationTruth,
     probe_from_image,
 )
-from app.synthetic.tumour_and_tool import icosphere, tool_mesh, write_stl
+from app.synthetic.tumour_and_tool import (
+    BASE_FRAME,
+    TOOL_FILE,
+    TOOL_LINK,
+    TOOL_SENSOR,
+    TUMOR_FRAME,
+    TUMOR_SENSOR,
+    icosphere,
+    tool_mesh,
+    write_stl,
+)
 
 IMAGE_TOPIC = "/ultrasound/image"
 CONFIG_NAME, TRUTH_FOLDER = "live.yaml", "truth"

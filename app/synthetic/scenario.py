@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 from app.geometry import FloatArray, Transform
 from app.synthetic.case_options import USUAL_SURGEON, SurgeonOptions
 from app.synthetic.error_budget import CROSSING_SPEED_MM_S, Depths
-from app.synthetic.frame_names import TIP_FRAME, TOOL_SENSOR, TUMOR_SENSOR
 from app.synthetic.motion import Path
 from app.synthetic.script import Script
 from app.synthetic.tracker_model import Dropout, DropoutKind
 from app.synthetic.truth import Clearance
-from app.synthetic.tumour_and_tool import Tumour
+from app.synthetic.tumour_and_tool import TIP_FRAME, TOOL_SENSOR, TUMOR_SENSOR, Tumour
 
 WORK_FRAME = "work"
 

@@ -19,11 +19,18 @@ import numpy as np
 from app.geometry import NS_PER_S, FloatArray, Transform
 from app.synthetic.case_options import CaseOptions, contoured
 from app.synthetic.error_budget import margin_bound_mm, plan_depths
-from app.synthetic.frame_names import BASE_FRAME, TIP_FRAME, TOOL_SENSOR, TUMOR_FRAME, TUMOR_SENSOR
 from app.synthetic.motion import ArmKinematics, Breathing, BreathingBody, JointMotion, Poses
 from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
 from app.synthetic.truth import Clearance
-from app.synthetic.tumour_and_tool import Tumour, tool_mesh
+from app.synthetic.tumour_and_tool import (
+    BASE_FRAME,
+    TIP_FRAME,
+    TOOL_SENSOR,
+    TUMOR_FRAME,
+    TUMOR_SENSOR,
+    Tumour,
+    tool_mesh,
+)
 
 TRACKED_FRAMES = ("reference", TUMOR_SENSOR, TOOL_SENSOR)
 

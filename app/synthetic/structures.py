@@ -9,10 +9,9 @@ import numpy as np
 
 from app.case.manifest.structures import as_schema_2
 from app.geometry import FloatArray, SurfaceMesh, Transform
-from app.synthetic.frame_names import TUMOR_FRAME, TUMOR_SENSOR
 from app.synthetic.simulation import SENSOR_FROM_TUMOR, Simulation
 from app.synthetic.truth import Clearance, Motion, TrueBreach, find_breaches
-from app.synthetic.tumour_and_tool import Tumour, tool_mesh, write_stl
+from app.synthetic.tumour_and_tool import TUMOR_FRAME, TUMOR_SENSOR, Tumour, tool_mesh, write_stl
 
 LESION_RADIUS_MM = 5.0
 LESION_GAP_MM = 6.0

@@ -1,4 +1,4 @@
-"""Surfaces of a simulated case and their STL files: an irregular tumour, a monopolar tool."""
+"""Surfaces and frames of a simulated case: an irregular tumour, a monopolar tool, STL files."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray, SurfaceMesh
-from app.synthetic.frame_names import TIP_FRAME, TUMOR_FRAME
+
+TUMOR_FRAME = "tumor"
+BASE_FRAME = "robot_base"
+TUMOR_SENSOR = "needle"
+"""The tracked frame that the tumour moves with."""
+TOOL_SENSOR = "cautery"
+"""The tracked frame of the tool."""
+TIP_FRAME, TOOL_FILE = f"{TOOL_SENSOR}_tip", f"{TOOL_SENSOR}.stl"
+TOOL_LINK = "stylus"
+"""The last link of a Touch, whose origin is the tool's tip."""
+
 
 IndexArray = NDArray[np.int64]
 

@@ -32,7 +32,6 @@ from app.synthetic.case_options import (
     wrong_pose,
 )
 from app.synthetic.error_budget import tolerances
-from app.synthetic.frame_names import BASE_FRAME, TOOL_FILE, TOOL_LINK, TOOL_SENSOR, TUMOR_SENSOR
 from app.synthetic.motion import ArmKinematics
 from app.synthetic.recording import Recording
 from app.synthetic.simulated_tracker import SimulatedTracker
@@ -47,7 +46,15 @@ from app.synthetic.simulation import (
 from app.synthetic.structures import SimulatedStructure, further_structures, with_structures
 from app.synthetic.tracker_model import WHITE
 from app.synthetic.truth import TrueBreach, find_breaches
-from app.synthetic.tumour_and_tool import tool_mesh, write_stl
+from app.synthetic.tumour_and_tool import (
+    BASE_FRAME,
+    TOOL_FILE,
+    TOOL_LINK,
+    TOOL_SENSOR,
+    TUMOR_SENSOR,
+    tool_mesh,
+    write_stl,
+)
 
 LICENCE = "Apache-2.0"
 TOUCH_URDF = "package://marginguard/robots/touch/touch.urdf"

@@ -19,7 +19,7 @@ import numpy as np
 from app.bridge import RosNode, prepare_environment
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.cli.gc_control import prompt_process
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import Robot
 from app.simulation import World, WorldState, open_world

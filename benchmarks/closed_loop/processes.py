@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.geometry import Transform
 from app.registration import register_points
 from benchmarks.closed_loop.loop_operator import Operator

@@ -8,7 +8,7 @@ from pathlib import Path
 import igl
 import numpy as np
 
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.fixture import ProximityEngine
 from app.geometry import NS_PER_S, FloatArray, SurfaceMesh, Transform
 from app.simulation import open_world

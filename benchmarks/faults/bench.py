@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.geometry import NS_PER_MS
 from benchmarks.faults.controller import Controller
 from benchmarks.faults.records import TOLERANCE_NS, Constraint, Verdict, judge

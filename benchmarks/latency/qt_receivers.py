@@ -23,7 +23,7 @@ from slicer import vtkMRMLScene
 
 from app.cli.live_page import live_page
 from app.cli.signals import SignalState
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.runtime import QtSpinner
 from app.scene import SceneApplication, offscreen_view
 from app.session import StepResult

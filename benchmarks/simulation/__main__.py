@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from app.files.extras import check_installed
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, MarginGuardError
 from benchmarks.harness.figures import load, percentiles, show, spread, table
 from benchmarks.harness.goals import at_most, finish

@@ -23,7 +23,7 @@ from typing import Any
 from scipy.stats import theilslopes
 
 from app.cli.progress import announce_duration
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from benchmarks.faults.scene import tracker_arguments
 from benchmarks.harness.figures import load, show, table, write_json
 from benchmarks.harness.goals import Goal, at_most, missed

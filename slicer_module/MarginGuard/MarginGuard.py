@@ -361,7 +361,7 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
     def test_tumour_is_red_in_breach_and_grey_in_dropout(self):
         """Check the tumour's colour at three times of the shipped case."""
         from app.case import open_case
-        from app.files.shipped import shipped
+        from app.files.paths import shipped
         from app.fixture import MarginState
 
         self.delayDisplay("Replaying the recorded case")

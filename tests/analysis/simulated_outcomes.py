@@ -17,9 +17,8 @@ from app.analysis.breach_probability import breach_probability, smoothed_distanc
 from app.fixture.proximity.engine import ProximityEngine
 from app.geometry import FloatArray, Transform
 from app.geometry.rotations import rotation_of_vector
-from app.synthetic.frame_names import TIP_FRAME, TUMOR_FRAME
 from app.synthetic.truth import Clearance
-from app.synthetic.tumour_and_tool import Tumour, tool_mesh
+from app.synthetic.tumour_and_tool import TIP_FRAME, TUMOR_FRAME, Tumour, tool_mesh
 
 CASES_PER_TUMOUR = 100
 RATE_HZ, CASE_S, TRUE_PER_FRAME = 40.0, 4.0, 4

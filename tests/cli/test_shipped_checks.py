@@ -21,7 +21,7 @@ def copied(project_root, tmp_path_factory):
 
 @pytest.fixture
 def share(copied, monkeypatch):
-    monkeypatch.setattr("app.files.shipped._SHARE", copied)
+    monkeypatch.setattr("app.files.paths._SHARE", copied)
     return copied
 
 
@@ -56,11 +56,11 @@ def test_missing_or_empty_file_is_named(share, name, path):
 
 
 def test_remedy_names_pip_in_a_wheel_only(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
+    monkeypatch.setattr("app.files.paths._SHARE", tmp_path)
     remedy = installation_checks.check_shipped()[0].remedy
     assert "pip install --force-reinstall --no-deps WHEEL_FILE" in remedy
     assert "docs/installation.md" in remedy
-    monkeypatch.setattr("app.files.shipped._SHARE", tmp_path / "none")
+    monkeypatch.setattr("app.files.paths._SHARE", tmp_path / "none")
     monkeypatch.setattr(installation_checks, "PAGE", ("no.html",))
     (page,) = [c for c in installation_checks.check_shipped() if c.name == "page"]
     assert "git status" in page.remedy

@@ -9,7 +9,7 @@ from app.geometry import InputError
 @pytest.fixture(params=["checkout", "wheel"])
 def installed_as(request, tmp_path, monkeypatch):
     if request.param == "wheel":
-        monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
+        monkeypatch.setattr("app.files.paths._SHARE", tmp_path)
     return request.param
 
 

@@ -32,7 +32,7 @@ from app.case.readers.recording_format import SideTopics, read_recording
 from app.files import load_mesh, read_landmarks, read_plus_config, read_transform
 from app.files.bounded_io import read_bounded
 from app.files.numbers import read_signal
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.files.transforms import read_hdf5_matrices
 from app.files.yaml_file import load_yaml
 from app.geometry import ImageCalibration, InputError, MarginGuardError, image_corners

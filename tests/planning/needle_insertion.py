@@ -16,7 +16,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from app.control import ToolKinematics
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.fixture import ProximityEngine, prepared_tumor
 from app.geometry import (
     NS_PER_S,

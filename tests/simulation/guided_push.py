@@ -22,7 +22,7 @@ from app.control import (
     ToolKinematics,
     WrenchMeasurement,
 )
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.fixture import Constraint, FixtureRule, PlainConstraint, ProximityEngine
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Stamp, Transform
 from app.simulation import (

@@ -21,7 +21,7 @@ PROGRAM = """
 import json, app
 from app.case import open_case
 from app.files.paths import input_path
-from app.files.shipped import checkout, shipped
+from app.files.paths import checkout, shipped
 
 print(json.dumps({
     "app": app.__file__,

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from benchmarks.view.chromium import ARGUMENTS, CHROMIUM
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import (

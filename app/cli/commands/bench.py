@@ -14,7 +14,7 @@ from pathlib import Path
 from app.cli.parsing import BAD_INPUT
 from app.files import check_output_path
 from app.files.extras import extra_with, install_command, install_hint
-from app.files.shipped import shipped
+from app.files.paths import shipped
 from app.geometry import InputError
 
 SUMMARY = "run a benchmark and compare its figures with those of peers"

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from app.files.child_process import ChildError, run_to_end
-from app.files.shipped import checkout, shipped
+from app.files.paths import checkout, shipped
 from app.geometry import InputError
 
 SUMMARY = "start desktop 3D Slicer with MarginGuard's modules"

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from app.case import JointSample, TrackingFrame
 from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, Transform
-from app.synthetic.frame_names import BASE_FRAME, TIP_FRAME
 from app.synthetic.motion import TouchArm
 from app.synthetic.simulation import TRACKED_FRAMES, simulate
+from app.synthetic.tumour_and_tool import BASE_FRAME, TIP_FRAME
 
 SEED = 1
 """Seed of the shipped case, whose registration then fits."""
