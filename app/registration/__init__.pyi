@@ -5,7 +5,6 @@ from .input_checks import (
     CovarianceError,
     DegenerateMotionError,
     FlatSignalError,
-    FreeMotionError,
     MirroredPointsError,
     NoConsensusError,
     NotFiniteError,
@@ -35,9 +34,7 @@ from .registration_checks import (
 )
 from .registration_result import RegistrationResult, given_registration
 from .robot_world import RobotWorldResult, solve_robot_world
-from .robust_pairs import register_points_robust
 from .spin import SpinResult, calibrate_spin, tip_transform
-from .surface_fit import register_surface
 from .time_offset import TimeOffset, estimate_time_offset
 from .touched_landmarks import (
     Dwell,
@@ -60,7 +57,6 @@ __all__ = [
     "Dwell",
     "DwellSettings",
     "FlatSignalError",
-    "FreeMotionError",
     "LandmarkDetection",
     "LandmarkMatch",
     "MirroredPointsError",
@@ -94,8 +90,6 @@ __all__ = [
     "predict_layout_tre",
     "predict_tre",
     "register_points",
-    "register_points_robust",
-    "register_surface",
     "select_pivot_poses",
     "select_poses",
     "solve_robot_world",

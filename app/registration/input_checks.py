@@ -57,10 +57,6 @@ class DegenerateMotionError(RegistrationError):
     """Poses rotate too little or about one axis only: part of the result is undetermined."""
 
 
-class FreeMotionError(RegistrationError):
-    """Points can slide along their surface: the pose is undetermined."""
-
-
 class NoConsensusError(RegistrationError):
     """Too few observations agree, or two groups agree on different results."""
 

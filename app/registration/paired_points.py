@@ -179,19 +179,6 @@ def register_points(
     """
     fixed, moving = as_pairs(fixed_mm, moving_mm)
     noise = PairNoise.from_covariances(covariances_mm2, moving_covariances_mm2, len(fixed))
-    result = fit_registration(fixed, moving, noise, fixed_frame, moving_frame)
-    targets = fixed if targets_mm is None else as_points(targets_mm, "targets_mm")
-    return evaluate_acceptance(result, targets, limits or AcceptanceLimits())
-
-
-def fit_registration(
-    fixed: FloatArray,
-    moving: FloatArray,
-    noise: PairNoise | None,
-    fixed_frame: str,
-    moving_frame: str,
-) -> RegistrationResult:
-    """Return the result for finite pairs (n, 3), before the acceptance is evaluated."""
     check_pair_geometry(fixed, moving)
     transform = fit_rigid(fixed, moving, noise, fixed_frame, moving_frame)
     misfits = fixed - transform.apply(moving)
@@ -206,7 +193,7 @@ def fit_registration(
         fle = math.sqrt(float(np.mean(np.trace(scatter, axis1=1, axis2=2))))
         axis_variance = 1.0
     unscaled, condition = _motion_covariance(fixed, scatter)
-    return RegistrationResult(
+    result = RegistrationResult(
         transform=transform,
         residuals_mm=residuals,
         fre_mm=fre,
@@ -219,6 +206,8 @@ def fit_registration(
         method="paired_points",
         degrees_of_freedom=_freedom(misfits) if noise is None else None,
     )
+    targets = fixed if targets_mm is None else as_points(targets_mm, "targets_mm")
+    return evaluate_acceptance(result, targets, limits or AcceptanceLimits())
 
 
 def _freedom(misfits: FloatArray) -> int:

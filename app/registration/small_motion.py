@@ -55,18 +55,6 @@ def apply_motion(estimate: Transform, motion: FloatArray, about_mm: FloatArray) 
     return Transform(estimate.target, estimate.source, rotation @ estimate.rotation, translation)
 
 
-def motion_between(truth: Transform, estimate: Transform) -> FloatArray:
-    """Return the motion (6,) about the origin that maps ``estimate`` to ``truth``.
-
-    The rotation vector is exact for large rotations. The translation is that of the origin, as in
-    `point_jacobian`.
-    """
-    rotation = truth.rotation @ estimate.rotation.T
-    shift = truth.translation_mm - rotation @ estimate.translation_mm
-    turn = scipy.spatial.transform.Rotation.from_matrix(rotation).as_rotvec()
-    return np.concatenate([turn, shift])
-
-
 State = TypeVar("State")
 
 MAX_STEPS = 200
@@ -83,20 +71,17 @@ def least_squares(
     linearise: Callable[[State], tuple[FloatArray, FloatArray]],
     retract: Callable[[State, FloatArray], State],
     what: str,
-    *,
-    tolerance: float = CONVERGED_SIGMAS,
-    max_steps: int = MAX_STEPS,
 ) -> State:
     """Return the state near ``start`` with the smallest sum of squared residuals.
 
     ``linearise`` returns the whitened residuals (k,) and their negative Jacobian (k, p): after a
     small motion ``m`` (p,) of the state the residuals are about ``residuals - jacobian @ m``.
     ``retract`` applies such a motion to a state. Iterates until a step changes the residuals by
-    less than ``tolerance``. Raises `ConvergenceError` with ``what`` after ``max_steps`` steps.
+    less than `CONVERGED_SIGMAS`. Raises `ConvergenceError` with ``what`` after `MAX_STEPS` steps.
     """
     state, damping = start, 0.0
     residuals, jacobian = linearise(state)
-    for _ in range(max_steps):
+    for _ in range(MAX_STEPS):
         normal = jacobian.T @ jacobian
         damped = normal + damping * np.diag(np.diag(normal))
         step = np.asarray(np.linalg.solve(damped, jacobian.T @ residuals), dtype=np.float64)
@@ -106,14 +91,14 @@ def least_squares(
         predicted = 2.0 * float(residuals @ change) - float(change @ change)
         gain = float(residuals @ residuals) - float(new_residuals @ new_residuals)
         change_norm = float(np.linalg.norm(change))
-        converged = change_norm < tolerance or (change_norm < ROUNDING_SIGMAS and gain < 0.0)
+        converged = change_norm < CONVERGED_SIGMAS or (change_norm < ROUNDING_SIGMAS and gain < 0.0)
         if gain >= 0.0:
             state, residuals, jacobian = candidate, new_residuals, new_jacobian
-        # A step that gains much less than predicted crosses a kink; shorter steps converge to it.
+        # A step that gains much less than predicted was too long.
         if gain < 0.25 * predicted:
             damping = max(10.0 * damping, 1e-6)
         elif gain > 0.75 * predicted:
             damping /= 10.0
         if converged:
             return state
-    raise ConvergenceError(f"{what} did not converge in {max_steps} steps")
+    raise ConvergenceError(f"{what} did not converge in {MAX_STEPS} steps")

@@ -16,6 +16,18 @@ def random_transform(
     return Transform(target, source, rotation, rng.uniform(-reach_mm, reach_mm, 3))
 
 
+def motion_between(truth: Transform, estimate: Transform) -> FloatArray:
+    """Return the motion (6,) about the origin that maps ``estimate`` to ``truth``.
+
+    The rotation vector is exact for large rotations. The translation is that of the origin, as in
+    `app.registration.small_motion`.
+    """
+    rotation = truth.rotation @ estimate.rotation.T
+    shift = truth.translation_mm - rotation @ estimate.translation_mm
+    turn = Rotation.from_matrix(rotation).as_rotvec()
+    return np.concatenate([turn, shift])
+
+
 def random_layout(
     rng: np.random.Generator, count: int, *, spread_mm: float = 60.0, min_ratio: float = 0.2
 ) -> FloatArray:

@@ -15,11 +15,11 @@ from app.registration import (
     solve_robot_world,
 )
 from app.registration.paired_points import PairNoise, fit_rigid
-from app.registration.small_motion import motion_between
 from tests.oracles.registration_robot_world import opencv_base
 from tests.oracles.registration_tool import least_squares_pivot
 from tests.registration.helpers import (
     draw,
+    motion_between,
     pivot_scene,
     random_covariances,
     random_layout,

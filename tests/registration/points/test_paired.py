@@ -22,8 +22,13 @@ from app.registration import (
     UnequalCountsError,
     register_points,
 )
-from app.registration.small_motion import motion_between
-from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
+from tests.registration.helpers import (
+    draw,
+    motion_between,
+    random_covariances,
+    random_layout,
+    random_transform,
+)
 
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 BOX = np.array([[0, 0, 0], [80, 0, 0], [0, 60, 0], [0, 0, 40], [70, 50, 30]], dtype=float)

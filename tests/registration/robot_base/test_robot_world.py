@@ -25,9 +25,14 @@ from app.registration.robot_world import (
     jacobian_of,
     residuals_of,
 )
-from app.registration.small_motion import apply_motion, motion_between
+from app.registration.small_motion import apply_motion
 from tests.oracles.registration_robot_world import opencv_base, scipy_robot_world
-from tests.registration.helpers import disturbed, random_transform, robot_world_scene
+from tests.registration.helpers import (
+    disturbed,
+    motion_between,
+    random_transform,
+    robot_world_scene,
+)
 
 pytestmark = pytest.mark.slow
 
