@@ -1,7 +1,7 @@
 """Values of the page beside the picture."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -65,40 +65,81 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
     outcome. ``state`` is that of the margin, also while the label is that of a hold.
     """
     if shown is None:
-        unknown = SHOWN_STATES[MarginState.UNKNOWN.name]
-        return _values(MarginState.UNKNOWN, (unknown, None), "nothing has been measured yet")
+        return dict(_NOTHING)
     decision = shown.step.decision
     latched = Reason.LATCHED in decision.reasons
     governing = governing_name(shown.step)
     margin = margin_display(decision)
     if decision.state is MarginState.POSITIVE:
         margin = replace(margin, label=named(margin.label, governing))
-    banner = banner_states(margin, latched=latched)
+    display, beside = banner_states(margin, latched=latched)
     causes = shown.step.hold_causes[::-1] if decision.hold else ()
-    return _values(
-        decision.state,
-        banner,
-        shown.silent or _why(banner[0], causes) or named(_reasons(shown.step), governing),
-        todo=_SILENT if shown.silent else _todo(decision),
-        distance=distance_text(shown.distance_mm),
-        trend=str(shown.trend),
-        hold=latched,
-        rearm=_rearm(shown.seen, decision.state),
-        breaches=shown.breaches,
-        history=_history(shown),
-        margins=(shown.content.margins.stop_mm, shown.content.margins.warn_mm),
-        **_margins(decision, shown.content),
-        registration=_registration(shown.content),
-        lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
-        playback=shown.step.playback,
-        single=SINGLE_SOURCE if shown.step.single_source else "",
-        causes=[{"short": shortened(cause, _MAX_CAUSE_CHARS), "full": cause} for cause in causes],
-        moment=moment_text(shown.step.frame.stamp.ns, shown.elapsed_s),
-        request=_request(shown.request),
-        activation=_activation(shown),
-        structures=_structures(shown),
-        tools=_tools(shown),
+    why = shown.silent or _why(display, causes) or named(_reasons(shown.step), governing)
+    return (
+        _NOTHING
+        | _look(display)
+        | _margins(decision, shown.content)
+        | {
+            "state": decision.state.name,
+            "beside": None if beside is None else _look(beside),
+            "why": why,
+            "todo": _SILENT if shown.silent else _todo(decision),
+            "distance": distance_text(shown.distance_mm),
+            "trend": str(shown.trend),
+            "hold": latched,
+            "rearm": _rearm(shown.seen, decision.state),
+            "breaches": shown.breaches,
+            "history": _history(shown),
+            "margins": [shown.content.margins.stop_mm, shown.content.margins.warn_mm],
+            "registration": _registration(shown.content),
+            "lamps": [_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
+            "playback": shown.step.playback,
+            "single": SINGLE_SOURCE if shown.step.single_source else "",
+            "causes": [
+                {"short": shortened(cause, _MAX_CAUSE_CHARS), "full": cause} for cause in causes
+            ],
+            "moment": moment_text(shown.step.frame.stamp.ns, shown.elapsed_s),
+            "request": _request(shown.request),
+            "activation": _activation(shown),
+            "structures": _structures(shown),
+            "tools": _tools(shown),
+        }
     )
+
+
+def _look(display: ShownState) -> dict[str, str]:
+    return {"shown": display.key, "symbol": display.symbol, "label": display.label}
+
+
+_NOTHING: dict[str, Any] = {
+    **_look(SHOWN_STATES[MarginState.UNKNOWN.name]),
+    "state": MarginState.UNKNOWN.name,
+    "beside": None,
+    "why": "nothing has been measured yet",
+    "todo": "",
+    "distance": distance_text(None),
+    "trend": "",
+    "hold": False,
+    "rearm": None,
+    "breaches": 0,
+    "history": "",
+    "margins": None,
+    "stop": "",
+    "warn": "",
+    "terms": [],
+    "tre": "",
+    "registration": {"verdict": "", "ok": False, "numbers": ""},
+    "lamps": [],
+    "playback": "",
+    "single": "",
+    "causes": [],
+    "moment": "",
+    "request": None,
+    "activation": None,
+    "structures": [],
+    "tools": [],
+}
+"""Values before the first step."""
 
 
 def _structures(shown: ViewState) -> list[dict[str, str | bool]]:
@@ -135,15 +176,12 @@ def _tools(shown: ViewState) -> list[dict[str, str]]:
     found = []
     for each in shown.step.tools:
         state = MarginState.UNKNOWN if shown.silent else each.state
-        display = SHOWN_STATES[state.name]
         is_known = state is not MarginState.UNKNOWN
         found.append(
             {
                 "title": structure_title(each.name),
                 "warning": "" if shown.silent else each.warning,
-                "shown": display.key,
-                "symbol": display.symbol,
-                "label": display.label,
+                **_look(SHOWN_STATES[state.name]),
                 "distance": _measured(each, each.proximity) if is_known else distance_text(None),
             }
         )
@@ -184,69 +222,6 @@ def _reasons(step: StepResult) -> str:
 def _todo(decision: FixtureDecision) -> str:
     """Advice for a state that is UNKNOWN; empty while it is known."""
     return advice_text(decision.reasons) if decision.state is MarginState.UNKNOWN else ""
-
-
-def _values(
-    state: MarginState,
-    banner: tuple[ShownState, ShownState | None],
-    reason: str,
-    *,
-    todo: str = "",
-    distance: str = distance_text(None),
-    trend: str = "",
-    hold: bool = False,
-    rearm: dict[str, int | str] | None = None,
-    breaches: int = 0,
-    history: str = "",
-    margins: tuple[float, float] | None = None,
-    stop: str = "",
-    warn: str = "",
-    terms: list[dict[str, str]] | None = None,
-    tre: str = "",
-    registration: dict[str, str | bool] | None = None,
-    lamps: list[dict[str, str]] | None = None,
-    playback: str = "",
-    single: str = "",
-    causes: list[dict[str, str]] | None = None,
-    moment: str = "",
-    request: dict[str, str | bool] | None = None,
-    activation: dict[str, str] | None = None,
-    structures: Sequence[Mapping[str, Any]] = (),
-    tools: Sequence[Mapping[str, str]] = (),
-) -> dict[str, Any]:
-    display, beside = banner
-    return {
-        "state": state.name,
-        "shown": display.key,
-        "symbol": display.symbol,
-        "label": display.label,
-        "beside": None
-        if beside is None
-        else {"shown": beside.key, "symbol": beside.symbol, "label": beside.label},
-        "why": reason,
-        "todo": todo,
-        "distance": distance,
-        "trend": trend,
-        "hold": hold,
-        "rearm": rearm,
-        "breaches": breaches,
-        "history": history,
-        "margins": None if margins is None else list(margins),
-        "stop": stop,
-        "warn": warn,
-        "terms": terms or [],
-        "tre": tre,
-        "registration": registration or {"verdict": "", "ok": False, "numbers": ""},
-        "lamps": lamps or [],
-        "playback": playback,
-        "single": single,
-        "causes": causes or [],
-        "moment": moment,
-        "request": request,
-        "activation": activation,
-        "structures": list(structures),
-        "tools": list(tools),
-    }
 
 
 def _history(shown: ViewState) -> str:
