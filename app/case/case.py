@@ -6,17 +6,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.case.frame_streams import TrackingFrame, read_ahead, with_watchdog
-from app.case.manifest.case_file import CaseManifest, ClockEntry, RecordingEntry, load_manifest
+from app.case.manifest.case_file import CaseManifest, ClockEntry, load_manifest
 from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.expected import Expected, load_expected
 from app.case.manifest.key_rules import REFERENCE_FRAME
-from app.case.manifest.parts import (
-    ContourEntry,
-    MeshEntry,
-    SegmentationEntry,
-    ToolEntry,
-    TumorEntry,
-)
+from app.case.manifest.parts import ContourEntry, MeshEntry, ToolEntry, TumorEntry
 from app.case.manifest.robot import DEFAULT_BASE_FRAME
 from app.case.readers.recording_format import (
     RecordingFormat,
@@ -27,7 +21,7 @@ from app.case.readers.recording_format import (
     recording_kinds,
 )
 from app.case.readers.rosbag2.bag_messages import RawMessage
-from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
+from app.case.tumor import tumor_from_contour, tumor_from_segmentation
 from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh
 from app.files.paths import (
@@ -77,15 +71,15 @@ class Case:
             raise InputError(f"{self.manifest.file}: a live case has no recording to read")
         if self._frames is not None:
             return iter(self._frames)
-        robot, clock = self.manifest.robot, self.manifest.clock
+        clock, recording = self.manifest.clock, self.manifest.recording
         if self.has_joints and clock.estimate:
             raise InputError(
                 f"{self.manifest.file}: clock.estimate is true: estimate the offset of the joints' "
                 "clock before their stamps are used (Case.with_joint_offset)"
             )
-        topic = robot.joint_states if robot else None
-        joints = self._side_topics(topic, clock.offset_robot_to_tracker_ns)
-        return read_recording(path, note_to(self._notes), joints, self._rate_hz)
+        topics = self._side_topics(clock.offset_robot_to_tracker_ns)
+        rate_hz = None if recording is None else recording.rate_hz
+        return read_recording(path, note_to(self._notes), topics, rate_hz)
 
     def recorded_messages(self) -> Iterator[RawMessage] | None:
         """Yield all messages of the recording as recorded; None for a format without messages."""
@@ -101,20 +95,14 @@ class Case:
 
         Joint stamps stay on the robot's clock.
         """
-        robot = self.manifest.robot
-        topic = robot.joint_states if robot else None
-        return read_recording(path, note_to(self._notes), self._side_topics(topic))
+        return read_recording(path, note_to(self._notes), self._side_topics())
 
-    def _side_topics(self, joints: str | None, offset_ns: int = 0) -> SideTopics:
-        activation = self.manifest.activation
+    def _side_topics(self, offset_ns: int = 0) -> SideTopics:
+        robot, activation = self.manifest.robot, self.manifest.activation
+        joints = None if robot is None else robot.joint_states
         if activation is None:
             return SideTopics(joints, offset_ns)
         return SideTopics(joints, offset_ns, activation.topic, activation.stale_after_ns)
-
-    @property
-    def _rate_hz(self) -> float | None:
-        recording = self.manifest.recording
-        return None if recording is None else recording.rate_hz
 
     def with_joint_offset(self, offset_ns: int) -> "Case":
         """A copy of the case with a known clock offset: tracker = robot + ``offset_ns``.
@@ -161,11 +149,16 @@ class Case:
 
     def structure_mesh(self, structure: TumorEntry) -> SurfaceMesh:
         """The closed surface of one structure of the manifest, as `tumor_mesh`."""
-        frame, key = structure.frame_from_tumor.source, structure.shape_key
-        if isinstance(structure.shape, MeshEntry):
-            return self._mesh(structure.shape, frame, key)
+        shape, key = structure.shape, structure.shape_key
+        frame = structure.frame_from_tumor.source
+        if isinstance(shape, MeshEntry):
+            return self._mesh(shape, frame, key)
         if key not in self._meshes:
-            built = self._built(structure.shape, frame, key)
+            path = self.file(shape.path, f"{key}.path")
+            if isinstance(shape, ContourEntry):
+                built = tumor_from_contour(path, frame=frame)
+            else:
+                built = tumor_from_segmentation(path, frame=frame, segment=shape.segment)
             self._meshes[key] = built.mesh
             self._mesh_notes.extend(built.notes)
         return self._meshes[key]
@@ -175,9 +168,9 @@ class Case:
 
         Raises `InputError` for another name, and for None with several tools.
         """
-        names = [arm.name for arm in self.manifest.arms]
         if name is not None:
             return replace(self, manifest=self.manifest.for_tool(name), _notes=[])
+        names = [arm.name for arm in self.manifest.arms]
         if len(names) > 1:
             raise InputError(
                 f"{self.manifest.file}: tools: there are {len(names)}; expected the name of one "
@@ -244,10 +237,8 @@ class Case:
             found = of.shape, of.frame_from_tumor.source, of.shape_key
         entry, frame, key = found
         if not isinstance(entry, MeshEntry):
-            what = key.rpartition(".")[0]
-            raise InputError(
-                f"{self.manifest.file}: {what}.mesh is not a mesh file: nothing to repair"
-            )
+            what = f"{self.manifest.file}: {key.rpartition('.')[0]}.mesh"
+            raise InputError(f"{what} is not a mesh file: nothing to repair")
         return entry, frame, key
 
     def with_own_packages(self) -> "Case":
@@ -288,14 +279,12 @@ class Case:
 
     def check_files(self) -> None:
         """Raise `InputError` unless the files of structures, tool, items and robot exist."""
-        tool = self.manifest.tool
         for structure in (self.manifest.tumor, *self.manifest.structures):
             self.file(structure.shape.path, f"{structure.shape_key}.path")
-        if tool.mesh is not None:
-            self.file(tool.mesh.path, "tool.mesh.path")
-        for arm in self.manifest.other_arms:
-            if arm.tool.mesh is not None:
-                self.file(arm.tool.mesh.path, f"{arm.mesh_key}.path")
+        others = ((arm.mesh_key, arm.tool.mesh) for arm in self.manifest.other_arms)
+        for key, mesh in (("tool.mesh", self.manifest.tool.mesh), *others):
+            if mesh is not None:
+                self.file(mesh.path, f"{key}.path")
         for name, model, _ in self.manifest.item_models:
             self.file(model.path, f"{name}.model.path")
         if self.manifest.robot is not None:
@@ -328,16 +317,9 @@ class Case:
                 )
             path = self.file(entry.path, f"{key}.path")
             mesh = load_mesh(path, units=entry.units, frame=frame)
-            self._meshes[key] = mesh.require_closed(
-                f"the mesh {path} ({self.manifest.file}: {key})"
-            )
+            what = f"the mesh {path} ({self.manifest.file}: {key})"
+            self._meshes[key] = mesh.require_closed(what)
         return self._meshes[key]
-
-    def _built(self, entry: SegmentationEntry | ContourEntry, frame: str, key: str) -> BuiltTumor:
-        path = self.file(entry.path, f"{key}.path")
-        if isinstance(entry, ContourEntry):
-            return tumor_from_contour(path, frame=frame)
-        return tumor_from_segmentation(path, frame=frame, segment=entry.segment)
 
     def file(self, name: str, key: str) -> Path:
         """Path of an existing file that ``key`` of the manifest names; `InputError` for none."""
@@ -362,15 +344,18 @@ def open_case(
     first use.
     """
     if not is_folder(folder):
-        problem = (
-            "expected a folder with a case.yaml" if os.path.lexists(folder) else "no such folder"
-        )
+        exists = os.path.lexists(folder)
+        problem = "expected a folder with a case.yaml" if exists else "no such folder"
         raise InputError(f"{folder} is not a case: {problem}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()
-    recording = (
-        folder / entry.path if frames is not None else _recording_path(folder, entry, package_dirs)
-    )
+    where = "case.yaml: recording.path"
+    if frames is not None:
+        recording = folder / entry.path
+    elif entry.path.startswith(PACKAGE_SCHEME):
+        recording = resolve_file(folder, entry.path, where, package_dirs=package_dirs)
+    else:
+        recording = resolve_inside(folder, entry.path, where)
     case = Case(folder, manifest, recording, tuple(package_dirs), _frames=frames)
     case = case.with_own_packages()
     recording_format = None if frames is not None else _check_recording(recording, entry.sha256)
@@ -381,23 +366,15 @@ def open_case(
     return case
 
 
-def _recording_path(folder: Path, entry: RecordingEntry, package_dirs: Sequence[Path]) -> Path:
-    where = "case.yaml: recording.path"
-    if entry.path.startswith(PACKAGE_SCHEME):
-        return resolve_file(folder, entry.path, where, package_dirs=package_dirs)
-    return resolve_inside(folder, entry.path, where)
-
-
 def _check_topics(case: Case, recording: Path, recording_format: RecordingFormat) -> None:
     """Raise `InputError` for topics in the manifest that the format cannot hold."""
+    key = what = ""
     if case.has_joints and not recording_format.has_joints:
-        raise InputError(
-            f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"
-        )
-    if case.manifest.activation is not None and recording_format.messages is None:
-        raise InputError(
-            f"case.yaml: {ENERGY_DEVICE.name} is given: {recording.name} cannot hold topics"
-        )
+        key, what = "robot.joint_states", "joints"
+    elif case.manifest.activation is not None and recording_format.messages is None:
+        key, what = ENERGY_DEVICE.name, "topics"
+    if key:
+        raise InputError(f"case.yaml: {key} is given: {recording.name} cannot hold {what}")
 
 
 def _check_recording(path: Path, sha256: str | None) -> RecordingFormat:
@@ -416,9 +393,7 @@ def _check_recording(path: Path, sha256: str | None) -> RecordingFormat:
         raise InputError(
             f"case.yaml: recording.path is {path.name!r}; expected one of {recording_kinds()}"
         ) from error
-    if sha256 is not None:
-        found = sha256_of(path)
-        if found != sha256:
-            raise InputError(f"case.yaml: recording.sha256 is {sha256}: {path.name} has {found}")
+    if sha256 is not None and (found := sha256_of(path)) != sha256:
+        raise InputError(f"case.yaml: recording.sha256 is {sha256}: {path.name} has {found}")
     recording_format.check(path)
     return recording_format

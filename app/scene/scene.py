@@ -15,7 +15,7 @@ from slicer import (
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 from app.fixture import FixtureDecision, MarginState
-from app.geometry import SurfaceMesh, Transform, poses_in
+from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
 from app.runtime import ShownItem, StructureContent, ToolContent
 from app.scene.item_models import ItemModels, StructureModels
@@ -98,17 +98,13 @@ class MarginGuardScene:
             self._integrity.restore(self._nodes())
         return self.batch.changes()
 
-    def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
-        """Move the frames: measured ones under the reference, fixed ones under their targets.
-
-        ``measured`` edges may have any direction and pass through frames such as the tracker's. A
-        frame that they do not connect with the reference stays where it is. Raises `SceneError` for
-        a fixed edge whose target has no node, also not through an edge before it.
-        """
-        self.place(poses_in(self.reference, measured).values(), fixed)
-
     def place(self, poses: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
-        """Move the frames: ``poses`` are ``root_from_frame``, ``fixed`` edges as in `set_poses`."""
+        """Move the frames: ``poses`` under the reference, ``fixed`` ones under their targets.
+
+        ``poses`` are ``root_from_frame``, as `app.geometry.poses_in` makes them of measured edges;
+        a frame without one stays where it is. Raises `SceneError` for a fixed edge whose target has
+        no node, also not through an edge before it.
+        """
         with self.update():
             for pose in poses:
                 if pose.source != self.reference:
@@ -315,18 +311,14 @@ class MarginGuardScene:
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
-        """Remove all nodes of this object from ``scene``; nodes of others stay.
-
-        The object cannot be used afterwards.
-        """
+        """Remove all nodes of this object, and no others; it cannot be used afterwards."""
         with self.batch.content():
             for name in tuple(self.robots):
                 self.remove_robot(name)
             if self.margin is not None:
                 self.margin.remove()
-            for node in (self.tumor, self.margin_surface, self.tool):
-                if node is not None:
-                    remove_displayed(self.scene, node)
+            for node in filter(None, (self.tumor, self.margin_surface, self.tool)):
+                remove_displayed(self.scene, node)
             self.items.remove()
             self.structures.remove()
             for node in self._adopted_surfaces.values():
@@ -354,9 +346,7 @@ class MarginGuardScene:
 
     def _parts(self) -> Iterator[vtkMRMLNode]:
         """The nodes that are not frames of the tree."""
-        for node in (self.tumor, self.margin_surface, self.tool):
-            if node is not None:
-                yield node
+        yield from filter(None, (self.tumor, self.margin_surface, self.tool))
         yield from self.items.nodes.values()
         yield from self.structures.nodes.values()
         if self.margin is not None:
@@ -405,5 +395,5 @@ class MarginGuardScene:
     def _pose_node(self, frame: str) -> vtkMRMLLinearTransformNode:
         node = self.tree.node(frame)
         if node is None:
-            raise SceneError(f"frame {frame!r} has no pose in the scene; expected set_poses before")
+            raise SceneError(f"frame {frame!r} has no pose in the scene; expected place before")
         return node

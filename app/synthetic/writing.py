@@ -223,12 +223,12 @@ def simulate_case(
     of the tracker so far and in all.
     """
     with new_folder(folder, may_be_empty=True) as partial:
-        made = _made(seed, arm, options, urdf, tool_link)
+        case, recorded = _made(seed, arm, options, urdf, tool_link)
         recording = partial / RECORDING
-        with Recorder(recording, robot_to_tracker_offset_ns=made.case.offset_ns) as recorder:
-            count = _replayed(made, recorder.write, on_frame)
-        further = further_structures(made.case.simulation) if structures else ()
-        _write(partial, made, count, sha256_of(recording), command, further)
+        with Recorder(recording, robot_to_tracker_offset_ns=case.offset_ns) as recorder:
+            count = _replayed(case, recorded, recorder.write, on_frame)
+        further = further_structures(case.simulation) if structures else ()
+        _write(partial, case, recorded, count, sha256_of(recording), command, further)
 
 
 def simulate_unrecorded_case(
@@ -241,23 +241,16 @@ def simulate_unrecorded_case(
     """
     frames: list[TrackingFrame] = []
     with new_folder(folder, may_be_empty=True) as partial:
-        made = _made(seed, arm, options, TOUCH_URDF, TOOL_LINK)
-        count = _replayed(made, frames.append, lambda done, total: None)
-        _write(partial, made, count, None, None)
-    return frames_as_read(frames, robot_to_tracker_offset_ns=made.case.offset_ns)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Made:
-    """A simulated case and what is recorded of it."""
-
-    case: SimulatedCase
-    recorded: Recording
+        case, recorded = _made(seed, arm, options, TOUCH_URDF, TOOL_LINK)
+        count = _replayed(case, recorded, frames.append, lambda done, total: None)
+        _write(partial, case, recorded, count, None, None)
+    return frames_as_read(frames, robot_to_tracker_offset_ns=case.offset_ns)
 
 
 def _made(
     seed: int, arm: ArmKinematics, options: CaseOptions | None, urdf: str, tool_link: str
-) -> _Made:
+) -> tuple[SimulatedCase, Recording]:
+    """A simulated case, and what is recorded of it."""
     options = CaseOptions() if options is None else options
     simulation = simulate(
         arm,
@@ -268,20 +261,19 @@ def _made(
     case = SimulatedCase(simulation, options, seed, urdf, tool_link)
     encoders = Encoders(options.errors, len(arm.joint_names), np.random.default_rng([seed, 3]))
     tracker = SimulatedTracker(options.tracker, [seed, 1])
-    recorded = Recording(simulation, tracker, encoders=encoders, offset_ns=case.offset_ns)
-    return _Made(case, recorded)
+    return case, Recording(simulation, tracker, encoders=encoders, offset_ns=case.offset_ns)
 
 
 def _write(
     folder: Path,
-    made: _Made,
+    case: SimulatedCase,
+    recorded: Recording,
     frames: int,
     sha256: str | None,
     command: str | None,
     structures: tuple[SimulatedStructure, ...] = (),
 ) -> None:
     """Write all files but the recording, which has been made; ``frames``: of a replay."""
-    case, recorded = made.case, made.recorded
     simulation = case.simulation
     write_stl(folder / "tumor.stl", simulation.contour.mesh())
     write_stl(folder / TOOL_FILE, tool_mesh())
@@ -296,26 +288,24 @@ def _write(
     manifest = _manifest(case, sha256)
     if structures:
         manifest = with_structures(manifest, structures, folder)
-    (folder / "case.yaml").write_text(
-        yaml.safe_dump(manifest, sort_keys=False, default_flow_style=None, width=100),
-        encoding="utf-8",
-    )
-    (folder / "README.md").write_text(
-        case_readme(case, breaches, recorded, command), encoding="utf-8"
-    )
+    text = yaml.safe_dump(manifest, sort_keys=False, default_flow_style=None, width=100)
+    (folder / "case.yaml").write_text(text, encoding="utf-8")
+    readme = case_readme(case, breaches, recorded, command)
+    (folder / "README.md").write_text(readme, encoding="utf-8")
 
 
 def _replayed(
-    made: _Made,
+    case: SimulatedCase,
+    recorded: Recording,
     write: Callable[[TrackingFrame], object],
     on_frame: Callable[[int, int], None],
 ) -> int:
     """Make the frames, call ``write`` with each, and return the number of frames of a replay."""
-    simulation, options = made.case.simulation, made.case.options
+    simulation, options = case.simulation, case.options
     total = round(simulation.duration_s * options.tracker.rate_hz) + 1
 
     def written() -> Iterator[TrackingFrame]:
-        for frame in made.recorded.frames():
+        for frame in recorded.frames():
             write(frame)
             done = (frame.stamp.ns - FIRST_STAMP_NS) * options.tracker.rate_hz / NS_PER_S
             on_frame(min(round(done) + 1, total), total)
@@ -340,12 +330,12 @@ def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
         "tool": {
             "frame": TOOL_SENSOR,
             "mesh": {"path": TOOL_FILE, "units": "mm"},
-            "tip_from": {"matrix": _numbers(calibrated[0])},
+            "tip_from": {"matrix": calibrated[0].matrix.ravel().tolist()},
         },
         "tumor": {
             "frame": TUMOR_SENSOR,
             "mesh": {"path": "tumor.stl", "units": "mm"},
-            "pose": {"matrix": _numbers(calibrated[1])},
+            "pose": {"matrix": calibrated[1].matrix.ravel().tolist()},
         },
         "robot": {
             "urdf": case.urdf,
@@ -407,7 +397,3 @@ def _expected(
             ExpectedStructure(name, expected(found)) for name, found in further.items()
         ),
     )
-
-
-def _numbers(transform: Transform) -> list[float]:
-    return [float(number) for number in transform.matrix.ravel()]

@@ -136,22 +136,19 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def on_settings(self, caller=None, event=None):
         """Apply the settings that take effect at once."""
+        settings, logic = self.settings, self.logic.panel_logic
         with self._errors_displayed():
-            self.logic.panel_logic.view.set_opacity(self.settings.opacity)
-            self.logic.panel_logic.view.set_markers(
-                self.settings.marker_spacing_mm, self.settings.marker_size_mm
+            logic.view.set_opacity(settings.opacity)
+            logic.view.set_markers(settings.marker_spacing_mm, settings.marker_size_mm)
+            logic.set_rate(settings.rate)
+            logic.contour.set_options(
+                settings.dilation_mm, settings.contour_error_mm, settings.hydromark_mm
             )
-            self.logic.panel_logic.set_rate(self.settings.rate)
-            self.logic.panel_logic.contour.set_options(
-                self.settings.dilation_mm,
-                self.settings.contour_error_mm,
-                self.settings.hydromark_mm,
-            )
-        patient_to_ras = self.settings.patient_to_ras
+        patient_to_ras = settings.patient_to_ras
         if patient_to_ras is not self._patient_to_ras:  # a refused one is reported once
             self._patient_to_ras = patient_to_ras
             with self._errors_displayed():
-                self.logic.panel_logic.view.set_patient_to_ras(patient_to_ras)
+                logic.view.set_patient_to_ras(patient_to_ras)
 
     def on_mute(self, checked=False):
         """Mute or unmute the alarm."""
@@ -195,7 +192,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
                 lambda logic: logic.set_margins(self.settings.stop_mm, self.settings.warn_mm),
             ),
             (ui.rearmButton, lambda logic: logic.rearm()),
-            (ui.recordButton, lambda logic: logic.start_recording()),
+            (ui.recordButton, lambda logic: logic.record(True)),
             (ui.stopRecordingButton, self._stop_recording),
             (ui.loadButton, lambda logic: logic.load_case(Path(ui.casePathLineEdit.currentPath))),
             (ui.playButton, lambda logic: logic.play()),
@@ -232,7 +229,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def _stop_recording(self, logic):
         """End the recording if the user confirms it."""
         if slicer.util.confirmOkCancelDisplay("End the recording of this session?"):
-            logic.stop_recording()
+            logic.record(False)
 
     def _use_parameter_node(self):
         self.settings = self.logic.getParameterNode()

@@ -17,6 +17,7 @@ from app.runtime import SessionContent
 from app.scene import SceneApplication, load_scene
 from app.session import RobotSetup, StepResult
 from tests.doubles import PARAMETERS
+from tests.scene.scene_content import set_poses
 
 BOX_FACES = np.array(
     [
@@ -116,7 +117,7 @@ def fill(edges, fixed, tumor, tool, arm):
     """Puts the whole case, or all but the robot, into a scene, and returns it."""
 
     def put(scene, has_robot=True):
-        scene.set_poses(edges, fixed)
+        set_poses(scene, edges, fixed)
         scene.add_tumor(tumor)
         scene.add_tool(tool)
         if has_robot:

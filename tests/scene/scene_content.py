@@ -5,6 +5,7 @@
 
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,15 @@ from slicer import vtkMRMLScene
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.scene import SceneApplication, load_scene
+from app.geometry import Transform, poses_in
+from app.scene import MarginGuardScene, SceneApplication, load_scene
+
+
+def set_poses(
+    scene: MarginGuardScene, measured: Iterable[Transform], fixed: Iterable[Transform] = ()
+) -> None:
+    """Move the frames by edges as a tracker measures them: of any direction, along any path."""
+    scene.place(poses_in(scene.reference, measured).values(), fixed)
 
 
 def content(scene: vtkMRMLScene) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from app.scene import MarginGuardScene, SceneApplication, add_sequences, save_sc
 from app.scene.convert import world_matrix
 from app.scene.sequences import BROWSER_NAME
 from tests.scene.conftest import loaded
-from tests.scene.scene_content import content
+from tests.scene.scene_content import content, set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -60,7 +60,7 @@ def test_node_of_the_user_below_an_adopted_frame_moves_with_it(opened, fill, edg
     assert opened.scene.GetNodeByID(users_id).GetParentTransformNode() is tip
     at = world_matrix(tip)
     moved = Transform("reference", "cautery", np.eye(3), [1.0, 2.0, 3.0])
-    scene.set_poses([moved])
+    set_poses(scene, [moved])
     assert not np.allclose(world_matrix(tip), at)
 
 
@@ -73,7 +73,7 @@ def test_saved_state_is_not_shown_as_the_present(opened, edges, tumor):
     for name in ("ClosestPoints", "MarginStatus", "BreachMarkers", "upper_model"):
         assert named(opened.scene, name) == []
     needle = Transform("needle", "tumor", np.eye(3), [0.0, 0.0, 0.0])
-    scene.set_poses(edges, [needle])
+    set_poses(scene, edges, [needle])
     assert scene.add_tumor(tumor) is node
     assert node.GetDisplayVisibility()
     assert node.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
@@ -115,7 +115,7 @@ def test_saved_recording_does_not_change_adopted_nodes(fill, edges, decision, tm
     users = second.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", "Users")
     scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, adopt_nodes=True))
     moved = Transform("reference", "cautery", np.eye(3), [1.0, 2.0, 3.0])
-    scene.set_poses([moved])
+    set_poses(scene, [moved])
     at = world_matrix(scene.tree.node("cautery_tip"))
     for item in (0, 2, 1):
         browser.SetSelectedItemNumber(item)

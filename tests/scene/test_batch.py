@@ -13,6 +13,7 @@ from vtkmodules.vtkCommonCore import vtkCommand
 from app.fixture import MarginState, constrain
 from app.geometry import Transform
 from app.scene import Batch, MarginGuardScene, draw_once_per_update, use_offscreen_rendering
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -60,7 +61,7 @@ def test_each_moved_transform_notifies_once(scene, edges, fixed, decision, arm):
         for step in (1.0, 2.0):
             needle, cautery = moved(edges[1], step), moved(edges[2], step)
             base = moved(fixed[2], step)
-            scene.set_poses((edges[0], needle, cautery), (fixed[0], moved(fixed[1], step), base))
+            set_poses(scene, (edges[0], needle, cautery), (fixed[0], moved(fixed[1], step), base))
             scene.show(decision(MarginState.WARNING, step), {"arm": links})
         assert not counts.transform and not counts.modified
     transforms = {"NeedleToReference", "TumorToNeedle", "CauteryToReference"}
@@ -92,7 +93,7 @@ def test_unchanged_nodes_do_not_notify(scene, edges, fixed, decision, arm):
         vtkMRMLMarkupsNode.PointModifiedEvent, lambda *_: points.append(1)
     )
     with scene.update():
-        scene.set_poses(edges, fixed)
+        set_poses(scene, edges, fixed)
         scene.show(shown, {"arm": links})
     assert not counts.transform and not counts.modified and not points
 
@@ -102,12 +103,12 @@ def test_events_are_sent_after_an_error(scene, edges):
     drawn: list[int] = []
     scene.batch.on_end(lambda: drawn.append(1))
     with pytest.raises(ZeroDivisionError), scene.update():
-        scene.set_poses((edges[0], moved(edges[1], 4.0)))
+        set_poses(scene, (edges[0], moved(edges[1], 4.0)))
         raise ZeroDivisionError
     assert counts.transform["NeedleToReference"] == 1
     assert drawn == [1]
     counts.clear()
-    scene.set_poses((edges[0], moved(edges[1], 5.0)))
+    set_poses(scene, (edges[0], moved(edges[1], 5.0)))
     assert counts.transform["NeedleToReference"] == 1
     assert drawn == [1, 1]
 
@@ -139,7 +140,7 @@ def test_view_draws_once_per_update(can_draw, application, scene, edges, fixed, 
         drawn.clear()
         links = arm.forward_kinematics({"shoulder": step / 10.0})
         with scene.update():
-            scene.set_poses((edges[0], moved(edges[1], step), moved(edges[2], step)), fixed)
+            set_poses(scene, (edges[0], moved(edges[1], step), moved(edges[2], step)), fixed)
             scene.show(shown, {"arm": links})
         return len(drawn)
 

@@ -7,6 +7,7 @@ from app.geometry import MarginGuardError, Transform, TransformError
 from app.scene import EditedTransform, MarginGuardScene, SceneError
 from app.scene.convert import vtk_matrix
 from tests.scene.conftest import posed
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +29,7 @@ def reported():
 @pytest.fixture
 def scene(reported):
     scene = MarginGuardScene(vtkMRMLScene())
-    scene.set_poses([NEEDLE], [Transform.identity("needle", "tumor")])
+    set_poses(scene, [NEEDLE], [Transform.identity("needle", "tumor")])
     scene.tree.on_edit("needle", reported.edits.append, reported.refused.append)
     return scene
 
@@ -48,14 +49,14 @@ def test_edit_is_reported_once_with_its_frames(scene, reported):
 
 def test_moves_by_set_and_of_a_parent_are_not_reported(scene, reported):
     put(scene, "reference", BY_HAND.renamed(target="ras", source="reference"))
-    scene.set_poses([BY_HAND])
+    set_poses(scene, [BY_HAND])
     with scene.update():
-        scene.set_poses([NEEDLE])
-        scene.set_poses([BY_HAND])
+        set_poses(scene, [NEEDLE])
+        set_poses(scene, [BY_HAND])
     assert reported.edits == []
     put(scene, "needle", NEEDLE)
     assert len(reported.edits) == 1
-    scene.set_poses([NEEDLE])  # what comes back from ROS is where the node is already
+    set_poses(scene, [NEEDLE])  # what comes back from ROS is where the node is already
     assert len(reported.edits) == 1
 
 

@@ -14,6 +14,7 @@ from app.scene import MarginGuardScene
 from app.scene.convert import world_matrix, world_points
 from tests.oracles.pinocchio_kinematics import link_poses, random_positions
 from tests.scene.conftest import posed
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +62,7 @@ def assert_poses_of_pinocchio(model, peer, ras_from_base):
 
 def new_scene():
     scene = MarginGuardScene(vtkMRMLScene(), ras_from_reference=RAS_FROM_REFERENCE)
-    scene.set_poses((), BASES.values())
+    set_poses(scene, (), BASES.values())
     return scene
 
 

@@ -14,6 +14,7 @@ from app.scene import MarginGuardScene, SceneError
 from app.scene.convert import numpy_array, world_points
 from app.scene.robot_model import STALE_COLOR
 from tests.scene.conftest import posed
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +25,7 @@ REFERENCE_FROM_BASE = posed("reference", "robot_base", [0.0, 0.1, 0.4], [-90.0, 
 @pytest.fixture
 def scene():
     scene = MarginGuardScene(vtkMRMLScene(), ras_from_reference=RAS_FROM_REFERENCE)
-    scene.set_poses((), [REFERENCE_FROM_BASE])
+    set_poses(scene, (), [REFERENCE_FROM_BASE])
     return scene
 
 
@@ -52,7 +53,7 @@ def test_every_visual_of_a_link_is_in_its_model(scene, arm):
 
 def test_root_link_named_as_the_base_frame_is_the_base(arm):
     scene = MarginGuardScene(vtkMRMLScene())
-    scene.set_poses((), [REFERENCE_FROM_BASE.renamed(source="base")])
+    set_poses(scene, (), [REFERENCE_FROM_BASE.renamed(source="base")])
     model = scene.add_robot("one", arm, "base")
     assert model.transforms["base"] is scene.tree.node("base")
     scene.remove_robot("one")

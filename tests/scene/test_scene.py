@@ -13,6 +13,7 @@ from app.geometry import Stamp, SurfaceMesh, Transform
 from app.scene import MarginGuardScene, SceneError
 from app.scene.convert import is_at, vtk_matrix, world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -97,7 +98,7 @@ def test_clear_removes_all_nodes_of_the_scene_object(shown, decision, tumor):
 def test_closed_scene_is_reported_and_can_be_cleared(shown, decision, edges, tumor, arm):
     shown.scene.Clear(0)
     with pytest.raises(SceneError, match="node 'ReferenceToRas' was removed from the scene"):
-        shown.set_poses(edges)
+        set_poses(shown, edges)
     for change in (
         lambda: shown.show(decision(MarginState.NEGATIVE, 9.0), {}),
         lambda: shown.set_tumor(tumor),
@@ -304,7 +305,7 @@ def test_breaches_leave_marks_in_the_tumor(shown, decision, edges):
         shown.show(decision(MarginState.POSITIVE, distance_mm), {})
     assert len(marks) == 2
     shift = Transform("needle", "tumor", np.eye(3), np.array([5.0, 0.0, 0.0]))
-    shown.set_poses((), [shift])  # tissue moves, and its marks with it
+    set_poses(shown, (), [shift])  # tissue moves, and its marks with it
     found = [marks.node.GetNthControlPointPositionWorld(place) for place in range(2)]
     ras_from_tumor = world_matrix(shown.tree.node("tumor"))
     for point, depth_mm in zip(found, (2.0, 4.0), strict=True):
@@ -490,7 +491,7 @@ def test_set_tumor_keeps_the_node(live, decision, tumor):
 
 def test_scenes_share_nothing(shown, edges, fixed):
     other = MarginGuardScene(vtkMRMLScene())
-    other.set_poses(edges, fixed)
+    set_poses(other, edges, fixed)
     other.add_tip("cautery_tip")
     assert other.scene.GetNumberOfNodesByClass("vtkMRMLModelNode") == 1
     assert shown.scene.GetNumberOfNodesByClass("vtkMRMLModelNode") == 5

@@ -10,6 +10,7 @@ from app.geometry import Stamp, TrackedTransform, TrackingStatus
 from app.scene import MarginGuardScene, SceneApplication, SceneError, add_sequences, save_scene
 from app.scene.convert import vtk_matrix, world_matrix
 from tests.scene.conftest import loaded, posed
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -54,7 +55,7 @@ def states():
 @pytest.fixture
 def recorded_scene(frames, fill, decision):
     scene = fill(MarginGuardScene(SceneApplication(vtkMRMLScene()).scene), has_robot=False)
-    scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform])
+    set_poses(scene, [sample.transform for sample in frames[NOW] if sample.transform])
     scene.show(decision(MarginState.POSITIVE, -3.25), {})
     return scene
 

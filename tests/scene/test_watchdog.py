@@ -7,6 +7,7 @@ from slicer import vtkMRMLScene
 from app.geometry import Freshness, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.scene import MarginGuardScene, SceneError, TransformHealth, TransformWatchdog
 from app.scene.convert import world_matrix
+from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
@@ -66,7 +67,7 @@ def test_moving_parent_does_not_hide_a_stale_child():
     for now_ms in range(0, 500, 20):
         cautery = seen("cautery", now_ms, target="reference")
         watchdog.observe(cautery)
-        scene.set_poses([cautery.transform, tip.transform])
+        set_poses(scene, [cautery.transform, tip.transform])
     # The child was drawn at a new place at each step, and its node notified its observers.
     assert world_matrix(scene.tree.node("cautery_tip"))[0, 3] == 480.0
     assert words(watchdog, 480) == {"CauteryTipToCautery": "stale", "CauteryToReference": "valid"}

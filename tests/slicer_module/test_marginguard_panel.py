@@ -148,8 +148,8 @@ EXPECTED_CALLS = {
     "applyMarginsButton": [("set_margins", 1.5, 6.5)],
     "rearmButton": [("rearm",)],
     "switchStructureButton": [],  # there are no structures; the choice is tested below
-    "recordButton": [("start_recording",)],
-    "stopRecordingButton": [("stop_recording",)],
+    "recordButton": [("record", True)],
+    "stopRecordingButton": [("record", False)],
     "anteriorViewButton": [("view.look_from", Preset.ANTERIOR)],
     "leftViewButton": [("view.look_from", Preset.LEFT)],
     "superiorViewButton": [("view.look_from", Preset.SUPERIOR)],

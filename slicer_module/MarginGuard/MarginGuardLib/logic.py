@@ -36,12 +36,7 @@ from app.workflow import (
 from .contour import PanelContour
 from .events import SessionEvents
 from .live_step_run import LiveStepRun
-from .panel_inputs import (
-    RecordedCase,
-    prepare_recorded,
-    registration_text,
-    surface_of,
-)
+from .panel_inputs import RecordedCase, prepare_recorded, registration_text, surface_of
 from .plans import PanelPlans
 from .shown_session import ShownSession
 from .status import Alarm, PanelStatus
@@ -145,13 +140,11 @@ class PanelLogic:
         """End the hold of an earlier fault, based on the displayed step."""
         self.session.request(self.session.rearm())
 
-    def start_recording(self) -> None:
-        """Start to record the live session as a new case, in the background."""
-        self._record(start=True)
-
-    def stop_recording(self) -> None:
-        """Finish the recording in the background."""
-        self._record(start=False)
+    def record(self, start: bool) -> None:
+        """Start to record the live session as a new case, or finish it, in the background."""
+        operator = self.session.started()
+        name = "starting the recording" if start else "finishing the recording"
+        self._jobs.submit(name, lambda: operator.request(Record(start)), lambda written: None)
 
     def margins(self) -> MarginParameters | None:
         """The margins of the session; None without one."""
@@ -359,11 +352,6 @@ class PanelLogic:
         operator = self.session.operator
         return None if operator is None else operator.recording
 
-    def _record(self, *, start: bool) -> None:
-        operator = self.session.started()
-        name = "starting the recording" if start else "finishing the recording"
-        self._jobs.submit(name, lambda: operator.request(Record(start)), _ignore)
-
     def _status(self) -> PanelStatus:
         session, recording = self.session, self._recording()
         state, _ = session.readout()
@@ -405,7 +393,3 @@ class PanelLogic:
             structures=self._structures(),
             plans=self.plans.shown(),
         )
-
-
-def _ignore(_result: object) -> None:
-    """The status shows what a recording has written."""

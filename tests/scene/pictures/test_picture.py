@@ -11,6 +11,7 @@ from app.geometry import Transform
 from app.scene import MarginGuardScene, SceneApplication, SceneError, scene_png, step_png
 from app.scene.pictures.offscreen_view import png, state_strip
 from app.session import SHOWN_STATES
+from tests.scene.scene_content import set_poses
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
@@ -168,7 +169,7 @@ def test_png_round_trip():
 def test_banner_of_an_aged_scene_is_grey(edges, fixed, tumor, decision):
     application = SceneApplication(vtkMRMLScene())
     scene = MarginGuardScene(application.scene, stale_after_ns=10)
-    scene.set_poses(edges, fixed)
+    set_poses(scene, edges, fixed)
     scene.add_tumor(tumor)
     clear = decision(MarginState.NEGATIVE, 9.0)
     for now_ns, state in ((1, MarginState.NEGATIVE), (12, MarginState.UNKNOWN)):

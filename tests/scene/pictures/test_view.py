@@ -11,6 +11,7 @@ from app.geometry import Stamp, Transform
 from app.scene import MarginGuardScene, SceneApplication, bullseye, forward_of, offscreen_view
 from app.scene.convert import world_matrix, world_points
 from app.scene.pictures.camera_views import fit
+from tests.scene.scene_content import set_poses
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("can_draw")]
 NOW_NS, STALE_NS = 10**12, 200_000_000
@@ -55,7 +56,7 @@ def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(tumor, 
 def test_bullseye_shows_the_tip_in_the_middle(tumor, tool, edges, fixed):
     application = SceneApplication(vtkMRMLScene())
     scene = MarginGuardScene(application.scene)
-    scene.set_poses(edges, fixed)
+    set_poses(scene, edges, fixed)
     scene.add_tool(tool)
     ras_from_tip = Transform.from_matrix(
         world_matrix(scene.tree.node("cautery_tip")), target="ras", source="cautery_tip"
