@@ -23,18 +23,6 @@ from .constraints import (
     prepare_ros,
     read_constraint,
 )
-from .geometry import (
-    PivotResult,
-    Proximity,
-    ProximityEngine,
-    RegistrationResult,
-    SurfaceMesh,
-    calibrate_pivot,
-    load_mesh,
-    predict_tre,
-    register_points,
-    signed_distance,
-)
 from .live import (
     AddNote,
     ChooseDepth,
@@ -55,10 +43,20 @@ from .margins import (
     Breach,
     MarginParameters,
     MarginState,
+    PivotResult,
+    Proximity,
+    ProximityEngine,
     Reason,
+    RegistrationResult,
+    SurfaceMesh,
+    calibrate_pivot,
     find_breaches,
+    load_mesh,
     margin_table,
     plot_margin,
+    predict_tre,
+    register_points,
+    signed_distance,
 )
 from .planning import (
     Approach,

@@ -13,6 +13,7 @@ from app.case.manifest.key_rules import REFERENCE_FRAME
 from app.case.manifest.parts import ContourEntry, MeshEntry, ToolEntry, TumorEntry
 from app.case.manifest.robot import DEFAULT_BASE_FRAME
 from app.case.readers.recording_format import (
+    RawMessage,
     RecordingFormat,
     SideTopics,
     format_of,
@@ -20,7 +21,6 @@ from app.case.readers.recording_format import (
     read_recording,
     recording_kinds,
 )
-from app.case.readers.rosbag2.bag_messages import RawMessage
 from app.case.tumor import tumor_from_contour, tumor_from_segmentation
 from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh

@@ -21,9 +21,8 @@ from app.case.manifest.images import ImageCalibrationEntry, ImagesEntry
 from app.case.messages.decoder import values_reader
 from app.case.messages.message_values import read_image_message
 from app.case.messages.ros_messages import RANGE
-from app.case.readers.recording_format import SideTopics, read_recording
+from app.case.readers.recording_format import MessagePlace, SideTopics, read_recording
 from app.case.readers.rosbag2.bag import mcap_parts
-from app.case.readers.rosbag2.bag_messages import MessagePlace
 from app.case.readers.rosbag2.mcap_file import read_placed_message, read_placed_messages
 from app.files.bounded_io import is_folder
 from app.geometry import (

@@ -17,8 +17,7 @@ from app.case.frames_recorder import write_recording
 from app.case.manifest.case_file import MANIFEST_NAME
 from app.case.manifest.structures import as_schema_2
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC, ros_types
-from app.case.readers.recording_format import format_of, note_to
-from app.case.readers.rosbag2.bag_messages import Connection, RawMessage
+from app.case.readers.recording_format import Connection, RawMessage, format_of, note_to
 from app.files.atomic_io import atomic_file, new_folder
 from app.files.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
 from app.files.yaml_file import load_yaml

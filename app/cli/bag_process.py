@@ -10,7 +10,7 @@ import time
 from typing import IO, Any
 
 from app.cli.bag_writing import BagAnswer, BagRequest
-from app.cli.gc_control import GcPause
+from app.cli.process import GcPause
 from app.files.child_process import answer_request
 from app.files.extras import install_hint
 from app.geometry import MarginGuardError

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app import __version__
-from app.cli.gc_control import GcPause
+from app.cli.process import GcPause
 from app.cli.progress import Report
 from app.cohort import (
     Cohort,

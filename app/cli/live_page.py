@@ -11,9 +11,8 @@ from itertools import chain
 from secrets import token_hex
 from typing import TYPE_CHECKING
 
-from app.cli.gc_control import prompt_process
+from app.cli.process import SignalState, prompt_process
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import SignalState
 from app.files.child_process import step_back
 from app.geometry import InputError
 

@@ -37,7 +37,7 @@ from app.cli.commands import (
     view,
 )
 from app.cli.parsing import BAD_INPUT, CommandParser, UsageError, add_debug, print_error, wants_json
-from app.cli.signals import Terminated, raise_signals
+from app.cli.process import Terminated, raise_signals
 from app.files.extras import extra_with, install_hint
 from app.geometry import MarginGuardError
 

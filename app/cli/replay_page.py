@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from app import __version__
+from app.cli.process import SignalState
 from app.cli.progress import with_progress
 from app.cli.scene_picture import MOVIE, SCENE, VIDEO, ScenePainter
-from app.cli.signals import SignalState
 from app.files.extras import check_installed
 from app.geometry import InputError
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from app.cli.gc_control import GcPause
+from app.cli.process import GcPause
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO
 from app.files.child_process import answer_request
 from app.files.extras import install_hint

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray
 from app.planning import ApproachPreview
-from app.report.colors import CLEAR_BAR, HATCH, INK, PAPER, STOP, USED, WARN
 from app.report.coverage_figures import packed, simplified
-from app.report.page import document, json_of, part
+from app.report.page import CLEAR_BAR, HATCH, INK, PAPER, STOP, USED, WARN, document, json_of, part
 from app.report.svg_plots import time_svg
 from app.report.time_plot import Line, Series, TimePlot
 

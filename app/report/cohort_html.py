@@ -8,8 +8,7 @@ from typing import Any
 
 from app.cohort import METRICS, Comparison, Outlier
 from app.cohort.columns import OK, Row
-from app.report.colors import EFFECT, INK
-from app.report.page import document
+from app.report.page import EFFECT, INK, document
 
 _DPI = 120
 MAX_LISTED = 200

@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 
 from app.analysis.coverage import WITHIN_MM, Coverage, spread_faces
 from app.geometry import ANATOMICAL_AXES, ANATOMICAL_WORDS, FloatArray, SurfaceMesh
-from app.report.colors import (
+from app.report.page import (
     AMBIENT,
     CLASS_NAMES,
     COLORS,
     DIRECT,
     INK,
     PAPER,
+    json_of,
+    part,
     shaded,
 )
-from app.report.page import json_of, part
 from app.report.svg_plots import svg_head
 
 MAX_FACES = 1600

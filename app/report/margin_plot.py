@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from app.analysis.samples import Breach
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
-from app.report.colors import BREACH, DROPPED, HATCH, INK, USED
+from app.report.page import BREACH, DROPPED, HATCH, INK, USED
 from app.report.rows import ReportError, ReportRow
 from app.report.time_plot import TIME_LABEL, TimePlot, distance_plot, spread
 

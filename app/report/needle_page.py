@@ -13,8 +13,7 @@ from matplotlib.lines import Line2D
 
 from app.geometry import FloatArray, SurfaceMesh
 from app.planning import Corridor, ForbiddenStructure, NeedlePlan
-from app.report.colors import CLEAR_BAR, HATCH, INK, LINE, STOP
-from app.report.page import document, text_of
+from app.report.page import CLEAR_BAR, HATCH, INK, LINE, STOP, document, text_of
 
 _DPI = 110
 _MAX_DOTS = 20_000

@@ -15,9 +15,8 @@ from app.analysis.samples import find_breaches
 from app.case import ENERGY_DEVICE
 from app.report.analysis_html import insertion_rows
 from app.report.answer import answer, verdict
-from app.report.colors import INK, LINE, SOFT
 from app.report.margin_plot import margin_figure
-from app.report.page import NOT_A_DEVICE, length, text_of
+from app.report.page import INK, LINE, NOT_A_DEVICE, SOFT, length, text_of
 from app.report.record import ReplayRecord
 from app.report.rows import count_reasons
 from app.report.summary import ACTIVATION_AT_ENTRY

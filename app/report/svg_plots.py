@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 
 from app.geometry import FloatArray
-from app.report.colors import CLEAR_BAR, INK, INSIDE_BAR, LINE, STOP_BAR, WARN_BAR
+from app.report.page import CLEAR_BAR, INK, INSIDE_BAR, LINE, STOP_BAR, WARN_BAR
 from app.report.time_plot import TimePlot, extremes, spread
 
 MAX_POINTS = 2000

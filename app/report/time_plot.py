@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.analysis.samples import Breach
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
-from app.report.colors import INK, LOWER_BOUND, STOP, WARN
+from app.report.page import INK, LOWER_BOUND, STOP, WARN
 from app.report.rows import ReportRow, played_seconds, state_bands
 
 if TYPE_CHECKING:

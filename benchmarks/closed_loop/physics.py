@@ -18,7 +18,7 @@ import numpy as np
 
 from app.bridge import RosNode, prepare_environment
 from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
-from app.cli.gc_control import prompt_process
+from app.cli.process import prompt_process
 from app.files.paths import shipped
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import Robot

@@ -22,7 +22,7 @@ from PySide6 import QtCore, QtWidgets
 from slicer import vtkMRMLScene
 
 from app.cli.live_page import live_page
-from app.cli.signals import SignalState
+from app.cli.process import SignalState
 from app.files.paths import shipped
 from app.runtime import QtSpinner
 from app.scene import SceneApplication, offscreen_view

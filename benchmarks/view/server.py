@@ -17,8 +17,8 @@ from typing import Any
 from trame_rca.schedulers import RcaImageRenderScheduler
 from trame_slicer.views import ThreeDView
 
+from app.cli.process import SignalState
 from app.cli.replay_page import replay_parts
-from app.cli.signals import SignalState
 from app.viewer import Address, SceneView, Title, Viewer
 from app.viewer.drawing.render_loop import PictureArea, RenderLoop, Source
 from app.viewer.feeds import ReplayControl

@@ -57,7 +57,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             from app.runtime import SWITCH_INTERVAL_S, QtSpinner
             from ROS2Lib.class_names import register_classes
             from ROS2Lib.logic import Ros2Api
-            from ROS2Lib.panel_parts import MemberTables, RobotForm
+            from ROS2Lib.logic import MemberTables, RobotForm
         except ImportError as error:
             self.layout.addWidget(
                 qt.QLabel(

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from app.cli.gc_control import GcPause, prompt_process
+from app.cli.process import GcPause, prompt_process
 from tests.conftest import unfreeze
 
 pytestmark = pytest.mark.long

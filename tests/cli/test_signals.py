@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from app.cli.signals import SIGNALS, note_signals, raise_signals
+from app.cli.process import SIGNALS, note_signals, raise_signals
 from tests.cli.small_case import write_small_case
 from tests.forking import COMMAND, forked, run_forked
 
@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from app.bridge import RosNode
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.topics import STREAM, Topic
-from app.cli.signals import note_signals
+from app.cli.process import note_signals
 
 over = threading.Event()
 with note_signals() as received, RosNode("publisher") as ros:

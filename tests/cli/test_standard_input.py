@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 WAITS = """
 import sys, threading
-from app.cli.signals import standard_input
+from app.cli.process import standard_input
 
 reached = threading.Event()
 

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from app.cli.main import main
-from app.cli.signals import SignalState
+from app.cli.process import SignalState
 from app.session import Session
 from tests.bridge.live.conftest import Start
 from tests.viewer.attacks.raw_page import cookie, raw_page

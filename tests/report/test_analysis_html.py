@@ -11,8 +11,8 @@ import pytest
 
 from app.report import analysis_page
 from app.report.analysis_files import FRAME_COLUMNS, FramesTable
-from app.report.colors import shaded
 from app.report.methods import methods_text, recorded_on
+from app.report.page import shaded
 from app.report.svg_plots import distance_svg
 from app.runtime import StepTiming
 from tests.report.conftest import write

@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from app.analysis.coverage import WITHIN_MM, Coverage, spread_faces
 from app.geometry import ANATOMICAL_AXES, SurfaceMesh
-from app.report.colors import AMBIENT, CLASS_NAMES, COLORS
 from app.report.coverage_figures import (
     FARTHER,
     MAX_FACES,
@@ -21,6 +20,7 @@ from app.report.coverage_figures import (
     coverage_figure,
     covered_surface,
 )
+from app.report.page import AMBIENT, CLASS_NAMES, COLORS
 from app.synthetic.tumour_and_tool import icosphere
 from tests.fixture.control.test_state_display import each_vision, seen_ratio
 

@@ -14,8 +14,8 @@ import psutil
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, ViewportSize
 
+from app.cli.process import SignalState
 from app.cli.replay_page import ReplayParts, replay_parts
-from app.cli.signals import SignalState
 from tests.forking import VIEW, warm_parent
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.page_actions import press, show_frame, wait_until_uncovered

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from app import __version__
 from app.cli.dicom_folder import VOXEL_MM, resected_structures, write_dicom
-from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_tool, file_path, folder_path, quantity
+from app.cli.process import GcPause
 from app.cli.progress import with_progress
 from app.files import check_output_path, write_file
 from app.files.atomic_io import write_files

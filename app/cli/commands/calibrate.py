@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case import recording_kinds
-from app.cli.calibration import CalibrationMethod, Input, clock_methods, robot_methods, tool_methods
+from app.cli.calibration import CalibrationMethod, Input, robot_methods, tool_methods
 from app.cli.options import (
     add_case,
     add_json,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 SUMMARY = "calibrate a tool, a phantom, a robot's base or a clock from a recording"
-METHODS = (*tool_methods.METHODS, *robot_methods.METHODS, *clock_methods.METHODS)
+METHODS = (*tool_methods.METHODS, *robot_methods.METHODS)
 
 
 def add_arguments(parser: CommandParser) -> None:

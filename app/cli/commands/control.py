@@ -16,9 +16,8 @@ import threading
 import time
 from pathlib import Path
 
-from app.cli.gc_control import prompt_process
+from app.cli.process import note_signals, prompt_process
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals
 from app.geometry import InputError
 
 CALL_TIMEOUT_S = 10.0

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
-from app.cli.gc_control import prompt_process
 from app.cli.options import (
     LIVE_EXAMPLE,
     add_audit,
@@ -25,8 +24,8 @@ from app.cli.options import (
     input_argument,
     quantity,
 )
+from app.cli.process import SignalState, note_signals, prompt_process
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode

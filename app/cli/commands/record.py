@@ -17,8 +17,8 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
+from app.cli.process import note_signals, standard_input
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals, standard_input
 from app.geometry import InputError
 
 if TYPE_CHECKING:

@@ -14,13 +14,12 @@ from contextlib import ExitStack, nullcontext
 from typing import TYPE_CHECKING
 
 from app.cli.bag_writing import BagProcess, bag_of
-from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, add_tool, file_path, folder_path, quantity
+from app.cli.process import GcPause, SignalState, note_signals
 from app.cli.progress import with_progress
 from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
 from app.cli.ros import published
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO, ScenePainter
-from app.cli.signals import SignalState, note_signals
 from app.files import check_output_path, write_file
 from app.files.extras import check_installed
 from app.geometry import InputError

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs, input_argument
+from app.cli.process import note_signals
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals
 from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:

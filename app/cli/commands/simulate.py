@@ -24,11 +24,10 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
-from app.cli.gc_control import prompt_process
 from app.cli.options import folder_path
 from app.cli.parsing import CommandParser
+from app.cli.process import note_signals, prompt_process, standard_input
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals, standard_input
 from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
 from app.files.bounded_io import is_file, is_folder
 from app.files.extras import check_installed

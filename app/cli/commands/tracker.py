@@ -16,8 +16,8 @@ from contextlib import ExitStack
 
 from app.cli.options import add_case
 from app.cli.parsing import CommandParser
+from app.cli.process import note_signals
 from app.cli.ros import load_bridge, print_reach
-from app.cli.signals import note_signals
 from app.geometry import InputError
 
 SUMMARY = "publish the poses of a case, or of an OpenIGTLink server (PLUS), over ROS 2"

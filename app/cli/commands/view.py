@@ -30,7 +30,7 @@ from app.cli.options import (
     input_argument,
     integer,
 )
-from app.cli.signals import SignalState, note_signals
+from app.cli.process import SignalState, note_signals
 from app.files.bounded_io import is_file, is_folder
 from app.files.extras import check_installed
 from app.geometry import InputError

@@ -39,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Execute the plan until it has arrived or is stopped."""
+    from app.cli.process import note_signals
     from app.cli.ros import load_bridge, print_reach
-    from app.cli.signals import note_signals
 
     with note_signals() as received:
         load_bridge("which 'plan execute' needs")
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.plan_execution import NODE_NAME, ExecutionNode
-            from app.cli.gc_control import prompt_process
+            from app.cli.process import prompt_process
             from app.control import Outcome, open_control, read_plan
 
             plan = read_plan(options.plan_file)

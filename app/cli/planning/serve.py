@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve plans until a signal."""
+    from app.cli.process import note_signals
     from app.cli.ros import load_bridge, print_reach
-    from app.cli.signals import note_signals
     from app.files.extras import check_installed
     from app.geometry import InputError
 
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
             from app.bridge.plan_execution import ExecutionNode, ExecutionServer
             from app.bridge.planning_server import NODE_NAME, PlanningServer
             from app.bridge.trajectory_server import TrajectoryServer
-            from app.cli.gc_control import prompt_process
+            from app.cli.process import prompt_process
             from app.control import open_control
 
             description = open_control(options.control)

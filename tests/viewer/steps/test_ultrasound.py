@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.case import open_case_images
+from app.cli.process import SignalState
 from app.cli.replay_page import replay_parts
-from app.cli.signals import SignalState
 from app.geometry import Transform
 from app.runtime import ShownItem
 from app.viewer.image_part import Ultrasound, eight_bits, ultrasound_values

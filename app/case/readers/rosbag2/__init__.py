@@ -9,7 +9,7 @@ from app.files.bounded_io import is_file, is_folder
 
 if TYPE_CHECKING:
     from app.case.frame_streams import TrackingFrame
-    from app.case.readers.rosbag2.bag_messages import RawMessage
+    from app.case.readers.recording_format import RawMessage
 
 CHANGES_NAME = "changes.yaml"
 """File in the folder of a live recording: what was replaced in the session, and when."""

@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 import zstandard
 
-from app.case.readers.rosbag2.bag_messages import (
+from app.case.readers.recording_format import (
     MAX_CONNECTIONS,
     MAX_DEFINITION_BYTES,
     MAX_MESSAGE_BYTES,

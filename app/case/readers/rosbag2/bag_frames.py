@@ -25,9 +25,8 @@ from app.case.messages.ros_messages import (
     TRACKED_TRANSFORMS_TOPIC,
     UNFILTERED_TIME_TOPIC,
 )
-from app.case.readers.recording_format import Note, SideTopics
+from app.case.readers.recording_format import Connection, MessageRun, Note, RunMessage, SideTopics
 from app.case.readers.rosbag2.bag import read_bag_runs
-from app.case.readers.rosbag2.bag_messages import Connection, MessageRun, RunMessage
 from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
 
 _UNUSABLE = (MarginGuardError, AttributeError, TypeError, ValueError, OverflowError)

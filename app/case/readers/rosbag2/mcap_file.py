@@ -24,7 +24,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
-from app.case.readers.rosbag2.bag_messages import (
+from app.case.readers.recording_format import (
     MAX_CONNECTIONS,
     MAX_DEFINITION_BYTES,
     MAX_MESSAGE_BYTES,
