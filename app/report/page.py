@@ -1,4 +1,7 @@
-"""Pages of reports, from the templates in ``templates``; every value of a page is escaped."""
+"""Pages of reports, from the templates in ``templates``; every value of a page is escaped.
+
+Also the colours of reports, but those of the margin's states: `app.fixture.control.states`.
+"""
 
 import json
 from base64 import b64encode

@@ -56,8 +56,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         try:
             from app.runtime import SWITCH_INTERVAL_S, QtSpinner
             from ROS2Lib.class_names import register_classes
-            from ROS2Lib.logic import Ros2Api
-            from ROS2Lib.logic import MemberTables, RobotForm
+            from ROS2Lib.logic import MemberTables, RobotForm, Ros2Api
         except ImportError as error:
             self.layout.addWidget(
                 qt.QLabel(
