@@ -20,7 +20,6 @@ from .elements import (
 from .inverse_kinematics import IkOptions
 from .loading import load_robot, robot_from_text, urdf_text
 from .robot import Robot
-from .urdf import parse_xacro_args
 
 __all__ = [
     "AdfError",
@@ -45,7 +44,6 @@ __all__ = [
     "load_adf",
     "load_robot",
     "parse_mesh_map",
-    "parse_xacro_args",
     "robot_from_text",
     "urdf_text",
 ]

@@ -193,17 +193,6 @@ MAX_WALL_S = 30.0
 _ASK = partial(ask, "app.robot.xacro_child", max_s=MAX_WALL_S)
 
 
-def parse_xacro_args(entries: list[str]) -> dict[str, str]:
-    """Parse ``["name:=value", ...]``; raise `UrdfError` for an entry of another form."""
-    arguments: dict[str, str] = {}
-    for entry in entries:
-        name, sign, value = entry.partition(":=")
-        if not sign or not name.strip():
-            raise UrdfError(f"xacro argument is {entry!r}; expected name:=value")
-        arguments[name.strip()] = value
-    return arguments
-
-
 def expand_xacro(
     path: Path,
     arguments: Mapping[str, str],

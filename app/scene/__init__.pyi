@@ -17,7 +17,6 @@ from .pictures.offscreen_view import (
     QUICK_TYPE,
     OffscreenView,
     SceneApplication,
-    draw_once_per_update,
     offscreen_view,
     quick_image,
 )
@@ -62,7 +61,6 @@ __all__ = [
     "add_sequences",
     "bullseye",
     "center_on",
-    "draw_once_per_update",
     "forward_of",
     "load_3d_view_only",
     "load_scene",

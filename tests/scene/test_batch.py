@@ -6,13 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from slicer import vtkMRMLMarkupsNode, vtkMRMLScene, vtkMRMLTransformableNode
-from trame_slicer.views import ThreeDView
-from trame_slicer.views.render_scheduler import DirectRendering
 from vtkmodules.vtkCommonCore import vtkCommand
 
 from app.fixture import MarginState, constrain
 from app.geometry import Transform
-from app.scene import Batch, MarginGuardScene, draw_once_per_update, use_offscreen_rendering
+from app.scene import Batch, MarginGuardScene
 from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
@@ -126,33 +124,15 @@ def test_listeners_are_called_once_per_outermost_update_after_all_changes():
     assert seen == ["drawn"]
 
 
-def test_view_draws_once_per_update(can_draw, application, scene, edges, fixed, decision, arm):
-    use_offscreen_rendering()
-    view = ThreeDView(application.scene, application.logic, "Counted", DirectRendering())
-    view.render_window().SetMultiSamples(0)
-    view.render_window().SetSize(160, 120)
-    drawn: list[int] = []
-    view.render_window().AddObserver("EndEvent", lambda *_: drawn.append(1))
-    view.render()
-    shown = decision(MarginState.POSITIVE, -2.0)
-
-    def update(step):
-        drawn.clear()
-        links = arm.forward_kinematics({"shoulder": step / 10.0})
-        with scene.update():
-            set_poses(scene, (edges[0], moved(edges[1], step), moved(edges[2], step)), fixed)
-            scene.show(shown, {"arm": links})
-        return len(drawn)
-
-    assert update(1.0) > 5  # as trame-slicer does it by itself
-    with scene.update():  # one that comes within an update resumes nothing
-        stop = draw_once_per_update(application.logic, view)
-    assert update(2.0) == 1
-    assert update(3.0) == 1
-    view.set_render_blocked(True)  # one that is not in the layout stays so
-    assert update(4.0) == 0
-    assert view.is_render_blocked
-    view.set_render_blocked(False)
-    stop()
-    assert update(5.0) > 5
-    view.finalize()
+def test_rendering_is_paused_once_per_update(application, scene, edges, fixed):
+    logic, events = application.logic, []
+    observers = [
+        logic.AddObserver(logic.PauseRenderEvent, lambda *_: events.append("pause")),
+        logic.AddObserver(logic.ResumeRenderEvent, lambda *_: events.append("resume")),
+    ]
+    with scene.update():
+        set_poses(scene, (edges[0], moved(edges[1], 1.0), moved(edges[2], 1.0)), fixed)
+        assert events == ["pause"]
+    assert events == ["pause", "resume"]
+    for observer in observers:
+        logic.RemoveObserver(observer)

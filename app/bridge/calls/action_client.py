@@ -90,8 +90,7 @@ class Goal:
 class ActionClient:
     """``ActionClient(ros, "marginguard_msgs/action/Replay", "/marginguard/replay").call(goal)``.
 
-    A goal that the server accepts after the caller's timeout is cancelled and counted in
-    `late_goals`.
+    A goal that the server accepts after the caller's timeout is cancelled.
     """
 
     def __init__(self, ros: RosNode, action: str | type, name: str) -> None:
@@ -102,7 +101,6 @@ class ActionClient:
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             raise CallError(f"no client for an action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
-        self.late_goals = 0
         self._server = ServerWait(ros, lambda: self.is_available, f"action {self.name}")
         self._closed = False
         ros.on_close(self.close)
@@ -225,7 +223,6 @@ class ActionClient:
         def cancel(future: Future) -> None:
             handle = future.result()
             if handle is not None and handle.accepted:
-                self.late_goals += 1
                 handle.cancel_goal_async()
                 self._ros.node.get_logger().warning(
                     f"action {self.name}: cancelled a goal that was accepted after the caller's "

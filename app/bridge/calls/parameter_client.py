@@ -12,7 +12,6 @@ from rcl_interfaces.srv import (
     GetParameterTypes,
     ListParameters,
     SetParameters,
-    SetParametersAtomically,
 )
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.subscription import Subscription
@@ -38,7 +37,6 @@ _SERVICES = {
     "get_parameters": GetParameters,
     "get_parameter_types": GetParameterTypes,
     "set_parameters": SetParameters,
-    "set_parameters_atomically": SetParametersAtomically,
     "describe_parameters": DescribeParameters,
 }
 
@@ -165,18 +163,6 @@ class ParameterClient:
         ]
         if refused:
             raise RefusedError(f"{self.node} refused {'; '.join(refused)}")
-
-    def set_atomically(
-        self,
-        values: Mapping[str, Settable],
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        cancel: threading.Event | None = None,
-    ) -> None:
-        """Set all values or none; raises `RefusedError` with the node's reason."""
-        request = SetParametersAtomically.Request(parameters=_messages(values))
-        result = self._call("set_parameters_atomically", request, timeout_s, cancel).result
-        if not result.successful:
-            raise RefusedError(f"{self.node} refused {_quoted(tuple(values))}: {result.reason}")
 
     def describe(
         self,

@@ -3,7 +3,7 @@
 Pictures are arrays (height, width, 3) of bytes, upper row first.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from slicer import (
-    vtkMRMLApplicationLogic,
     vtkMRMLScene,
     vtkSlicerApplicationLogic,
     vtkSlicerMarkupsLogic,
@@ -32,7 +31,7 @@ from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera, look_through
 from app.session import ShownState
 
 if TYPE_CHECKING:
-    from trame_slicer.views.abstract_view import AbstractView
+    pass
 
 Pixels = NDArray[np.uint8]
 
@@ -229,37 +228,6 @@ class OffscreenView:
         self._view.finalize()
         self._scene.RemoveNode(camera)
         self._scene.RemoveNode(node)
-
-
-def draw_once_per_update(
-    logic: vtkMRMLApplicationLogic, view: "AbstractView"
-) -> Callable[[], None]:
-    """Let a view of trame-slicer not draw while ``logic`` pauses rendering, as in desktop Slicer.
-
-    Every displayable manager requests a rendering at each change, some forty per update. Then the
-    view makes one request, at the end of the update. Returns a function that ends this; call it
-    before the view is closed.
-    """
-    blocked: list[bool] = []
-
-    def pause(*_: object) -> None:
-        blocked.append(view.set_render_blocked(True))
-
-    def resume(*_: object) -> None:
-        # A view that was created within an update has nothing to resume.
-        if blocked and not blocked.pop():
-            view.set_render_blocked(False)
-
-    observers = (
-        logic.AddObserver(vtkMRMLApplicationLogic.PauseRenderEvent, pause),
-        logic.AddObserver(vtkMRMLApplicationLogic.ResumeRenderEvent, resume),
-    )
-
-    def stop() -> None:
-        for observer in observers:
-            logic.RemoveObserver(observer)
-
-    return stop
 
 
 @contextmanager

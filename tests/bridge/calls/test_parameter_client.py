@@ -68,14 +68,6 @@ def test_refused_values_have_the_nodes_reason(client):
     }
 
 
-def test_set_atomically_sets_all_or_none(client):
-    with pytest.raises(RefusedError, match=r"'names', 'gain': .*out of range"):
-        client.set_atomically({"names": ["y"], "gain": 11.0}, timeout_s=DEADLINE_S)
-    assert client.get("names") == ("a", "b")
-    client.set_atomically({"names": ["y"], "gain": 3.0})
-    assert client.get_many(("names", "gain")) == {"names": ("y",), "gain": 3.0}
-
-
 def test_parameter_changes_are_received(client, ros):
     changes = queue.Queue()
     client.watch(changes.put)

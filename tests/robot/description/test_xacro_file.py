@@ -7,7 +7,6 @@ import pytest
 from app.robot import (
     UrdfError,
     load_robot,
-    parse_xacro_args,
     robot_from_text,
     urdf_text,
     xacro_child,
@@ -134,11 +133,7 @@ def test_xacro_module_is_restored_after_an_error(write):
     assert not hasattr(xacro, "open")
 
 
-def test_arguments_are_parsed(write, write_urdf):
-    assert parse_xacro_args(["a:=1", "b:=x:=y", "c:="]) == {"a": "1", "b": "x:=y", "c": ""}
-    for entry in ("a=1", ":=1", ""):
-        with pytest.raises(UrdfError, match="expected name:=value"):
-            parse_xacro_args([entry])
+def test_arguments_for_a_urdf_are_refused(write_urdf):
     with pytest.raises(UrdfError, match=r"has xacro arguments \(a\); expected a \.xacro file"):
         load_robot(write_urdf('<link name="a"/>'), xacro_args={"a": "1"})
 
