@@ -10,7 +10,6 @@ from marginguard_msgs.msg import SessionStep
 from marginguard_msgs.srv import Command
 
 from app.bridge.calls.service_client import ServiceClient
-from app.bridge.displays.step_message import seen_of
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.geometry import SurfaceMesh
@@ -96,7 +95,8 @@ class RemoteOperator:
 
     def follow(self, content: SessionContent, message: SessionStep) -> None:
         """Use what came with a step."""
-        self._content, self._seen = content, seen_of(message)
+        self._content = content
+        self._seen = SeenHold(message.hold_seq, message.hold_nonce)
         self._instance_id = message.instance_id
         texts = message.request, message.recording
         if texts != self._texts:

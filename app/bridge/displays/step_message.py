@@ -38,7 +38,6 @@ from app.registration import DriftBound, RegistrationDrift
 from app.robot.kinematic_tree import LinkPoses
 from app.runtime import SessionContent
 from app.session import (
-    KnownEdges,
     PathDepth,
     PathPoint,
     Role,
@@ -52,6 +51,7 @@ _NUMBERS = 12
 """Numbers of a transform: the upper three rows of its matrix."""
 
 _NO_POSE = (0.0,) * _NUMBERS
+_name = lru_cache(maxsize=1024)(check_frame)  # the same ones in each step
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,8 @@ def step_message(
         number = place.get(edge) if sample is None else index.get(id(sample))
         if number is None:
             number = len(samples)
-            samples.append(sample or _lost(edge, frame.stamp))
+            missing = TrackedTransform(None, frame.stamp, TrackingStatus.MISSING, *edge)
+            samples.append(sample or missing)
         known.append(number)
         usable.append(sample is not None)
     samples += others
@@ -122,21 +123,17 @@ def step_message(
         request=origin.request,
         recording=origin.recording,
         image_problem=origin.image_problem,
+        proximity=_optional_proximity(decision.proximity),
+        margin_mm=_margin_numbers(decision.margin),
+        structures=[*map(_structure_message, step.structures), *map(_tool_message, step.tools)],
+        off=off_messages(step.off),
+        tumor_from_tip=_optional_pose(step.tumor_from_tip),
+        tumor_from_fixture=_optional_pose(step.virtual_fixture),
     )
-    if decision.proximity is not None:
-        message.proximity = [_proximity_message(decision.proximity)]
-    message.margin_mm = _margin_numbers(decision.margin)
-    message.structures = [_structure_message(each) for each in step.structures]
-    message.structures += [_tool_message(each) for each in step.tools]
-    message.off = off_messages(step.off)
     if decision.constraint is not None:
         message.half_spaces = array("d", decision.constraint.rows.tobytes())
         message.free = np.array(decision.constraint.free)
         message.constraint_hold = decision.constraint.hold
-    if step.tumor_from_tip is not None:
-        message.tumor_from_tip = array("d", _pose_numbers(step.tumor_from_tip))
-    if step.virtual_fixture is not None:
-        message.tumor_from_fixture = array("d", _pose_numbers(step.virtual_fixture))
     if step.joints is not None:
         message.joints = list(step.joints.names)
         message.positions = array("d", step.joints.positions)
@@ -144,18 +141,24 @@ def step_message(
     if step.links:
         links = LinkPoses.of(step.links)
         message.root_link, message.links = links.root, list(links)
-        message.link_transforms = array("d", _rows_of_matrices(links.matrices).tobytes())
+        turns, shifts_mm = links.matrices[:, :3, :3].reshape(-1, 9), links.matrices[:, :3, 3]
+        rows = np.concatenate([turns, shifts_mm], axis=1)
+        message.link_transforms = array("d", rows.tobytes())
     if step.drift is not None:
-        drift = step.drift
-        bound = drift.bound
+        drift, bound = step.drift, step.drift.bound
         message.drift_frame = drift.frame
-        message.drift = array(
-            "d",
-            (drift.translation_mm, drift.rotation_rad, bound.translation_mm, bound.rotation_rad),
-        )
+        moved = drift.translation_mm, drift.rotation_rad
+        message.drift = array("d", (*moved, bound.translation_mm, bound.rotation_rad))
     if step.between_frames is not None:
         path = step.between_frames
-        message.between = [_point_message(each) for each in (path.deepest, path.end)]
+        message.between = [
+            StepPoint(
+                stamp_ns=each.stamp.ns,
+                tumor_from_tip=np.array(_pose_numbers(each.tumor_from_tip)),
+                proximity=_proximity_message(each.proximity),
+            )
+            for each in (path.deepest, path.end)
+        ]
         message.between_lower_bound_mm = path.lower_bound_mm
     return message
 
@@ -178,21 +181,21 @@ def step_of(
         raise BridgeError(f"step of a session: {error}; expected one of a guard") from error
 
 
-def seen_of(message: SessionStep) -> SeenHold:
-    """The hold that the step shows."""
-    return SeenHold(message.hold_seq, message.hold_nonce)
-
-
 def _step(
     message: SessionStep, content: SessionContent
 ) -> tuple[StepResult, list[TrackedTransform]]:
     tumor, tip = content.tumor.frame, content.tip_frame
     samples = _samples(message)
     tools = {each.name for each in content.tools}
-    joints = _joints(message)
+    stamp = _stamp(message.joints_stamp_ns)
+    joints = None
+    if stamp is not None:
+        joints = JointSample(tuple(message.joints), tuple(message.positions), stamp)
     links = _links(message)
-    tumor_from_tip = _transforms(message.tumor_from_tip)
-    fixture = _transforms(message.tumor_from_fixture)
+    measured: dict[tuple[str, str], TrackedTransform | None] = {}
+    for number, usable in zip(message.known, message.usable, strict=True):
+        sample = samples[number]
+        measured[sample.target, sample.source] = sample if usable else None
     drift = None
     if len(message.drift):
         moved_mm, turned_rad, *bound = message.drift
@@ -205,8 +208,8 @@ def _step(
             activation=Activation(message.cautery) if message.cautery else None,
         ),
         decision=_decision(message, tumor),
-        tumor_from_tip=_placed(tumor, tip, tumor_from_tip),
-        virtual_fixture=_placed(tumor, "virtual_fixture", fixture),
+        tumor_from_tip=_placed(tumor, tip, message.tumor_from_tip),
+        virtual_fixture=_placed(tumor, "virtual_fixture", message.tumor_from_fixture),
         links=links,
         joints=joints,
         robot_problem=message.robot_problem,
@@ -215,7 +218,7 @@ def _step(
         playback=message.playback,
         hold_causes=tuple(message.hold_causes),
         single_source=message.single_source,
-        edges=_edges(message, content, samples, links, joints),
+        edges=known_edges(content.static_edges, content.robot, measured, links, joints),
         between_frames=_path(message, tumor, tip),
         structures=tuple(
             _structure(each, content) for each in message.structures if each.name not in tools
@@ -246,11 +249,10 @@ def _decision(message: SessionStep, tumor: str) -> FixtureDecision:
 
 def _decided(message: SessionStep | StructureStepMessage, **planes: Any) -> FixtureDecision:
     """State, reasons, distance and margin of ``message`` with what only a whole step has."""
-    proximity = message.proximity
     return FixtureDecision(
         state=MarginState(message.state),
         reasons=tuple(map(Reason, message.reasons)),
-        proximity=_proximity(proximity[0]) if proximity else None,
+        proximity=next(map(_proximity, message.proximity), None),
         margin=AppliedMargin(*message.margin_mm) if len(message.margin_mm) else None,
         hold=message.hold,
         **planes,
@@ -259,20 +261,16 @@ def _decided(message: SessionStep | StructureStepMessage, **planes: Any) -> Fixt
 
 def _structure_message(step: StructureStep) -> StructureStepMessage:
     decision = step.decision
-    message = StructureStepMessage(
+    return StructureStepMessage(
         name=step.name,
         state=int(decision.state),
         reasons=[reason.value for reason in decision.reasons],
         hold=decision.hold,
         margin_mm=_margin_numbers(decision.margin),
+        proximity=_optional_proximity(decision.proximity),
+        at_least_mm=[] if step.at_least_mm is None else [step.at_least_mm],
+        structure_from_tip=_optional_pose(step.structure_from_tip),
     )
-    if decision.proximity is not None:
-        message.proximity = [_proximity_message(decision.proximity)]
-    if step.at_least_mm is not None:
-        message.at_least_mm = [step.at_least_mm]
-    if step.structure_from_tip is not None:
-        message.structure_from_tip = array("d", _pose_numbers(step.structure_from_tip))
-    return message
 
 
 def _structure(message: StructureStepMessage, content: SessionContent) -> StructureStep:
@@ -281,10 +279,9 @@ def _structure(message: StructureStepMessage, content: SessionContent) -> Struct
     roles[content.tumor.frame] = Role.TARGET
     if message.name not in roles:
         raise ValueError(f"structure {message.name!r} is not in the description")
-    pose = _transforms(message.structure_from_tip)
     decision = _decided(message, constraint=None, stamp=None, seq=0)
-    placed = _placed(message.name, content.tip_frame, pose)
-    far_mm = message.at_least_mm[0] if len(message.at_least_mm) else None
+    placed = _placed(message.name, content.tip_frame, message.structure_from_tip)
+    far_mm = next(iter(message.at_least_mm), None)
     return StructureStep(message.name, roles[message.name], decision, placed, None, far_mm)
 
 
@@ -293,19 +290,18 @@ def _tool_message(tool: ToolDistance) -> StructureStepMessage:
         name=tool.name,
         state=int(tool.state),
         reasons=[reason.value for reason in tool.reasons],
-        proximity=[] if tool.proximity is None else [_proximity_message(tool.proximity)],
+        proximity=_optional_proximity(tool.proximity),
         at_least_mm=[] if tool.at_least_mm is None else [tool.at_least_mm],
     )
 
 
 def _tool(message: StructureStepMessage) -> ToolDistance:
-    proximity = message.proximity
     return ToolDistance(
         message.name,
         MarginState(message.state),
         tuple(map(Reason, message.reasons)),
-        _proximity(proximity[0]) if proximity else None,
-        message.at_least_mm[0] if len(message.at_least_mm) else None,
+        next(map(_proximity, message.proximity), None),
+        next(iter(message.at_least_mm), None),
     )
 
 
@@ -313,20 +309,6 @@ def _margin_numbers(margin: AppliedMargin | None) -> "array[float]":
     if margin is None:
         return array("d")
     return array("d", (margin.stop_mm, margin.warn_mm, margin.tre_mm, margin.age_mm))
-
-
-def _edges(
-    message: SessionStep,
-    content: SessionContent,
-    samples: Sequence[TrackedTransform],
-    links: Mapping[str, Transform],
-    joints: JointSample | None,
-) -> KnownEdges:
-    measured: dict[tuple[str, str], TrackedTransform | None] = {}
-    for number, usable in zip(message.known, message.usable, strict=True):
-        sample = samples[number]
-        measured[sample.target, sample.source] = sample if usable else None
-    return known_edges(content.static_edges, content.robot, measured, links, joints)
 
 
 def _samples(message: SessionStep) -> list[TrackedTransform]:
@@ -351,11 +333,6 @@ def _samples(message: SessionStep) -> list[TrackedTransform]:
     return found
 
 
-@lru_cache(maxsize=1024)  # the same ones in each step
-def _name(frame: str) -> str:
-    return check_frame(frame)
-
-
 def _links(message: SessionStep) -> Mapping[str, Transform]:
     rows = _transforms(message.link_transforms)
     if len(rows) != len(message.links):
@@ -369,19 +346,12 @@ def _links(message: SessionStep) -> Mapping[str, Transform]:
     return LinkPoses(message.root_link, numbers, matrices)
 
 
-def _joints(message: SessionStep) -> JointSample | None:
-    stamp = _stamp(message.joints_stamp_ns)
-    if stamp is None:
-        return None
-    return JointSample(tuple(message.joints), tuple(message.positions), stamp)
-
-
 def _path(message: SessionStep, tumor: str, tip: str) -> PathDepth | None:
     if not message.between:
         return None
     points = []
     for each in message.between:
-        pose = _placed(tumor, tip, _transforms(each.tumor_from_tip))
+        pose = _placed(tumor, tip, each.tumor_from_tip)
         assert pose is not None  # 12 numbers by the type of the message
         points.append(PathPoint(Stamp(each.stamp_ns), pose, _proximity(each.proximity)))
     deepest, end = points
@@ -408,24 +378,18 @@ def _proximity(message: StepProximity) -> Proximity:
     )
 
 
-def _point_message(point: PathPoint) -> StepPoint:
-    return StepPoint(
-        stamp_ns=point.stamp.ns,
-        tumor_from_tip=np.array(_pose_numbers(point.tumor_from_tip)),
-        proximity=_proximity_message(point.proximity),
-    )
+def _optional_proximity(proximity: Proximity | None) -> list[StepProximity]:
+    return [] if proximity is None else [_proximity_message(proximity)]
+
+
+def _optional_pose(pose: Transform | None) -> "array[float]":
+    return array("d", () if pose is None else _pose_numbers(pose))
 
 
 def _pose_numbers(pose: Transform | None) -> Sequence[float]:
     if pose is None:
         return _NO_POSE
     return (*pose.rotation.ravel().tolist(), *pose.translation_mm.tolist())
-
-
-def _rows_of_matrices(matrices: FloatArray) -> FloatArray:
-    """Rows (n, 12) of matrices (n, 4, 4)."""
-    rotations = matrices[:, :3, :3].reshape(-1, 9)
-    return np.concatenate([rotations, matrices[:, :3, 3]], axis=1)
 
 
 def _transforms(numbers: Any, *, lost: Any = None) -> FloatArray:
@@ -444,8 +408,9 @@ def _transforms(numbers: Any, *, lost: Any = None) -> FloatArray:
     return rows
 
 
-def _placed(target: str, source: str, rows: FloatArray) -> Transform | None:
-    """The transform of the only row of ``rows`` (n, 12), None without one."""
+def _placed(target: str, source: str, numbers: Sequence[float]) -> Transform | None:
+    """The transform of 12 ``numbers``, None without any."""
+    rows = _transforms(numbers)
     if len(rows) == 0:
         return None
     (values,) = rows
@@ -458,8 +423,3 @@ def _optional_ns(stamp: Stamp | None) -> "array[int]":
 
 def _stamp(values: Sequence[int]) -> Stamp | None:
     return Stamp(int(values[0])) if len(values) else None
-
-
-def _lost(edge: tuple[str, str], stamp: Stamp) -> TrackedTransform:
-    """A stand-in for a sample that may not be used and is not in the frame."""
-    return TrackedTransform(None, stamp, TrackingStatus.MISSING, *edge)

@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 import marginguard as mg
 from app.bridge import BridgeError
 from app.bridge.constraint_message import ConstraintBuilder
-from app.bridge.displays.step_message import StepOrigin, seen_of, step_message, step_of
+from app.bridge.displays.step_message import StepOrigin, step_message, step_of
 from app.geometry import TrackedTransform
 from app.hold import SeenHold
 from app.runtime import ToolContent
@@ -113,7 +113,8 @@ def test_poses_that_the_step_does_not_use_come_with_it(steps, case):
 
 
 def test_hold_of_the_step_is_that_of_its_message(steps):
-    assert seen_of(sent(steps[0])) == SeenHold(3, 2**64 - 1)
+    message = sent(steps[0])
+    assert (message.hold_seq, message.hold_nonce) == (3, 2**64 - 1)
 
 
 def turned(message):
