@@ -202,7 +202,6 @@ def analyse_case(
     tumor: SurfaceMesh,
     tool: SurfaceMesh | None = None,
     ras_from_tumor: ArrayLike | None = None,
-    jitter: Jitter | None = None,
     bias_sigma_mm: float = 0.0,
     covariances_mm2: Mapping[str, FloatArray] | None = None,
     stops_mm: tuple[float, ...] = (),
@@ -214,18 +213,17 @@ def analyse_case(
 
     ``name``, ``margins``, ``tumor`` and ``tool`` are those of the session's content; a ``tool`` of
     None is its tip alone. ``ras_from_tumor`` (3, 3) turns the tumour's axes to the patient's right,
-    anterior and superior; without it the tumour's axes are taken as these. ``jitter`` replaces the
-    estimated one. ``bias_sigma_mm`` as in `estimate_depth`; ``covariances_mm2`` and ``stops_mm`` as
-    in `breach_probability`. ``cutting_mm``: length of the cutting part, whose swept volume is
-    computed; None leaves it out. ``insertion``: the metrics of `case_insertion`, where they are
-    known already. Raises `InputError` without a step.
+    anterior and superior; without it the tumour's axes are taken as these. ``bias_sigma_mm`` as in
+    `estimate_depth`; ``covariances_mm2`` and ``stops_mm`` as in `breach_probability`.
+    ``cutting_mm``: length of the cutting part, whose swept volume is computed; None leaves it out.
+    ``insertion``: the metrics of `case_insertion`, where they are known already. Raises
+    `InputError` without a step.
     """
     axes = checked_axes(ras_from_tumor)
     samples = steps if isinstance(steps, CaseSamples) else CaseSamples.from_steps(steps)
     times, held = samples.times_s, samples.held_s
     measured = samples.measured()
-    if jitter is None:
-        jitter = estimate_jitter(times[measured], samples.distances_mm[measured])
+    jitter = estimate_jitter(times[measured], samples.distances_mm[measured])
     stale_ns = margins.stale_after_ns
     phases = phases_of(times, samples.distances_mm, margins.warn_mm)
     breaches = analyse_breaches(

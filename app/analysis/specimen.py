@@ -17,7 +17,6 @@ from app.analysis.motion import smoothed_path
 from app.analysis.samples import CaseSamples
 from app.analysis.swept_volume import (
     CUTTING_MM,
-    MAX_STEPS,
     SweptVolume,
     cutting_points,
     solid_of,
@@ -99,7 +98,6 @@ def resection_of(
     stale_after_ns: int,
     cutting_mm: float = CUTTING_MM,
     ras_from_tumor: FloatArray | None = None,
-    max_steps: int = MAX_STEPS,
 ) -> Resection:
     """The swept volume and the specimen of a case.
 
@@ -114,7 +112,7 @@ def resection_of(
     except MeshError as error:
         return Resection(cutting_mm, None, 0.0, None, str(error))
     pieces = _pieces(samples, stale_after_ns)
-    swept = swept_volume(points, pieces, max_steps=max_steps)
+    swept = swept_volume(points, pieces)
     if swept is None:
         why = f"the tool was never within {NEAR_MM:g} mm of the tumour"
         return Resection(cutting_mm, None, 0.0, None, why)

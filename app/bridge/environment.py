@@ -125,9 +125,9 @@ def _log_line(user_configuration: Sequence[str] = ()) -> str:
     return f"ROS discovery stays on this machine{unless}; set {DISCOVERY_RANGE}=SUBNET to extend it"
 
 
-def domain_of(environment: Mapping[str, str] | None = None) -> int:
+def domain_of() -> int:
     """The ROS domain, 0 by default; raises `BridgeError` for a text that is no number."""
-    text = (os.environ if environment is None else environment).get(DOMAIN) or "0"
+    text = os.environ.get(DOMAIN) or "0"
     try:
         return int(text)
     except ValueError as error:

@@ -30,9 +30,9 @@ def atomic_file(path: Path, error: type[MarginGuardError] = InputError) -> Itera
         raise error(f"{path} cannot be written: {problem.strerror or problem}") from problem
 
 
-def write_file(path: Path, content: bytes, error: type[MarginGuardError] = InputError) -> None:
-    """Write ``content`` to ``path``; replace an earlier file. Raise ``error`` on failure."""
-    with atomic_file(path, error) as partial:
+def write_file(path: Path, content: bytes) -> None:
+    """Write ``content`` to ``path``; replace an earlier file. Raises `InputError` on failure."""
+    with atomic_file(path) as partial:
         partial.write_bytes(content)
 
 

@@ -64,7 +64,7 @@ class Stamp:
         return made
 
     @classmethod
-    def from_seconds(cls, seconds: str, clock: str = "tracker") -> "Stamp":
+    def from_seconds(cls, seconds: str) -> "Stamp":
         """Read decimal seconds from text exactly, without conversion to a binary float.
 
         Raises `StampError` for text that is not a number or out of range.
@@ -80,7 +80,7 @@ class Stamp:
                 f"time {seconds!r} is not a finite number of seconds within the range; "
                 f"expected at most {_MAX_S:g} s in size"
             )
-        return cls(int((number * NS_PER_S).to_integral_value()), clock)
+        return cls(int((number * NS_PER_S).to_integral_value()))
 
     def age_ns(self, now: "Stamp") -> int:
         """Time in ns from this stamp to ``now``; negative if this stamp is in the future."""

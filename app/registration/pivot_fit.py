@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from app.geometry import FloatArray, Transform
-from app.registration.input_checks import ConvergenceError, ShapeError, TooFewError
+from app.registration.input_checks import ConvergenceError, TooFewError
 from app.registration.pose_stack import PoseNoise, PoseStack, select_poses
 
 MIN_POSES = 10
@@ -151,23 +151,20 @@ EXPECTED_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
 """Noise of an electromagnetic tracker, for the expected covariance."""
 
 
-def select_pivot_poses(
-    poses: Sequence[Transform], *, max_tip_sigma_mm: float = 0.25
-) -> tuple[int, ...]:
+MAX_TIP_SIGMA_MM = 0.25
+
+
+def select_pivot_poses(poses: Sequence[Transform]) -> tuple[int, ...]:
     """Return indices of poses at the widest spacing that is expected to determine the tip.
 
-    The expected sigma of the tip is to be at most ``max_tip_sigma_mm``; without such a spacing the
+    The expected sigma of the tip is to be at most `MAX_TIP_SIGMA_MM`; without such a spacing the
     narrowest is used, and the fit decides. Raises `TooFewError` for fewer than 10 poses even at the
     narrowest spacing.
     """
-    if not (math.isfinite(max_tip_sigma_mm) and max_tip_sigma_mm > 0.0):
-        raise ShapeError(
-            f"max_tip_sigma_mm is {max_tip_sigma_mm}; expected a finite number above 0"
-        )
     selected: tuple[int, ...] = ()
     for spacing in SPACINGS_RAD:
         selected = select_poses(poses, min_distance_mm=0.0, min_angle_rad=spacing)
-        if expected_tip_sigma_mm([poses[index] for index in selected]) <= max_tip_sigma_mm:
+        if expected_tip_sigma_mm([poses[index] for index in selected]) <= MAX_TIP_SIGMA_MM:
             return selected
     if len(selected) < MIN_POSES:
         turn = max(pose.angle_to(poses[0]) for pose in poses)
@@ -179,8 +176,8 @@ def select_pivot_poses(
     return selected
 
 
-def expected_tip_sigma_mm(poses: Sequence[Transform], noise: PoseNoise = EXPECTED_NOISE) -> float:
-    """Expected 3-D RMS error of the tip from ``poses`` with ``noise``; infinite if undetermined."""
+def expected_tip_sigma_mm(poses: Sequence[Transform]) -> float:
+    """Expected 3-D RMS error of the tip by `EXPECTED_NOISE`; infinite if undetermined."""
     if len(poses) < MIN_POSES:
         return math.inf
     stack = PoseStack(
@@ -189,7 +186,7 @@ def expected_tip_sigma_mm(poses: Sequence[Transform], noise: PoseNoise = EXPECTE
         np.stack([pose.rotation for pose in poses]),
         np.stack([pose.translation_mm for pose in poses]),
     )
-    jacobian = jacobian_of(fit_linear(stack, noise), stack).reshape(-1, 6)
+    jacobian = jacobian_of(fit_linear(stack, EXPECTED_NOISE), stack).reshape(-1, 6)
     information = jacobian.T @ jacobian
     if np.linalg.cond(information) > 1e12:
         return math.inf

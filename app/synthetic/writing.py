@@ -64,13 +64,11 @@ MARGINS = {"stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50.0}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedCase:
-    """A simulation, the options and the seed it was made with, and the robot of its manifest."""
+    """A simulation, with the options and the seed it was made with."""
 
     simulation: Simulation
     options: CaseOptions
     seed: int
-    urdf: str
-    tool_link: str
 
     @property
     def offset_ns(self) -> int:
@@ -206,24 +204,21 @@ def simulate_case(
     seed: int,
     arm: ArmKinematics,
     options: CaseOptions | None = None,
-    urdf: str = TOUCH_URDF,
-    tool_link: str = TOOL_LINK,
     command: str | None = None,
     structures: bool = False,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Write a simulated lumpectomy to ``folder``, which must be new or empty.
 
-    The same ``seed``, ``arm`` and ``options`` give the same bytes. ``urdf`` and ``tool_link`` are
-    written to the manifest: they must describe ``arm``, and the link's origin must be the tool's
-    tip. With ``structures`` the case has a second lesion and a chest wall, in schema 2. ``command``
-    is what the case's README says that it was made by. Raises `InputError` when
-    the folder cannot be written, or the errors in ``options`` hide a breach; no folder is left
-    after an error. ``on_frame(done, total)`` is called for each simulated frame, with the periods
-    of the tracker so far and in all.
+    The same ``seed``, ``arm`` and ``options`` give the same bytes. ``arm`` has the kinematics of
+    `TOUCH_URDF`, which the manifest names. With ``structures`` the case has a second lesion and a
+    chest wall, in schema 2. ``command`` is what the case's README says that it was made by. Raises
+    `InputError` when the folder cannot be written, or the errors in ``options`` hide a breach; no
+    folder is left after an error. ``on_frame(done, total)`` is called for each simulated frame,
+    with the periods of the tracker so far and in all.
     """
     with new_folder(folder, may_be_empty=True) as partial:
-        case, recorded = _made(seed, arm, options, urdf, tool_link)
+        case, recorded = _made(seed, arm, options)
         recording = partial / RECORDING
         with Recorder(recording, robot_to_tracker_offset_ns=case.offset_ns) as recorder:
             count = _replayed(case, recorded, recorder.write, on_frame)
@@ -241,14 +236,14 @@ def simulate_unrecorded_case(
     """
     frames: list[TrackingFrame] = []
     with new_folder(folder, may_be_empty=True) as partial:
-        case, recorded = _made(seed, arm, options, TOUCH_URDF, TOOL_LINK)
+        case, recorded = _made(seed, arm, options)
         count = _replayed(case, recorded, frames.append, lambda done, total: None)
         _write(partial, case, recorded, count, None, None)
     return frames_as_read(frames, robot_to_tracker_offset_ns=case.offset_ns)
 
 
 def _made(
-    seed: int, arm: ArmKinematics, options: CaseOptions | None, urdf: str, tool_link: str
+    seed: int, arm: ArmKinematics, options: CaseOptions | None
 ) -> tuple[SimulatedCase, Recording]:
     """A simulated case, and what is recorded of it."""
     options = CaseOptions() if options is None else options
@@ -258,7 +253,7 @@ def _made(
         options,
         contour_random=np.random.default_rng([seed, 2]),
     )
-    case = SimulatedCase(simulation, options, seed, urdf, tool_link)
+    case = SimulatedCase(simulation, options, seed)
     encoders = Encoders(options.errors, len(arm.joint_names), np.random.default_rng([seed, 3]))
     tracker = SimulatedTracker(options.tracker, [seed, 1])
     return case, Recording(simulation, tracker, encoders=encoders, offset_ns=case.offset_ns)
@@ -338,9 +333,9 @@ def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
             "pose": {"matrix": calibrated[1].matrix.ravel().tolist()},
         },
         "robot": {
-            "urdf": case.urdf,
+            "urdf": TOUCH_URDF,
             "base_frame": BASE_FRAME,
-            "tool_link": case.tool_link,
+            "tool_link": TOOL_LINK,
             "joint_states": JOINT_STATES_TOPIC,
         },
         "registration": {

@@ -26,7 +26,6 @@ from app.runtime import (
     HoldKeeper,
     LiveRun,
     OperatorCommands,
-    Output,
     PreparedLive,
     RequestKind,
 )
@@ -67,7 +66,6 @@ def live_node(
     namespace: str,
     constraint_hz: float,
     ros: RosNode | None = None,
-    outputs: Sequence[Output] = (),
     audit: Path | None = None,
     cases: Path | None = None,
     displays: Sequence[str] = (),
@@ -75,11 +73,10 @@ def live_node(
     """Join the ROS graph: subscribe to the source of ``prepared``, serve the operator.
 
     With ``ros`` it uses that node, in the node's own thread; the owner of the node destroys its
-    services and subscriptions. ``outputs`` receive every step after the publishers. ``audit`` is
-    the file of the audit log and ``cases`` the folder of the session's recordings, by default below
-    the state folder. ``displays`` are nodes that may send commands, as the operators of the
-    configuration. Raises `SecurityError` if the configuration requires ROS security that this
-    process does not have.
+    services and subscriptions. ``audit`` is the file of the audit log and ``cases`` the folder of
+    the session's recordings, by default below the state folder. ``displays`` are nodes that may
+    send commands, as the operators of the configuration. Raises `SecurityError`
+    if the configuration requires ROS security that this process does not have.
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
     orderly way. Raises the errors of `single_instance`.
@@ -116,7 +113,6 @@ def live_node(
                 audit=audit,
                 cases=cases,
                 displays=displays,
-                further=outputs,
             )
         )
         compute = opened(_compute_process(prepared.setup))

@@ -82,9 +82,8 @@ def live_outputs(
     audit: Path | None,
     cases: Path | None,
     displays: Sequence[str],
-    further: Sequence[Output],
 ) -> Iterator[LiveOutputs]:
-    """The outputs of the session that ``publisher`` publishes; ``further`` are those of the caller.
+    """The outputs of the session that ``publisher`` publishes.
 
     Within the context the audit log is written. At its end a running recording is finished.
     """
@@ -128,7 +127,6 @@ def live_outputs(
             *wrench,
             AuditOutput(log, content, time.monotonic_ns),
             depth,
-            *further,
             shown,
         )
         yield LiveOutputs(in_order, twists, depth, shown, images, requests, recorder)

@@ -265,14 +265,12 @@ def said_by(device: str, header: Header, body: bytes) -> bool | str | None:
 ActivationInput = TopicActivation | IgtlActivation
 
 
-def activation_input(
-    ros: RosNode, config: LiveCase, clock_ns: Callable[[], int] = time.monotonic_ns
-) -> ActivationInput | None:
+def activation_input(ros: RosNode, config: LiveCase) -> ActivationInput | None:
     """The input of the activation by ``config``; None for a session without it."""
     entry: ActivationEntry | None = config.case.manifest.activation
     if entry is None:
         return None
     trail = ActivationTrail(entry.stale_after_ns)
     if entry.topic is not None:
-        return TopicActivation(ros, entry.topic, trail, clock_ns)
-    return IgtlActivation(entry.device or "", trail, clock_ns)
+        return TopicActivation(ros, entry.topic, trail, time.monotonic_ns)
+    return IgtlActivation(entry.device or "", trail, time.monotonic_ns)

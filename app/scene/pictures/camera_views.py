@@ -146,18 +146,17 @@ def preset_camera(
     *,
     ras_from_patient: FloatArray | None = None,
     angle_deg: float = VIEW_ANGLE_DEG,
-    aspect: float = 1.0,
 ) -> Camera:
     """A camera at the side ``preset`` that shows all of ``points`` (n, 3), superior up.
 
     From above and below, anterior is up. ``ras_from_patient`` (3, 3) turns the sides where the
-    patient's axes are not those of RAS. ``angle_deg`` and ``aspect`` as for `fit`.
+    patient's axes are not those of RAS. ``angle_deg`` as for `fit`.
     """
     turn = np.eye(3) if ras_from_patient is None else ras_from_patient
     towards = np.array(preset.value)
     above = Preset.ANTERIOR if preset in (Preset.SUPERIOR, Preset.INFERIOR) else Preset.SUPERIOR
     up = np.array(above.value)
-    return fit(points, turn @ towards, turn @ up, angle_deg=angle_deg, aspect=aspect)
+    return fit(points, turn @ towards, turn @ up, angle_deg=angle_deg, aspect=1.0)
 
 
 def bullseye(
