@@ -8,13 +8,12 @@ from .image_messages import (
     receive_images,
     send_images,
 )
-from .source import PORT, IgtlSource, SampleQueue
+from .source import IgtlSource, SampleQueue
 from .tracked_poses import PoseServer
 from .wire import Header, IgtlError, Unread, pack_string, read_string
 
 __all__ = [
     "MAX_IMAGE_BODY_BYTES",
-    "PORT",
     "DeviceImages",
     "Header",
     "IgtlError",

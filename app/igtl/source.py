@@ -25,9 +25,6 @@ from app.igtl.wire import (
     start_tracking_request,
 )
 
-PORT = 18944
-"""Port registered with IANA for OpenIGTLink."""
-
 SILENCE_S = 5.0
 """Silence after which a server counts as lost; PLUS sends a keep-alive message every 0.5 s."""
 
