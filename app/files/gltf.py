@@ -18,7 +18,8 @@ from urllib.parse import unquote
 from jsonschema import ValidationError
 from trimesh.exchange.gltf import load_gltf, validate
 
-from app.files.mesh_checks import MeshOptions, read_linked
+from app.files.linked_files import read_linked
+from app.files.mesh_checks import MeshOptions
 from app.geometry import InputError
 
 MAX_JSON_BYTES = 32 * 1024 * 1024

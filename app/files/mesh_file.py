@@ -131,7 +131,7 @@ def _trimesh_keywords(content: bytes, path: Path, options: MeshOptions) -> dict[
     """Keywords of `trimesh.load_scene` for the file."""
     from trimesh.exchange.load import mesh_loaders
 
-    from app.files.mesh_checks import MaterialFiles
+    from app.files.linked_files import MaterialFiles
 
     kind = path.suffix.lower().removeprefix(".")
     load: Any = mesh_loaders[kind]
