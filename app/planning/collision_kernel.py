@@ -7,15 +7,13 @@ line between them. That way is bounded by the velocity in the middle and the lar
 An interval for which that does not hold is bisected, for the pairs of bodies that it leaves open.
 """
 
-import hashlib
 import math
-from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.fixture.jit import compiled, inlined, kernel
+from app.fixture.jit import compiled, inlined, kernel, renew_with
 from app.fixture.vectors import (
     Vector,
     add,
@@ -204,14 +202,4 @@ def blocking_pair(
     return FREE
 
 
-def _renew_with(function: object, *sources: str) -> None:
-    """Compile ``function`` again when one of the files ``sources``, which it calls, has changed.
-
-    The cache of `compiled` is valid until a file of `app.fixture` or this file changes.
-    """
-    cache_file = cast(Any, function)._cache._cache_file
-    for source in sources:
-        cache_file._version += f" {hashlib.sha256(Path(source).read_bytes()).hexdigest()}"
-
-
-_renew_with(blocking_pair, link_kernel.__file__, collision_distance.__file__)
+renew_with(blocking_pair, link_kernel.__file__, collision_distance.__file__)

@@ -59,32 +59,42 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     [0.5, 3.3]
     """
     points = as_points(points_mm, "points_mm of a target error")
-    variances = _tre_kernel().variance_mm2(*_trace_terms(result), *points.T)
+    variances = load_tre_kernel().variance_mm2(*_trace_terms(result), *points.T)
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
 def largest_tre(
-    result: RegistrationResult, tip: Transform, other_tip: Transform, points_mm: FloatArray
+    result: RegistrationResult,
+    fixed_from_tip: Transform,
+    points_from_tip: Transform,
+    points_mm: FloatArray,
 ) -> float:
-    """The largest of `predict_tre` at the tip of a tool and at points (m, 3), without checks.
+    """The largest of `predict_tre` in mm at the tip of a tool and at points, without checks.
 
-    ``tip`` is its pose in the fixed frame, ``other_tip`` that in the frame of the points.
+    ``points_mm`` (m, 3) are in the frame of ``points_from_tip``. Without a covariance it raises as
+    `predict_tre`.
     """
-    variance_mm2 = _tre_kernel().largest_variance_mm2(
+    variance_mm2 = load_tre_kernel().largest_variance_mm2(
         *_trace_terms(result),
-        tip.rotation,
-        tip.translation_mm,
-        other_tip.rotation,
-        other_tip.translation_mm,
+        fixed_from_tip.rotation,
+        fixed_from_tip.translation_mm,
+        points_from_tip.rotation,
+        points_from_tip.translation_mm,
         points_mm.copy(),  # compiled code is specialised on the layout
     )
     return math.sqrt(max(variance_mm2, 0.0))
 
 
 @cache
-def _tre_kernel() -> ModuleType:
-    from app.registration import tre_kernel  # slow: loads the compiler
+def load_tre_kernel() -> ModuleType:
+    """The compiled error, loaded with the compiler and run once: a step must not wait for it."""
+    from app.registration import tre_kernel
 
+    tip = Transform.identity("fixed", "tip")
+    pose = tip.rotation, tip.translation_mm
+    tre_kernel.largest_variance_mm2(
+        np.zeros((3, 3)), np.zeros(3), 0.0, *pose, *pose, np.zeros((1, 3))
+    )
     return tre_kernel
 
 

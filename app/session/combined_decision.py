@@ -84,12 +84,13 @@ class CombinedDecision:
 def _in_tumor_frame(
     proximity: Proximity | None, steps: Sequence[StructureStep], number: int
 ) -> Proximity | None:
-    tumor_tip, tip = steps[0].structure_from_tip, steps[number].structure_from_tip
+    tumor_from_tip = steps[0].structure_from_tip
+    structure_from_tip = steps[number].structure_from_tip
     if number == 0 or proximity is None:
         return proximity
-    if tumor_tip is None or tip is None:
+    if tumor_from_tip is None or structure_from_tip is None:
         return None
-    rows = _placed(proximity.witnesses.rows, tip, tumor_tip, planes=False)
+    rows = _placed(proximity.witnesses.rows, structure_from_tip, tumor_from_tip, planes=False)
     return replace(proximity, witnesses=Witnesses.of_rows(rows))
 
 
@@ -106,17 +107,20 @@ def _joined(
     The governing plane is first. Of more planes the nearest are kept, and far structures have none;
     the free motion then ends before one of those that are left out is reached.
     """
-    tumor_tip = steps[0].structure_from_tip
+    tumor_from_tip = steps[0].structure_from_tip
     planes: list[FloatArray] = []
     owners: list[int] = []
     free = [_free_up_to(far_mm, radius_mm)]
     near = [number for number, each in enumerate(steps) if each.at_least_mm is None]
     for number in (governing, *(each for each in near if each != governing)):
-        constraint, tip = steps[number].decision.constraint, steps[number].structure_from_tip
-        if constraint is None or tumor_tip is None or tip is None:
+        structure_from_tip = steps[number].structure_from_tip
+        constraint = steps[number].decision.constraint
+        if constraint is None or tumor_from_tip is None or structure_from_tip is None:
             return None
         rows = constraint.rows
-        planes.append(_placed(rows, tip, tumor_tip, planes=True) if number > 0 else rows)
+        if number > 0:
+            rows = _placed(rows, structure_from_tip, tumor_from_tip, planes=True)
+        planes.append(rows)
         owners += [number] * len(rows)
         free.append(constraint.free)
     rows = np.concatenate(planes)
@@ -129,18 +133,17 @@ def _joined(
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=least), tuple(owners)
 
 
-def _placed(rows: FloatArray, tip: Transform, tumor_tip: Transform, *, planes: bool) -> FloatArray:
-    """``rows`` (k, 10) of witnesses, or of ``planes``, of a structure in the tumour's frame.
-
-    The tip is at ``tip`` in the structure's frame and at ``tumor_tip`` in the tumour's.
-    """
+def _placed(
+    rows: FloatArray, structure_from_tip: Transform, tumor_from_tip: Transform, *, planes: bool
+) -> FloatArray:
+    """``rows`` (k, 10) of witnesses, or of ``planes``, of a structure in the tumour's frame."""
     placed = np.empty(rows.shape)
     _place(
         rows,
-        tip.rotation,
-        tip.translation_mm,
-        tumor_tip.rotation,
-        tumor_tip.translation_mm,
+        structure_from_tip.rotation,
+        structure_from_tip.translation_mm,
+        tumor_from_tip.rotation,
+        tumor_from_tip.translation_mm,
         planes,
         placed,
     )

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from app.case import JointSample
-from app.fixture.jit import inlined, kernel
+from app.fixture.jit import inlined, kernel, renew_with
 from app.fixture.vectors import Vector, add_scaled, length, point_distance, row, sub
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.registration import RegistrationDrift, check_drift
+from app.session import relations, sensor_motion
 from app.session.relations import ENDS_AFTER_NS
 from app.session.sensor_motion import (
     MAX_POSES,
@@ -272,6 +273,10 @@ def _vector(a: FloatArray) -> Vector:
 @inlined
 def _set(a: FloatArray, v: Vector) -> None:
     a[0], a[1], a[2] = v
+
+
+for _function in (_update_change, _end):
+    renew_with(_function, sensor_motion.__file__, relations.__file__)
 
 
 class JointCheck:

@@ -4,8 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
-
 from app.fixture import (
     FixtureDecision,
     MarginMonitor,
@@ -24,12 +22,7 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
-from app.registration import (
-    RegistrationResult,
-    given_registration,
-    largest_tre,
-    predict_tre,
-)
+from app.registration import RegistrationResult, largest_tre, load_tre_kernel, predict_tre
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity, oldest
 from app.session.setup import REFERENCE, SessionSetup
@@ -52,10 +45,7 @@ class StructureGuard:
         margins = structure.margins(setup.margins)
         self._monitor = MarginMonitor(margins, frame=structure.name)
         self._begin()
-        # Run the kernel once, so that the first step does not wait for the compiler.
-        tip = Transform.identity("reference", "tip")
-        registration = given_registration(tip, np.eye(6))
-        largest_tre(registration, tip, tip, np.zeros((1, 3)))
+        load_tre_kernel()
 
     def use(self, structure: Structure, setup: SessionSetup, *, motion_changed: bool) -> bool:
         """Continue with ``structure``; True if its shape, pose or tool has changed.

@@ -1,6 +1,7 @@
 """A session that does not measure far structures decides as one that measures all."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,13 +17,17 @@ from app.geometry import (
     TrackingStatus,
     Transform,
 )
+from app.registration import DriftBound, given_registration, tre_growth
+from app.robot import load_robot
 from app.session import Session, structure_line
 from app.session.far_structures import BEYOND_MM, FarStructures
 from app.session.pose_tree import MeasuredPose
+from app.session.setup import REFERENCE, RobotSetup, TrackingError
 from marginguard import open_case
 from tests.doubles import near
+from tests.oracles.fixture_oracle import random_pose
 from tests.session.far_step import far_step
-from tests.session.structure_worlds import random_bodies, setup_of, tracker_poses
+from tests.session.structure_worlds import TIP, random_bodies, setup_of, tracker_poses
 
 pytestmark = pytest.mark.slow
 
@@ -125,39 +130,98 @@ def test_far_structure_is_written_with_the_bound_of_its_distance(project_root):
     assert "at_least_mm" not in wall_values
 
 
+def poses_at(setup, now, tip):
+    """The tool in all frames of the structures, so that its tip is at ``tip`` in each."""
+    tool = tip @ setup.tool_from_tip.inverse()
+    names = {REFERENCE, *(each.frame_from_structure.target for each in setup.guarded)}
+    return {
+        name: MeasuredPose(
+            Transform(name, "cautery", tool.rotation, tool.translation_mm), now, 0, frozenset()
+        )
+        for name in names
+    }
+
+
+def observed(now, *problems, sigma_mm=0.0):
+    return MarginObservation(now, now, None, frozenset(problems), sigma_mm, 0)
+
+
+def measured(now, distance_mm):
+    return FixtureDecision(
+        MarginState.NEGATIVE,
+        (Reason.CLEAR,),
+        near(distance_mm, slack_mm=0.0, stamp=now),
+        *(None, None),
+        hold=False,
+        stamp=now,
+        seq=1,
+        constraint_is_current=True,
+    )
+
+
 def test_pose_of_a_failed_step_is_not_that_of_a_later_distance():
     setup = setup_of(random_bodies(np.random.default_rng(1), 2))
-    far, frames = FarStructures(setup), {each.frame_from_structure.target for each in setup.guarded}
+    far = FarStructures(setup)
 
     def found(ms, x_mm, *problems):
         now = Stamp(NS_PER_S + ms * NS_PER_MS)
-        tools = {
-            name: MeasuredPose(
-                Transform(name, "cautery", np.eye(3), [x_mm, 0.0, 0.0]), now, 0, frozenset()
-            )
-            for name in frames
-        }
-        first = MarginObservation(now, now, None, frozenset(problems), 0.0, 0)
-        return now, far.found(tools, first)
+        tip = Transform("tracker", "cautery_tip", np.eye(3), [x_mm, 0.0, 0.0])
+        return now, far.found(poses_at(setup, now, tip), observed(now, *problems))
 
     def end(now):
-        decision = FixtureDecision(
-            MarginState.NEGATIVE,
-            (Reason.CLEAR,),
-            near(200.0, stamp=now),
-            *(None, None),
-            hold=False,
-            stamp=now,
-            seq=1,
-            constraint_is_current=True,
-        )
-        far.end(now, {}, {1: decision})
+        far.end(now, {}, {1: measured(now, 200.0)})
 
     end(found(0, 300.0)[0])
     assert found(20, 200.0)[1][1].at_least_mm == pytest.approx(100.0, abs=0.01)
     # That step fails: it has no end.
     end(found(40, 300.0, Reason.MISSING)[0])
     assert found(60, 200.0)[1] == {}
+
+
+def test_clearance_of_a_far_structure_is_that_of_the_largest_margin(project_root):
+    """Its distance and its margin, wherever the witnesses are, by NumPy."""
+    rng = np.random.default_rng(6)
+    arm = load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
+    counts = np.zeros(2, dtype=int)
+    for _ in range(60):
+        factor = rng.normal(size=(6, 6)) * np.repeat([0.004, 0.3], 3)[:, None]
+        registration = given_registration(
+            random_pose(rng, 50.0, REFERENCE, "robot_base"), factor @ factor.T
+        )
+        setup = replace(
+            setup_of(random_bodies(rng, 3)),
+            tracking=TrackingError(sigma_mm=rng.uniform(0.0, 1.0), sigma_rad=rng.uniform(0, 0.02)),
+            tip_sigma_mm=0.3,
+            robot=RobotSetup(arm, "robot_base", "stylus", registration, DriftBound(5.0, 0.1)),
+        )
+        far, now = FarStructures(setup), Stamp(NS_PER_S)
+        before, after = (random_pose(rng, 60.0, "tracker", "cautery_tip") for _ in range(2))
+        distances_mm = rng.uniform(60.0, 500.0, 3)
+        far.found(poses_at(setup, now, before), observed(now))
+        far.end(now, {}, {k: measured(now, distances_mm[k]) for k in (1, 2)})
+        sigma_mm, now = rng.uniform(0.0, 2.0), Stamp(NS_PER_S + 20 * NS_PER_MS)
+        found = far.found(poses_at(setup, now, after), observed(now, sigma_mm=sigma_mm))
+        turn_rad = np.linalg.norm((before.inverse() @ after).rotation_vector)
+        way_mm = np.linalg.norm(after.translation_mm - before.translation_mm)
+        lever_mm = np.linalg.norm(after.translation_mm)
+        for k in (1, 2):
+            each = setup.guarded[k]
+            radius_mm, margins = each.proximity.radius_mm, setup.margins
+            at_least_mm = distances_mm[k] - way_mm - radius_mm * turn_rad
+            lever = np.hypot(np.linalg.norm(TIP.translation_mm) + radius_mm, lever_mm + radius_mm)
+            tracking = setup.tracking
+            tracked_mm = np.hypot(np.sqrt(2.0) * tracking.sigma_mm, tracking.sigma_rad * lever)
+            registered_mm = sigma_mm + tre_growth(registration) * radius_mm
+            squares = registered_mm**2 + tracked_mm**2 + each.sigma_mm**2 + setup.tip_sigma_mm**2
+            age_mm = margins.v_max_mm_s * margins.stale_after_ns / NS_PER_S
+            margin_mm = each.stop_mm + margins.k_tre * np.sqrt(squares) + age_mm
+            clearance_mm = at_least_mm - margin_mm
+            needed_mm = each.warn_mm - each.stop_mm + margins.release_band_mm + BEYOND_MM
+            assert (k in found) == (clearance_mm >= needed_mm)
+            counts[int(k in found)] += 1
+            if k in found:
+                assert found[k] == pytest.approx((at_least_mm, clearance_mm), abs=1e-3)
+    assert counts.min() > 20
 
 
 @pytest.mark.parametrize(("seed", "structures"), [(1, 3), (2, 8), (3, 2)])

@@ -5,9 +5,20 @@ import pytest
 import trimesh
 
 from app.case import TrackingFrame
-from app.fixture import LimiterParameters, MarginState, Reason, limit_twist
+from app.fixture import (
+    Constraint,
+    FixtureDecision,
+    LimiterParameters,
+    MarginState,
+    Reason,
+    limit_twist,
+)
+from app.fixture.control.constraint import MAX_PLANES
+from app.fixture.proximity.values import FreeMotion
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, Transform
 from app.session import Role, Session
+from app.session.combined_decision import CombinedDecision
+from app.session.structure import StructureStep
 from tests.fixture.control.guarded_loop import Guard
 from tests.session.structure_worlds import (
     TIP,
@@ -32,6 +43,48 @@ def test_planes_of_all_structures_permit_no_motion_into_one():
     judged = [judge_planes(rng, motions=60) for _ in range(6)]
     assert sum(each.motions for each in judged) > 100
     assert any(each.left_out for each in judged)
+
+
+@pytest.mark.parametrize("decimals", [0, 6])  # 0: many planes have equal clearances
+def test_nearest_planes_are_kept_and_motion_ends_before_the_others(decimals):
+    rng = np.random.default_rng(4)
+    ends = set()
+    for _ in range(200):
+        rows = rng.normal(0.0, 3.0, (rng.integers(2, 5), rng.integers(3, 9), 10)).round(decimals)
+        free = FreeMotion(*rng.uniform(0.0, 4.0, 2))
+        steps = [step_of(each, free) for each in rows]
+        far_mm = rng.uniform(0.0, 8.0)
+        combined = CombinedDecision()
+        constraint = combined.of(steps, 20.0, far_mm).constraint
+        rows, owners = np.concatenate(rows), np.repeat(np.arange(len(rows)), len(rows[0]))
+        clearances = np.einsum("ij,ij->i", rows[:, 1:4], rows[:, 4:7]) - rows[:, 0]
+        order = [0, *1 + np.argsort(clearances[1:], kind="stable")]
+        kept, others = np.sort(order[:MAX_PLANES]), order[MAX_PLANES:]
+        np.testing.assert_allclose(constraint.rows, rows[kept], atol=1e-12)
+        assert combined.half_spaces_of == tuple(owners[kept])
+        left_out_mm = max(min(clearances[others], default=np.inf), 0.0)
+        limits_mm = [free.distance_mm, far_mm, left_out_mm]
+        assert constraint.free.distance_mm == pytest.approx(min(limits_mm))
+        turns_rad = [free.turn_rad, far_mm / 20.0, left_out_mm / 20.0]
+        assert constraint.free.turn_rad == pytest.approx(min(turns_rad))
+        ends.add(int(np.argmin(limits_mm)))
+    assert ends == {0, 1, 2}
+
+
+def step_of(rows, free):
+    """A structure with these planes; the tool is at its origin."""
+    decision = FixtureDecision(
+        MarginState.NEGATIVE,
+        (Reason.CLEAR,),
+        *(None, None),
+        Constraint.unchecked("tumor", rows, hold=False, free=free),
+        hold=False,
+        stamp=Stamp(1),
+        seq=1,
+        constraint_is_current=True,
+    )
+    tip = Transform.identity("tumor", "tip")
+    return StructureStep("tumor", Role.TARGET, decision, tip, None)
 
 
 def test_jump_of_one_frame_makes_all_structures_unknown():
