@@ -1,3 +1,11 @@
+from .approaches import (
+    Approach,
+    ApproachError,
+    MotionLimits,
+    Robot,
+    load_robot,
+    plan_approach,
+)
 from .cases import (
     PreparedCase,
     StepResult,
@@ -23,6 +31,18 @@ from .constraints import (
     prepare_ros,
     read_constraint,
 )
+from .geometry import (
+    PivotResult,
+    Proximity,
+    ProximityEngine,
+    RegistrationResult,
+    SurfaceMesh,
+    calibrate_pivot,
+    load_mesh,
+    predict_tre,
+    register_points,
+    signed_distance,
+)
 from .live import (
     AddNote,
     ChooseDepth,
@@ -43,28 +63,15 @@ from .margins import (
     Breach,
     MarginParameters,
     MarginState,
-    PivotResult,
-    Proximity,
-    ProximityEngine,
     Reason,
-    RegistrationResult,
-    SurfaceMesh,
-    calibrate_pivot,
     find_breaches,
-    load_mesh,
     margin_table,
     plot_margin,
-    predict_tre,
-    register_points,
-    signed_distance,
 )
 from .planning import (
-    Approach,
-    ApproachError,
     Corridor,
     EntryRegion,
     ForbiddenStructure,
-    MotionLimits,
     Needle,
     NeedleGuidance,
     NeedlePath,
@@ -72,11 +79,8 @@ from .planning import (
     NeedleRobot,
     NeedleTarget,
     NoCorridorError,
-    Robot,
     guide_needle,
-    load_robot,
     needle_constraint,
-    plan_approach,
     plan_needle,
 )
 from .values import InputError, MarginGuardError, Transform

@@ -1,49 +1,30 @@
-"""The margin of a replay, and what it is made of: surfaces, signed distances, registrations."""
+"""The margin of a replay: table, breaches, plot."""
 
-import os
 from collections.abc import Iterable
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from app import analysis, files, report
+from app import analysis, report
 from app.analysis import Breach
-from app.fixture import MarginParameters, MarginState, Proximity, ProximityEngine, Reason
-from app.geometry import InputError, SurfaceMesh, Transform
-from app.registration import (
-    PivotResult,
-    RegistrationResult,
-    calibrate_pivot,
-    predict_tre,
-    register_points,
-)
+from app.fixture import MarginParameters, MarginState, Reason
+from app.geometry import InputError
 from app.report import ReportRow
 from app.runtime import PreparedCase
 from app.session import StepResult
-from marginguard.values import as_path, checked, checked_list, needs
+from marginguard.values import checked, checked_list, needs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-
 __all__ = [
     "Breach",
     "MarginParameters",
     "MarginState",
-    "PivotResult",
-    "Proximity",
-    "ProximityEngine",
     "Reason",
-    "RegistrationResult",
-    "SurfaceMesh",
-    "calibrate_pivot",
     "find_breaches",
-    "load_mesh",
     "margin_table",
     "plot_margin",
-    "predict_tre",
-    "register_points",
-    "signed_distance",
 ]
 
 _STEPS = ", as replay yields"
@@ -108,40 +89,3 @@ def _rows(steps: Iterable[StepResult]) -> list[ReportRow]:
     if not found:
         raise InputError("steps: there are 0; expected at least 1")
     return [ReportRow.from_step(step) for step in found]
-
-
-def load_mesh(path: str | os.PathLike[str], *, units: str, frame: str) -> SurfaceMesh:
-    """Read a surface from an STL, PLY or OBJ file whose unit is ``units`` (``mm``, ``cm``, ``m``).
-
-    The vertices are in mm in ``frame``. A file with ``SPACE=LPS``, as 3D Slicer writes, is
-    converted to RAS. Raises `InputError` for another argument, `MeshError` (a `MarginGuardError`)
-    for a file that cannot be read.
-
-    >>> import marginguard as mg
-    >>> tumor = mg.load_mesh(mg.example_case() / "tumor.stl", units="mm", frame="tumor")
-    >>> tumor.vertices_mm.shape, tumor.open_edges()
-    ((10242, 3), 0)
-    """
-    return files.load_mesh(as_path(path, "path"), units=units, frame=frame)
-
-
-def signed_distance(tool: SurfaceMesh, tumor: SurfaceMesh, tumor_from_tool: Transform) -> Proximity:
-    """The minimum signed distance of the whole ``tool`` to ``tumor``, negative inside, in mm.
-
-    ``tumor_from_tool`` is from ``tool.frame`` to ``tumor.frame``. Prepares both meshes, which takes
-    seconds: for many poses make one `ProximityEngine` and call its ``evaluate``. Raises `MeshError`
-    for a surface that is not closed, `FrameError` for other frames.
-
-    >>> import numpy as np, trimesh
-    >>> import marginguard as mg
-    >>> ball, box = trimesh.creation.icosphere(4, radius=10.0), trimesh.creation.box([4, 4, 4])
-    >>> tumor = mg.SurfaceMesh("tumor", ball.vertices, ball.faces)
-    >>> tool = mg.SurfaceMesh("tool", box.vertices, box.faces)
-    >>> pose = mg.Transform("tumor", "tool", np.eye(3), [0.0, 0.0, 15.0])
-    >>> round(mg.signed_distance(tool, tumor, pose).signed_distance_mm, 1)
-    3.0
-    """
-    checked(tool, SurfaceMesh, "tool")
-    checked(tumor, SurfaceMesh, "tumor")
-    checked(tumor_from_tool, Transform, "tumor_from_tool")
-    return ProximityEngine(tumor, tool).evaluate(tumor_from_tool)
