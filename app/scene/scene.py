@@ -395,5 +395,7 @@ class MarginGuardScene:
     def _pose_node(self, frame: str) -> vtkMRMLLinearTransformNode:
         node = self.tree.node(frame)
         if node is None:
-            raise SceneError(f"frame {frame!r} has no pose in the scene; expected place before")
+            raise SceneError(
+                f"frame {frame!r} has no pose in the scene; expected `place` to be called first"
+            )
         return node

@@ -9,7 +9,6 @@ from functools import cache
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +28,6 @@ from app.scene.convert import numpy_array, vtk_array
 from app.scene.offscreen import SceneError, use_offscreen_rendering
 from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera, look_through
 from app.session import ShownState
-
-if TYPE_CHECKING:
-    pass
 
 Pixels = NDArray[np.uint8]
 
