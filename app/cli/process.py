@@ -1,4 +1,4 @@
-"""Process of a command: SIGINT, SIGTERM and standard input that does not hinder its end; memory.
+"""Control of the process that runs a command.
 
 A command that writes files lets them raise, so that half-written files are removed
 (`raise_signals`).
