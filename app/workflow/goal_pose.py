@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,7 +50,7 @@ class GoalPose:
 
     def __init__(self, plan: Plan, planned: Callable[[str], None]) -> None:
         self._plan, self._planned = plan, planned
-        self._answers: deque[tuple[str, str]] = deque()
+        self._answers: deque[tuple[object, str, str]] = deque()
         self._content: SessionContent | None = None
         self._step: StepResult | None = None
         self._goal: Transform | None = None
@@ -59,7 +60,8 @@ class GoalPose:
         """The joints that move the tool's link, at the goal."""
         self._clearance_mm = 0.0
         self._silent = self._problem = self._status = ""
-        self._is_planning = False
+        self._request: object | None = None
+        """The request for a plan whose answer is awaited; answers of all others are dropped."""
         self.links: Mapping[str, Transform] = {}
         """``root_from_link`` of the arm at the goal, or at the last one that it reaches."""
         self.revision = 0
@@ -75,8 +77,10 @@ class GoalPose:
         if self._goal is not None and known is not content:
             self.end()
         while self._answers:
-            text, problem = self._answers.popleft()
-            self._is_planning = False
+            request, text, problem = self._answers.popleft()
+            if request is not self._request:
+                continue
+            self._request = None
             try:
                 if text:
                     self._planned(text)
@@ -101,15 +105,15 @@ class GoalPose:
         measured = {} if step.joints is None else step.joints.as_mapping()
         known = robot.robot.actuated_joint_names
         self._joints = {name: at for name, at in measured.items() if name in known}
-        self._clearance_mm, self._status = clearance_mm, ""
+        self._clearance_mm, self._status, self._request = clearance_mm, "", None
         self.links = dict(links)
         self._goal = links[robot.tool_link]
         self.hold()
         self._solve()
 
     def end(self) -> None:
-        """Remove the goal."""
-        self._goal, self._model, self.links = None, None, {}
+        """Remove the goal; the answer to a request for its plan is dropped."""
+        self._goal, self._model, self._request, self.links = None, None, None, {}
         self._problem = self._status = ""
         self.revision += 1
 
@@ -153,11 +157,12 @@ class GoalPose:
         """Ask for an approach to the goal. Raises `InputError` while the arm is not at it."""
         if self._goal is None or self._problem:
             raise InputError(f"goal: {self._problem or 'there is none'}; expected a free one")
-        if self._is_planning:
+        if self._request is not None:
             raise InputError("goal: an approach is being planned; expected its end")
-        self._is_planning, self._status = True, "planning..."
+        self._request, self._status = object(), "planning..."
         self.revision += 1
-        self._plan(dict(self._reached), self._clearance_mm, self._answer)
+        answer = partial(self._answer, self._request)
+        self._plan(dict(self._reached), self._clearance_mm, answer)
 
     def shown(self) -> GoalShown | None:
         """Texts at the last `update`; None for a session without a registered robot."""
@@ -168,11 +173,11 @@ class GoalPose:
         if self._goal is not None:
             x, y, z = self._goal.translation_mm.round(1).tolist()
             place = f"{x:g}, {y:g}, {z:g} mm from the root of the robot"
-        can_plan = self._goal is not None and not self._problem and not self._is_planning
+        can_plan = self._goal is not None and not self._problem and self._request is None
         return GoalShown(self._goal is not None, place, self._problem, self._status, can_plan)
 
-    def _answer(self, text: str, problem: str) -> None:
-        self._answers.append((text, problem))
+    def _answer(self, request: object, text: str, problem: str) -> None:
+        self._answers.append((request, text, problem))
         self.revision += 1
 
     def _robot(self) -> tuple[RobotSetup, StepResult]:

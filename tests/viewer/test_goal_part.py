@@ -148,6 +148,27 @@ def test_plan_to_the_goal_is_asked_for_and_shown(page, moment, robot, tmp_path):
     assert page.view.added[Part.GHOST]
 
 
+def test_answer_that_comes_after_the_end_of_its_goal_is_dropped(page, moment, robot, tmp_path):
+    plan = write_approach(tmp_path / "plan.json", robot, moment.content.setup_id).read_text()
+    for end in (page.goal.end, lambda: None):  # a goal is set in place of another, too
+        page.goal.begin(5.0)
+        page.goal.plan()
+        old = page.asked[-1][2]
+        end()
+        page.goal.begin(5.0)
+        for text, problem in ((plan, ""), ("", "out of time")):
+            old(text, problem)
+            values = page.show()
+            assert (values["is_active"], values["status"], values["can_plan"]) == (True, "", True)
+        page.goal.plan()
+        old(plan, "")
+        values = page.show()
+        assert (values["is_active"], values["status"]) == (True, "planning...")
+        assert page.part.values()["approach"] is None
+    page.asked[-1][2]("", "start: in collision")
+    assert page.show()["status"] == "start: in collision"
+
+
 def test_goal_needs_the_present_place_of_the_tool(page, moment):
     unknown = replace(moment.step, links={})
     for changes, problem in (
