@@ -95,7 +95,16 @@ def test_arm_follows_the_handle_of_the_goal_or_says_why_not(replayed, applicatio
     place_handle(handle, (-2000.0, 0.0, 0.0), scale=2.0)
     assert replayed.refresh().plans.goal == shown  # a goal is not scaled
     place_handle(handle, (-2000.0, 0.0, 0.0))
-    assert replayed.refresh().plans.goal.problem == ""
+    back = replayed.refresh().plans.goal
+    assert back.problem == ""
+
+    other = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    place_handle(other, (10.0, 0.0, 0.0))
+    handle.SetAndObserveTransformNodeID(other.GetID())
+    place_handle(handle, (1.0, 0.0, 0.0))
+    assert replayed.refresh().plans.goal == back
+    np.testing.assert_allclose(world_matrix(handle), moved, atol=1e-6)  # below the robot's base
+    application.scene.RemoveNode(other)
 
     application.scene.RemoveNode(handle)
     assert replayed.refresh().plans.goal.is_active is False

@@ -36,11 +36,12 @@ class GoalHandle:
         if self._node is None:
             node = self._node = scene.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", NAME)
             node.SetSaveWithScene(False)
-            node.SetAndObserveTransformNodeID(base.GetID())
             node.CreateDefaultDisplayNodes()
             display = node.GetDisplayNode()
             display.SetEditorScalingEnabled(False)
             display.SetEditorVisibility(True)
+        if self._node.GetTransformNodeID() != base.GetID():  # a new node, or the user has moved it
+            self._node.SetAndObserveTransformNodeID(base.GetID())
             self._pose = None
         if self._goal.pose is self._pose:
             self._follow(step.frame.stamp.ns)
