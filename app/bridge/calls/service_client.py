@@ -135,6 +135,15 @@ class PendingReply:
         """True if `result` returns at once."""
         return bool(self._future.done())
 
+    def when_done(self, callback: Callable[[Any], None]) -> None:
+        """Call ``callback(reply)`` in the node's thread; never called after `cancel`."""
+
+        def on_reply(future: Future) -> None:
+            if not self._cancelled:
+                callback(future.result())
+
+        self._future.add_done_callback(on_reply)
+
     def result(self, timeout_s: float, cancel: threading.Event | None = None) -> Any:
         """Wait for the reply and return it.
 

@@ -47,6 +47,18 @@ def test_plain_values_are_checked_and_sent(ros, peer):
         echo.call({"data": 1}, timeout_s=DEADLINE_S)
 
 
+def test_started_call_passes_its_reply_to_a_callback(ros, peer):
+    echo = ServiceClient(ros, SetBool, "/peer/echo")
+    echo.wait(DEADLINE_S)
+    replies, arrived = [], threading.Event()
+    echo.call({}, timeout_s=DEADLINE_S, repeat_s=1.0)  # afterwards both have discovered each other
+    pending = echo.start(SetBool.Request(data=True))
+    pending.when_done(lambda reply: (replies.append(reply), arrived.set()))
+    assert pending.result(DEADLINE_S).success
+    assert arrived.wait(DEADLINE_S)
+    assert replies[0] is pending.result(0.0)
+
+
 def test_reply_is_kept_in_a_burst_of_replies_to_another_client(ros, domain_id):
     taking, proceed = threading.Event(), threading.Event()
     with RosNode("server", domain_id=domain_id) as server, RosNode("b", domain_id=domain_id) as b:
@@ -101,6 +113,18 @@ def test_call_is_cancelled_from_another_thread(slow, peer):
             call.result(DEADLINE_S)
 
 
+def test_cancelled_call_does_not_call_back(slow, ros, peer):
+    replies = []
+    pending = slow.start(Trigger.Request())
+    pending.when_done(replies.append)
+    pending.cancel()
+    with pytest.raises(CallCancelledError):
+        pending.result(1.0)
+    ServiceClient(ros, TRIGGER, "/peer/go").call({}, timeout_s=DEADLINE_S, repeat_s=1.0)
+    slow.call(Trigger.Request(), timeout_s=DEADLINE_S)
+    assert replies == []
+
+
 def test_killed_server_ends_the_call(ros, peer):
     leave = ServiceClient(ros, TRIGGER, "/peer/leave")
     leave.wait(DEADLINE_S)
@@ -135,15 +159,17 @@ def test_call_in_the_nodes_own_thread_is_refused(ros, peer):
     echo.wait(DEADLINE_S)
     refused, done = [], threading.Event()
 
-    def inside():
+    def inside(_):
         try:
             echo.call(SetBool.Request(), timeout_s=1.0)
         except CallError as error:
             refused.append(str(error))
         done.set()
 
-    ros.every(0.01, inside)
-    assert done.wait(DEADLINE_S)
+    for _ in range(30):  # until the other process has discovered us and its reply arrives
+        echo.start(SetBool.Request()).when_done(inside)
+        if done.wait(1.0):
+            break
     assert "would block the node's thread" in refused[0]
 
 
