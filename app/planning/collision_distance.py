@@ -327,10 +327,16 @@ def find_nearer(
                 if gap >= least and gap >= least + _moved_along(normal, go, radius, motion):
                     continue
                 distance, p, q = closest_of_triangles(u, v, w, d, e, h)
-                # Only what moves along the line between them brings them together.
-                line = scaled(1.0 / max(distance, 1e-9), sub(q, p))
-                if distance >= least and distance >= least + _moved_along(line, go, radius, motion):
-                    continue
+                if distance >= least:
+                    if motion[3] == 0.0:
+                        continue
+                    # Only what moves along the line between them brings them together. Of slivers
+                    # the line is inexact: the distance along it is that of the corners.
+                    line = scaled(1.0 / max(distance, 1e-9), sub(q, p))
+                    gap = min(dot(line, d), dot(line, e), dot(line, h))
+                    gap -= max(dot(line, u), dot(line, v), dot(line, w))
+                    if gap >= least + _moved_along(line, go, radius, motion):
+                        continue
                 found = distance
                 if exact and distance > 0.0:
                     clearance = distance
