@@ -162,8 +162,8 @@ def prove_path(
 ) -> None:
     """Raise `ApproachError` unless the lines between ``states`` (k, d) keep all clearances.
 
-    The bodies and their clearances are those of `plan_approach`, and so is the proof; ``states``
-    are finite. Raises it, too, when ``is_over``, which is asked at each line, and the errors of
+    The bodies and their clearances are those of `plan_approach`, and so is the proof. Raises it,
+    too, when ``is_over``, which is asked at each line, and the errors of
     `CollisionModel`.
     """
     model = CollisionModel(

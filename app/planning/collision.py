@@ -17,6 +17,8 @@ SELF_CLEARANCE_MM = 0.1
 _RANDOM_STATES = 300
 _SEED = 20240611
 _FAR_MM = 1e12
+_MAX_POSITION = 1e6
+"""Positions of joints beyond this, in rad or m, are refused: the bounds of a motion overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +52,9 @@ class CollisionModel:
     a link with the next link above it that has a surface, and two that touch in all of 300 random
     states: the rule of MoveIt's semantic robot descriptions.
 
-    Not thread-safe. Raises `InputError` for a robot with closed loops or without collision meshes,
-    `MeshError` for a structure that is not closed, and `FrameError`.
+    Not thread-safe. Methods raise `InputError` for a state that is not finite, beyond 1e6 rad or m,
+    or that puts a link beyond 1e12 mm. Raises `InputError` for a robot with closed loops or without
+    collision meshes, `MeshError` for a structure that is not closed, and `FrameError`.
     """
 
     def __init__(
@@ -166,9 +169,19 @@ class CollisionModel:
         self, pairs: Pairs, start: FloatArray, end: FloatArray, assumed_mm: float = 0.0
     ) -> int:
         """Computes the poses of all links, too, as they are at ``end`` if ``start`` is that."""
-        return int(
-            blocking_pair(self._arrays, pairs, self._arm, start, end, assumed_mm, self._scratch)
-        )
+        for state in (start, end):
+            if not np.all(np.abs(state) <= _MAX_POSITION):  # NaN, too
+                raise InputError(
+                    f"joint positions: are {state.tolist()}; expected finite numbers, of which "
+                    f"none is beyond {_MAX_POSITION:g} rad or m"
+                )
+        found = blocking_pair(self._arrays, pairs, self._arm, start, end, assumed_mm, self._scratch)
+        if not np.all(np.abs(self._scratch.matrices) <= _FAR_MM):
+            raise InputError(
+                f"links: are not within {_FAR_MM:g} mm of the root at joint positions "
+                f"{start.tolist()}; expected them there"
+            )
+        return int(found)
 
     def _contact(self, pair: int, distance_mm: float) -> Contact:
         other, body = (self._bodies[k].name for k in self._pairs.bodies[pair].tolist())

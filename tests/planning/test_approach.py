@@ -16,7 +16,7 @@ from app.planning import (
     plan_approach,
     prove_path,
 )
-from app.robot import robot_from_text
+from app.robot import JointType, robot_from_text
 from tests.planning.approach_scenes import (
     LINKS,
     STEP_MM,
@@ -311,6 +311,38 @@ def test_limits_that_make_a_motion_endless_are_refused(touch, start, acceleratio
     limits = limits_of(touch) | {"waist": MotionLimits(acceleration, 50.0)}
     with pytest.raises(InputError, match=f"motion limits: .*{problem}"):
         plan(touch, start, {"waist": start["waist"] + 0.3}, {}, limits=limits)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e308])
+def test_state_without_a_place_is_not_proven(touch, start, value):
+    structures = {"ball": ball(touch, [0.0, 0.0, 900.0])}
+    bodies = {"clearance_mm": CLEARANCE_MM, "carried": {}}
+    joints, good = tuple(start), np.array(list(start.values()))
+    model = CollisionModel(touch, joints, {}, structures, **bodies)
+    bad = np.where(np.array(joints) == "waist", value, good)
+    for test in (model.keeps_clearance, model.contact_at, model.distances_mm):
+        with pytest.raises(InputError, match=r"joint positions: are .*; expected finite numbers"):
+            test(bad)
+    for ends in ((good, bad), (bad, good)):
+        with pytest.raises(InputError, match=r"joint positions: are .*; expected finite numbers"):
+            model.motion_keeps_clearance(*ends)
+    for at in range(3):
+        states = np.array([bad if number == at else good for number in range(3)])
+        with pytest.raises(InputError, match=r"joint positions: are .*; expected finite numbers"):
+            prove_path(touch, joints, {}, states, structures, **bodies)
+
+
+def test_held_position_that_puts_a_link_nowhere_is_refused():
+    robot = load("panda")
+    slide = next(
+        joint.name
+        for joint in robot.tree.joints
+        if joint.name in robot.actuated_joint_names and joint.type is JointType.PRISMATIC
+    )
+    joints = tuple(name for name in robot.actuated_joint_names if name != slide)
+    states = np.zeros((2, len(joints)))
+    with pytest.raises(InputError, match=r"links: are not within 1e\+12 mm of the root"):
+        prove_path(robot, joints, {slide: 1e308}, states, {}, clearance_mm=1.0, carried={})
 
 
 def test_path_of_another_planner_is_proven_or_refused(touch, start):
