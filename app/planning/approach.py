@@ -163,8 +163,7 @@ def prove_path(
     """Raise `ApproachError` unless the lines between ``states`` (k, d) keep all clearances.
 
     The bodies and their clearances are those of `plan_approach`, and so is the proof. Raises it,
-    too, when ``is_over``, which is asked at each line, and the errors of
-    `CollisionModel`.
+    too, when ``is_over``, which is asked at each line, and the errors of `CollisionModel`.
     """
     model = CollisionModel(
         robot, joints, held, structures, clearance_mm=clearance_mm, carried=carried
