@@ -50,7 +50,6 @@ READS_OWN_FILES = {
     "cli/scene_process.py": "a picture that a child process wrote",
     "scene/pictures/movie.py": "the video that this process wrote",
     "fixture/jit.py": "source code of this project",
-    "planning/collision_kernel.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "cohort/dataset.py": "the journal and the partitions of an earlier run",
     "files/child_process.py": "a table of the kernel",

@@ -50,7 +50,7 @@ class RecordedPart:
         return self
 
     def __getattr__(self, name):
-        return lambda *arguments: self._calls.append((f"{self._part}.{name}", *arguments))
+        return RecordedPart(f"{self._part}.{name}", self._calls)
 
 
 class CommandsDouble:
@@ -161,6 +161,9 @@ EXPECTED_CALLS = {
     "useDepthButton": [],  # there are no depths; the choice is tested below
     "showApproachButton": [("plans.show_approach", Path("approach.json"))],
     "removeApproachButton": [("plans.remove_approach",)],
+    "beginGoalButton": [("plans.goal.begin", 5.0)],
+    "planGoalButton": [("plans.goal.plan",)],
+    "endGoalButton": [("plans.goal.end",)],
     "showNeedleButton": [("plans.show_needle", Path("needle.json"))],
     "removeNeedleButton": [("plans.remove_needle",)],
     "useCorridorButton": [("plans.use_corridor", -1)],
@@ -432,7 +435,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 21
+    assert len(messages) == 22
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 

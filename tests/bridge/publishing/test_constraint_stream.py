@@ -248,8 +248,9 @@ def test_expired_constraint_is_repeated_as_stale_on_hold():
 
 def test_constraint_after_a_stale_one_is_held_as_latched():
     sent, stream = streaming(1000.0)
-    assert stream.publish(constraint(), valid_ns=5_000_000)
+    assert stream.publish(constraint(), valid_ns=10**12)
     assert not stream.ended
+    assert stream.publish(constraint(), valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     assert stream.ended
     stale = next(message for message in sent.messages if message.hold)
