@@ -57,9 +57,9 @@ test: $(test)
 test-fast: $(test)
 	@$(call pytest,fast,2) $(PYTEST_ARGS)
 
-# Two workers: most of these tests run live sessions, which miss their deadlines on a busy machine. LONG names folders.
+# Two workers: most of these tests run live sessions, which miss their deadlines on a busy machine.
 test-long: $(test)
-	@$(call pytest,long,2) $(LONG) $(PYTEST_ARGS)
+	@$(call pytest,long,2) $(PYTEST_ARGS)
 
 test-exhaustive: $(test)
 	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)
