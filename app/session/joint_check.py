@@ -275,8 +275,8 @@ def _set(a: FloatArray, v: Vector) -> None:
     a[0], a[1], a[2] = v
 
 
-for _function in (_update_change, _end):
-    renew_with(_function, sensor_motion.__file__, relations.__file__)
+renew_with(_update_change, sensor_motion.__file__, relations.__file__)
+renew_with(_end, relations.__file__)
 
 
 class JointCheck:

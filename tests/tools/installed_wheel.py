@@ -103,6 +103,12 @@ class Installation:
         return done
 
 
+def run_with_uv(*words: str) -> None:
+    """Run a module of this Python as `make environment` does; fails with its output."""
+    done = install.run(*words, **install.uv_variables())
+    assert done.returncode == 0, done.stdout
+
+
 @pytest.fixture(scope="module")
 def installed(
     project_root: Path, tmp_path_factory: pytest.TempPathFactory
@@ -113,16 +119,9 @@ def installed(
     copy = root / "copy"
     ignored = shutil.ignore_patterns(".venv", ".git", "build", "out", "__pycache__", "*.egg-info")
     shutil.copytree(project_root, copy, ignore=ignored)
-    build = [sys.executable, "-m", "build", "--installer=uv", "--outdir", str(made.dist)]
     for folder in (copy, copy / "interfaces"):
         # A source distribution first and the wheel from it, each in an environment of its own.
-        subprocess.run(
-            [*build, str(folder)],
-            cwd=project_root,
-            env={**os.environ, **install.uv_variables()},
-            stdout=subprocess.DEVNULL,
-            check=True,
-        )
+        run_with_uv("build", "--installer=uv", "--outdir", str(made.dist), str(folder))
     shutil.rmtree(copy)
     subprocess.run([sys.executable, "-m", "venv", str(made.venv)], check=True)
     # Modules are compiled when they are imported, which most never are.
@@ -136,14 +135,8 @@ def installed(
 def complete(installed: Installation) -> Installation:
     """The same installation with the extras and the messages, by uv: 2 GB."""
     wheels = installed.wheel("marginguard_interfaces"), installed.wheel("marginguard")
-    extras = f"{wheels[1]}[ros,scene]"
-    into = ["--python", str(installed.venv / "bin" / "python")]
-    subprocess.run(
-        [sys.executable, "-m", "uv", "-q", "pip", "install", *into, wheels[0], extras],
-        cwd=installed.project,
-        env={**os.environ, **install.uv_variables()},
-        check=True,
-    )
+    into = str(installed.venv / "bin" / "python")
+    run_with_uv("uv", "pip", "install", "--python", into, wheels[0], f"{wheels[1]}[ros,scene]")
     return installed
 
 
