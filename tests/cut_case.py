@@ -12,6 +12,8 @@ from app.case import TrackingFrame, open_case, write_recording
 from app.geometry import NS_PER_MS, NS_PER_S
 from tests.shipped_case import BASE, CLOCK_OFFSET_MS, SHIPPED_CASE
 
+STRUCTURES_CASE = SHIPPED_CASE.parent / "structures_case"
+
 Frames = list[TrackingFrame]
 
 
@@ -50,4 +52,29 @@ def write_cut_case(
         robot_to_tracker_offset_ns=round(CLOCK_OFFSET_MS * NS_PER_MS),
         joint_states_topic="/joint_states",
     )
+    return folder
+
+
+def write_cut_structures(folder: Path, start_s: float, seconds: float) -> Path:
+    """Write ``seconds`` of the case with three structures, with the breaches that they contain."""
+    write_cut_case(folder, start_s, seconds)
+    for mesh in STRUCTURES_CASE.glob("*.stl"):
+        shutil.copy(mesh, folder)
+    values, expected = (
+        yaml.safe_load((STRUCTURES_CASE / name).read_text())
+        for name in ("case.yaml", "expected.yaml")
+    )
+    values["recording"] = {"path": "tracking.mcap"}
+    values["robots"][0]["registration"] = {"method": "given", "matrix": BASE}
+    (folder / "case.yaml").write_text(yaml.safe_dump(values, sort_keys=False))
+    first = recorded_frames(start_s, seconds)[0]
+    before_s = (first.stamp.ns - _recorded()[0].stamp.ns) / NS_PER_S
+    for block in (expected["breaches"], *(each["breaches"] for each in expected["structures"])):
+        block["intervals"] = [
+            {**each, **{key: each[key] - before_s for key in ("start_s", "end_s")}}
+            for each in block["intervals"]
+            if start_s <= each["start_s"] < start_s + seconds
+        ]
+    kept = {key: expected[key] for key in ("breaches", "structures")}
+    (folder / "expected.yaml").write_text(yaml.safe_dump(kept))
     return folder

@@ -64,10 +64,20 @@ def with_extras(*extras: str) -> set[str]:
     return CORE.union(*(EXTRAS[extra] for extra in extras))
 
 
+KNOWN = sys.stdlib_module_names | OUR_FOLDERS
+IMPORTING = re.compile(r"^\s*(?:import\s+([\w., ]+)|from\s+(\w[\w.]*)\s+import\b)", re.M)
+"""The start of a statement, or of a line of a text that looks like one."""
+
+
 def imported(folder: str) -> dict[str, Path]:
     """External top-level modules, each with the first file that imports it."""
     found: dict[str, Path] = {}
     for path in sorted((ROOT / folder).rglob("*.py")):
+        listed = (of or each for each, of in IMPORTING.findall(path.read_text()))
+        names = {name.split()[0] for names in listed for name in names.split(",") if name.strip()}
+        # Parsed only if it looks as if it imports a module that none has imported before.
+        if {name.split(".")[0] for name in names} - KNOWN <= found.keys():
+            continue
         for node in import_statements(path):
             if isinstance(node, ast.Import):
                 modules = [alias.name for alias in node.names]
@@ -76,7 +86,7 @@ def imported(folder: str) -> dict[str, Path]:
             for module in modules:
                 top = module.split(".")[0]
                 beside = path.with_name(f"{top}.py")  # imported by a script that runs in its folder
-                if top not in sys.stdlib_module_names | OUR_FOLDERS and not beside.exists():
+                if top not in KNOWN and not beside.exists():
                     found.setdefault(top, path)
     return found
 

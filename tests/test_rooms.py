@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.forking import run_forked
 from tests.import_statements import import_statements
 
 pytestmark = pytest.mark.slow
@@ -270,7 +271,8 @@ def test_public_api_imports_no_command_line_no_page_and_no_ros_or_vtk():
 
 def test_import_of_the_public_api_loads_no_library():
     code = "import marginguard as mg; assert mg.__version__ and 'replay' in dir(mg)"
-    assert loaded(code, {"numpy", "scipy", "app.geometry", "app.cli"}) == set()
+    libraries = {"numpy", "scipy", "app.geometry", "app.cli"}
+    assert loaded(code, libraries, warm=False) == set()
 
 
 def test_app_does_not_import_the_public_api():
@@ -281,15 +283,24 @@ def test_exactly_one_file_imports_fcl():
     assert len([path for path in FILES if "fcl" in set(imports(path))]) == 1
 
 
-def loaded(code: str, watched: set[str]) -> set[str]:
-    """Modules among ``watched`` that a new process has loaded after running ``code``."""
-    done = subprocess.run(
-        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=APP.parent,
-    )
+def loaded(code: str, watched: set[str], *, warm: bool = True) -> set[str]:
+    """Modules among ``watched`` that a process has loaded after running ``code``.
+
+    A warm process has imported other libraries before, which saves most of the time.
+    """
+    check = f"import sys; assert {watched!r}.isdisjoint(sys.modules)"
+    program = f"{check}\n{code}\nprint(*sys.modules)"
+    if warm:
+        done = run_forked("-c", program, folder=APP.parent)
+    else:
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=APP.parent,
+        )
+    assert done.returncode == 0, done.stderr
     return watched & set(done.stdout.split())
 
 
@@ -319,7 +330,7 @@ def test_slow_modules_are_loaded_only_when_used():
 def test_package_loads_only_the_modules_of_the_imported_names():
     code = "from app.fixture import FixtureDecision; from app.robot import Robot; import app.report"
     slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.control.decision"}
-    assert loaded(code, slow) == {"app.fixture.control.decision"}
+    assert loaded(code, slow, warm=False) == {"app.fixture.control.decision"}
 
 
 def test_yourdfpy_is_loaded_only_with_a_urdf():

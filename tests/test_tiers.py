@@ -1,11 +1,10 @@
 """The tiers: the fast one tests every pure package and its sub-packages; a named file runs."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.forking import run_forked
 from tests.tiers import tier_of
 
 pytestmark = pytest.mark.slow
@@ -50,12 +49,8 @@ def test_tier_selects_files_and_a_named_file_runs_in_any_tier(project_root: Path
     fast = {path.as_posix() for path in files if tier_of(project_root / path) == "fast"}
     named, *others = sorted({path.as_posix() for path in files} - fast)
     assert others, "expected a slow file that is left out"
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "--collect-only", "-qq", "--tier", "fast", folder, named],
-        cwd=project_root,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    words = ("--collect-only", "-qq", "-p", "no:cacheprovider", "--tier", "fast", folder, named)
+    done = run_forked("-m", "pytest", *words, folder=project_root)
+    assert done.returncode == 0, done.stdout
     lines = (line for line in done.stdout.splitlines() if "::" in line or ": " in line)
     assert {line.partition(":")[0] for line in lines} == fast | {named}

@@ -16,6 +16,7 @@ pytest.importorskip(
 from benchmarks.latency.measure import KINDS, LISTENER, STOP_KINDS, measure, measure_stops
 from benchmarks.latency.results import stops_table
 from tests.ros_domain import domain_id as domain_id
+from tests.slicer_module.test_qt_loops import run_checks
 
 pytestmark = pytest.mark.long
 
@@ -47,3 +48,7 @@ def test_each_stop_of_each_of_two_robots_is_shown(domain_id):
 def test_picture_of_a_stop_is_drawn_after_the_scene_shows_it(domain_id):
     (run,) = measure_stops(STOPS_BY_NAME["module ROS2, drawn"], stops=1)
     assert run.pictures_ms[0] > run.stops_ms[0]
+
+
+def test_checks_in_a_loop_of_qt_pass(project_root):
+    run_checks(project_root, "tests/benchmarks/qt_latency_checks.py")

@@ -94,12 +94,6 @@ def test_times_are_those_of_the_frames(bag, messages):
     assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
 
 
-def test_the_same_case_gives_the_same_messages(case, messages, tmp_path):
-    assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "again")]) == 0
-    pairs = zip(messages, decoded(tmp_path / "again"), strict=True)
-    assert all(repr(first) == repr(second) for first, second in pairs)
-
-
 def test_an_existing_folder_is_not_overwritten(case, tmp_path, capsys):
     (tmp_path / "mine").write_text("kept")
     assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path)]) == 2
@@ -155,4 +149,7 @@ def test_a_change_of_the_content_is_in_the_bag(prepared, messages, tmp_path, oth
     unknown = [topic for topic, _, message in after if topic == CONSTRAINT and message.state == 3]
     known = [topic for topic, _, message in before if topic == CONSTRAINT and message.state == 3]
     assert len(unknown) - len(known) == other_tumor
-    assert (len(after) == len(before)) is not other_tumor
+    if other_tumor:
+        assert len(after) != len(before)
+    else:  # the same case gives the same messages
+        assert all(repr(one) == repr(other) for one, other in zip(before, after, strict=True))

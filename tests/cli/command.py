@@ -5,14 +5,11 @@ import json
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from app.cli.main import main
-from app.report import ReplayLog, ReplayRecord, summarise
+from app.report import ReplayLog
 from app.report.rows import margin_csv
 from app.runtime import ReplayRun, prepare_case
 
@@ -48,26 +45,6 @@ def run(*words: object, status: int = 0) -> Printed:
 def run_json(*words: object, status: int = 0) -> Any:
     """The JSON document that a command prints with ``--json``."""
     return json.loads(run(*words, "--json", status=status).out)
-
-
-@cache
-def replayed(case: Path) -> tuple[Any, bytes]:
-    """The summary of a replay without ROS, and the bytes of its ``margin.csv``; one for all tests.
-
-    The other files of a report take seconds.
-    """
-    records = []
-
-    def summary_of(record: ReplayRecord) -> dict[str, Any]:
-        records.append(record)
-        return summarise(record)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.report.summarise", summary_of)
-        summary = run_json("replay", case, "--no-ros")
-    (record,) = records
-    others = {each.name: each.rows for each in record.structures}
-    return summary, margin_csv(record.rows, others).encode()
 
 
 def refused(*words: object) -> str:

@@ -1,4 +1,4 @@
-"""`marginguard plan needle` on the shipped case with three structures."""
+"""`marginguard plan needle` on the shipped case with three structures, and on a cut of it."""
 
 import json
 
@@ -7,13 +7,18 @@ import pytest
 import trimesh
 
 from tests.cli.command import refused, run
-from tests.shipped_case import SHIPPED_CASE
+from tests.cut_case import STRUCTURES_CASE, write_cut_structures
 
 pytestmark = pytest.mark.slow
 
-CASE = SHIPPED_CASE.parent / "structures_case"
 NEEDLE = ("--length-mm", 120, "--diameter-mm", 1.2, "--bend-mm", 2, "--sigma-mm", 1)
 DISC = ("--entry-frame", "reference", "--entry-disc", -15, -133, -27, -0.25, -0.34, 0.9, 40)
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """Seconds of the case; the needle is lost in the last one."""
+    return write_cut_structures(tmp_path_factory.mktemp("cut") / "case", 59.0, 2.5)
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +26,8 @@ def planned(tmp_path_factory):
     """The plan of the shipped case with its robot, its page, and what was printed."""
     folder = tmp_path_factory.mktemp("plan")
     out, report = folder / "plan.json", folder / "report"
-    printed = run(
-        "plan", "needle", CASE, *NEEDLE, *DISC, "--robot", "--out", out, "--report", report
-    )
+    outputs = ("--out", out, "--report", report)
+    printed = run("plan", "needle", STRUCTURES_CASE, *NEEDLE, *DISC, "--robot", *outputs)
     return json.loads(out.read_text()), (report / "needle.html").read_text(), printed.out
 
 
@@ -48,17 +52,17 @@ def test_page_has_both_pictures_and_no_script(planned):
     assert "<script" not in page
 
 
-def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
+def test_skin_of_a_file_and_a_given_point_at_a_time(case, tmp_path):
     # A skin above the chest wall, as an open surface.
     skin = trimesh.creation.icosphere(4, 60.0, vertex_normals=False)
     skin.apply_translation([-5.0, -119.0, -63.0])
     skin.update_faces(skin.triangles_center[:, 2] > -40.0)
     skin.export(tmp_path / "skin.stl")
-    at = ("--at-s", 20, "--target", "lesion_2", "--target-point", 0, 0, 1)
+    at = ("--at-s", 1, "--target", "lesion_2", "--target-point", 0, 0, 1)
     skin_of_file = ("--entry", tmp_path / "skin.stl", "--entry-frame", "reference")
-    found = run("plan", "needle", CASE, *NEEDLE, *skin_of_file, *at, "--window-mm", 2)
+    found = run("plan", "needle", case, *NEEDLE, *skin_of_file, *at, "--window-mm", 2)
     plan = json.loads(found.out)
-    assert 20.0 <= plan["poses_at_s"] < 20.1
+    assert 1.0 <= plan["poses_at_s"] < 1.1
     entry = np.array(plan["corridors"][0]["entry_mm"])
     assert np.linalg.norm(entry - [-5.0, -119.0, -63.0]) == pytest.approx(60.0, abs=0.5)
     (target_mm,) = {tuple(each["target_mm"]) for each in plan["corridors"]}
@@ -75,7 +79,7 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
         (("--target-point", 0, 0, 50), "mm outside of its structure; expected a point inside"),
         (("--at-s", -1), "--at-s: is -1.0; expected 0 or more"),
         (("--at-s", 1e6), "the recording ends before; expected a time at which"),
-        (("--at-s", 61), "needle"),
+        (("--at-s", 2.2), "needle"),
         (("--window-mm", -1), "--window-mm: is -1.0; expected 0 or more"),
         (("--length-mm", 20), "expected at most the length of the needle, 20 mm"),
         (("--length-mm", -1), "needle: length_mm is -1.0; expected more than 0"),
@@ -83,5 +87,5 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(tmp_path):
         (("--target-point", 0, 0, 0, "--sigma-mm", 30), "chest_wall blocks"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(words, problem):
-    assert problem in refused("plan", "needle", CASE, *NEEDLE, *DISC, *words)
+def test_bad_input_is_refused_in_one_line(case, words, problem):
+    assert problem in refused("plan", "needle", case, *NEEDLE, *DISC, *words)

@@ -79,7 +79,6 @@ sys.exit(status)
     ("command", "status"),
     [
         (["record", "-o", "new"], 130),
-        (["tracker", "igtl"], 130),
         (["serve"], 0),
         (["make-case", "new"], 130),  # which does not wait for a signal
     ],

@@ -1,6 +1,5 @@
 """Records a session's topics, kills the recorder, and compares its file with what was sent."""
 
-import signal
 import struct
 import time
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from mcap.reader import make_reader
 
 from app.case.readers.rosbag2.mcap_file import read_mcap_messages
 from app.geometry import NS_PER_MS, NS_PER_S
-from benchmarks.harness.processes import CLI, children
+from tests.forking import COMMAND, forked
 from tests.recorder.streams import Stream, streams
 
 PROMISED_MS = 100.0
@@ -44,15 +43,18 @@ def run_kill(folder: Path, seconds: float) -> Kill:
     """Record in ``folder`` for ``seconds`` after the first messages, then send SIGKILL."""
     case, sent_file = folder / "case", folder / "sent.npz"
     topics = [stream.topic.name for stream in streams()]
-    with children(folder) as (_, start):
-        recorder = start("recorder", *CLI, "record", "-o", case, "--topics", *topics)
-        sender = start("sender", "-m", "tests.recorder.sender", sent_file)
-        sender.line("sending")
+    record = ("-m", "app.cli", "record", "-o", case, "--topics", *topics)
+    with (
+        forked(*record, modules=COMMAND) as recorder,
+        forked("-m", "tests.recorder.sender", sent_file, modules=COMMAND) as sender,
+    ):
+        assert sender.stdout.readline() == "sending\n"
         time.sleep(seconds)
         killed_ns = time.time_ns()
-        recorder.end(signal.SIGKILL)
-        sender.close_input()
-        sender.process.wait(60.0)
+        recorder.kill()
+        recorder.wait()
+        sender.stdin.close()
+        sender.wait(60.0)
     with np.load(sent_file) as arrays:
         sent = {name.replace("|", "/"): arrays[name] for name in arrays.files}
     return compared(case / "tracking" / "tracking_0.mcap", sent, killed_ns)

@@ -30,8 +30,18 @@ def text_of(content):
     return "\n".join(page.extract_text() for page in PdfReader(io.BytesIO(content)).pages)
 
 
-def test_pdf_has_the_numbers_and_the_digests(record_of):
-    content = pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",)))
+@pytest.fixture(scope="module")
+def record(record_of):
+    return record_of([8.0, -1.25, 7.0], notes=("a truncated file",))
+
+
+@pytest.fixture(scope="module")
+def content(record):
+    """The PDF of `record`, without a picture."""
+    return pdf_of(record)
+
+
+def test_pdf_has_the_numbers_and_the_digests(record, content):
     text = text_of(content)
     for expected in (
         *("three frames", "not a medical device", "-1.25 mm", "0.020 s", "9.8.7", "a" * 64),
@@ -40,30 +50,26 @@ def test_pdf_has_the_numbers_and_the_digests(record_of):
         assert expected in text
     assert PdfReader(io.BytesIO(content)).metadata["/Title"] == "three frames: margin report"
     assert "/CreationDate" not in PdfReader(io.BytesIO(content)).metadata
-    assert pdf_of(record_of([8.0, -1.25, 7.0], notes=("a truncated file",))) == content
+    assert pdf_of(record) == content
 
 
-def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record_of):
-    record = record_of([8.0, -1.25, 7.0])
+def test_pdf_tells_the_cautery_at_the_entry_of_a_breach(record, content):
     rows = tuple(replace(row, activation=Activation.UNKNOWN) for row in record.rows)
-    assert "unknown" not in text_of(pdf_of(record))
-    text = text_of(pdf_of(record_of([], rows=rows)))
+    assert "unknown" not in text_of(content)
+    text = text_of(pdf_of(replace(record, rows=rows)))
     assert "cautery" in text and "unknown" in text
 
 
-def test_a_picture_is_embedded_and_its_absence_is_no_error(record_of):
-    record = record_of([8.0, 3.0])
+def test_a_picture_is_embedded_and_math_signs_in_a_name_are_text(record_of, content):
+    record = record_of([8.0, 3.0], case="cost $5 and $6_a")
     png = io.BytesIO()
     imsave(png, np.random.default_rng(1).random((90, 160, 3)), format="png")
-    with_scene = PdfReader(io.BytesIO(pdf_of(record, png.getvalue())))
-    without = PdfReader(io.BytesIO(pdf_of(record)))
-    assert (160, 90) in sizes(with_scene)
-    assert (160, 90) not in sizes(without)
-    assert "The tool was never in the tumour." in text_of(pdf_of(record))
-
-
-def test_math_signs_in_a_name_are_text(record_of):
-    assert "cost $5 and $6_a" in text_of(pdf_of(record_of([3.0], case="cost $5 and $6_a")))
+    with_scene = pdf_of(record, png.getvalue())
+    assert (160, 90) in sizes(PdfReader(io.BytesIO(with_scene)))
+    assert (160, 90) not in sizes(PdfReader(io.BytesIO(content)))
+    text = text_of(with_scene)
+    assert "The tool was never in the tumour." in text
+    assert "cost $5 and $6_a" in text
 
 
 def test_a_long_table_continues_on_the_next_page_with_its_header():
