@@ -64,9 +64,9 @@ test-long: $(test)
 test-exhaustive: $(test)
 	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)
 
-# Minutes of processor time: two builds, 2 GB of packages. It uses the kernels that `make test` has compiled.
+# Minutes of processor time: three builds, 2 GB of packages. It uses the kernels that `make test` has compiled.
 test-wheel: $(test)
-	@$(python) -m pytest tests/tools/installed_wheel.py $(PYTEST_ARGS)
+	@$(python) -m pytest tests/tools/built_wheel.py tests/tools/installed_wheel.py $(PYTEST_ARGS)
 
 # No part of test-long: it needs Node.js and 11 packages of npm (5 MB), which no other test needs.
 test-foxglove: $(test) $(foxglove)

@@ -1,12 +1,15 @@
 """An import loads the compiled kernels that are cached on disk, without running any.
 
 So a process that is forked later has no need to. Parallel ones are left out: with the first of them
-numba notes the process in which OpenMP may be used, and ends a forked one that uses it.
+numba notes the process in which OpenMP may be used, and ends a forked one that uses it. Nor does a
+forked live session load in advance what replaces a tumour, which most do not use.
 """
 
 import gc
 
 from numba.core.dispatcher import Dispatcher
+
+from app.bridge.live import live_node
 
 
 def load() -> None:
@@ -22,3 +25,4 @@ def load() -> None:
 
 
 load()
+live_node._LOAD_AFTER_S = 3600.0

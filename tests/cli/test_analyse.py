@@ -38,7 +38,9 @@ def analysis(case, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def with_errors(case, tmp_path_factory):
-    return analysed(case, tmp_path_factory.mktemp("errors"), *ERRORS)
+    """With the error of two sources, and the axes of the patient."""
+    turned = ("--ras-from-tumor", *("-1", "0", "0", "0", "-1", "0", "0", "0", "1"))
+    return analysed(case, tmp_path_factory.mktemp("errors"), *ERRORS, *turned)
 
 
 def test_files_and_text_have_the_same_breach(analysis):
@@ -103,9 +105,8 @@ def test_tables_have_the_probability_of_each_moment_and_of_each_question(with_er
     assert spread[2] - spread[0] == pytest.approx(2 * 1.645 * 0.29**0.5, rel=0.1)
 
 
-def test_places_are_named_by_the_axes_of_the_patient(case):
-    turned = ["-1", "0", "0", "0", "-1", "0", "0", "0", "1"]
-    (breach,) = run_json("analyse", case, "--ras-from-tumor", *turned)["breaches"]
+def test_places_are_named_by_the_axes_of_the_patient(with_errors):
+    (breach,) = with_errors.json["breaches"]
     assert breach["side"] in {"left", "right", "anterior", "posterior", "superior", "inferior"}
 
 

@@ -1,14 +1,12 @@
 """``marginguard doctor clean`` removes the caches of this installation and nothing else."""
 
-import os
 import shutil
-import subprocess
-import sys
 
 import pytest
 
 from app.cli import caches
 from tests.cli.command import refused, run, run_json
+from tests.forking import run_forked
 
 pytestmark = pytest.mark.slow
 
@@ -78,6 +76,9 @@ def test_yes_and_dry_run_contradict_each_other():
 
 PROGRAM = """
 import sys
+from numba.core.config import reload_config
+
+reload_config()  # numba was imported before, without this variable
 from app.cli.caches import cache_folders, remove
 from app.robot.link_kernel import compute_link_poses
 
@@ -91,12 +92,7 @@ print(max(remove(folder).count for folder in found))
 
 
 def test_kernels_are_found_where_numba_writes_them(project_root, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", PROGRAM, str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": str(project_root), "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout == "2\n"  # an index and one compiled function
+    own = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = run_forked("-c", PROGRAM, tmp_path, folder=project_root, environment=own)
+    assert done.stdout == "2\n", done.stderr  # an index and one compiled function
     assert list(tmp_path.iterdir()) == []

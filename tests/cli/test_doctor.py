@@ -63,9 +63,6 @@ def test_requirements_are_checked_without_those_of_tests(monkeypatch):
 
 def test_tf2_msgs_that_is_earlier_on_path_is_named(tmp_path, monkeypatch):
     tf2_msgs = pytest.importorskip("tf2_msgs", reason="the ROS interfaces are not installed")
-    assert installation_checks.check_interfaces(installation_checks.run_probe).found.endswith(
-        "by marginguard-interfaces"
-    )
     # As after sourcing a ROS 2 installation: a folder on PYTHONPATH with a tf2_msgs that works.
     sourced = tmp_path / "tf2_msgs"
     shutil.copytree(Path(tf2_msgs.__file__).parent, sourced)

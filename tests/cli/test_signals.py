@@ -9,6 +9,8 @@ import threading
 import pytest
 
 from app.cli.process import SIGNALS, note_signals, raise_signals
+from app.report import write
+from tests.cli.command import run
 from tests.cli.small_case import write_small_case
 from tests.forking import COMMAND, forked, run_forked
 
@@ -39,13 +41,12 @@ sys.exit(received.exit_status)
 """
 
 
-@both_signals
-def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id, number):
+def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id):
     with forked("-c", PUBLISHER) as process:
         assert process.stdout.readline() == "up\n"
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         assert process.communicate() == ("left\n", "")
-        assert process.wait() == 128 + number
+        assert process.wait() == 128 + signal.SIGTERM
 
 
 INTERRUPTED = """
@@ -112,13 +113,12 @@ sys.exit(main(arguments))
 """
 
 
-@both_signals
 @pytest.mark.parametrize(
-    ("place", "command"),
+    ("number", "place", "command"),
     [
-        ("app.case.conversion.write_recording", "convert {case} new"),
-        ("app.synthetic.writing.simulate", "make-case new"),
-        ("pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
+        (signal.SIGINT, "app.case.conversion.write_recording", "convert {case} new"),
+        (signal.SIGTERM, "app.synthetic.writing.simulate", "make-case new"),
+        (signal.SIGINT, "pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
     ],
 )
 def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, command):
@@ -131,32 +131,32 @@ def test_signal_during_writing_leaves_no_partial_file(tmp_path, number, place, c
     assert [*folder.iterdir()] == []
 
 
-REPORT = ("app.report.write.write_files", "replay {case} --no-ros --report new", "report.html")
-RECORD = ("app.case.new_case._write", "record -o new --config {live}", "case.yaml")
-
-
-@pytest.mark.parametrize(
-    ("number", "place", "command", "whole"),
-    [
-        (signal.SIGINT, *REPORT),
-        (signal.SIGINT, *RECORD),
-        (signal.SIGTERM, *RECORD),
-    ],
-)
-def test_recorded_signal_leaves_complete_file(
-    domain_id, project_root, tmp_path, number, place, command, whole, without_scene
-):
+@both_signals
+def test_recorded_signal_leaves_complete_case(domain_id, project_root, tmp_path, number):
     live = project_root / "data/live_example/live.yaml"
-    words = command.format(case=write_small_case(tmp_path / "case"), live=live).split()
-    program = ("-c", WRITING, int(number), place, *words)
+    record = ("record", "-o", "new", "--config", live)
+    program = ("-c", WRITING, int(number), "app.case.new_case._write", *record)
     done = run_forked(*program, folder=tmp_path, modules=COMMAND)
     assert done.returncode == 128 + number, done.stderr
-    assert (tmp_path / "new" / whole).is_file()
+    assert (tmp_path / "new" / "case.yaml").is_file()
     assert [*tmp_path.rglob(".*")] == []
 
 
-@both_signals
-def test_signal_during_compilation_ends_at_once(project_root, tmp_path, number):
+def test_recorded_signal_leaves_complete_report(tmp_path, monkeypatch, without_scene):
+    write_files = write.write_files
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        write_files(*arguments)
+
+    monkeypatch.setattr(write, "write_files", interrupted)
+    case, report = write_small_case(tmp_path / "case"), tmp_path / "new"
+    run("replay", case, "--no-ros", "--report", report, status=130)
+    assert (report / "report.html").is_file()
+    assert [*tmp_path.rglob(".*")] == []
+
+
+def test_signal_during_compilation_ends_at_once(project_root, tmp_path):
     case = write_small_case(tmp_path / "case")
     with subprocess.Popen(
         [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros"],
@@ -168,9 +168,9 @@ def test_signal_during_compilation_ends_at_once(project_root, tmp_path, number):
     ) as process:
         try:
             assert process.stderr.readline().startswith("compiling for this machine")
-            process.send_signal(number)
+            process.send_signal(signal.SIGINT)
             assert process.communicate(timeout=120) == ("", "")
-            assert process.returncode == 128 + number
+            assert process.returncode == 128 + signal.SIGINT
         finally:
             process.kill()
     assert [*tmp_path.rglob("measure*.nbi")] == [], "the compiler was not waited for"

@@ -50,18 +50,19 @@ def write(folder, record, scene=None, **others):
 
 
 @pytest.fixture(scope="session")
-def prepared():
+def prepared(tmp_path_factory):
+    """Four seconds of the shipped case, with a breach."""
     import marginguard as mg
+    from tests.cut_case import write_cut_case
 
-    return mg.open_case(mg.example_case())
+    return mg.open_case(write_cut_case(tmp_path_factory.mktemp("cut") / "case", 94.0, 4.0))
 
 
 @pytest.fixture(scope="session")
 def steps(prepared):
-    """Four seconds of the shipped case, with a breach."""
     import marginguard as mg
 
-    return list(mg.replay(prepared, start_s=94.0, end_s=98.0))
+    return list(mg.replay(prepared))
 
 
 @pytest.fixture(scope="session")

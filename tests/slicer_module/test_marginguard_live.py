@@ -6,6 +6,7 @@ import signal
 import subprocess
 import threading
 from contextlib import suppress
+from pathlib import Path
 from queue import Queue
 from types import SimpleNamespace
 
@@ -36,7 +37,7 @@ def panel_logic(unconnected, domain_id, monkeypatch):
     """The panel's logic; the live node that it starts is forked, which saves seconds."""
 
     def fork(command, *, stderr, **_):
-        with open(os.devnull, "w") as null:
+        with Path(os.devnull).open("w") as null:
             outputs = {"stdout": null.fileno(), "stderr": stderr.fileno()}
             return warm_parent(COMMAND).start(command[1:], **outputs)
 

@@ -81,9 +81,12 @@ def line(application):
     return node_of(application, "ClosestPoints").GetDisplayNode()
 
 
-@pytest.mark.parametrize("seconds", MOMENTS_S.values(), ids=MOMENTS_S)
-def test_nodes_agree_with_row_of_replay(panel_logic, application, rows, seconds):
-    status = show(panel_logic, seconds)
+def test_nodes_agree_with_row_of_replay(panel_logic, application, rows):
+    for seconds in MOMENTS_S.values():
+        check_nodes(show(panel_logic, seconds), application, rows)
+
+
+def check_nodes(status, application, rows):
     row = rows[round(status.position_s, 3)]
     known = row["state"] != "UNKNOWN"
     state = MarginState[row["state"]]
@@ -259,17 +262,18 @@ def first_display(node):
     return node.GetDisplayNode()
 
 
-@pytest.mark.parametrize(
-    ("name", "of"),
-    [
+def test_deleted_node_makes_panel_unknown_until_next_step(panel_logic, application):
+    deleted = (
         ("Tumor", None),
         ("Tumor", first_display),
         ("MarginStatus", None),
         ("NeedleToReference", None),
-    ],
-    ids=["tumour", "its display", "banner", "transform"],
-)
-def test_deleted_node_makes_panel_unknown_until_next_step(panel_logic, application, name, of):
+    )
+    for name, of in deleted:
+        check_deletion(panel_logic, application, name, of)
+
+
+def check_deletion(panel_logic, application, name, of):
     assert show(panel_logic, NEAR_S).state is MarginState.NEGATIVE
     node = node_of(application, name)
     application.scene.RemoveNode(node if of is None else of(node))

@@ -140,6 +140,18 @@ def complete(installed: Installation) -> Installation:
     return installed
 
 
+def test_missing_wheel_is_reported_in_one_line_and_logged_in_full(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(install, "LOG", tmp_path / "install.log")
+    status = install.main(["--no-index", "no-such-wheel==1.2.3"])
+    error = capfd.readouterr().err
+    assert status != 0
+    assert error.startswith("marginguard: no wheel of no-such-wheel==1.2.3")
+    assert error.count("\n") == 1
+    assert "you require no-such-wheel==1.2.3" in install.LOG.read_text()
+
+
 def test_python_api_opens_the_shipped_case(installed: Installation) -> None:
     code = "import marginguard as mg; print(mg.__file__, mg.open_case(mg.example_case()).extent)"
     done = installed.run("python", "-c", code)

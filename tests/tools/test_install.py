@@ -1,26 +1,8 @@
 """Error messages of a failed installation."""
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
-
 import pytest
 
-pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """`tools/install.py`, loaded from its file, with its log in a temporary folder."""
-    spec = importlib.util.spec_from_file_location("install", ROOT / "tools" / "install.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "LOG", tmp_path / "install.log")
-    return module
+from tools import install
 
 
 @pytest.mark.parametrize(
@@ -68,26 +50,13 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         ("", "the installation failed"),
     ],
 )
-def test_output_is_explained_in_one_sentence(
-    install: ModuleType, output: str, expected: str
-) -> None:
+def test_output_is_explained_in_one_sentence(output: str, expected: str) -> None:
     sentence = install.explain(output)
     assert expected in sentence
     assert "\n" not in sentence
 
 
-def test_missing_wheel_is_reported_in_one_line_and_logged_in_full(
-    install: ModuleType, capfd: pytest.CaptureFixture[str]
-) -> None:
-    status = install.main(["--no-index", "no-such-wheel==1.2.3"])
-    error = capfd.readouterr().err
-    assert status != 0
-    assert error.startswith("marginguard: no wheel of no-such-wheel==1.2.3")
-    assert error.count("\n") == 1
-    assert "you require no-such-wheel==1.2.3" in install.LOG.read_text()
-
-
-def test_settings_of_pip_are_those_of_uv(install: ModuleType) -> None:
+def test_settings_of_pip_are_those_of_uv() -> None:
     lines = (
         "global.extra-index-url='https://one.example/simple\\nhttps://two.example/simple'",
         "global.index-url='https://first.example/simple'",

@@ -24,7 +24,7 @@ from tests.viewer.page_actions import (
 )
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 MINUS = "\N{MINUS SIGN}"
 LABELS = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}

@@ -20,16 +20,17 @@ FRAMES = 760
 
 @pytest.fixture(scope="module")
 def case(project_root):
-    return open_case(project_root / "data" / "recorded_case")
+    """The shipped case with its set-up."""
+    case = open_case(project_root / "data" / "recorded_case")
+    return case, setup_from_case(case, tip_only=True)
 
 
 class Registering(GuidedPage):
     """A registration on the page that observes the shipped case."""
 
     def __init__(self, case, request):
-        self.case = case
-        self.setup = setup_from_case(case, tip_only=True)
-        content = content_of(case, self.setup, tip_only=True)
+        self.case, self.setup = case
+        content = content_of(*case, tip_only=True)
         super().__init__("registration", content, request)
 
     def observe(self, frames=FRAMES):

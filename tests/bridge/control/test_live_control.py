@@ -17,11 +17,17 @@ TWISTS = HERE / "twist_sender.py"
 SENDER = HERE.parent / "live" / "sender.py"
 
 
-def test_margins_set_by_another_process_change_the_constraint(
-    start_sender, start_live, start_receiver, live_yaml
+def test_margins_set_by_another_process_change_the_constraint_and_a_twist_gets_a_reply(
+    start_sender, start, start_receiver, live_yaml
 ):
-    config = str(live_yaml(TF))
-    live = start_live(config)
+    """At the full control rate."""
+    live = start("-m", "app.cli", "live", "--config", live_yaml(TF))
+    live.line(lambda line: line.startswith("UNKNOWN"))
+    command = {"frame": "tumor", "late_s": 0.0, "linear": [0.0, 0.0, 0.1], "angular": [0.0] * 3}
+    twists = start(TWISTS)
+    twists.line()
+    reply = twists.ask({**command, "again": True})
+    assert reply["linear"] == pytest.approx([0.0] * 3)  # there is no constraint yet
     requests = setting({"warn_mm": 0.5}), setting({"stop_mm": 21.0, "warn_mm": 150.0})
     replies = start_receiver(*requests, script=CALLER).messages()
     refused, applied = (each["result"] for each in replies)
@@ -33,18 +39,6 @@ def test_margins_set_by_another_process_change_the_constraint(
     assert message["stop_distance"] >= 0.021
     assert message["warn_distance"] >= 0.15
     live.stop()
-
-
-def test_twist_gets_a_reply_at_the_full_control_rate(start, live_yaml):
-    config = str(live_yaml(TF))
-    live = start("-m", "app.cli", "live", "--config", config)
-    live.line(lambda line: line.startswith("UNKNOWN"))
-    command = {"frame": "tumor", "late_s": 0.0, "linear": [0.0, 0.0, 0.1], "angular": [0.0] * 3}
-    twists = start(TWISTS)
-    twists.line()
-    reply = twists.ask({**command, "again": True})
-    assert reply["linear"] == pytest.approx([0.0] * 3)  # there is no constraint yet
-    live.stop(signal.SIGTERM)
 
 
 WRENCH = "/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:1000000"

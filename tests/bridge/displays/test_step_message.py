@@ -17,6 +17,7 @@ from app.geometry import TrackedTransform
 from app.hold import SeenHold
 from app.runtime import ToolContent
 from app.session import ToolDistance
+from tests.cut_case import recorded_frames, write_cut_case, write_cut_structures
 from tests.session.far_step import far_step
 from tests.session.test_step_pickle import assert_same
 
@@ -26,15 +27,16 @@ ORIGIN = StepOrigin("run 1", "content 1", SeenHold(3, 2**64 - 1), 17, "{}", "", 
 
 
 @pytest.fixture(scope="module")
-def case():
-    return mg.open_case(mg.example_case())
+def case(tmp_path_factory):
+    """Parts of the recorded case: a breach, and a dropout of the tracker."""
+    parts = [*recorded_frames(95.5, 0.8), *recorded_frames(138.8, 0.7)]
+    folder = tmp_path_factory.mktemp("cut") / "case"
+    return mg.open_case(write_cut_case(folder, 0.0, 0.0, lambda _: parts))
 
 
 @pytest.fixture(scope="module")
 def steps(case):
-    """Steps of the recorded case: a breach, and a dropout of the tracker."""
-    breach = mg.replay(case, start_s=95.5, end_s=96.3)
-    return [*breach, *mg.replay(case, start_s=138.8, end_s=139.5)]
+    return list(mg.replay(case))
 
 
 def sent(step):
@@ -70,8 +72,8 @@ def test_structures_that_are_off_are_displayed_with_their_reasons(steps, case):
     assert found.off == off
 
 
-def test_far_structure_is_displayed_with_a_lower_bound_of_its_distance(project_root):
-    case = mg.open_case(project_root / "data" / "structures_case")
+def test_far_structure_is_displayed_with_a_lower_bound_of_its_distance(tmp_path):
+    case = mg.open_case(write_cut_structures(tmp_path / "case", 0.0, 1.0))
     step, content = far_step(case), case.content
     assert [each.at_least_mm is None for each in step.structures] == [True, False, True]
     found, _ = step_of(sent(step), content)

@@ -10,7 +10,7 @@ from tests.bridge.conftest import TF
 pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).resolve().parent
-PEER, STRUCTURE_PEER = HERE / "authority_peer.py", HERE / "structure_peer.py"
+PEER = HERE / "authority_peer.py"
 SENDER = HERE.parent / "live" / "sender.py"
 
 
@@ -62,43 +62,4 @@ def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(start, 
     stops = [line["margins"]["stop_mm"] for line in lines if "margins" in line]
     assert stops[0] == 1.0
     assert stops[-1] == 0.5
-    assert "Traceback" not in live.log.read_text()
-
-
-def test_structure_is_added_switched_off_and_on_and_replaced_in_a_live_session(start, audited):
-    live, audit = audited
-    peer = start(STRUCTURE_PEER)
-
-    def reported():
-        found = json.loads(peer.line(lambda line: line.startswith("{")))
-        assert (found["success"], found["message"]) == (True, "")
-        return found
-
-    both, reason = ["tumor", "vessel"], "resected at 10:42"
-    added = reported()
-    assert (added["structures"], added["off"], added["causes"]) == (both, {}, [])
-    off = reported()
-    assert (off["structures"], off["off"]) == ([], {"vessel": reason})
-    assert off["causes"][0] == f"structure 'vessel' switched off: {reason}"
-    rearmed = reported()
-    assert (rearmed["off"], rearmed["causes"]) == ({"vessel": reason}, [])
-    on = reported()
-    assert (on["structures"], on["off"], on["causes"]) == (both, {}, [])
-    replaced = reported()
-    assert replaced["causes"][0].startswith("structure 'vessel' replaced: THE VOLUME DIFFERS")
-    live.stop()
-    lines = [json.loads(line) for line in audit.read_text().splitlines()]
-    requests = [
-        (each["kind"], each["accepted"], each["text"])
-        for each in lines
-        if each["event"] == "request" and each["kind"] != "rearm"
-    ]
-    assert [each[:2] for each in requests] == [
-        ("set_structure", True),
-        ("switch_structure", True),
-        ("switch_structure", True),
-        ("set_structure", True),
-    ]
-    assert requests[1][2] == f"structure 'vessel' switched off: {reason}"
-    assert requests[2][2] == "structure 'vessel' is guarded again: it was the other one"
     assert "Traceback" not in live.log.read_text()

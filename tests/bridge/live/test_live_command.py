@@ -5,7 +5,6 @@ import re
 import signal
 
 import pytest
-import yaml
 
 from app.case import open_live
 from app.session import Session, setup_from_case
@@ -84,28 +83,6 @@ def test_poses_from_tf_give_the_distances_of_a_replay(
     check_distances(constraints_until(receiver, inside), shift_of(sender), distances)
     live.line(lambda line: line.startswith("POSITIVE"))
     live.stop()
-
-
-def test_missing_frame_is_logged_once_with_the_received_ones(
-    start_sender, start_live, start_receiver, live_yaml
-):
-    config = live_yaml(TRACKED)
-    values = yaml.safe_load(config.read_text())
-    values["tool"]["frame"] = "cautary"
-    config.write_text(yaml.safe_dump(values))
-    live = start_live(config)
-    receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
-    start_sender("tracked", "again")
-    problem = "tool.frame is 'cautary': not among what the tracker sends so far, cautery, needle"
-    message = ""
-    while problem not in message:
-        parts = {part["name"]: part for part in receiver.take(1)[0]["message"]["status"]}
-        message = parts["marginguard: tracking"]["message"]
-        margin = {each["key"]: each["value"] for each in parts["marginguard: margin"]["values"]}
-        assert margin["state"] == "UNKNOWN"
-    receiver.take(3)  # time in which the problem could be logged again
-    live.stop()
-    assert live.log.read_text().count(problem) == 1
 
 
 def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(

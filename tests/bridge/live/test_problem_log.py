@@ -14,6 +14,7 @@ UNCHECKED = "nothing checks the tracker: no joint positions"
 REFUSED = (
     "PLAYBACK refused: poses from a recording, case 1 (seed 1; no patient); expected a live one"
 )
+MISNAMED = "tool.frame is 'cautary': not among what the tracker sends so far, cautery{}"
 DRIFT = "drift: tip is {} mm from its pose; expected at most 5 mm; the tool is {} mm off"
 
 
@@ -48,5 +49,5 @@ def test_problem_that_joins_an_earlier_one_is_logged(logged: Any) -> None:
 
 def test_details_that_change_are_logged_once(logged: Any) -> None:
     for value in range(5):
-        lines = logged(UNCHECKED, DRIFT.format(value, value))
-    assert lines == [UNCHECKED, DRIFT.format(0, 0)]
+        lines = logged(UNCHECKED, DRIFT.format(value, value), MISNAMED.format(value * ", needle"))
+    assert lines == [UNCHECKED, DRIFT.format(0, 0), MISNAMED.format("")]

@@ -44,7 +44,7 @@ def trees(draw):
     return [edges[i] for i in order], [f"f{i}" for i in range(count)]
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(trees(), st.data())
 def test_lookup_agrees_with_brute_force(tree, data):
     edges, names = tree
@@ -80,7 +80,7 @@ def test_lookup_agrees_with_brute_force(tree, data):
             assert latest == min(max(brute.samples[child]) for child in path)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(trees())
 def test_poses_agree_with_single_lookups(tree):
     edges, _ = tree

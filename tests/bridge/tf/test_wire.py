@@ -38,7 +38,7 @@ def by_rclpy(samples):
     return message
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(samples)
 def test_messages_written_by_rclpy_are_read(given_samples):
     read = TfMessageReader()(serialize_message(by_rclpy(given_samples)))
@@ -47,7 +47,7 @@ def test_messages_written_by_rclpy_are_read(given_samples):
         assert sample.pose == pytest.approx(expected.pose, rel=1e-12, abs=1e-12)
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(samples)
 def test_written_messages_are_read_by_rclpy(given_samples):
     assert deserialize_message(write_tf_message(given_samples), TFMessage) == by_rclpy(
@@ -92,7 +92,7 @@ def test_damaged_message_is_refused_with_the_reason(message, reason):
         TfMessageReader()(message)
 
 
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(st.binary(max_size=200), st.integers(0, len(GOOD)))
 def test_arbitrary_bytes_are_read_or_refused(noise, position):
     try:

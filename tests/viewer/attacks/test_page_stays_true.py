@@ -1,4 +1,4 @@
-"""A page in a browser while another client attacks: it stays live, and shows the truth."""
+"""Pages in a browser: one that another client attacks stays true, one that may only see sees."""
 
 import pytest
 from playwright.sync_api import expect
@@ -6,7 +6,16 @@ from playwright.sync_api import expect
 from app.fixture import MarginState
 from tests.viewer.attacks.raw_page import RawPage, message, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES, POLICY
-from tests.viewer.page_actions import UNCOVERED, show_frame, wait_for
+from tests.viewer.conftest import watching
+from tests.viewer.page_actions import (
+    UNCOVERED,
+    click_at,
+    drag,
+    press,
+    read,
+    show_frame,
+    wait_for,
+)
 from tests.viewer.viewed_case import BREACH_FRAME
 
 pytestmark = pytest.mark.long
@@ -77,3 +86,26 @@ def test_flood_is_cut_off_while_the_page_stays_live(target, page):
                 assert attacker.ended() == POLICY
         check_true(page)
         pictures_continue(page)
+
+
+def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operator):
+    refused = target.log.count("refused")
+    with watching(browser, target.server, target.server.view_url) as watched:
+        page, view = watched.page, watched.page.locator("main.view")
+        expect(page.locator("#role")).to_have_text("VIEW ONLY")
+        wait_for(page, "document.querySelector('main.view img').naturalWidth > 300")
+        enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
+        # Of this browser alone: the mode, sounds, the list of keys and the part of the timeline.
+        ids = {each.get_attribute("id") or each.get_attribute("name") for each in enabled.all()}
+        assert ids == {"mode", "sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
+        shown = "[trame.state.get('now').frame, trame.state.get('look')]"
+        before = read(page, shown)
+        press(page, " ", "ArrowRight", "End", "3")
+        click_at(page.locator("#timeline"), 640, 640)
+        drag(view, (300, 300), (400, 300))
+        operator.call("trame.trigger", "part_opacity", ["TUMOR", 0.5], {})
+        wait_for(page, "trame.state.get('parts')[0].opacity === 0.5")
+        assert read(page, shown) == before
+        operator.call("trame.trigger", "part_opacity", ["TUMOR", 1.0], {})
+        assert watched.errors == []
+        assert target.log.count("refused") == refused  # the page has not even tried

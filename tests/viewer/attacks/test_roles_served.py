@@ -3,11 +3,8 @@
 from http.client import HTTPConnection
 
 import pytest
-from playwright.sync_api import expect
 
 from tests.viewer.attacks.raw_page import AREA, RawPage, raw_page, response, status_of
-from tests.viewer.conftest import watching
-from tests.viewer.page_actions import click_at, drag, press, read, wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -83,29 +80,6 @@ def test_pages_of_one_role_are_limited_and_leave_room_for_the_other(target):
     finally:
         for page in pages:
             page.close()
-
-
-def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operator):
-    refused = target.log.count("refused")
-    with watching(browser, target.server, target.server.view_url) as watched:
-        page, view = watched.page, watched.page.locator("main.view")
-        expect(page.locator("#role")).to_have_text("VIEW ONLY")
-        wait_for(page, "document.querySelector('main.view img').naturalWidth > 300")
-        enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
-        # Of this browser alone: the mode, sounds, the list of keys and the part of the timeline.
-        ids = {each.get_attribute("id") or each.get_attribute("name") for each in enabled.all()}
-        assert ids == {"mode", "sound", "distance-tone", "help-button", "zoom-in", "zoom-out"}
-        shown = "[trame.state.get('now').frame, trame.state.get('look')]"
-        before = read(page, shown)
-        press(page, " ", "ArrowRight", "End", "3")
-        click_at(page.locator("#timeline"), 640, 640)
-        drag(view, (300, 300), (400, 300))
-        operator.call("trame.trigger", "part_opacity", ["TUMOR", 0.5], {})
-        wait_for(page, "trame.state.get('parts')[0].opacity === 0.5")
-        assert read(page, shown) == before
-        operator.call("trame.trigger", "part_opacity", ["TUMOR", 1.0], {})
-        assert watched.errors == []
-        assert target.log.count("refused") == refused  # the page has not even tried
 
 
 def posted(server, who, path, content=b"solid of nothing"):

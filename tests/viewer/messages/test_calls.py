@@ -124,7 +124,7 @@ class Calls:
 OPERATOR, VIEWER = Calls(Role.OPERATE), Calls(Role.VIEW)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(calls)
 def test_random_call_runs_within_limits_or_is_refused(call):
     before = dict(OPERATOR.state)
@@ -149,7 +149,7 @@ def test_random_call_runs_within_limits_or_is_refused(call):
     OPERATOR.area.events.clear()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(near_calls)
 def test_random_call_of_a_view_page_changes_nothing(call):
     with suppress(MarginGuardError):

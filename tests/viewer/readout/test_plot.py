@@ -76,7 +76,7 @@ def test_single_unknown_frame_is_drawn():
     assert [band["state"] for band in drawn["bands"]] == ["UNKNOWN"]
 
 
-@settings(max_examples=20)
+@settings(max_examples=6)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 1.0]))
 def test_plot_of_a_long_recording_keeps_its_extremes(seed, unknown_share):
     random = np.random.default_rng(seed)

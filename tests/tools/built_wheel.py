@@ -1,6 +1,6 @@
 """The wheel has every file of the packages and of the shipped folders, and works where it lies.
 
-`make test-wheel` installs it and runs the commands; this test only builds and reads it.
+Part of `make test-wheel`. `installed_wheel` installs it; these tests only build and read it.
 """
 
 import json
@@ -11,8 +11,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-
-pytestmark = pytest.mark.slow
 
 PACKAGES = {"app", "marginguard"}
 SHIPPED = {"benchmarks", "data", "examples", "foxglove", "launch", "rviz", "slicer_module"}
