@@ -84,7 +84,8 @@ def test_a_long_table_continues_on_the_next_page_with_its_header():
 
 def test_a_long_text_continues_on_the_next_page_without_a_gap():
     with PdfLayout("words") as pdf:
-        pdf.paragraph("word " * 3000)
+        pdf.paragraph("word " * 2400)
     pages = [page.extract_text() for page in PdfReader(io.BytesIO(pdf.content)).pages]
-    assert sum(page.split().count("word") for page in pages) == 3000
+    assert sum(page.split().count("word") for page in pages) == 2400
+    assert len(pages) > 2
     assert len({page.count("\n") for page in pages[:-1]}) == 1

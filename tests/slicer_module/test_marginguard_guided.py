@@ -134,7 +134,7 @@ def test_tool_is_calibrated_by_pivot_and_spin_and_undone(panel_logic, moving_too
 
 
 def test_robot_is_registered_by_the_dwells_of_a_replay(panel_logic, recorded, monkeypatch):
-    dwells = open_case(CASE, frames=frames_in([(0.0, DWELLS_END_S + 0.2)]))
+    dwells = open_case(CASE, frames=frames_in([(0.0, DWELLS_END_S + 0.2)])[::2])
     opened = replace(recorded, case=replace(recorded.case, case=dwells))
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
     panel_logic.load_case(CASE)

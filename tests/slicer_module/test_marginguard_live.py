@@ -1,14 +1,10 @@
 """Live session of the module in this process, with a tracker in another one."""
 
-import os
 import re
 import signal
-import subprocess
 import threading
 from contextlib import suppress
-from pathlib import Path
 from queue import Queue
-from types import SimpleNamespace
 
 import pytest
 from std_msgs.msg import String
@@ -19,12 +15,12 @@ from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from tests.bridge.conftest import StartReceiver as StartReceiver
 from tests.bridge.conftest import structures_yaml as structures_yaml
+from tests.bridge.displays.conftest import forked_nodes as forked_nodes
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_live_command import SENDER, TRACKED
-from tests.forking import COMMAND, warm_parent
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.marginguard_module import CASE, node_of, spin_until, tumor_color
 from tests.waiting import DEADLINE_S
@@ -33,16 +29,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def panel_logic(unconnected, domain_id, monkeypatch):
-    """The panel's logic; the live node that it starts is forked, which saves seconds."""
-
-    def fork(command, *, stderr, **_):
-        with Path(os.devnull).open("w") as null:
-            outputs = {"stdout": null.fileno(), "stderr": stderr.fileno()}
-            return warm_parent(COMMAND).start(command[1:], **outputs)
-
-    forking = SimpleNamespace(**{**vars(subprocess), "Popen": fork})
-    monkeypatch.setattr("app.bridge.displays.live_child.subprocess", forking)
+def panel_logic(unconnected, domain_id, forked_nodes):
     return unconnected
 
 

@@ -8,20 +8,22 @@ from app.case import open_case
 from app.runtime import SetRegistration, content_of
 from app.session import Session, setup_from_case
 from app.viewer.messages.checks import NotDoneError, RefusedError
+from tests.cut_case import recorded_frames
 from tests.runtime.test_operator_commands import World
+from tests.shipped_case import SHIPPED_CASE
 from tests.viewer.guided_part import GuidedPage, connect, must_not_be_used, requested
 from tests.viewer.guided_part import operator as operator
 
 pytestmark = pytest.mark.slow
 
-FRAMES = 760
-"""Up to the end of the last of 8 dwells of the shipped case."""
+FRAMES = 380
+"""Up to the end of the last of 8 dwells of the shipped case, every second frame."""
 
 
 @pytest.fixture(scope="module")
-def case(project_root):
-    """The shipped case with its set-up."""
-    case = open_case(project_root / "data" / "recorded_case")
+def case():
+    """The shipped case at 20 Hz, with its set-up."""
+    case = open_case(SHIPPED_CASE, frames=recorded_frames(0.0, 20.0)[::2])
     return case, setup_from_case(case, tip_only=True)
 
 
@@ -68,7 +70,7 @@ def test_points_with_their_errors_become_the_registration(case):
 def test_few_points_are_not_used_and_say_why(case):
     registering = Registering(case, must_not_be_used)
     registering.run("start", "cautery")
-    registering.observe(100)
+    registering.observe(50)
     registering.run("stop")
     registering.finish()
     assert registering.values["verdict"] == "Not accepted: 1 points; expected at least 4"

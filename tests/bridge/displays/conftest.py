@@ -1,6 +1,10 @@
 """Displays of a live node with a tracker."""
 
+import os
+import subprocess
 import threading
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,6 +14,7 @@ from app.bridge.displays.remote_operator import PAGE_NODE
 from app.fixture import MarginState, Reason
 from app.geometry import MarginGuardError
 from tests.bridge.conftest import TRACKED
+from tests.forking import COMMAND, warm_parent
 from tests.waiting import DEADLINE_S
 
 NODE = "/marginguard"
@@ -67,6 +72,19 @@ def display(domain_id):
     yield begin
     for each in displays:
         each.close()
+
+
+@pytest.fixture
+def forked_nodes(monkeypatch):
+    """A live node that a display starts is forked: a new interpreter takes seconds."""
+
+    def fork(command, *, stderr, **_):
+        with Path(os.devnull).open("w") as null:
+            outputs = {"stdout": null.fileno(), "stderr": stderr.fileno()}
+            return warm_parent(COMMAND).start(command[1:], **outputs)
+
+    forking = SimpleNamespace(**{**vars(subprocess), "Popen": fork})
+    monkeypatch.setattr("app.bridge.displays.live_child.subprocess", forking)
 
 
 def is_tracked(step, operator):

@@ -89,7 +89,7 @@ def test_child_goes_on_without_its_display_and_ends_in_order(
     assert not child.log.exists()
 
 
-def test_child_that_cannot_start_gives_its_reason(tmp_path, monkeypatch):
+def test_child_that_cannot_start_gives_its_reason(tmp_path, monkeypatch, forked_nodes):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     ended = threading.Event()
     child = LiveChild(

@@ -156,30 +156,36 @@ def test_one_controller_moves_the_tool_by_poses_velocities_and_forces(simulated)
     assert seen["setpoint_js"]["position"] in ([], goal)
 
 
-@pytest.mark.parametrize(
-    ("command", "problem"),
-    [
-        (
-            {"topic": "servo_cp", "frame": "world", "values": [0.0] * 6 + [1.0]},
-            "frame_id is 'world'; expected 'touch_base'",
-        ),
-        (
-            {"topic": "servo_cp", "frame": "touch_base", "values": [math.nan] * 6 + [1.0]},
-            "position 'x' is nan; expected a finite number",
-        ),
-        (
-            {"topic": "body/servo_cf", "frame": "touch_base", "values": [1.0, 0.0, 0.0]},
-            "frame_id is 'touch_base'; expected 'cautery'",
-        ),
-    ],
-)
-def test_invalid_tool_command_is_a_fault(simulated, command, problem):
-    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
-    simulated.round_until(lambda _: bool(simulated.arm.fault), command)
-    assert simulated.arm.fault == problem
-    seen = simulated.round_until(lambda seen: seen["operating_state"]["state"] == "FAULT")
-    assert not seen["operating_state"]["is_busy"]
-    simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
+INVALID_OF_TOOL = {
+    "frame_id is 'world'; expected 'touch_base'": {
+        "topic": "servo_cp",
+        "frame": "world",
+        "values": [0.0] * 6 + [1.0],
+    },
+    "position 'x' is nan; expected a finite number": {
+        "topic": "servo_cp",
+        "frame": "touch_base",
+        "values": [math.nan] * 6 + [1.0],
+    },
+    "frame_id is 'touch_base'; expected 'cautery'": {
+        "topic": "body/servo_cf",
+        "frame": "touch_base",
+        "values": [1.0, 0.0, 0.0],
+    },
+}
+
+
+def test_invalid_tool_command_is_a_fault(simulated):
+    client = simulated.ros.node.create_client(Trigger, "/arm/enable")
+    for problem, command in INVALID_OF_TOOL.items():
+        simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
+        simulated.round_until(lambda _: bool(simulated.arm.fault), command)
+        assert simulated.arm.fault == problem
+        seen = simulated.round_until(lambda seen: seen["operating_state"]["state"] == "FAULT")
+        assert not seen["operating_state"]["is_busy"]
+        simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
+        reply = client.call_async(Trigger.Request())
+        simulated.round_until(lambda _, reply=reply: reply.done())
 
 
 @pytest.mark.parametrize("topic", ["move_jp", "servo_jf"])
