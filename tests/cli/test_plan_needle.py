@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from app.runtime import prepare_case
 from tests.cli.command import refused, run
 from tests.cut_case import STRUCTURES_CASE, write_cut_structures
 
@@ -19,6 +20,12 @@ DISC = ("--entry-frame", "reference", "--entry-disc", -15, -133, -27, -0.25, -0.
 def case(tmp_path_factory):
     """Seconds of the case; the needle is lost in the last one."""
     return write_cut_structures(tmp_path_factory.mktemp("cut") / "case", 59.0, 2.5)
+
+
+@pytest.fixture(scope="module")
+def prepared(case):
+    """The case as each request would prepare it, which takes most of its time."""
+    return prepare_case(case, tip_only=True)
 
 
 @pytest.fixture(scope="module")
@@ -87,5 +94,6 @@ def test_skin_of_a_file_and_a_given_point_at_a_time(case, tmp_path):
         (("--target-point", 0, 0, 0, "--sigma-mm", 30), "chest_wall blocks"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(case, words, problem):
+def test_bad_input_is_refused_in_one_line(case, prepared, monkeypatch, words, problem):
+    monkeypatch.setattr("app.runtime.prepare_case", lambda *_, **__: prepared)
     assert problem in refused("plan", "needle", case, *NEEDLE, *DISC, *words)

@@ -10,4 +10,4 @@ pytestmark = pytest.mark.slow
 
 
 def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver: Path) -> None:
-    check_random_lives(cpp_driver, controllers=25)
+    check_random_lives(cpp_driver, controllers=15)

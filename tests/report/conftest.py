@@ -51,11 +51,11 @@ def write(folder, record, scene=None, **others):
 
 @pytest.fixture(scope="session")
 def prepared(tmp_path_factory):
-    """Four seconds of the shipped case, with a breach."""
+    """Seconds of the shipped case, with a breach."""
     import marginguard as mg
     from tests.cut_case import write_cut_case
 
-    return mg.open_case(write_cut_case(tmp_path_factory.mktemp("cut") / "case", 94.0, 4.0))
+    return mg.open_case(write_cut_case(tmp_path_factory.mktemp("cut") / "case", 94.8, 2.6))
 
 
 @pytest.fixture(scope="session")

@@ -109,7 +109,7 @@ def check_nodes(status, application, rows):
 def test_states_of_single_steps_equal_those_of_replay(panel_logic, application, rows):
     status = show(panel_logic, DEEP["start_s"] - 0.2)
     states = []
-    for _ in range(80):  # into the first breach and out of it
+    for _ in range(60):  # into the first breach and out of it
         status = step(panel_logic)
         states.append(status.state)
         assert status.state.name == rows[round(status.position_s, 3)]["state"], status
