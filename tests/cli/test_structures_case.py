@@ -30,11 +30,22 @@ def alone(tmp_path_factory):
     return write_cut_case(tmp_path_factory.mktemp("alone") / "case", SHAFT["start_s"] - 4.0, 7.0)
 
 
-def test_report_has_each_breach_and_the_columns_of_each_structure(cut, tmp_path, without_scene):
-    summary = run_json("replay", cut, "--no-ros", "--report", tmp_path)
+@pytest.fixture(scope="module")
+def table_alone(alone):
+    """Its ``margin.csv``."""
+    return margin_table(alone)
+
+
+@pytest.fixture(scope="module")
+def rows(cut):
+    """The rows of the ``margin.csv`` of `cut`."""
+    return list(csv.DictReader(margin_table(cut).decode().splitlines()))
+
+
+def test_replay_has_each_breach_and_the_columns_of_each_structure(cut, rows):
+    summary = run_json("replay", cut, "--no-ros")
     check_structures(summary, cut)
     assert [each["name"] for each in summary["structures"]] == FURTHER
-    rows = list(csv.DictReader((tmp_path / "margin.csv").read_text().splitlines()))
     for name in FURTHER:
         assert {"POSITIVE", "WARNING"} <= {row[f"{name}_state"] for row in rows}
 
@@ -54,11 +65,9 @@ def check_structures(summary, case):
         assert len(checks) == 2 * len(intervals) + 1
 
 
-def test_tumour_is_decided_as_in_the_case_with_the_tumour_alone(cut, alone):
+def test_tumour_is_decided_as_in_the_case_with_the_tumour_alone(rows, table_alone):
     """But for ``latched``: the hold is that of the session."""
-    rows, true_rows = (
-        list(csv.DictReader(margin_table(case).decode().splitlines())) for case in (cut, alone)
-    )
+    true_rows = list(csv.DictReader(table_alone.decode().splitlines()))
     of_structures = [key for key in rows[0] if key not in true_rows[0]]
     assert of_structures == [
         f"{name}_{key}"
@@ -71,11 +80,11 @@ def test_tumour_is_decided_as_in_the_case_with_the_tumour_alone(cut, alone):
     assert "POSITIVE" in {row["state"] for row in rows}
 
 
-def test_case_in_schema_2_gives_the_same_table(alone, tmp_path):
+def test_case_in_schema_2_gives_the_same_table(alone, table_alone, tmp_path):
     assert main(["convert", str(alone), str(tmp_path / "2"), "--schema", "2"]) == 0
     assert yaml.safe_load((tmp_path / "2" / "case.yaml").read_text())["schema"] == 2
     assert open_case(tmp_path / "2").manifest.structures == ()
-    assert margin_table(tmp_path / "2") == margin_table(alone)
+    assert margin_table(tmp_path / "2") == table_alone
 
 
 def test_case_of_schema_2_is_converted_with_the_meshes_of_all_structures(cut, tmp_path):
