@@ -10,7 +10,7 @@ import pytest
 
 from app.cli.process import SIGNALS, note_signals, raise_signals
 from app.report import write
-from tests.cli.command import run
+from tests.cli.command import margin_table, run
 from tests.cli.small_case import write_small_case
 from tests.forking import COMMAND, forked, run_forked
 
@@ -152,7 +152,16 @@ def test_recorded_signal_leaves_complete_report(tmp_path, monkeypatch, without_s
     monkeypatch.setattr(write, "write_files", interrupted)
     case, report = write_small_case(tmp_path / "case"), tmp_path / "new"
     run("replay", case, "--no-ros", "--report", report, status=130)
-    assert (report / "report.html").is_file()
+    assert (report / "margin.csv").read_bytes() == margin_table(case)
+    assert sorted(path.name for path in report.iterdir()) == [
+        "analysis.json",
+        "coverage.svg",
+        "distances.svg",
+        "margin.csv",
+        "margin.png",
+        "report.html",
+        "summary.json",
+    ]
     assert [*tmp_path.rglob(".*")] == []
 
 

@@ -1,9 +1,10 @@
-"""The shipped cases: a replay of each finds what its expected.yaml lists."""
+"""The shipped cases: what each expected.yaml lists is found, and a needle's plan has its page."""
 
 import pytest
 import yaml
 
-from tests.cli.command import run_json
+from tests.cli.command import run, run_json
+from tests.cli.test_plan_needle import DISC, NEEDLE
 from tests.cli.test_structures_case import check_structures
 from tests.cut_case import STRUCTURES_CASE
 from tests.shipped_case import FRAMES, SHIPPED_CASE
@@ -28,3 +29,12 @@ def test_every_check_of_the_case_with_three_structures_passes():
     summary = run_json("replay", STRUCTURES_CASE, "--no-ros")
     check_structures(summary, STRUCTURES_CASE)
     assert summary["inside_frames"] > 0
+
+
+def test_page_of_a_plan_has_both_pictures_and_no_script(tmp_path):
+    report = tmp_path / "report"
+    run("plan", "needle", STRUCTURES_CASE, *NEEDLE, *DISC, "--report", report)
+    page = (report / "needle.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert "chest_wall" in page
+    assert "<script" not in page
