@@ -8,7 +8,14 @@ import numpy as np
 from app.geometry import FloatArray, InputError, SurfaceMesh
 from app.planning.collision_bodies import Body, arm, carried_bodies, link_bodies, packed, structure
 from app.planning.collision_distance import find_nearer, new_scratch
-from app.planning.collision_kernel import FREE, Pairs, blocking_pair
+from app.planning.collision_kernel import (
+    FREE,
+    INVALID,
+    MAX_MM,
+    MAX_POSITION,
+    Pairs,
+    blocking_pair,
+)
 from app.robot import Robot
 
 SELF_CLEARANCE_MM = 0.1
@@ -16,9 +23,6 @@ SELF_CLEARANCE_MM = 0.1
 
 _RANDOM_STATES = 300
 _SEED = 20240611
-_FAR_MM = 1e12
-_MAX_POSITION = 1e6
-"""Positions of joints beyond this, in rad or m, are refused: the bounds of a motion overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +120,7 @@ class CollisionModel:
         found = np.full(len(self.structures), np.nan)
         for other, body in self._structure_pairs():
             number = other - self._first_structure
-            below_mm = float(np.fmin(found[number], _FAR_MM))
+            below_mm = float(np.fmin(found[number], MAX_MM))
             found[number] = np.fmin(found[number], self._distance_mm(other, body, below_mm))
         return found
 
@@ -128,12 +132,12 @@ class CollisionModel:
         self._pose(state)
         pairs = self._structure_pairs()
         pairs.sort(key=lambda pair: pair != self._nearest)  # near again: no other one is searched
-        below_mm = _FAR_MM
+        below_mm = MAX_MM
         for pair in pairs:
             distance_mm = self._distance_mm(*pair, below_mm)
             if distance_mm < below_mm:
                 below_mm, self._nearest = distance_mm, pair
-        return (self._bodies[self._nearest[0]].name, below_mm) if below_mm < _FAR_MM else None
+        return (self._bodies[self._nearest[0]].name, below_mm) if below_mm < MAX_MM else None
 
     def _structure_pairs(self) -> list[tuple[int, int]]:
         """Tested pairs of a structure and a body."""
@@ -169,17 +173,11 @@ class CollisionModel:
         self, pairs: Pairs, start: FloatArray, end: FloatArray, assumed_mm: float = 0.0
     ) -> int:
         """Computes the poses of all links, too, as they are at ``end`` if ``start`` is that."""
-        for state in (start, end):
-            if not np.all(np.abs(state) <= _MAX_POSITION):  # NaN, too
-                raise InputError(
-                    f"joint positions: are {state.tolist()}; expected finite numbers, of which "
-                    f"none is beyond {_MAX_POSITION:g} rad or m"
-                )
         found = blocking_pair(self._arrays, pairs, self._arm, start, end, assumed_mm, self._scratch)
-        if not np.all(np.abs(self._scratch.matrices) <= _FAR_MM):
+        if found == INVALID:
             raise InputError(
-                f"links: are not within {_FAR_MM:g} mm of the root at joint positions "
-                f"{start.tolist()}; expected them there"
+                f"joint positions: are {start.tolist()} to {end.tolist()}; expected finite numbers "
+                f"within {MAX_POSITION:g} rad or m, and links within {MAX_MM:g} mm of the root"
             )
         return int(found)
 
@@ -187,7 +185,7 @@ class CollisionModel:
         other, body = (self._bodies[k].name for k in self._pairs.bodies[pair].tolist())
         return Contact(body, other, distance_mm, float(self._pairs.clearance_mm[pair]))
 
-    def _distance_mm(self, a: int, b: int, below_mm: float = _FAR_MM) -> float:
+    def _distance_mm(self, a: int, b: int, below_mm: float = MAX_MM) -> float:
         """The distance of two surfaces in the last state; inf from ``below_mm`` on."""
         return float(find_nearer(self._arrays, a, b, below_mm, 0, 0, True, self._scratch))
 

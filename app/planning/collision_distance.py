@@ -20,7 +20,7 @@ MAX_INTERVALS, MAX_OPEN = 1 << 14, 1 << 18
 
 _STACK = 256
 
-_VISITS, _LARGE_MM = 8, 5.0
+_VISITS, _LARGE_MM = 8, 50.0
 """After so many pairs of nodes a motion by more than this is not proven: two halves are quicker."""
 
 

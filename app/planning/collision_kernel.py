@@ -38,7 +38,10 @@ from app.robot import link_kernel
 from app.robot.elements import MM_PER_M
 from app.robot.link_kernel import compute_link_poses
 
-FREE = -1
+FREE, INVALID = -1, -2
+
+MAX_POSITION, MAX_MM = 1e6, 1e12
+"""Joints beyond this, in rad or m, and links so far from the root: motion bounds overflow."""
 
 RESOLUTION_MM = 0.01
 """An interval in which no point moves by this is not bisected: the motion is not proven free."""
@@ -126,8 +129,11 @@ def _turned(pose: FloatArray, p: Vector) -> Vector:
 
 
 @kernel
-def _set_range(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
-    """Compute poses and twists of the range ``middle`` and ``half`` in ``scratch``."""
+def _set_range(bodies: Bodies, arm: Arm, scratch: Scratch) -> bool:
+    """Compute poses and twists of the range ``middle`` and ``half`` in ``scratch``.
+
+    False if a pose is not within `MAX_MM` of the root.
+    """
     for k in range(len(arm.base)):
         scratch.positions[k], scratch.steps[k] = arm.base[k], 0.0
         driver = arm.driver[k]
@@ -137,7 +143,13 @@ def _set_range(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
     compute_link_poses(
         scratch.positions, arm.slides, arm.origins, arm.motions, arm.parents, scratch.matrices
     )
+    for pose in scratch.matrices:
+        for i in range(3):
+            for j in range(4):
+                if not abs(pose[i, j]) <= MAX_MM:  # NaN, too
+                    return False
     _fill_twists(bodies, arm, scratch)
+    return True
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -153,7 +165,8 @@ def blocking_pair(
     """`FREE` if the straight motion between joint positions keeps all clearances, or a pair.
 
     Of that pair the clearance is not kept, or could not be proven. ``start`` and ``end`` (d,) may
-    be equal. Containment is not tested: a motion that begins outside of a body stays outside.
+    be equal. `INVALID` if one is not finite, beyond `MAX_POSITION`, or puts a link beyond `MAX_MM`.
+    Containment is not tested: a motion that begins outside of a body stays outside.
     An interval in which no point moves by ``assumed_mm`` is only tested in its middle: 0 proves.
     """
     count = len(pairs.clearance_mm)
@@ -164,7 +177,12 @@ def blocking_pair(
         scratch.lists[number, 0], scratch.lists[number, 1] = 0, count
     for number in range(count):
         scratch.open[number] = number
-    used, head, tail = count, 0, 2
+    used, head, tail = count, 0, 1
+    for joint in range(len(start)):
+        if not (abs(start[joint]) <= MAX_POSITION and abs(end[joint]) <= MAX_POSITION):  # NaN, too
+            return INVALID
+        if start[joint] != end[joint]:
+            tail = 2
     while head < tail:
         low, high = scratch.ends[head, 0], scratch.ends[head, 1]
         middle = 0.5 * (low + high)
@@ -172,20 +190,21 @@ def blocking_pair(
             change = end[joint] - start[joint]
             scratch.middle[joint] = start[joint] + middle * change
             scratch.half[joint] = 0.5 * (high - low) * change
-        _set_range(bodies, arm, scratch)
+        if not _set_range(bodies, arm, scratch):
+            return INVALID
         begin = used
         for at in range(scratch.lists[head, 0], scratch.lists[head, 1]):
             pair = int(scratch.open[at])
             a, b, clearance = pairs.bodies[pair, 0], pairs.bodies[pair, 1], pairs.clearance_mm[pair]
             by_a, by_b = pairs.joints[pair, 0], pairs.joints[pair, 1]
+            moved = moved_mm(scratch.twists, a, by_a, bodies.nodes, bodies.first[a, 1])
+            moved += moved_mm(scratch.twists, b, by_b, bodies.nodes, bodies.first[b, 1])
+            if moved < assumed_mm:
+                by_a, by_b = 0, 0  # as if nothing moved
             distance = find_nearer(bodies, a, b, clearance, by_a, by_b, False, scratch)
             if distance < clearance:
                 return pair
             if distance < math.inf:
-                moved = moved_mm(scratch.twists, a, by_a, bodies.nodes, bodies.first[a, 1])
-                moved += moved_mm(scratch.twists, b, by_b, bodies.nodes, bodies.first[b, 1])
-                if moved < assumed_mm:
-                    continue
                 if moved < RESOLUTION_MM or used == MAX_OPEN:
                     return pair
                 scratch.open[used] = pair

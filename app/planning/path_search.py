@@ -29,20 +29,29 @@ util.RNG.setSeed(_SEED)
 
 
 class _TestedMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no types
-    """Motions that `CollisionModel` tests with ``assumed_mm``."""
+    """Motions that `CollisionModel` tests with ``assumed_mm``.
+
+    OMPL asks for a state before the motion from it back to a tree: that motion tests it first.
+    """
 
     def __init__(
         self, space: base.SpaceInformation, model: CollisionModel, assumed_mm: float
     ) -> None:
         super().__init__(space)
         self._model, self._assumed_mm = model, assumed_mm
+        self._new = np.empty(0)
+
+    def accepts(self, state: base.State) -> bool:
+        """True; the state is tested at the begin of the motion from it."""
+        self._new = _array(state, len(self._model.joints))
+        return True
 
     def checkMotion(self, start: base.State, end: base.State) -> bool:  # noqa: N802 (of OMPL)
         """True if the straight motion keeps all clearances, as far as it is tested."""
-        count = len(self._model.joints)
-        return self._model.motion_keeps_clearance(
-            _array(start, count), _array(end, count), assumed_mm=self._assumed_mm
-        )
+        ends = [_array(state, len(self._model.joints)) for state in (start, end)]
+        if np.array_equal(ends[0], self._new):
+            ends.reverse()
+        return self._model.motion_keeps_clearance(*ends, assumed_mm=self._assumed_mm)
 
 
 def _array(state: base.State, count: int) -> FloatArray:
@@ -92,9 +101,9 @@ def _tested_path(
     states = base.RealVectorStateSpace(count)
     states.setBounds(bounds)
     space = base.SpaceInformation(states)
-    # A bool of NumPy would raise `std::bad_cast` in OMPL.
-    space.setStateValidityChecker(lambda state: model.keeps_clearance(_array(state, count)))
-    space.setMotionValidator(_TestedMotions(space, model, assumed_mm))
+    motions = _TestedMotions(space, model, assumed_mm)
+    space.setStateValidityChecker(motions.accepts)
+    space.setMotionValidator(motions)
     space.setup()
     problem = base.ProblemDefinition(space)
     problem.addStartState(_state(states, start))
