@@ -96,8 +96,6 @@ def plan_approach(
     """
     from app.planning.path_search import find_path, shorten_path  # OMPL is of an extra
 
-    if not (math.isfinite(clearance_mm) and clearance_mm > 0.0):
-        raise InputError(f"clearance: is {clearance_mm} mm; expected a number above 0")
     everything = dict(_checked_positions(robot, start, "start"))
     missing = [name for name in robot.actuated_joint_names if name not in everything]
     if missing:

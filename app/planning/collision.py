@@ -1,5 +1,6 @@
 """Collision model of a robot among structures: which states and motions keep their clearances."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -57,8 +58,9 @@ class CollisionModel:
     states: the rule of MoveIt's semantic robot descriptions.
 
     Not thread-safe. Methods raise `InputError` for a state that is not finite, beyond 1e6 rad or m,
-    or that puts a link beyond 1e12 mm. Raises `InputError` for a robot with closed loops or without
-    collision meshes, `MeshError` for a structure that is not closed, and `FrameError`.
+    or that puts a link beyond 1e12 mm. Raises `InputError` for a clearance that is not finite and
+    above 0, and for a robot with closed loops or without collision meshes, `MeshError` for a
+    structure that is not closed, and `FrameError`.
     """
 
     def __init__(
@@ -71,6 +73,8 @@ class CollisionModel:
         clearance_mm: float,
         carried: Mapping[str, SurfaceMesh],
     ) -> None:
+        if not 0.0 < clearance_mm < math.inf:
+            raise InputError(f"clearance: is {clearance_mm} mm; expected a number above 0")
         self._robot, self.joints = robot, joints
         moving = [*link_bodies(robot), *carried_bodies(robot, carried)]
         moving.sort(key=lambda body: len(robot.tree.path_to(body.link)))  # upper links first

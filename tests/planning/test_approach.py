@@ -332,6 +332,13 @@ def test_state_without_a_place_is_not_proven(touch, start, value):
             prove_path(touch, joints, {}, states, structures, **bodies)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
+def test_path_is_not_proven_for_a_clearance_that_is_none(touch, start, value):
+    states = np.array([list(start.values())] * 2)
+    with pytest.raises(InputError, match=r"clearance: is .* mm; expected a number above 0"):
+        prove_path(touch, tuple(start), {}, states, {}, clearance_mm=value, carried={})
+
+
 def test_held_position_that_puts_a_link_nowhere_is_refused():
     robot = load("panda")
     slide = next(
