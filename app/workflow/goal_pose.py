@@ -23,8 +23,11 @@ _RESTARTS = 10
 Answer = Callable[[str, str], None]
 """Takes the JSON of a plan, and a problem; one of them is empty."""
 
-Plan = Callable[[Mapping[str, float], float, Answer], None]
-"""Plans an approach to joint positions with a clearance in mm, and answers in any thread."""
+Plan = Callable[[Mapping[str, float], float, Answer], Callable[[], None]]
+"""Plans an approach to joint positions with a clearance in mm, and answers in any thread.
+
+Returns a function that cancels it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,7 @@ class GoalPose:
         self._silent = self._problem = self._status = ""
         self._request: object | None = None
         """The request for a plan whose answer is awaited; answers of all others are dropped."""
+        self._cancel: Callable[[], None] = lambda: None
         self.links: Mapping[str, Transform] = {}
         """``root_from_link`` of the arm at the goal, or at the last one that it reaches."""
         self.revision = 0
@@ -105,15 +109,17 @@ class GoalPose:
         measured = {} if step.joints is None else step.joints.as_mapping()
         known = robot.robot.actuated_joint_names
         self._joints = {name: at for name, at in measured.items() if name in known}
-        self._clearance_mm, self._status, self._request = clearance_mm, "", None
+        self._drop_request()
+        self._clearance_mm, self._status = clearance_mm, ""
         self.links = dict(links)
         self._goal = links[robot.tool_link]
         self.hold()
         self._solve()
 
     def end(self) -> None:
-        """Remove the goal; the answer to a request for its plan is dropped."""
-        self._goal, self._model, self._request, self.links = None, None, None, {}
+        """Remove the goal; a request for its plan is cancelled."""
+        self._drop_request()
+        self._goal, self._model, self.links = None, None, {}
         self._problem = self._status = ""
         self.revision += 1
 
@@ -132,8 +138,13 @@ class GoalPose:
         return None if self._goal is None else self._goal.translation_mm
 
     def place(self, rotation: FloatArray, place_mm: FloatArray) -> None:
-        """Move the goal, of ``rotation`` (3, 3), with its tip at ``place_mm`` in the root link."""
+        """Move the goal, of ``rotation`` (3, 3), with its tip at ``place_mm`` in the root link.
+
+        A request for a plan is cancelled: it is for the earlier place.
+        """
         if self._goal is not None:
+            if self._drop_request():
+                self._status = "cancelled: the goal has moved; plan again"
             self._goal = Transform(self._goal.target, self._goal.source, rotation, place_mm)
             self._solve()
 
@@ -162,7 +173,7 @@ class GoalPose:
         self._request, self._status = object(), "planning..."
         self.revision += 1
         answer = partial(self._answer, self._request)
-        self._plan(dict(self._reached), self._clearance_mm, answer)
+        self._cancel = self._plan(dict(self._reached), self._clearance_mm, answer)
 
     def shown(self) -> GoalShown | None:
         """Texts at the last `update`; None for a session without a registered robot."""
@@ -175,6 +186,13 @@ class GoalPose:
             place = f"{x:g}, {y:g}, {z:g} mm from the root of the robot"
         can_plan = self._goal is not None and not self._problem and self._request is None
         return GoalShown(self._goal is not None, place, self._problem, self._status, can_plan)
+
+    def _drop_request(self) -> bool:
+        """Cancel the request for a plan; True if there was one."""
+        dropped, self._request = self._request is not None, None
+        if dropped:
+            self._cancel()
+        return dropped
 
     def _answer(self, request: object, text: str, problem: str) -> None:
         self._answers.append((request, text, problem))

@@ -62,9 +62,15 @@ def moment(parts, robot):
 
 @pytest.fixture
 def page(can_draw, moment):
-    """The view with a goal; ``asked`` are the requests for a plan."""
-    asked, ghost = [], ApproachGhost()
-    goal = GoalPose(lambda *request: asked.append(request), ghost.choose)
+    """The view with a goal; ``asked`` are the requests for a plan, ``cancelled`` their numbers."""
+    asked, cancelled, ghost = [], [], ApproachGhost()
+
+    def plan(*request):
+        asked.append(request)
+        number = len(asked)
+        return lambda: cancelled.append(number)
+
+    goal = GoalPose(plan, ghost.choose)
     view = SceneView(moment.content, added=(Part.GHOST,))
     view.view.render_window().SetSize(800, 600)
     part = PlanPart(ghost, NeedleGuide(), goal)
@@ -76,7 +82,9 @@ def page(can_draw, moment):
         return part.values()["goal"]
 
     show()
-    return SimpleNamespace(asked=asked, ghost=ghost, goal=goal, view=view, part=part, show=show)
+    return SimpleNamespace(
+        asked=asked, cancelled=cancelled, ghost=ghost, goal=goal, view=view, part=part, show=show
+    )
 
 
 def reached_mm(goal):
@@ -165,8 +173,21 @@ def test_answer_that_comes_after_the_end_of_its_goal_is_dropped(page, moment, ro
         values = page.show()
         assert (values["is_active"], values["status"]) == (True, "planning...")
         assert page.part.values()["approach"] is None
+    assert page.cancelled == [1, 2, 3]
     page.asked[-1][2]("", "start: in collision")
     assert page.show()["status"] == "start: in collision"
+
+
+def test_goal_that_moves_cancels_the_plan_for_its_earlier_place(page, moment, robot, tmp_path):
+    plan = write_approach(tmp_path / "plan.json", robot, moment.content.setup_id).read_text()
+    page.goal.begin(5.0)
+    page.goal.plan()
+    page.goal.move_to(page.goal.place_mm + STEP_MM)
+    page.asked[-1][2](plan, "")
+    values = page.show()
+    assert (page.cancelled, values["is_active"], values["can_plan"]) == ([1], True, True)
+    assert values["status"] == "cancelled: the goal has moved; plan again"
+    assert page.part.values()["approach"] is None
 
 
 def test_goal_needs_the_present_place_of_the_tool(page, moment):

@@ -2,7 +2,6 @@
 
 import json
 import re
-import threading
 import time
 
 import numpy as np
@@ -12,11 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from app.bridge import RosNode
-from app.bridge.guard_scene import GuardScene
 from app.bridge.messages import header_message
-from app.bridge.obstacles import Obstacles
-from app.bridge.plan_execution import ExecutionNode
-from app.bridge.planning_server import NODE_NAME, PlanningServer
 from app.bridge.topics import EXECUTED_PLAN, STREAM, Topic
 from app.control import open_control
 from app.geometry import Stamp, poses_in
@@ -110,26 +105,23 @@ def test_page_guides_the_needle_and_shows_the_ghost(
 
 
 @pytest.fixture
-def planner(domain_id, project_root):
-    """The planning node, for an arm that stands beside the tumour."""
-    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
-    with (
-        RosNode(NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("arm", domain_id=domain_id) as arm,
-    ):
+def planner(start, domain_id, project_root):
+    """``marginguard plan serve`` for an arm that stands beside the tumour; its joints (n,)."""
+    world = project_root / "data" / "worlds" / "lumpectomy"
+    description = open_control(world)
+    with RosNode("arm", domain_id=domain_id) as arm:
         joints = arm.publisher(Topic(f"{description.arm}/measured_js", JointState, STREAM))
         names = list(description.tool.joints)
-        at = [{"waist": 1.0, "shoulder": 0.6, "elbow": 0.3}.get(name, 0.0) for name in names]
+        at = {**dict.fromkeys(names, 0.0), "waist": 1.0, "shoulder": 0.6, "elbow": 0.3}
 
         def measure():
             header = header_message("", Stamp(time.time_ns()))
-            joints.publish(JointState(header=header, name=names, position=at))
+            joints.publish(JointState(header=header, name=names, position=list(at.values())))
 
         arm.every(0.005, measure)
-        node = ExecutionNode(ros, description, clock_ns=time.time_ns)
-        guard = GuardScene(ros, description, Obstacles(ros))
-        PlanningServer(ros, description, node, guard, threading.Lock())
-        yield
+        server = start("-m", "app.cli", "plan", "serve", world)
+        server.line(lambda line: line.startswith("PLANS"))
+        yield at
 
 
 @pytest.mark.timeout(900)

@@ -26,13 +26,22 @@ class ApproachRequest:
 
     def plan(
         self, joints: Mapping[str, float], clearance_mm: float, answer: Callable[[str, str], None]
-    ) -> None:
-        """Plan to ``joints``; ``answer(plan, problem)`` is called in a thread of its own."""
-        threading.Thread(
-            target=lambda: answer(*self._ask(joints, clearance_mm)), name="approach", daemon=True
-        ).start()
+    ) -> Callable[[], None]:
+        """Plan to ``joints``; ``answer(plan, problem)`` is called in a thread of its own.
 
-    def _ask(self, joints: Mapping[str, float], clearance_mm: float) -> tuple[str, str]:
+        Returns a function that cancels it.
+        """
+        cancelled = threading.Event()
+        threading.Thread(
+            target=lambda: answer(*self._ask(joints, clearance_mm, cancelled)),
+            name="approach",
+            daemon=True,
+        ).start()
+        return cancelled.set
+
+    def _ask(
+        self, joints: Mapping[str, float], clearance_mm: float, cancelled: threading.Event
+    ) -> tuple[str, str]:
         try:
             if self._client is None:
                 name = "/marginguard_plan/plan"
@@ -43,8 +52,8 @@ class ApproachRequest:
                 clearance=clearance_mm / MM_PER_M,
                 allowed_time=ALLOWED_S,
             )
-            sent = self._client.start(goal, _START_S)
-            return sent.result(_ANSWER_S).plan, ""
+            self._client.wait(_START_S, cancelled)
+            return self._client.call(goal, _ANSWER_S, cancelled).plan, ""
         except MarginGuardError as error:
             return "", str(error)
 

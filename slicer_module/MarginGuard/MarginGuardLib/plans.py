@@ -1,6 +1,6 @@
 """Plans beside the shown session: an approach with a goal by hand, and a needle on its corridor."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,13 +110,15 @@ class PanelPlans:
         run = None if thread is None else thread.run
         return run if isinstance(run, LiveStepRun) else None
 
-    def _ask(self, joints: Mapping[str, float], clearance_mm: float, answer: Answer) -> None:
+    def _ask(
+        self, joints: Mapping[str, float], clearance_mm: float, answer: Answer
+    ) -> Callable[[], None]:
         run = self._live_run()
         plan = None if run is None else run.plan
         if plan is None:
             answer("", "approach: the session is not live; expected a live one")
-        else:
-            plan(joints, clearance_mm, answer)
+            return lambda: None
+        return plan(joints, clearance_mm, answer)
 
 
 def _file(path: Path) -> Path:
