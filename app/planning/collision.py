@@ -151,17 +151,14 @@ class CollisionModel:
         """Compute the poses of all links."""
         self._blocking(self._pairs_of([], []), state, state)
 
-    def keeps_clearance(self, state: FloatArray) -> bool:
-        """True if all surfaces are far enough apart; does not test containment."""
-        return self.motion_keeps_clearance(state, state)
-
     def motion_keeps_clearance(
         self, start: FloatArray, end: FloatArray, *, assumed_mm: float = 0.0
     ) -> bool:
-        """True if all states on the straight way do: then ``end`` is in nothing if ``start`` is.
+        """True if all surfaces are far enough apart on the straight way.
 
-        That is proven, unless with ``assumed_mm``: then parts of the motion in which no point moves
-        that far are tested in their middle only, which is quicker.
+        Then ``end`` is in nothing if ``start`` is. That is proven, unless with ``assumed_mm``: then
+        parts of the motion in which no point moves that far are tested in their middle only, which
+        is quicker.
         """
         return self._blocking(self._pairs, start, end, assumed_mm) == FREE
 

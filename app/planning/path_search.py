@@ -42,7 +42,7 @@ class _TestedMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no
         self._new = np.empty(0)
 
     def accepts(self, state: base.State) -> bool:
-        """True; the state is tested at the begin of the motion from it."""
+        """True: the motion from the state tests it."""
         self._new = _array(state, len(self._model.joints))
         return True
 

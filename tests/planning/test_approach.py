@@ -125,7 +125,7 @@ def test_states_are_blocked_where_coal_finds_a_pair_too_near(name):
         positions = np.concatenate([positions, positions + 1e-9])
         excess, _ = scene.closest_mm(positions, held, model.joints, CLEARANCE_MM)
         if abs(excess) > 0.2:  # links may come nearer to each other than `SELF_CLEARANCE_MM`
-            assert model.keeps_clearance(positions[0]) == (excess > 0.0)
+            assert model.motion_keeps_clearance(*positions[[0, 0]]) == (excess > 0.0)
             blocked += excess < 0.0
     assert 3 < blocked < 27
 
@@ -320,7 +320,7 @@ def test_state_without_a_place_is_not_proven(touch, start, value):
     joints, good = tuple(start), np.array(list(start.values()))
     model = CollisionModel(touch, joints, {}, structures, **bodies)
     bad = np.where(np.array(joints) == "waist", value, good)
-    for test in (model.keeps_clearance, model.contact_at, model.distances_mm):
+    for test in (model.contact_at, model.distances_mm):
         with pytest.raises(InputError, match=r"joint positions: are .*; expected finite numbers"):
             test(bad)
     for ends in ((good, bad), (bad, good)):
