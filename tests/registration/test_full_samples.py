@@ -1,4 +1,4 @@
-"""The statistics of registration over three times the trials that the suite takes."""
+"""The statistics of registration over six times the trials that the suite takes."""
 
 import pytest
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.exhaustive
 
 @pytest.fixture
 def sample():
-    return 3
+    return 6
 
 
 globals().update(

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from tests.session.structure_worlds import compare_with_single_sessions, judge_planes
+from tests.session.test_far_structures import compare
 from tests.session.tool_worlds import compare_with_single_pairs
 from tests.session.vessel_pushes import LOSS_MM, STOP_MM, push
 
@@ -16,6 +17,11 @@ def test_each_structure_is_decided_as_by_a_session_of_its_own(seed):
     """10,000 configurations in all: structures at a frame."""
     rng = np.random.default_rng(seed)
     compare_with_single_sessions(rng, int(rng.integers(1, 21)), frames=250)
+
+
+@pytest.mark.parametrize("seed", range(100, 110))
+def test_far_structures_change_no_decision(seed):
+    assert compare(seed, structures=8, frames=400)[2] > 10
 
 
 @pytest.mark.parametrize("seed", range(100, 160))

@@ -147,7 +147,7 @@ def test_clock_set_back_by_more_than_half_a_second_is_counted_and_followed():
     assert steps[-1][1].decision.hold
 
 
-@settings(max_examples=10)
+@settings(max_examples=3)
 @example([(6000, 300)], 0)
 @example([(6000, 3)], 900)
 @given(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.fixture import Reason
@@ -180,6 +180,7 @@ def test_history_survives_a_jump_of_the_clock():
     assert Tracker().shake(200).repeat(9 * PERIOD_MS).unchanged_ms() == 9 * PERIOD_MS
 
 
+@settings(max_examples=25)
 @given(st.lists(st.integers(0, 30), max_size=40), st.booleans(), st.integers(0, 60))
 def test_no_history_delays_frozen_beyond_the_bound(runs, moves, after):
     tracker = Tracker()

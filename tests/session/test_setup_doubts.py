@@ -136,7 +136,7 @@ def test_share_of_unusable_frames_is_named_with_its_cause(setup, steps, lost, is
 
 def test_shipped_case_has_no_doubts(project_root):
     prepared = prepare_case(project_root / "data/recorded_case", package_dirs=(), tip_only=True)
-    run = ReplayRun(prepared, clock_ns=lambda: 0, end_s=30.0)
+    run = ReplayRun(prepared, clock_ns=lambda: 0, end_s=16.0)
     assert [*run.steps()] and run.doubts.texts() == ()
 
 

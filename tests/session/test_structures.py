@@ -33,15 +33,15 @@ from tests.session.vessel_pushes import LOSS_MM, STOP_MM, push
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize(("seed", "structures"), [(0, 1), (1, 2), (2, 3), (3, 5), (4, 9), (5, 20)])
+@pytest.mark.parametrize(("seed", "structures"), [(0, 1), (2, 3), (4, 9)])
 def test_each_structure_is_decided_as_by_a_session_of_its_own(seed, structures):
-    compare_with_single_sessions(np.random.default_rng(seed), structures, 150 // structures + 30)
+    compare_with_single_sessions(np.random.default_rng(seed), structures, 150 // structures + 20)
 
 
 def test_planes_of_all_structures_permit_no_motion_into_one():
     rng = np.random.default_rng(1)
-    judged = [judge_planes(rng, motions=60) for _ in range(6)]
-    assert sum(each.motions for each in judged) > 100
+    judged = [judge_planes(rng, motions=40) for _ in range(4)]
+    assert sum(each.motions for each in judged) > 50
     assert any(each.left_out for each in judged)
 
 

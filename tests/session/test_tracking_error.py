@@ -138,21 +138,21 @@ def test_velocity_of_the_tumour_in_a_frame_of_the_tracker_needs_no_robot():
 
 
 def lowest_distance_mm(*, known_ms: float, sigma_mm: float, follows: bool) -> float:
-    """Lowest true distance while a hand pushes a tool for 5 s at a tumour that breathes along z.
+    """Lowest true distance while a hand pushes a tool for 4.2 s at a tumour that breathes along z.
 
     The tracker samples every 20 ms with a latency of 20 ms, and measures 2 * 0.25 mm too much. The
-    controller sets the tool's velocity every 2 ms. The margin knows ``known_ms`` of the latency and
+    controller sets the tool's velocity every 4 ms. The margin knows ``known_ms`` of the latency and
     ``sigma_mm``; the velocity of the tumour is exact, or unknown.
     """
     parameters = replace(PARAMETERS, v_max_mm_s=100.0)
     limits = LimiterParameters(tau_s=0.1)
     height_mm, velocity_mm_s, pace = 40.0, 0.0, 2.0 * math.pi * 0.25
-    top = [4.5 * math.sin(pace * at / 1000.0) for at in range(5001)]  # of the tumour, each ms
+    top = [4.5 * math.sin(pace * at / 1000.0) for at in range(4201)]  # of the tumour, each ms
     heights, lowest = [], math.inf
-    for at in range(5000):
+    for at in range(4200):
         heights.append(height_mm)
         acquired = at - LATENCY_MS - at % 20  # of the newest sample that has arrived
-        if acquired >= 0 and at % 2 == 0:
+        if acquired >= 0 and at % 4 == 0:
             margin = parameters.applied(sigma_mm, round((at % 20 + known_ms) * NS_PER_MS))
             clearance = heights[acquired] - top[acquired] + 0.5 - margin.total_mm
             speed = 4.5 * pace * math.cos(pace * at / 1000.0) if follows else 0.0

@@ -57,7 +57,7 @@ def engine() -> ProximityEngine:
     return ProximityEngine(lobed_tumor(80), cautery(500))
 
 
-@pytest.mark.parametrize("scale", [0.4, 1.0, 2.5])
+@pytest.mark.parametrize("scale", [0.4, 2.5])
 def test_replacement_is_that_of_two_calls(engine, scale):
     shape = lobed_tumor(1280)
     new = SurfaceMesh("tumor", scale * shape.vertices_mm + np.array([3.0, 1.0, 0.0]), shape.faces)

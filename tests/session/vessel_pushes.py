@@ -1,5 +1,6 @@
 """A hand pushes a tool at a tumour beside a vessel, with a session as guard and a controller."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -96,17 +97,24 @@ def session_setup(scene: Pair, margins: MarginParameters) -> SessionSetup:
     )
 
 
-def push(seed: int, cautery: trimesh.Trimesh, guard_type: type[Guard] = SessionGuard) -> float:
-    """The lowest distance in mm to tumour and vessel of one push, by libigl.
-
-    The pose is the lowest one of all control steps by exact distances.
-    """
+@lru_cache(1)
+def world(seed: int, cautery: trimesh.Trimesh) -> tuple[Pair, Conditions]:
+    """Bodies, tool and hand of one push."""
     rng = np.random.default_rng(seed)
     target = tumor(("convex", "lobed", "hollow")[seed % 3], rng)
     reach_mm = float(np.linalg.norm(target.vertices, axis=1).max())
     shape = tool(("cautery", "needle")[seed % 2], cautery)
     scene = Pair(target, vessel(rng, reach_mm), shape)
     hand = ("push", "slide", "turn", "any")[seed % 4]
+    return scene, Conditions(int(rng.integers(40)), 25, 0.01, hand, rng.uniform(20.0, 120.0))
+
+
+def push(seed: int, cautery: trimesh.Trimesh, guard_type: type[Guard] = SessionGuard) -> float:
+    """The lowest distance in mm to tumour and vessel of one push, by libigl.
+
+    The pose is the lowest one of all control steps by exact distances.
+    """
+    scene, conditions = world(seed, cautery)
     found = simulate(
         scene,
         FixtureRule(),
@@ -114,7 +122,7 @@ def push(seed: int, cautery: trimesh.Trimesh, guard_type: type[Guard] = SessionG
         steps=STEPS,
         stop_mm=STOP_MM,
         v_max_mm_s=50.0,
-        conditions=Conditions(int(rng.integers(40)), 25, 0.01, hand, rng.uniform(20.0, 120.0)),
+        conditions=conditions,
         guard_type=guard_type,
     )
     assert found.pose is not None
