@@ -112,7 +112,7 @@ def hand(count: int, seed: int) -> CaseSamples:
 
 
 def test_parts_of_the_work_have_the_same_result_as_all_at_once(monkeypatch):
-    poses = hand(500, 3)
+    poses = hand(200, 3)
     whole = coverage_of(poses, TUMOR, TOOL).nearest_mm
     monkeypatch.setattr("app.analysis.coverage._AT_ONCE", 37)
     np.testing.assert_array_equal(coverage_of(poses, TUMOR, TOOL).nearest_mm, whole)

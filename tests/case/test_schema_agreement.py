@@ -32,14 +32,14 @@ def check_edited_document(document: str, data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(data=st.data())
 def test_reader_accepts_what_the_schema_accepts(document, data):
     check_valid_document(document, data)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_reader_and_schema_agree_on_edited_documents(document, data):
     check_edited_document(document, data)

@@ -115,14 +115,11 @@ def test_motion_arrives_and_ends(description, motion):
     assert loop.largest_acceleration() <= 1.1 * 5.0
 
 
-@pytest.mark.parametrize("share", [0.5])
-def test_plane_in_the_way_slows_the_motion_down_and_is_not_reached(description, motion, share):
-    free = Loop(description, motion)
-    free.begin()
-    free.run()
-    heights = np.array(free.clearances_mm) + FAR_MM
-    start, bottom = heights[0], heights.min()
-    loop = Loop(description, motion, start + share * (bottom - start))
+def test_plane_in_the_way_slows_the_motion_down_and_is_not_reached(description, motion):
+    ends = START.copy(), START.copy()
+    ends[1][:3] = motion.positions[-1]
+    start, bottom = (description.tool.evaluate(each)[0].translation_mm[2] for each in ends)
+    loop = Loop(description, motion, 0.5 * (start + bottom))
     assert loop.begin() == ""
     last = loop.run()
     assert last.outcome is Outcome.BLOCKED
@@ -130,8 +127,7 @@ def test_plane_in_the_way_slows_the_motion_down_and_is_not_reached(description, 
     assert loop.largest_acceleration() <= 1.1 * 5.0
 
 
-@pytest.mark.parametrize("progress", [0.2, 0.6])
-@pytest.mark.parametrize("plane_mm", [FAR_MM, 105.0])
+@pytest.mark.parametrize(("progress", "plane_mm"), [(0.2, FAR_MM), (0.6, 105.0)])
 def test_hold_stops_before_the_plane_within_the_accelerations(
     description, motion, progress, plane_mm
 ):
@@ -205,7 +201,7 @@ def test_unusable_measurement_stops_the_motion(description, motion, change, outc
     assert loop.run().outcome is outcome
 
 
-@pytest.mark.parametrize("jump_ms", [-1000, -6, 50, 1000])
+@pytest.mark.parametrize("jump_ms", [-6, 50, 1000])
 def test_clock_that_is_set_does_not_make_the_arm_jump(description, motion, jump_ms):
     loop = Loop(description, motion)
     loop.begin()

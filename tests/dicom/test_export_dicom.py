@@ -74,8 +74,6 @@ def test_axes_of_the_patient_turn_the_structures(case, tmp_path):
     [
         (["--structure", "specimen"], "expected NAME=FILE"),
         (["--structure", "specimen=missing.stl"], "missing.stl"),
-        (["--voxel-mm", "9"], "expected 0.05 to 5 mm"),
-        (["--frame-of-reference", "abc"], "expected a DICOM UID"),
         (["--date", "yesterday"], "expected YYYY-MM-DD"),
         (["--ras-from-tumor", *"111111111"], "is no rotation"),
     ],

@@ -81,7 +81,7 @@ TRACKER = TrackerModel(
 REGISTRATION_MM = 0.5
 """Standard deviation along each axis."""
 BREATH_MM = np.array([0.0, 4.0, 3.0])
-MAX_S, BLOCKED_S = 30.0, 3.5
+MAX_S, BLOCKED_S = 30.0, 3.0
 """Largest duration of an insertion, and that of one that is blocked."""
 
 CONTROL_STEPS = 5

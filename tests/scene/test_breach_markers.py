@@ -2,7 +2,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
@@ -28,6 +28,7 @@ def positions(marks):
     return np.array(points).reshape(-1, 3)
 
 
+@settings(max_examples=30)
 @given(POINTS)
 def test_marks_keep_their_spacing_and_every_breach_is_near_one(points):
     marks = markers()
@@ -91,6 +92,7 @@ def test_marks_can_be_seen_on_a_tumor_of_each_state(vision):
         assert np.abs(seen[0] - seen[1]).max() >= 0.3, state
 
 
+@settings(max_examples=30)
 @given(POINTS, st.floats(0.2, 5.0), st.floats(0.2, 5.0))
 def test_another_spacing_applies_to_the_breaches_so_far(points, before_mm, after_mm):
     marks = markers(MarkerStyle(before_mm))

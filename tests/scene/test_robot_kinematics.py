@@ -18,7 +18,7 @@ from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
 
-CONFIGURATIONS = 20
+CONFIGURATIONS = 6
 WORLD_MM = 1e-6
 BASES = {
     "left": posed("reference", "left_base", [0.3, -0.2, 0.9], [-400.0, 30.0, -20.0]),

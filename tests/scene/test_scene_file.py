@@ -165,7 +165,7 @@ def test_foreign_files_are_refused_in_one_line(application, tmp_path, write, mes
     assert capfd.readouterr().err == ""
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255))
 def test_damaged_byte_is_detected_or_changes_nothing(saved, shown, place, bits):
     damaged = bytearray(saved.read_bytes())

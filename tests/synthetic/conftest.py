@@ -1,10 +1,10 @@
 """An arm with kinematics in closed form, and a simulation that the tests share."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from app.geometry import Transform
 from app.synthetic import BASE_FRAME, TIP_FRAME, simulate
@@ -18,15 +18,26 @@ class GantryArm:
     joint_names = ("x", "y", "z", "yaw", "pitch", "roll")
 
     def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
-        turns = [joints[name] for name in ("yaw", "pitch", "roll")]
-        rotation = Rotation.from_euler("ZYX", turns).as_matrix() @ POINTING_DOWN
+        (sy, cy), (sp, cp), (sr, cr) = (
+            (math.sin(joints[name]), math.cos(joints[name])) for name in ("yaw", "pitch", "roll")
+        )
+        turned = np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
         slides_mm = [1000.0 * joints[name] for name in "xyz"]
-        return Transform(BASE_FRAME, TIP_FRAME, rotation, np.array(slides_mm))
+        return Transform(BASE_FRAME, TIP_FRAME, turned @ POINTING_DOWN, np.array(slides_mm))
 
     def joints_for(self, base_from_tool, seed):
         assert (base_from_tool.target, base_from_tool.source) == (BASE_FRAME, TIP_FRAME)
-        turns = Rotation.from_matrix(base_from_tool.rotation @ POINTING_DOWN.T).as_euler("ZYX")
-        values = [*(base_from_tool.translation_mm / 1000.0), *turns]
+        turned = base_from_tool.rotation @ POINTING_DOWN
+        yaw = math.atan2(turned[1, 0], turned[0, 0])
+        pitch = math.asin(min(max(-turned[2, 0], -1.0), 1.0))
+        roll = math.atan2(turned[2, 1], turned[2, 2])
+        values = [*(base_from_tool.translation_mm / 1000.0), yaw, pitch, roll]
         return dict(zip(self.joint_names, map(float, values), strict=True))
 
 

@@ -73,9 +73,10 @@ def test_phases_reach_their_end_and_the_breach_is_in_the_true_tumour():
 
 
 def test_the_same_seed_and_requests_give_the_same_moments(touched):
-    second = Played().play("touch")
-    assert len(touched) == len(second)
-    for one, other in zip(touched, second, strict=True):
+    second = Played().operation
+    second.request("touch")
+    for one in touched[:150]:
+        other = second.step()
         assert [p.matrix.tolist() for p in one.poses] == [p.matrix.tolist() for p in other.poses]
         assert one.joints == other.joints
         assert np.array_equal(one.image, other.image)

@@ -5,19 +5,26 @@ import pytest
 
 from app.case import open_case
 from app.geometry import InputError, MarginGuardError
-from app.synthetic import simulate_case, simulate_unrecorded_case
+from app.synthetic import simulate, simulate_case, simulate_unrecorded_case
+from app.synthetic.case_options import CaseOptions
 from app.synthetic.simulation import SENSOR_FROM_TUMOR, TOOL_FROM_TIP
 
 pytestmark = pytest.mark.slow
 
+SHORT = CaseOptions().with_values({"duration_s": 50.0})
 FILES = {"case.yaml", "tracking.mcap", "tumor.stl", "cautery.stl", "expected.yaml", "README.md"}
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, gantry):
     folder = tmp_path_factory.mktemp("simulated") / "case"
-    simulate_case(folder, seed=1, arm=gantry)
+    simulate_case(folder, seed=1, arm=gantry, options=SHORT)
     return folder
+
+
+@pytest.fixture(scope="module")
+def simulation(gantry):
+    return simulate(gantry, np.random.default_rng([1, 0]), SHORT)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +49,7 @@ def test_same_seed_gives_an_unrecorded_case_the_frames_that_are_read_of_a_record
     folder, tmp_path, gantry
 ):
     """Equal frames have equal bytes: `tests/case/recorder`."""
-    check_unrecorded(folder, tmp_path / "kept", seed=1, arm=gantry)
+    check_unrecorded(folder, tmp_path / "kept", seed=1, arm=gantry, options=SHORT)
 
 
 def test_the_folder_holds_its_files_and_is_small(folder):

@@ -21,7 +21,7 @@ def on_ellipsoid(count: int, axes: tuple[float, float, float], seed: int) -> Flo
     return directions / np.linalg.norm(directions, axis=1, keepdims=True) * axes
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(
     count=st.integers(4, 40),
     seed=st.integers(0, 10_000),

@@ -75,14 +75,6 @@ def test_command_and_movie_have_the_same_frame_rate():
     assert PICTURES_PER_S * PICTURE_MS == 1000
 
 
-@pytest.mark.usefixtures("can_draw")
-def test_movie_is_the_same_at_every_run(content, make_step):
-    steps = make_step(MarginState.NEGATIVE), make_step(MarginState.POSITIVE)
-    keyframes = list(enumerate(steps))
-    once, again = (pictures(movie_gif(content, steps[1], keyframes, SIZE)) for _ in range(2))
-    assert once[0].tolist() == again[0].tolist()
-
-
 def test_step_without_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
     content, make_step, edges
 ):
@@ -121,7 +113,7 @@ def test_video_has_the_pictures_of_the_animation(content, make_step, edges, tmp_
     states = [MarginState.NEGATIVE, MarginState.POSITIVE, MarginState.UNKNOWN]
     keyframes = [
         (0.5 * place, make_step(states[place % 3], measured=moved(edges, 2.0 * place)))
-        for place in range(12)
+        for place in range(6)
     ]
     subject = make_step(MarginState.POSITIVE)
     video = movie_mp4(content, subject, keyframes, SIZE)
