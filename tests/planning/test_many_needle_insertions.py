@@ -11,10 +11,12 @@ INSERTIONS, BLOCKED = 100, 20
 
 
 def test_lateral_error_is_at_most_the_predicted_one():
+    assert operation().corridor.depth_mm > 80.0
     found = [operation().insert(seed) for seed in range(INSERTIONS)]
     lateral_mm = np.array([each.lateral_mm for each in found], dtype=float)
     assert np.isfinite(lateral_mm).all()  # all arrive
     assert min(each.vessel_mm for each in found) > 0.0
+    assert max(each.waited_s for each in found) > 0.5
     assert max(abs(each.left_mm) for each in found) < 2.0
     assert np.percentile(lateral_mm, 95) <= predicted_mm(0.95)
     assert np.percentile(lateral_mm, 95) > 0.5 * predicted_mm(0.95)  # the prediction is no excuse

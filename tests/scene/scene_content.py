@@ -1,12 +1,7 @@
-"""The nodes of a scene as plain values, read by MRML's own calls; also a program.
-
-``python -m tests.scene.scene_content FILE`` loads a bundle into a fresh process and prints it.
-"""
+"""The nodes of a scene as plain values, read by MRML's own calls."""
 
 import json
-import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from slicer import vtkMRMLScene
@@ -14,7 +9,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import Transform, poses_in
-from app.scene import MarginGuardScene, SceneApplication, load_scene
+from app.scene import MarginGuardScene
 
 
 def set_poses(
@@ -66,9 +61,3 @@ def _values(node: Any) -> dict[str, Any]:
             "scalars": [display.GetScalarVisibility(), display.GetActiveScalarName()],
         }
     return values
-
-
-if __name__ == "__main__":
-    application = SceneApplication(vtkMRMLScene())
-    load_scene(application.scene, Path(sys.argv[1]))
-    print(json.dumps(content(application.scene)))

@@ -70,11 +70,16 @@ def ras_from(side):
     return RAS_FROM_REFERENCE.matrix @ BASES[side].matrix
 
 
-def test_two_robots_have_the_poses_of_pinocchio(example_urdfs):
+@pytest.fixture(scope="module")
+def example_robots(example_urdfs):
+    return [load_robot(urdf) for urdf in example_urdfs]
+
+
+def test_two_robots_have_the_poses_of_pinocchio(example_urdfs, example_robots):
     scene = new_scene()
     peers = {}
-    for seed, (side, urdf) in enumerate(zip(BASES, example_urdfs, strict=True)):
-        robot = load_robot(urdf)
+    examples = zip(BASES, example_urdfs, example_robots, strict=True)
+    for seed, (side, urdf, robot) in enumerate(examples):
         assert robot.warnings == ()
         peers[side] = PinocchioRobot(urdf, robot, seed)
         scene.add_robot(side, robot, f"{side}_base")
@@ -100,10 +105,11 @@ def test_comparison_detects_a_moved_link(project_root):
         assert_poses_of_pinocchio(model, peer, moved)
 
 
-def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(example_urdfs):
+def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(
+    example_urdfs, example_robots
+):
     """Compares bounding boxes per link: meshes read by trimesh, poses by Pinocchio's parser."""
-    urdf = example_urdfs[0]
-    robot = load_robot(urdf)
+    urdf, robot = example_urdfs[0], example_robots[0]
     scene = new_scene()
     model = scene.add_robot("one", robot, "left_base")
     peer = PinocchioRobot(urdf, robot, 4)

@@ -95,8 +95,8 @@ def test_robots_that_come_and_go_leave_no_memory(scene, example_urdfs):
             scene.remove_robot("one")
         return resident_mb()
 
-    settled = rounds(3)
-    assert rounds(6) - settled < 3.0
+    settled = rounds(2)
+    assert rounds(4) - settled < 3.0
 
 
 def test_unknown_links_are_grey(scene, arm):

@@ -42,8 +42,9 @@ assert [n for name, n in before.items() if "_fill_between" in name] == [1]
 
 @pytest.fixture(autouse=True)
 def no_shared_field(monkeypatch):
-    """Each preparation builds its own field: tests compare them."""
+    """Each preparation builds its own field, a small one: tests compare them."""
     monkeypatch.setenv("MARGINGUARD_FIELD_CACHE", "off")
+    monkeypatch.setattr("app.fixture.proximity.distance_field.MIN_NODES", 20_000)
 
 
 @cache

@@ -22,7 +22,7 @@ from app.fixture import (
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray
 from app.simulation import HapticCoupling, HapticParameters
 
-TOUCH_S = 0.6
+TOUCH_S = 0.4
 SUBSTEP_S = 1e-4
 CONTROL_NS = 5 * NS_PER_MS
 ADMITTANCE_MM_S_N = 10.0

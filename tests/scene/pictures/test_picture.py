@@ -107,10 +107,6 @@ def test_tool_is_visible_through_the_holding_link_and_alone_in_the_close_up(draw
         assert amount(picture[:, half:], is_blue) == 0
 
 
-def test_picture_is_the_same_each_time(draw, picture):
-    assert np.array_equal(draw(), picture)
-
-
 def test_picture_of_a_tip_without_mesh_and_robot(draw, content):
     picture = draw(content=replace(content, tool=None, robot=None), links={})
     assert amount(picture, is_blue) == 0
