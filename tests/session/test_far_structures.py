@@ -23,11 +23,10 @@ from app.session import Session, structure_line
 from app.session.far_structures import BEYOND_MM, FarStructures
 from app.session.pose_tree import MeasuredPose
 from app.session.setup import REFERENCE, RobotSetup, TrackingError
-from marginguard import open_case
 from tests.doubles import near
 from tests.oracles.fixture_oracle import random_pose
-from tests.session.far_step import far_step
 from tests.session.structure_worlds import TIP, random_bodies, setup_of, tracker_poses
+from tests.session_content import one_link_content
 
 pytestmark = pytest.mark.slow
 
@@ -118,16 +117,21 @@ def compare(seed, structures, frames):
     return counts
 
 
-def test_far_structure_is_written_with_the_bound_of_its_distance(project_root):
-    case = open_case(project_root / "data" / "structures_case")
-    step = far_step(case)
-    _, far, wall = step.structures
-    assert 60.0 < far.at_least_mm < 70.0
-    assert structure_line(far) == f"lesion 2: CLEAR, at least {int(far.at_least_mm)} mm"
-    _, far_values, wall_values = json.loads(as_json_line(step, "", case.content))["structures"]
+def test_far_structure_is_written_with_the_bound_of_its_distance():
+    rng = np.random.default_rng(1)
+    session = Session(setup_of(random_bodies(rng, 3, spread_mm=100.0)), skip_far=True)
+    steps = map(session.step, roaming_frames(rng, 300))
+    is_far = [False, True, False]
+    step = next(s for s in steps if [bool(e.at_least_mm) for e in s.structures] == is_far)
+    _, far, near = step.structures
+    assert far.at_least_mm > 20.0
+    assert structure_line(far).endswith(f": CLEAR, at least {int(far.at_least_mm)} mm")
+    _, far_values, near_values = json.loads(as_json_line(step, "", one_link_content()))[
+        "structures"
+    ]
     assert (far_values["signed_distance_mm"], far_values["at_least_mm"]) == (None, far.at_least_mm)
-    assert wall_values["signed_distance_mm"] == wall.decision.proximity.signed_distance_mm
-    assert "at_least_mm" not in wall_values
+    assert near_values["signed_distance_mm"] == near.decision.proximity.signed_distance_mm
+    assert "at_least_mm" not in near_values
 
 
 def poses_at(setup, now, tip):

@@ -1,24 +1,37 @@
 """Steps that are passed to another process."""
 
 import pickle
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
+from itertools import islice
 
 import numpy as np
 import pytest
 
-import marginguard as mg
+from app.geometry import TrackedTransform, TrackingStatus
 from app.robot.kinematic_tree import LinkPoses
+from app.session import Session, setup_from_case
 from app.session.step_result import NO_EDGES, pickled_steps
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def steps():
-    """Steps of the recorded case: a breach, and a dropout of the tracker."""
-    case = mg.open_case(mg.example_case())
-    breach = mg.replay(case, start_s=95.5, end_s=96.3)
-    return [*breach, *mg.replay(case, start_s=138.8, end_s=139.5)]
+def steps(case):
+    """Steps of the recorded case with the tumour at the tool's tip, the last ones without it."""
+    setup = setup_from_case(case)
+    frames = list(islice(case.frames(), 40))
+    needle, cautery = (
+        next(pose.transform for pose in frames[20].poses if pose.source == name)
+        for name in ("needle", "cautery")
+    )
+    at_tip = (needle.inverse() @ cautery @ setup.tool_from_tip).renamed(source="tumor")
+    session = Session(replace(setup, frame_from_tumor=at_tip))
+    lost = [replace(frame, poses=tuple(map(without_pose, frame.poses))) for frame in frames[30:]]
+    return [session.step(frame) for frame in (*frames[:30], *lost)]
+
+
+def without_pose(pose):
+    return TrackedTransform.lost(pose.target, pose.source, pose.stamp, TrackingStatus.INVALID)
 
 
 def assert_same(found: object, expected: object) -> None:

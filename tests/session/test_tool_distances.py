@@ -40,7 +40,7 @@ from tests.session.tool_worlds import (
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize(("seed", "structures", "tools"), [(0, 1, 1), (1, 2, 2), (2, 3, 3)])
+@pytest.mark.parametrize(("seed", "structures", "tools"), [(0, 1, 1), (2, 3, 3)])
 def test_other_tools_change_no_decision_and_are_measured_exactly(seed, structures, tools):
     known, unknown = compare_with_single_pairs(
         np.random.default_rng(seed), structures, tools, 60 // tools

@@ -14,7 +14,7 @@ from app.session import Role, Session, SessionSetup, Structure
 from tests.fixture.control.guarded_loop import Conditions, Guard, Scene, simulate, tool, tumor
 
 STOP_MM, LOSS_MM = 1.0, 0.1
-STEPS = 300
+STEPS = 220
 
 
 def vessel(rng: np.random.Generator, reach_mm: float) -> trimesh.Trimesh:
