@@ -2,7 +2,9 @@
 
 import copy
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -109,6 +111,17 @@ def manifest() -> dict[str, Any]:
     return copy.deepcopy(MANIFEST)
 
 
+@cache
+def _written(count: int) -> dict[str, bytes]:
+    """Two meshes and a recording of ``count`` frames, by their names."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        trimesh.creation.icosphere(subdivisions=1, radius=10.0).export(folder / "tumor.stl")
+        trimesh.creation.box((1.0, 2.0, 30.0)).export(folder / "tool.stl")
+        write_recording(folder / "tracking.mcap", some_frames(count))
+        return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
 @pytest.fixture
 def write_case(tmp_path: Path) -> Callable[..., Path]:
     """Write a case: the manifest given, two meshes, an MCAP recording of ``count`` frames."""
@@ -116,9 +129,8 @@ def write_case(tmp_path: Path) -> Callable[..., Path]:
     def write(manifest: dict[str, Any], *, count: int = 50, name: str = "case") -> Path:
         folder = tmp_path / name
         folder.mkdir()
-        trimesh.creation.icosphere(subdivisions=1, radius=10.0).export(folder / "tumor.stl")
-        trimesh.creation.box((1.0, 2.0, 30.0)).export(folder / "tool.stl")
-        write_recording(folder / "tracking.mcap", some_frames(count))
+        for file, content in _written(count).items():
+            (folder / file).write_bytes(content)
         return write_manifest(folder, manifest)
 
     return write

@@ -71,15 +71,16 @@ def ras_from(side):
 
 
 @pytest.fixture(scope="module")
-def example_robots(example_urdfs):
-    return [load_robot(urdf) for urdf in example_urdfs]
+def ur5(example_urdfs):
+    return load_robot(example_urdfs[0])
 
 
-def test_two_robots_have_the_poses_of_pinocchio(example_urdfs, example_robots):
+def test_two_robots_have_the_poses_of_pinocchio(example_urdfs, ur5, project_root):
     scene = new_scene()
     peers = {}
-    examples = zip(BASES, example_urdfs, example_robots, strict=True)
-    for seed, (side, urdf, robot) in enumerate(examples):
+    touch = project_root / "data" / "robots" / "touch" / "touch.urdf"
+    robots = (example_urdfs[0], ur5), (touch, load_robot(touch))
+    for seed, (side, (urdf, robot)) in enumerate(zip(BASES, robots, strict=True)):
         assert robot.warnings == ()
         peers[side] = PinocchioRobot(urdf, robot, seed)
         scene.add_robot(side, robot, f"{side}_base")
@@ -105,11 +106,9 @@ def test_comparison_detects_a_moved_link(project_root):
         assert_poses_of_pinocchio(model, peer, moved)
 
 
-def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(
-    example_urdfs, example_robots
-):
+def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(example_urdfs, ur5):
     """Compares bounding boxes per link: meshes read by trimesh, poses by Pinocchio's parser."""
-    urdf, robot = example_urdfs[0], example_robots[0]
+    urdf, robot = example_urdfs[0], ur5
     scene = new_scene()
     model = scene.add_robot("one", robot, "left_base")
     peer = PinocchioRobot(urdf, robot, 4)
