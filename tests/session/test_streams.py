@@ -217,7 +217,7 @@ def check(decision: FixtureDecision, oracle: MarginTrustOracle) -> None:
 
 
 @pytest.mark.parametrize("held_by", ["hand", "found", "missing", "refused"])
-@settings(max_examples=20 * ROUNDS, derandomize=ROUNDS == 1)
+@settings(max_examples=40 * ROUNDS, derandomize=ROUNDS == 1)
 @given(scenario=SCENARIOS)
 def test_no_state_is_green_that_the_oracle_rejects(engine, robots, held_by, scenario):
     robot = robots[held_by]
