@@ -16,12 +16,17 @@ The Fast DDS of the ROS 2 wheels is compiled without its security plugins. Then 
 with an internal error in some configurations, and runs unprotected in others: it reads no other
 value of ``ROS_SECURITY_ENABLE`` than ``true``, and without ``ROS_SECURITY_STRATEGY=Enforce`` a
 participant without keys joins unprotected. `check_security` refuses to run unprotected.
+
+Nor does it destroy a participant safely by itself: `finish_discovery`.
 """
 
+import ctypes
 import os
 import re
 from collections.abc import Iterable, Mapping, MutableMapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from app.bridge.ros_errors import BridgeError
 
@@ -56,6 +61,14 @@ KEYSTORE = "ROS_SECURITY_KEYSTORE"
 _ENFORCE = "Enforce"
 _WITHOUT_PLUGINS = b"doesn't have the security libraries"
 """Text of rmw_fastrtps that it contains only if it was compiled without security."""
+
+_LOADED = os.RTLD_NOLOAD | os.RTLD_NOW
+_PARTICIPANT = "_ZN16rmw_fastrtps_cpp22get_domain_participantEP10rmw_node_s"
+_SET_LISTENER = (
+    "_ZN8eprosima7fastdds3dds17DomainParticipant12set_listenerEPNS1_25DomainParticipantListenerE"
+    "NSt6chrono8durationIlSt5ratioILl1ELl1EEEE"
+)
+"""``DomainParticipant::set_listener(DomainParticipantListener *, std::chrono::seconds)``."""
 
 _FAST_DDS = re.compile(r"librmw_fastrtps_shared_cpp\.so")
 _MAPPED = Path("/proc/self/maps")
@@ -222,6 +235,39 @@ def listens_to_other_machines(domain_id: int) -> bool:
         if port == discovery_port and f"socket:[{fields[9]}]" in own_sockets:
             return True
     return False
+
+
+def finish_discovery(rcl_node: int) -> None:
+    """Wait until Fast DDS is in no discovery callback for a node, 5 s at most, and end them.
+
+    ``rcl_node`` is the address of the ``rcl_node_t``, which must be the only one of its context and
+    is destroyed next. Fast DDS itself waits for a callback without a limit: the deadline overflows,
+    it spins with the lock that the callback needs, and the process hangs for good, with Python's
+    lock (Fast-DDS issue 6513). Another middleware is left alone.
+    """
+    with suppress(AttributeError, OSError):
+        if participant := fast_dds_participant(rcl_node):
+            fast_dds(_SET_LISTENER)(ctypes.c_void_p(participant), None, ctypes.c_int64(5))
+
+
+def fast_dds_participant(rcl_node: int) -> int | None:
+    """Address of the ``DomainParticipant`` of the ``rcl_node_t`` at ``rcl_node``.
+
+    None of another middleware; raises as `fast_dds`.
+    """
+    rmw_node = ctypes.CDLL("librcl.so", mode=_LOADED).rcl_node_get_rmw_handle
+    participant = fast_dds(_PARTICIPANT)
+    rmw_node.restype = participant.restype = ctypes.c_void_p
+    address: int | None = participant(ctypes.c_void_p(rmw_node(ctypes.c_void_p(rcl_node))))
+    return address
+
+
+def fast_dds(name: str) -> Any:
+    """A function of the loaded libraries of Fast DDS by its C++ ``name``.
+
+    Raises `OSError` or `AttributeError` if this process has none.
+    """
+    return getattr(ctypes.CDLL("librmw_fastrtps_cpp.so", mode=_LOADED), name)
 
 
 def _sockets_of_this_process() -> frozenset[str]:

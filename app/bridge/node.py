@@ -31,6 +31,7 @@ from app.bridge.environment import (
     TRANSPORTS,
     UDP_ON_THIS_MACHINE,
     check_security,
+    finish_discovery,
     keeps_to_this_machine,
     listens_to_other_machines,
 )
@@ -97,8 +98,7 @@ class RosNode:
             self._context.try_shutdown()
             raise BridgeError(f"ROS node {name!r} cannot be started: {reason_of(error)}") from error
         if keeps_to_this_machine() and listens_to_other_machines(self._context.get_domain_id()):
-            self.node.destroy_node()
-            self._context.try_shutdown()
+            self._leave()
             raise BridgeError(
                 f"ROS node {name!r} would be visible to other machines: Fast DDS did not read "
                 f"{UDP_ON_THIS_MACHINE.name}; set {TRANSPORTS}=DEFAULT to stay on this machine "
@@ -286,6 +286,10 @@ class RosNode:
         self._messages.close(_JOIN_TIMEOUT_S)
         self._thread.join(_JOIN_TIMEOUT_S)
         self._executor.shutdown()
+        self._leave()
+
+    def _leave(self) -> None:
+        finish_discovery(self.node.handle.pointer)
         self.node.destroy_node()
         self._context.try_shutdown()
 

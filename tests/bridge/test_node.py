@@ -1,5 +1,6 @@
 """`RosNode`: delivery to other processes, callbacks and release of resources on close."""
 
+import ctypes
 import threading
 from contextlib import nullcontext
 
@@ -7,6 +8,7 @@ import pytest
 import rclpy
 from std_msgs.msg import String
 
+from app.bridge.environment import fast_dds, fast_dds_participant
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.topics import LATCHED, STREAM, Topic
@@ -156,6 +158,20 @@ def test_two_nodes_in_one_process(domain_id):
     with RosNode("one", domain_id=domain_id) as one, RosNode("two", domain_id=domain_id) as two:
         one.close()
         assert two.is_open
+
+
+def test_no_discovery_callback_is_left_when_a_node_is_destroyed(domain_id, monkeypatch):
+    """Else Fast DDS waits for it while it holds the lock that the callback needs."""
+    listener = fast_dds("_ZNK8eprosima7fastdds3dds17DomainParticipant12get_listenerEv")
+    listener.restype = ctypes.c_void_p
+    ros = RosNode("one", domain_id=domain_id)
+    participant = ctypes.c_void_p(fast_dds_participant(ros.node.handle.pointer))
+    destroy, found = ros.node.destroy_node, [listener(participant)]
+    monkeypatch.setattr(
+        ros.node, "destroy_node", lambda: (found.append(listener(participant)), destroy())
+    )
+    ros.close()
+    assert found[0] is not None and found[1] is None
 
 
 def test_ros_arguments_remap_topics(domain_id, start_receiver):
