@@ -199,6 +199,8 @@ def blocking_pair(
             by_a, by_b = pairs.joints[pair, 0], pairs.joints[pair, 1]
             moved = moved_mm(scratch.twists, a, by_a, bodies.nodes, bodies.first[a, 1])
             moved += moved_mm(scratch.twists, b, by_b, bodies.nodes, bodies.first[b, 1])
+            if not moved <= MAX_MM:  # NaN, too
+                return pair
             if moved < assumed_mm:
                 by_a, by_b = 0, 0  # as if nothing moved
             distance = find_nearer(bodies, a, b, clearance, by_a, by_b, False, scratch)

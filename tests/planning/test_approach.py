@@ -336,6 +336,26 @@ def test_state_without_a_place_is_not_proven(touch, start, value):
             prove_path(touch, joints, {}, states, structures, **bodies)
 
 
+def test_motion_whose_bound_overflows_is_not_proven():
+    box = (
+        '<collision><origin xyz="{0} 0 0"/><geometry><box size="{0} 0.02 0.02"/></geometry>'
+        "</collision>"
+    )
+    follow = '<mimic joint="j1" multiplier="1e200"/>'
+    shapes, rules = ("", "", "", box.format(0.1)), ("", "", follow, follow)
+    text, above = f'<link name="post">{box.format(0.02)}</link>', "post"
+    for number, (shape, rule) in enumerate(zip(shapes, rules, strict=True)):
+        text += (
+            f'<link name="l{number}">{shape}</link><joint name="j{number}" type="continuous">'
+            f'<parent link="{above}"/><child link="l{number}"/><axis xyz="0 0 1"/>{rule}</joint>'
+        )
+        above = f"l{number}"
+    robot = robot_from_text(f'<robot name="fast">{text}</robot>')
+    swept = {"ball": ball(robot, [0.0, 100.0, 0.0], radius=5.0)}
+    model = CollisionModel(robot, ("j0", "j1"), {}, swept, clearance_mm=1.0, carried={})
+    assert model.blocking_bodies(np.zeros(2), np.array([0.0, 1.0])) == ("l3", "ball")
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
 def test_path_is_not_proven_for_a_clearance_that_is_none(touch, start, value):
     states = np.array([list(start.values())] * 2)
