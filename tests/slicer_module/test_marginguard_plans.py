@@ -87,6 +87,11 @@ def test_arm_follows_the_handle_of_the_goal_or_says_why_not(replayed, applicatio
     assert np.linalg.norm((moved - begin)[:3, 3]) == pytest.approx(np.sqrt(38.0), abs=1e-6)
     np.testing.assert_allclose(world_matrix(stylus.GetParentTransformNode()), moved, atol=1e-4)
 
+    goal.plan()
+    place_handle(handle, (0.0, 0.0, 1.0))  # the answer has come, but for the earlier place
+    assert replayed.refresh().plans.goal.status == "cancelled: the goal has moved; plan again"
+    moved = world_matrix(handle)
+
     place_handle(handle, (2000.0, 0.0, 0.0))
     shown = replayed.refresh().plans.goal
     assert shown.problem.startswith("out of reach: link 'stylus' cannot be moved to")

@@ -86,8 +86,9 @@ class PanelPlans:
         self._needle.update(step, display.content, session.silent)
         if self._models is None:
             self._models = PlannedModels(scene)
-        self.goal.update(display.content, step, session.silent)
+        # The handle first: a plan that has come is not for a goal that has moved since.
         self._handle.update(scene, display.content, step)
+        self.goal.update(display.content, step, session.silent)
         links = self.goal.links_before(self._ghost)
         self._models.show(display.content, links, self._needle.surface)
 
