@@ -86,7 +86,7 @@ class GoalPose:
                 continue
             self._request = None
             try:
-                if text:
+                if not problem:
                     self._planned(text)
                     self.end()  # the plan's way is shown instead
             except InputError as error:

@@ -143,9 +143,10 @@ def test_plan_to_the_goal_is_asked_for_and_shown(page, moment, robot, tmp_path):
     answer("", "start: in collision")
     values = page.show()
     assert (values["status"], values["can_plan"]) == ("start: in collision", True)
-    page.goal.plan()
-    page.asked[-1][2]("[]", "")
-    assert page.show()["status"].startswith("plan: is not a plan")
+    for text, problem in (("[]", "plan: is not a plan"), ("", "plan is not JSON")):
+        page.goal.plan()
+        page.asked[-1][2](text, "")
+        assert page.show()["status"].startswith(problem)
     page.goal.plan()
     plan = write_approach(tmp_path / "plan.json", robot, moment.content.setup_id)
     page.asked[-1][2](plan.read_text(), "")
