@@ -25,4 +25,4 @@ def load() -> None:
 
 
 load()
-live_node._LOAD_AFTER_S = 3600.0
+live_node.LOAD_AFTER_S += 3600.0

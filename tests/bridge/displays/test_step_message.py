@@ -3,6 +3,7 @@
 import math
 from array import array
 from dataclasses import fields, replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -16,9 +17,8 @@ from app.bridge.displays.step_message import StepOrigin, step_message, step_of
 from app.geometry import TrackedTransform
 from app.hold import SeenHold
 from app.runtime import ToolContent
-from app.session import ToolDistance
+from app.session import Session, ToolDistance
 from tests.cut_case import recorded_frames, write_cut_case, write_cut_structures
-from tests.session.far_step import far_step
 from tests.session.test_step_pickle import assert_same
 
 pytestmark = pytest.mark.slow
@@ -74,7 +74,8 @@ def test_structures_that_are_off_are_displayed_with_their_reasons(steps, case):
 
 def test_far_structure_is_displayed_with_a_lower_bound_of_its_distance(tmp_path):
     case = mg.open_case(write_cut_structures(tmp_path / "case", 0.0, 1.0))
-    step, content = far_step(case), case.content
+    session, content = Session(case.setup, skip_far=True), case.content
+    _, step = (session.step(frame) for frame in islice(case.case.frames(), 2))
     assert [each.at_least_mm is None for each in step.structures] == [True, False, True]
     found, _ = step_of(sent(step), content)
     for shown, each in zip(found.structures, step.structures, strict=True):
