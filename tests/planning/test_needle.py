@@ -23,6 +23,7 @@ from app.planning.corridor_distance import (
     needle_distances,
 )
 from app.planning.needle import DISTINCT_MM
+from app.planning.needle_values import MAX_ANGLE_RAD
 from app.robot import load_robot
 
 pytestmark = pytest.mark.slow
@@ -52,6 +53,13 @@ def test_without_structures_the_best_corridor_is_the_shortest():
     assert best.depth_mm == pytest.approx(60.0, abs=0.1)
     assert best.angle_rad == pytest.approx(0.0, abs=math.radians(2.0))
     assert best.structures == ()
+
+
+def test_corridor_flatter_than_the_largest_angle_is_not_allowed():
+    angles = MAX_ANGLE_RAD + np.radians([-1.0, 1.0])
+    normals = np.column_stack([np.zeros(2), np.sin(angles), np.cos(angles)])
+    found = plan(region=EntryRegion(FRAME, [[0.0, 0.0, 60.0]] * 2, normals))
+    assert np.isfinite(found.scores).tolist() == [True, False]
 
 
 def test_structure_in_the_middle_is_passed_at_the_required_distance():

@@ -1,5 +1,7 @@
 """Several structures in one session: each as alone, together the worst, planes for all of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -85,6 +87,18 @@ def step_of(rows, free):
     )
     tip = Transform.identity("tumor", "tip")
     return StructureStep("tumor", Role.TARGET, decision, tip, None)
+
+
+def test_hold_and_oldest_pose_of_any_structure_are_those_of_the_session():
+    combined, still = CombinedDecision(), step_of(np.ones((2, 10)), FreeMotion(1.0, 1.0))
+    for changes in ({"stamp": Stamp(0), "hold": True}, {"stamp": Stamp(0)}):
+        other = replace(still, decision=replace(still.decision, **changes))
+        decision = combined.of([still, other], 20.0)
+        assert decision.stamp == Stamp(0)
+        assert decision.hold is decision.constraint.hold is ("hold" in changes)
+    unknown = replace(other, decision=replace(other.decision, constraint_is_current=False))
+    decision = combined.of([still, unknown], 20.0)
+    assert (decision.constraint_is_current, decision.constraint.hold) == (False, True)
 
 
 def test_jump_of_one_frame_makes_all_structures_unknown():
