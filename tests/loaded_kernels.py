@@ -1,15 +1,12 @@
 """An import loads the compiled kernels that are cached on disk, without running any.
 
 So a process that is forked later has no need to. Parallel ones are left out: with the first of them
-numba notes the process in which OpenMP may be used, and ends a forked one that uses it. Nor does a
-forked live session load in advance what replaces a tumour, which most do not use.
+numba notes the process in which OpenMP may be used, and ends a forked one that uses it.
 """
 
 import gc
 
 from numba.core.dispatcher import Dispatcher
-
-from app.bridge.live import live_node
 
 
 def load() -> None:
@@ -25,4 +22,3 @@ def load() -> None:
 
 
 load()
-live_node.LOAD_AFTER_S += 3600.0

@@ -39,7 +39,7 @@ from app.session import (
     load_replacement,
 )
 
-LOAD_AFTER_S = 2.0
+_LOAD_AFTER_S = 2.0
 """The process for new tumours starts so long after the session, when that has been loaded."""
 
 
@@ -168,7 +168,7 @@ def _compute_process(setup: SessionSetup) -> ComputeProcess:
     """The process that prepares a new tumour, loaded while the session waits to be re-armed."""
     process = ComputeProcess()
     if isinstance(setup.proximity, ProximityEngine):
-        process.start_after(LOAD_AFTER_S, load_replacement)
+        process.start_after(_LOAD_AFTER_S, load_replacement)
     return process
 
 
