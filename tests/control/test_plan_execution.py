@@ -183,6 +183,14 @@ def test_fault_stops_the_motion_for_good(description, motion, fault):
             Outcome.NO_JOINTS,
         ),
         (
+            lambda joints, pose, now_ns: (
+                joints,
+                replace(pose, stamp_ns=now_ns - 1000 * MS),
+                now_ns,
+            ),
+            Outcome.NO_POSE,
+        ),
+        (
             lambda joints, pose, now_ns: (replace(joints, positions=tuple(START)), pose, now_ns),
             Outcome.OFF_PATH,
         ),

@@ -165,6 +165,19 @@ def test_source_that_sends_each_pose_twice_is_current_while_it_moves():
     assert tracker.repeat(9 * PERIOD_MS).unchanged_ms() == 10 * PERIOD_MS
 
 
+def test_source_that_sends_each_pose_twice_is_frozen_at_the_limit_when_it_stops_in_motion():
+    tracker = Tracker().shake(10)
+    for _ in range(100):
+        tracker.move(1).repeat(PERIOD_MS)
+    assert tracker.repeat(1000).is_frozen()
+
+
+def test_sensors_that_rest_together_for_longer_than_known_are_frozen_at_the_limit():
+    tracker = Tracker(EDGE, OTHER).shake(60, repeats=9)
+    assert not tracker.repeat(1000 - 9 * PERIOD_MS).is_frozen()
+    assert tracker.repeat(10 * PERIOD_MS).is_frozen()
+
+
 def test_frozen_run_is_not_learned():
     tracker = Tracker().shake(200)
     for _ in range(4):
