@@ -1,6 +1,7 @@
 """Random scenes for needle corridors, and the judgement of a plan by an exhaustive search."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -183,3 +184,12 @@ def random_points(
 def _normal_at(plan: NeedlePlan, entry: FloatArray) -> FloatArray:
     at = np.linalg.norm(plan.region.points_mm - entry, axis=1).argmin()
     return plan.region.normals[at][None]
+
+
+def check_scenes(seeds: Iterable[int]) -> None:
+    """Some scenes have corridors; none is too near, none is missed, and the best is the best."""
+    verdicts = [judged(seed) for seed in seeds]
+    assert sum(each.corridors for each in verdicts) > 0
+    assert sum(each.violations for each in verdicts) == 0
+    assert sum(each.wrong_entries for each in verdicts) == 0
+    assert min(each.score_ratio for each in verdicts) >= 0.98

@@ -25,6 +25,7 @@ from app.planning.corridor_distance import (
 from app.planning.needle import DISTINCT_MM
 from app.planning.needle_values import MAX_ANGLE_RAD
 from app.robot import load_robot
+from tests.planning.needle_scenes import check_scenes
 
 pytestmark = pytest.mark.slow
 
@@ -222,3 +223,8 @@ def test_open_structure_is_refused():
     mesh = SurfaceMesh(FRAME, shape.vertices, shape.faces[1:])
     with pytest.raises(MeshError, match="the mesh of 'vessel' is not closed"):
         plan([ForbiddenStructure("vessel", mesh, 1.0, 0.0)])
+
+
+def test_corridors_keep_their_distance_and_score_as_the_best_of_an_exhaustive_search():
+    """Judged by coal; ten thousand scenes: `test_needle_scenes_exhaustive`."""
+    check_scenes(range(2))
