@@ -20,7 +20,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -56,7 +56,8 @@ class Obstacles:
 
     def __init__(self, ros: RosNode) -> None:
         self._ros, self._lock = ros, threading.Lock()
-        self._markers: dict[_Key, bytes] = {}
+        self._markers: dict[_Key, Marker | str] = {}
+        """With the text of the problem of those that cannot be used."""
         self._found: dict[_Key, Obstacle | str] = {}
         self._last: dict[bytes | None, int] = {}
         self._listed: set[bytes | None] = set()
@@ -140,7 +141,6 @@ class Obstacles:
             except Exception as error:  # rclpy raises several unrelated types for invalid bytes
                 self._set(
                     (origin.sender, None, 0),
-                    b"",
                     f"obstacles: a message cannot be read ({error}); expected a MarkerArray, after "
                     "a DELETEALL",
                 )
@@ -155,7 +155,7 @@ class Obstacles:
         self._last[origin.sender] = origin.sequence
         if lost > 0:
             text = f"obstacles: {lost} messages are lost; expected all, after a DELETEALL"
-            self._set((origin.sender, None, 1), b"", text)
+            self._set((origin.sender, None, 1), text)
 
     def _sends_latched(self, origin: Origin) -> bool:
         return any(
@@ -168,16 +168,17 @@ class Obstacles:
             self._delete(marker, sender)
         elif key not in self._markers and len(self._markers) >= MAX_OBSTACLES:
             text = f"obstacles: are more than {MAX_OBSTACLES}; expected fewer, after a DELETEALL"
-            self._set((sender, None, 2), b"", text)
+            self._set((sender, None, 2), text)
         else:
             marker.header.stamp = Time()
-            content = bytes(serialize_message(marker))
-            if self._markers.get(key) == content:
+            # Not the serialised ones: their padding is memory that was used before.
+            if self._markers.get(key) == marker:
                 return
             try:
-                self._set(key, content, obstacle_of(name, marker))
+                self._found[key] = obstacle_of(name, marker)
+                self._markers[key] = marker
             except MarginGuardError as error:
-                self._set(key, content, f"obstacle {name!r}: {error}")
+                self._set(key, f"obstacle {name!r}: {error}")
 
     def _delete(self, marker: Marker, sender: bytes | None) -> None:
         """Delete what ``marker`` names of ``sender``, and of senders that have left."""
@@ -193,10 +194,10 @@ class Obstacles:
             if is_named:
                 del self._markers[key], self._found[key]
 
-    def _set(self, key: _Key, content: bytes, found: Obstacle | str) -> None:
-        self._markers[key], self._found[key] = content, found
-        if isinstance(found, str):
-            self._ros.warn(f"{self._name}: {found}; nothing is planned until then")
+    def _set(self, key: _Key, problem: str) -> None:
+        if self._markers.get(key) != problem:
+            self._ros.warn(f"{self._name}: {problem}; nothing is planned until then")
+        self._markers[key] = self._found[key] = problem
 
 
 def _is_latched(info: TopicEndpointInfo) -> bool:
