@@ -4,7 +4,7 @@ import pytest
 
 from tests.fixture.full_samples import sampled_tests
 from tests.registration import test_consensus
-from tests.registration.points import test_paired, test_surface
+from tests.registration.points import test_paired
 from tests.registration.robot_base import test_robot_world, test_time_offset
 from tests.registration.tool import test_pivot, test_pivot_selection, test_spin
 from tests.registration.uncertainty import test_drift, test_tre
@@ -19,7 +19,7 @@ def sample():
 
 globals().update(
     sampled_tests(
-        *(test_consensus, test_paired, test_surface, test_robot_world, test_time_offset),
+        *(test_consensus, test_paired, test_robot_world, test_time_offset),
         *(test_pivot, test_pivot_selection, test_spin, test_drift, test_tre),
     )
 )
