@@ -56,8 +56,8 @@ class Obstacles:
 
     def __init__(self, ros: RosNode) -> None:
         self._ros, self._lock = ros, threading.Lock()
-        self._markers: dict[_Key, Marker | str] = {}
-        """With the text of the problem of those that cannot be used."""
+        self._markers: dict[_Key, Marker] = {}
+        """The last ones, usable or not: an equal one changes nothing."""
         self._found: dict[_Key, Obstacle | str] = {}
         self._last: dict[bytes | None, int] = {}
         self._listed: set[bytes | None] = set()
@@ -128,7 +128,7 @@ class Obstacles:
         if not is_latched and self._hears_latched and self._sends_latched(origin):
             return  # the other subscription gets it
         with self._lock:
-            before = dict(self._markers)
+            before = dict(self._found)
             self._senders.refresh()
             if self._senders.is_present(origin.sender):
                 self._listed.add(origin.sender)
@@ -144,7 +144,7 @@ class Obstacles:
                     f"obstacles: a message cannot be read ({error}); expected a MarkerArray, after "
                     "a DELETEALL",
                 )
-            if self._markers != before:
+            if self._found != before:
                 self.revision += 1
 
     def _count(self, origin: Origin) -> None:
@@ -166,7 +166,7 @@ class Obstacles:
         key, name = (sender, marker.ns, marker.id), f"{marker.ns}/{marker.id}"
         if marker.action in (Marker.DELETE, Marker.DELETEALL):
             self._delete(marker, sender)
-        elif key not in self._markers and len(self._markers) >= MAX_OBSTACLES:
+        elif key not in self._found and len(self._found) >= MAX_OBSTACLES:
             text = f"obstacles: are more than {MAX_OBSTACLES}; expected fewer, after a DELETEALL"
             self._set((sender, None, 2), text)
         else:
@@ -174,15 +174,15 @@ class Obstacles:
             # Not the serialised ones: their padding is memory that was used before.
             if self._markers.get(key) == marker:
                 return
+            self._markers[key] = marker
             try:
                 self._found[key] = obstacle_of(name, marker)
-                self._markers[key] = marker
             except MarginGuardError as error:
                 self._set(key, f"obstacle {name!r}: {error}")
 
     def _delete(self, marker: Marker, sender: bytes | None) -> None:
         """Delete what ``marker`` names of ``sender``, and of senders that have left."""
-        for key in list(self._markers):
+        for key in list(self._found):
             owner, ns, number = key
             has_left = owner in self._listed and not self._senders.is_present(owner)
             if owner != sender and not has_left:
@@ -192,12 +192,13 @@ class Obstacles:
             else:
                 is_named = (ns, number) == (marker.ns, marker.id)
             if is_named:
-                del self._markers[key], self._found[key]
+                del self._found[key]
+                self._markers.pop(key, None)
 
     def _set(self, key: _Key, problem: str) -> None:
-        if self._markers.get(key) != problem:
+        if self._found.get(key) != problem:
             self._ros.warn(f"{self._name}: {problem}; nothing is planned until then")
-        self._markers[key] = self._found[key] = problem
+        self._found[key] = problem
 
 
 def _is_latched(info: TopicEndpointInfo) -> bool:

@@ -152,6 +152,7 @@ def test_obstacles_change_until_they_are_deleted(nodes):
     wait_until(lambda: obstacles.revision == revision + 3)
     with pytest.raises(InputError, match=r"obstacle 'box/2': scale is .*; expected numbers above"):
         obstacles.current()
+    send(marker(number=2, scale=(0.0, 1.0, 1.0)))  # changes nothing
     send(marker(number=2))
     wait_until(lambda: obstacles.revision == revision + 4)
     assert names(obstacles) == ["box/0", "box/2"]
