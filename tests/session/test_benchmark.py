@@ -1,6 +1,6 @@
 """Benchmark of a session step: its input, its figures, and that a step leaks no memory."""
 
-import sys
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -99,12 +99,19 @@ def test_slow_steps_and_growing_memory_are_failures():
 
 def test_thousands_of_steps_leak_no_memory(recorded, setup):
     session = Session(setup)
-    frames = Trajectory(recorded, RATE_HZ).frames(2700)
+    frames = Trajectory(recorded, RATE_HZ).frames(3500)
     # Python keeps up to 2000 free tuples of each length; they are no leak.
-    for _ in range(2200):
+    for _ in range(2000):
         session.step(next(frames))
-    before = sys.getallocatedblocks()
-    for _ in range(500):
-        session.step(next(frames))
-    # One kept object a step would be 500 blocks.
-    assert sys.getallocatedblocks() - before < 100
+    tracemalloc.start()
+    try:
+        for _ in range(500):  # replace what was made before
+            session.step(next(frames))
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(1000):
+            session.step(next(frames))
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # One kept reference of 8 bytes a step would be 8 kB.
+    assert after - before < 4_000
