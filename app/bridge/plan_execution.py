@@ -48,6 +48,9 @@ NODE_NAME = "marginguard_execute"
 LISTEN_S, WAIT_S = 1.0, 5.0
 """Time for other nodes to appear, and longest wait for inputs that allow the start."""
 
+END_S = 1.0
+"""Longest wait for a request that ends, such as a cancelled one."""
+
 _LOOK_NS = 100 * NS_PER_MS
 """Time between two looks for other senders."""
 
@@ -238,8 +241,8 @@ class ExecutionNode:
 
 @contextmanager
 def alone(lock: threading.Lock) -> Iterator[None]:
-    """Hold ``lock``; raises `BridgeError` at once while another request holds it."""
-    if not lock.acquire(blocking=False):
+    """Hold ``lock``; raises `BridgeError` if another request holds it for longer than `END_S`."""
+    if not lock.acquire(timeout=END_S):
         raise BridgeError("another request is being served; expected one after the other")
     try:
         yield

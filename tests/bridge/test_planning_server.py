@@ -71,6 +71,7 @@ def test_entries_are_shown_by_their_score_and_blocked_ones_red():
 def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, monkeypatch):
     for module in (plan_execution, guard_scene):
         monkeypatch.setattr(module, "WAIT_S", 0.5)
+    monkeypatch.setattr(plan_execution, "END_S", 0.1)
     description, lock = (
         open_control(project_root / "data" / "worlds" / "lumpectomy"),
         threading.Lock(),
@@ -98,31 +99,21 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
             with pytest.raises(GoalAbortedError, match=busy):
                 plans.call(goal, DEADLINE_S)
             assert corridors.call(request, DEADLINE_S).message == busy
+            monkeypatch.setattr(plan_execution, "END_S", DEADLINE_S)
+            waiting = plans.start(goal, DEADLINE_S)
         with pytest.raises(GoalAbortedError, match="joints of /arm: no usable positions; expected"):
-            plans.call(goal, DEADLINE_S)
+            waiting.result(DEADLINE_S)
         without = corridors.call(request, DEADLINE_S)
     assert without.message == "guard /marginguard: no step in 0.5 s; expected a running one"
-
-
-class SlowLock:
-    """A lock that is free, which the thread of a goal gets when ``begin`` is set."""
-
-    def __init__(self):
-        self.begin, self._lock = threading.Event(), threading.Lock()
-
-    def acquire(self, *, blocking):
-        assert self.begin.wait(DEADLINE_S)
-        return self._lock.acquire(blocking=blocking)
-
-    def release(self):
-        self._lock.release()
 
 
 def test_cancel_after_the_acceptance_of_a_goal_is_not_lost(
     domain_id, project_root, monkeypatch, tmp_path
 ):
     monkeypatch.setattr(plan_execution, "WAIT_S", 0.5)
-    description, lock = open_control(project_root / "data" / "worlds" / "lumpectomy"), SlowLock()
+    monkeypatch.setattr(plan_execution, "END_S", DEADLINE_S)
+    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
+    lock = threading.Lock()
     plan = write_approach(tmp_path / "plan.json", description.tool.robot, "setup").read_text()
     with (
         RosNode(planning_server.NODE_NAME, domain_id=domain_id) as ros,
@@ -133,10 +124,10 @@ def test_cancel_after_the_acceptance_of_a_goal_is_not_lost(
         plan_execution.ExecutionServer(ros, node, lock, partial(PathWatch, description, guard))
         name = "marginguard_msgs/action/Execute"
         executions = ActionClient(peer, name, "/marginguard_plan/execute")
-        sent = executions.start({"plan": plan}, DEADLINE_S)
         cancel = ServiceClient(peer, Trigger, "/marginguard_plan/cancel")
-        assert cancel.call(Trigger.Request(), DEADLINE_S).success
-        lock.begin.set()
+        with lock:
+            sent = executions.start({"plan": plan}, DEADLINE_S)
+            assert cancel.call(Trigger.Request(), DEADLINE_S).success
         with pytest.raises(GoalAbortedError, match="cancelled before it began"):
             sent.result(DEADLINE_S)
 
