@@ -45,10 +45,8 @@ demo: $(run)
 	@$(venv)/bin/marginguard replay $(case) --report $(report)
 	@echo 'The report is $(report)/report.html'
 
-# A crashed worker ends the run (--max-worker-restart 0): pytest-xdist can hang when it replaces one.
 # The times of all tests are kept for `python -m tools.durations`.
-pytest = $(python) -m pytest -n $(2) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
-  --tier $(1) --junitxml out/tests/$(1).xml
+pytest = $(python) -m pytest --workers $(2) --tier $(1) --junitxml out/tests/$(1).xml
 
 test: $(test)
 	@$(call pytest,suite,4) $(PYTEST_ARGS)

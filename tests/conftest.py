@@ -2,11 +2,10 @@
 
 import gc
 import os
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -15,6 +14,7 @@ from hypothesis import settings
 import app.cli  # noqa: F401  (before numpy: sets the threads of BLAS as the product does)
 from tests.browser import browser as browser
 from tests.browser import chromium as chromium
+from tests.forked_workers import ForkedWorkers
 from tests.opened_documents import (
     opened_documents_agree_with_their_schema as opened_documents_agree_with_their_schema,
 )
@@ -43,9 +43,15 @@ TOGETHER = (
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--tier``."""
+    """Add ``--tier`` and ``--workers``."""
     parser.addoption(
         "--tier", choices=TIERS, default="suite", help="which tests to run: tests/tiers.py"
+    )
+    parser.addoption(
+        "--workers",
+        type=int,
+        default=0,
+        help="number of processes: tests/forked_workers.py",
     )
 
 
@@ -80,35 +86,24 @@ def _path(argument: str) -> str:
     return argument.partition("::")[0]
 
 
-def _scope(path: str) -> str:
-    """Files that one worker runs: the folder in `TOGETHER`, or else the file itself."""
-    return next((folder for folder in TOGETHER if path.startswith(folder)), path)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Run the most expensive scopes first, so that the workers end together.
 
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the most expensive files and folders first, so that the workers end together."""
-    seconds = Counter[str]()
-    for path, time_s in seconds_by_file().items():
-        seconds[_scope(path)] += time_s
-    items.sort(key=lambda item: -seconds[_scope(_path(item.nodeid))])
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """One worker runs all files of a folder in `TOGETHER`; ``--dist loadfile`` spreads the others.
-
-    None, so that pytest-xdist makes its own scheduler, for another ``--dist``, and for long tests:
-    they have few files, and those of one folder last longer than all others together.
+    A scope, which one worker runs, is a folder in `TOGETHER` or else a file; among long tests
+    always a file: they are few, and those of one folder last longer than all others together.
     """
-    if config.option.dist != "loadfile" or config.option.tier == "long":
-        return None
-    from xdist.scheduler import LoadFileScheduling
-
-    class Scheduling(LoadFileScheduling):  # type: ignore[misc]
-        def _split_scope(self, nodeid: str) -> str:
-            return _scope(_path(nodeid))
-
-    return Scheduling(config, log)
+    together = () if config.option.tier == "long" else TOGETHER
+    scopes = defaultdict[str, list[pytest.Item]](list)
+    for item in items:
+        path = _path(item.nodeid)
+        scopes[next((each for each in together if path.startswith(each)), path)].append(item)
+    seconds = seconds_by_file()
+    paths = {scope: {_path(item.nodeid) for item in found} for scope, found in scopes.items()}
+    order = sorted(scopes, key=lambda scope: -sum(seconds.get(path, 0.0) for path in paths[scope]))
+    items[:] = [item for scope in order for item in scopes[scope]]
+    if config.option.workers > 1:
+        sizes = [len(scopes[scope]) for scope in order]
+        config.pluginmanager.register(ForkedWorkers(config.option.workers, sizes))
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -75,7 +75,7 @@ OTHER = ()
 
 _SIZE = struct.Struct("<I")
 _PID_OR_STATUS = struct.Struct("<i")
-_PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG = 1
 _LTTNG_THREADS = 2
 """Threads of the tracing library of ROS, which wait for a tracer."""
 
@@ -147,11 +147,11 @@ class ForkedProcess:
 class WarmParent:
     """An interpreter that has imported ``modules`` and forks processes on request.
 
-    All workers of a run of pytest-xdist share it. It ends with the last of them.
+    All workers of a run share it. It ends with the last of them.
     """
 
     def __init__(self, modules: Sequence[str]) -> None:
-        run = os.environ.get("PYTEST_XDIST_TESTRUNUID", os.getpid())
+        run = os.environ.get("MARGINGUARD_TEST_RUN", os.getpid())
         digest = hashlib.sha256(" ".join(modules).encode()).hexdigest()[:16]
         self._socket = socket.socket(socket.AF_UNIX)
         self._server: subprocess.Popen[bytes] | None = None
@@ -280,13 +280,13 @@ class _Server:
 
     def _fork(self, request: dict[str, Any], descriptors: Sequence[int]) -> dict[str, Any] | None:
         parent, status = os.getpid(), descriptors[3]
-        if pid := _fork_with_tracing():
+        if pid := fork():
             os.write(status, _PID_OR_STATUS.pack(pid))
             self._children[os.pidfd_open(pid)] = (pid, status)
             for descriptor in descriptors[:3]:
                 os.close(descriptor)
             return None
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             os._exit(1)
         for target, descriptor in enumerate(descriptors[:3]):
@@ -307,7 +307,7 @@ class _Server:
         os.close(process)
 
 
-def _fork_with_tracing() -> int:
+def fork() -> int:
     """`os.fork`; the tracing library of ROS, if it is loaded, restarts its threads in the child.
 
     Without that, the end of the child would cancel threads that it does not have.

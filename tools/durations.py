@@ -4,7 +4,7 @@
 
 ``make test`` and the other tiers write these files (JUnit XML). The trend compares each test file
 with `RECORDED`, which ``--record`` replaces for the files that ran; the order of the tests follows
-it, so that the workers of pytest-xdist end together. Times include set-up and tear-down.
+it, so that the workers end together. Times include set-up and tear-down.
 """
 
 import argparse
