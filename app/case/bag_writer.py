@@ -269,18 +269,11 @@ class PeriodicFlush:
     its thread; the functions raise it again when the owner of the recording calls them.
     """
 
-    def __init__(
-        self,
-        flush: Callable[[], None],
-        sync: Callable[[], None],
-        *,
-        flush_s: float = FLUSH_S,
-        sync_s: float = SYNC_S,
-    ) -> None:
+    def __init__(self, flush: Callable[[], None], sync: Callable[[], None]) -> None:
         self._stopped = threading.Event()
         self._threads = [
-            threading.Thread(target=self._repeat, args=(flush, flush_s), name="flush", daemon=True),
-            threading.Thread(target=self._repeat, args=(sync, sync_s), name="sync", daemon=True),
+            threading.Thread(target=self._repeat, args=(flush, FLUSH_S), name="flush", daemon=True),
+            threading.Thread(target=self._repeat, args=(sync, SYNC_S), name="sync", daemon=True),
         ]
 
     def __enter__(self) -> Self:

@@ -1,7 +1,7 @@
 """The ultrasound images of a case, of a sequence or a bag: the newest, or why none is shown."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,11 +49,20 @@ class _Entry:
     place: MessagePlace
 
 
+def _age_problem(number: int, stamp_ns: int, now_ns: int, limits: FreshnessLimits) -> str:
+    if freshness_of(stamp_ns, now_ns, limits) is Freshness.VALID:
+        return ""
+    return (
+        f"image {number} is {(now_ns - stamp_ns) / NS_PER_MS:.0f} ms old; expected at most "
+        f"{limits.stale_after_ns / NS_PER_MS:.0f} ms"
+    )
+
+
 class BagImages:
     """The images of ``topic`` in the MCAP file or rosbag2 folder ``path``, in the order of stamps.
 
     All are read once, to know their stamps; then one is in memory. Those that are refused
-    (`read_image_message`, another size than the first) are left out and counted to ``note``.
+    (`read_image_message`, another size than the first) are left out.
     ``depths`` place them. ``poses`` are the tracker's samples; poses around an image are at most
     ``max_gap_ns`` apart. Raises `InputError` for a recording without a good image on ``topic``.
     """
@@ -68,7 +77,6 @@ class BagImages:
         *,
         stale_after_ns: int,
         max_gap_ns: int,
-        note: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._topic, self._orientation, self._depths = topic, orientation, depths
         self._limits = FreshnessLimits(stale_after_ns)
@@ -78,8 +86,6 @@ class BagImages:
         if not entries or self._kind is None:
             reason = f": {self._refused[0]}" if self._refused else ""
             raise InputError(f"{path} has no image on {topic}{reason}; expected sensor_msgs/Image")
-        if self._refused:
-            note(f"{topic}: {len(self._refused)} images are left out: {self._refused[0]}")
         self._entries: list[_Entry] = sorted(entries, key=lambda entry: entry.stamp_ns)
         self._stamps_ns: list[int] = [entry.stamp_ns for entry in self._entries]
         self._poses: PoseHistory = PoseHistory(max_gap_ns)
@@ -101,11 +107,7 @@ class BagImages:
         if number < 0:
             return CurrentImage(None, ImagePose(None, "no image yet"))
         stamp_ns = self._stamps_ns[number]
-        if freshness_of(stamp_ns, now_ns, self._limits) is not Freshness.VALID:
-            problem = (
-                f"image {number} is {(now_ns - stamp_ns) / NS_PER_MS:.0f} ms old; expected at most "
-                f"{self._limits.stale_after_ns / NS_PER_MS:.0f} ms"
-            )
+        if problem := _age_problem(number, stamp_ns, now_ns, self._limits):
             return CurrentImage(number, ImagePose(None, problem))
         found = self._poses.matrix(stamp_ns, frame, self._depths.probe)
         if isinstance(found, str):
@@ -208,14 +210,10 @@ class CaseImages:
         place = bisect_right(self._stamps_ns, now_ns) - 1
         if place < 0:
             return CurrentImage(None, ImagePose(None, "no image yet"))
-        number, age_ns = self._numbers[place], now_ns - self._stamps_ns[place]
-        if freshness_of(self._stamps_ns[place], now_ns, self._limits) is not Freshness.VALID:
-            problem = (
-                f"image {number} is {age_ns / NS_PER_MS:.0f} ms old; expected at most "
-                f"{self._limits.stale_after_ns / NS_PER_MS:.0f} ms"
-            )
+        number, stamp_ns = self._numbers[place], self._stamps_ns[place]
+        if problem := _age_problem(number, stamp_ns, now_ns, self._limits):
             return CurrentImage(number, ImagePose(None, problem))
-        used = self._depths.at(self._stamps_ns[place])
+        used = self._depths.at(stamp_ns)
         pose = self.sequence.pose(number, used.calibration, frame)
         return CurrentImage(number, pose, used.depth_mm)
 

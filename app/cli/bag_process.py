@@ -1,15 +1,16 @@
 """The process that writes the bag of a replay: ``python -m app.cli.bag_process``.
 
 It loads ROS, which takes a second, and then reads pickled messages of `app.cli.bag_writing` from
-standard input: a `BagRequest`, what follows in the replay, and None at its end. It writes a pickled
-`BagAnswer` to standard output. Without the None it ends silently; the bag is then not complete.
+standard input: first the content, the manifest and the new folder, then what follows in the replay,
+and None at its end. It writes a pickled `BagAnswer` to standard output. Without the None it ends
+silently; the bag is then not complete.
 """
 
 import pickle
 import time
 from typing import IO, Any
 
-from app.cli.bag_writing import BagAnswer, BagRequest
+from app.cli.bag_writing import BagAnswer
 from app.cli.process import GcPause
 from app.files.child_process import answer_request
 from app.files.extras import install_hint
@@ -42,8 +43,8 @@ def _written(stream: IO[bytes]) -> BagAnswer:
     from app.bridge import SessionBag
     from app.bridge.messages import playback_text
 
-    request: BagRequest = pickle.load(stream)
-    with SessionBag(request.content, playback_text(request.manifest), request.folder) as bag:
+    content, manifest, folder = pickle.load(stream)
+    with SessionBag(content, playback_text(manifest), folder) as bag:
         while (message := pickle.load(stream)) is not None:
             _act(bag, *message)
     return BagAnswer(processor_s=time.process_time())

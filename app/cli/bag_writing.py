@@ -15,22 +15,12 @@ from app.files.child_process import module_command, same_code, work_behind
 from app.geometry import InputError
 
 if TYPE_CHECKING:
-    from app.case import CaseManifest
     from app.runtime import ReplayRun, SessionContent, StepTiming, SwitchContent
     from app.session import StepResult
 
 _STEPS_PER_MESSAGE = 64
 _MAX_WAITING = 128
 """Messages that wait for the process, about 40 MB; the replay then waits for it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BagRequest:
-    """Request to write a bag: the session's first ``content``, into the new folder ``folder``."""
-
-    content: "SessionContent"
-    manifest: "CaseManifest"
-    folder: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +70,7 @@ class BagProcess:
     def begin(self, run: "ReplayRun", folder: Path) -> None:
         """Write the steps of ``run`` from now on, into the new rosbag2 folder ``folder``."""
         self._content = run.commands.content
-        self._put(BagRequest(self._content, run.prepared.case.manifest, folder.absolute()))
+        self._put((self._content, run.prepared.case.manifest, folder.absolute()))
         run.outputs.append(self)
 
     def finish(self) -> BagAnswer:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-from app.case.readers.rosbag2.mcap_file import read_mcap_messages
+from app.case.readers.rosbag2.bag import read_bag
 from app.geometry import NS_PER_MS, NS_PER_S
 from tests.forking import COMMAND, forked
 from tests.recorder.streams import Stream, streams
@@ -64,7 +64,7 @@ def compared(path: Path, sent: dict[str, np.ndarray], killed_ns: int) -> Kill:
     """Compare the messages in ``path`` with the stamps ``sent`` until ``killed_ns``."""
     stamps: dict[str, list[int]] = {name: [] for name in sent}
     of_topic = {stream.topic.name: stream for stream in streams()}
-    for connection, data, *_ in read_mcap_messages(path, _refuse_note):
+    for connection, data, *_ in read_bag(path, _refuse_note):
         stamps[connection.topic].append(_stamp_ns(data, of_topic[connection.topic]))
     lost, missed, oldest_ns = {}, 0, killed_ns
     for name, times in sent.items():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from app.case import TrackingFrame, read_mcap
+from app.case import SideTopics, TrackingFrame, read_mcap
 from app.case.frame_streams import JointSample
 from app.case.messages.cdr_batch import joint_samples, tf_samples, tracked_samples
 from app.case.messages.decoder import message_decoder
@@ -119,9 +119,7 @@ def shown(frame: TrackingFrame) -> str:
 def outcome(path: Path) -> Outcome:
     found = Outcome([], [], "")
     try:
-        for frame in read_mcap(
-            path, found.notes.append, joint_states_topic="/joint_states", offset_ns=OFFSET_NS
-        ):
+        for frame in read_mcap(path, found.notes.append, SideTopics("/joint_states", OFFSET_NS)):
             found.frames.append(shown(frame))
     except InputError as error:
         found.error = str(error)

@@ -11,7 +11,7 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
-from app.case import read_mcap
+from app.case import SideTopics, read_mcap
 from app.case.messages.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
 from app.case.readers.rosbag2 import bag_frames
 from app.case.readers.rosbag2.bag import read_bag
@@ -95,7 +95,7 @@ def test_long_definition_is_not_parsed(path, lines, problem):
     long = "".join(f"float64 {line:6}\n" for line in range(lines))
     write_messages(path, [tracked(pose(10**9)), tf(pose(10**9, "pointer"))], {"/tf": long})
     notes: list[str] = []
-    (frame, *_) = read_mcap(path, notes.append, joint_states_topic=None)
+    (frame, *_) = read_mcap(path, notes.append, SideTopics())
     assert frame.poses[0].source == "cautery"
     assert problem in notes[0]
 
@@ -113,7 +113,7 @@ def test_long_definition_is_not_parsed(path, lines, problem):
 def test_definition_that_costs_memory_is_unusable(path, definition):
     write_messages(path, [tracked(pose(10**9)), tf(pose(10**9, "p"))], {"/tf": definition})
     notes: list[str] = []
-    (frame,) = read_mcap(path, notes.append, joint_states_topic=None)
+    (frame,) = read_mcap(path, notes.append, SideTopics())
     assert [sample.source for sample in frame.poses] == ["cautery"]
     assert "the definition of tf2_msgs/msg/TFMessage in the recording cannot be used" in notes[0]
     assert len(notes[0]) < 400
@@ -130,7 +130,7 @@ def test_unusable_definition_is_parsed_once(path, monkeypatch):
     monkeypatch.setattr(bag_frames, "message_decoder", counted)
     messages = [tracked(pose(10**9)), *[tf(pose(10**9 + i, "p")) for i in range(100)]]
     write_messages(path, messages, {"/tf": "no definition"})
-    assert len(list(read_mcap(path, notes.append, joint_states_topic=None))) == 1
+    assert len(list(read_mcap(path, notes.append, SideTopics()))) == 1
     assert sorted(made) == [TRACKED_TRANSFORM, TF_MESSAGE]
     assert notes[-1] == "100 messages on /tf were skipped in all"
 
@@ -140,7 +140,7 @@ def test_topic_of_unreadable_messages_is_not_read_on(path, monkeypatch):
     monkeypatch.setattr(bag_frames, "_MAX_UNREADABLE", 100)
     bad, notes = ("/tf", TF_MESSAGE, b"\0\1\0\0\xff"), []
     write_messages(path, [tracked(pose(10**9)), *[bad] * 120, tf(pose(10**9, "p"))])
-    (frame,) = read_mcap(path, notes.append, joint_states_topic=None)
+    (frame,) = read_mcap(path, notes.append, SideTopics())
     assert [sample.source for sample in frame.poses] == ["cautery"]
     assert notes[-1] == "121 messages on /tf were skipped in all"
 
@@ -198,7 +198,7 @@ def test_hostile_database_is_refused(bag, statements, problem):
     for statement in statements:
         execute(bag, statement)
     with refused(text=problem):
-        list(read_mcap(bag.parent, lambda note: None, joint_states_topic=None))
+        list(read_mcap(bag.parent, lambda note: None, SideTopics()))
 
 
 def test_compressed_messages_of_a_database_are_unpacked(bag):

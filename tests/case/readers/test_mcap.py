@@ -1,4 +1,5 @@
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 
-from app.case import Activation, TrackingFrame, read_mcap, write_recording
+from app.case import Activation, SideTopics, TrackingFrame, read_mcap, write_recording
 from app.case.messages.ros_messages import BOOL, TRACKED_TRANSFORM, ros_types
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.oracles.ros_objects import joint_state_message, tf_message, tracked_transform_message
@@ -24,8 +25,8 @@ OFFSET_NS = 37_000_000
 
 def read(path: Path, **given: Any) -> tuple[list[TrackingFrame], list[str]]:
     notes: list[str] = []
-    arguments = {"joint_states_topic": "/joint_states", "offset_ns": OFFSET_NS} | given
-    return list(read_mcap(path, notes.append, **arguments)), notes
+    side = SideTopics("/joint_states", OFFSET_NS)
+    return list(read_mcap(path, notes.append, replace(side, **given))), notes
 
 
 def pose(ns: int, source: str = "cautery", x_mm: float = 0.0) -> TrackedTransform:
@@ -85,8 +86,8 @@ def test_written_values_are_read_back(tmp_path, frames, same_frames):
 def test_joints_are_read_from_the_topic_of_the_manifest(tmp_path, frames):
     path = tmp_path / "x.mcap"
     write_recording(path, frames(9), joint_states_topic="/arm/joint_states")
-    assert sum(len(f.joints) for f in read(path, joint_states_topic="/arm/joint_states")[0]) == 36
-    assert not any(f.joints for f in read(path, joint_states_topic=None)[0])
+    assert sum(len(f.joints) for f in read(path, topic="/arm/joint_states")[0]) == 36
+    assert not any(f.joints for f in read(path, topic=None)[0])
 
 
 @pytest.mark.parametrize(
@@ -260,7 +261,7 @@ def test_intact_part_of_a_cut_file_is_used_with_a_note(tmp_path_factory, recordi
     path.write_bytes(content[:cut])
     notes, found = [], []
     try:
-        frames = read_mcap(path, notes.append, joint_states_topic=None)
+        frames = read_mcap(path, notes.append, SideTopics())
         found.extend(frame.stamp.ns for frame in frames)
     except InputError as error:
         assert "holds no readable sample" in str(error)

@@ -24,7 +24,7 @@ from app.case import BagTopic, BagWriter, TrackingFrame, write_recording
 from app.case.bag_writer import CompleteFile
 from app.case.frames_recorder import frames_as_read
 from app.case.messages.ros_messages import TRACKED_TRANSFORM, TRACKED_TRANSFORM_DEFINITION
-from app.case.readers.rosbag2.mcap_file import read_mcap_messages
+from app.case.readers.rosbag2.bag import read_bag
 from app.geometry import InputError, Stamp, TrackingStatus
 
 OFFSET_NS = 37_000_000
@@ -154,7 +154,7 @@ def test_flushed_messages_are_readable_without_close(tmp_path):
     bag.flush()
     write_word(bag, 5)
     notes: list[str] = []
-    found = list(read_mcap_messages(tmp_path / "bag" / "bag_0.mcap", notes.append))
+    found = list(read_bag(tmp_path / "bag" / "bag_0.mcap", notes.append))
     assert len(found) == 5
     bag.close()
 
@@ -191,7 +191,7 @@ def test_full_disk_is_reported_in_one_line_and_keeps_flushed_messages(tmp_path, 
     with pytest.raises(InputError, match="cannot be written: an earlier write failed"):
         write_word(bag, 0)
     bag.close()
-    found = list(read_mcap_messages(tmp_path / "bag" / "bag_0.mcap", lambda note: None))
+    found = list(read_bag(tmp_path / "bag" / "bag_0.mcap", lambda note: None))
     assert flushed > 50
     assert len(found) >= flushed
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
@@ -205,7 +205,7 @@ def read(path: Path) -> tuple[list[bytes], list[bytes], list[str]]:
     with path.open("rb") as file:
         theirs = [message.data for _, _, message in make_reader(file).iter_messages()]
     notes: list[str] = []
-    return theirs, [message.data for message in read_mcap_messages(path, notes.append)], notes
+    return theirs, [message.data for message in read_bag(path, notes.append)], notes
 
 
 def test_file_is_complete_after_each_flush(tmp_path):

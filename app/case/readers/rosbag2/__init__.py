@@ -23,14 +23,7 @@ def _read(path: Path, note: Note, joints: SideTopics) -> "Iterator[TrackingFrame
     from app.case.readers.rosbag2.bag_frames import read_mcap  # loads rosbags
 
     _note_changes(path, note)
-    return read_mcap(
-        path,
-        note,
-        joint_states_topic=joints.topic,
-        offset_ns=joints.offset_ns,
-        activation=joints.activation,
-        activation_stale_after_ns=joints.activation_stale_after_ns,
-    )
+    return read_mcap(path, note, joints)
 
 
 def _messages(path: Path, note: Note) -> "Iterator[RawMessage]":

@@ -42,25 +42,15 @@ _MIN_BATCH = 4
 """Fewer messages of one length are decoded one by one."""
 
 
-def read_mcap(
-    path: Path,
-    note: Note,
-    *,
-    joint_states_topic: str | None,
-    offset_ns: int = 0,
-    activation: str | None = None,
-    activation_stale_after_ns: int = 0,
-) -> Iterator[TrackingFrame]:
+def read_mcap(path: Path, note: Note, side: SideTopics) -> Iterator[TrackingFrame]:
     """Yield the frames of an MCAP file or rosbag2 folder, ordered by acquisition stamp.
 
-    The topics are those of `SideTopics`. A frame has the activation at the receipt of its
-    first sample. Cut, damaged and unreadable parts are skipped and reported to ``note``. Raises
-    `InputError` when the recording holds no tracked transform at all.
+    A frame has the activation at the receipt of its first sample. Cut, damaged and unreadable parts
+    are skipped and reported to ``note``. Raises `InputError` when the recording holds no tracked
+    transform at all.
     """
     frames = 0
-    for frame in _FrameReader(
-        path, note, SideTopics(joint_states_topic, offset_ns, activation, activation_stale_after_ns)
-    ).frames(read_bag_runs(path, note)):
+    for frame in _FrameReader(path, note, side).frames(read_bag_runs(path, note)):
         frames += 1
         yield frame
     if not frames:

@@ -33,7 +33,6 @@ from app.case.readers.recording_format import (
     Connection,
     MessagePlace,
     MessageRun,
-    RawMessage,
     RunMessage,
 )
 from app.files.bounded_io import open_for_reading
@@ -225,12 +224,6 @@ def _unpacked(chunk: Chunk) -> bytes:
 _MAX_SCHEMAS = 2048
 _MAX_SCHEMA_BYTES = 64 * MAX_DEFINITION_BYTES
 _NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
-
-
-def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
-    """Yield the messages of ``path`` one by one; raises as `read_mcap_runs`."""
-    for run in read_mcap_runs(path, note):
-        yield from run.raw_messages()
 
 
 def read_mcap_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageRun]:
