@@ -78,17 +78,8 @@ def _kernel_folders() -> Iterator[CacheFolder]:
             yield CacheFolder(KERNELS, path, _KERNEL_FILES, True)
 
 
-def inspect(folder: CacheFolder) -> CacheContent:
-    """Count the files of ``folder`` without changing anything."""
-    return _visit(folder, removing=False)
-
-
-def remove(folder: CacheFolder) -> CacheContent:
-    """Remove the files of ``folder``, and the folder if it is then empty; count what is removed."""
-    return _visit(folder, removing=True)
-
-
-def _visit(folder: CacheFolder, *, removing: bool) -> CacheContent:
+def visit(folder: CacheFolder, *, removing: bool) -> CacheContent:
+    """Count the files of ``folder``; ``removing`` them, and the folder if it is then empty."""
     count = size = 0
     problem = ""
     try:

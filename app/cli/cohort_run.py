@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -209,10 +209,6 @@ class _Partition:
     cases: list[CohortCase]
     rows: dict[str, Row] = field(default_factory=dict)
 
-    @property
-    def complete(self) -> bool:
-        return len(self.rows) == len(self.cases)
-
 
 class CohortRun:
     """Runs ``cohort`` into ``dataset``; ``version`` is that of the program."""
@@ -238,7 +234,7 @@ class CohortRun:
             jobs = self._jobs()
             first = next(jobs, None)
             if first is not None:
-                for job, outcome in run_jobs(_chain(first, jobs)):
+                for job, outcome in run_jobs(chain([first], jobs)):
                     self._add(job.case.name, outcome)
                     report(self.counts.kept + self.counts.done, self.counts.total)
             self._dataset.close(-(-self.counts.total // self._size))
@@ -287,7 +283,7 @@ class CohortRun:
 
     def _write(self, number: int) -> None:
         partition = self._open[number]
-        if not partition.complete:
+        if len(partition.rows) < len(partition.cases):
             return
         del self._open[number]
         rows = [partition.rows[case.name] for case in partition.cases]
@@ -310,11 +306,6 @@ def _hash(case: CohortCase) -> tuple[str, str]:
         return input_hash(case), ""
     except (InputError, OSError) as error:
         return "", str(error)
-
-
-def _chain(first: Job, others: Iterator[Job]) -> Iterator[Job]:
-    yield first
-    yield from others
 
 
 @contextmanager

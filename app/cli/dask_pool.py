@@ -30,16 +30,15 @@ _SETTINGS = {
 }
 _POLL_S = 1.0
 _CONNECT_S = 10.0
+_RETURN_S = 600.0
+"""Time that a scheduler that went away has to return."""
 
 
 class DaskPool:
-    """Workers of an embedded cluster, or those of the scheduler at ``address``.
+    """Workers of an embedded cluster, or those of the scheduler at ``address``."""
 
-    ``return_s``: how long to wait for a scheduler that went away.
-    """
-
-    def __init__(self, address: str | None, workers: int, *, return_s: float = 600.0) -> None:
-        self._address, self._workers, self._return_s = address, workers, return_s
+    def __init__(self, address: str | None, workers: int) -> None:
+        self._address, self._workers = address, workers
         self._stack = ExitStack()
         self._client: Client
         self._submitted = 0
@@ -155,7 +154,7 @@ class DaskPool:
 
     def _reconnect(self) -> None:
         """Wait until the scheduler is there; raises `InputError` if it does not return in time."""
-        deadline = time.monotonic() + self._return_s
+        deadline = time.monotonic() + _RETURN_S
         while self._lost():
             if time.monotonic() > deadline or self._address is None:
                 raise InputError(

@@ -12,7 +12,7 @@ from secrets import token_hex
 from typing import TYPE_CHECKING
 
 from app.cli.process import SignalState, prompt_process
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.files.child_process import step_back
 from app.geometry import InputError
 
@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from app.bridge.displays import LiveChild, SessionClient
     from app.bridge.node import RosNode
     from app.files.volume_file import Volume
-    from app.runtime import SimulatedWorld
     from app.session import StepResult
-    from app.viewer import LiveFeed, LiveSteps, MouseHand, Viewer
+    from app.viewer import LiveFeed, LiveSteps, Viewer
     from app.viewer.drawing.render_loop import MakeScheduler
     from app.workflow import ApproachGhost, NeedleGuide
 
@@ -43,8 +42,7 @@ def live_page(
     ``scheduler`` draws the pictures; a benchmark replaces it. ``client``: the browser draws the
     scene. ``volume`` is cut through the tool's tip; ``plans`` are shown beside the steps.
     """
-    load_bridge("which a live session needs")
-    print_reach()
+    load_ros("which a live session needs")
     from app.bridge import RosNode
     from app.bridge.displays.remote_operator import PAGE_NODE
 
@@ -131,7 +129,8 @@ def _shown(
     plans: "tuple[ApproachGhost, NeedleGuide] | None",
 ) -> Iterator["Viewer"]:
     """The page, with the steps on their way to it within the context."""
-    from app.bridge.world_client import TRACKER, WORLD
+    from app.bridge import RosNode
+    from app.bridge.world_client import HAND_NODE, TRACKER, WORLD, HandPublisher, WorldListener
     from app.runtime import SimulatedWorld, stop_surface
     from app.viewer import (
         LiveFeed,
@@ -200,10 +199,16 @@ def _shown(
         )
         thread.start()
         try:
-            with (
-                _published(hand, options.hand, feed, content.tip_frame),
-                _followed(ros, world, options.world),
-            ):
+            with ExitStack() as stack:
+                if hand is not None:
+                    hand_ros = stack.enter_context(RosNode(HAND_NODE))
+                    HandPublisher(
+                        *(hand_ros, options.hand, content.tip_frame),
+                        lambda: hand.force_n(feed.now()),
+                        clock_ns=time.time_ns,
+                    )
+                if world is not None:
+                    WorldListener(ros, options.world, world)
                 yield viewer
         finally:
             session.stop()
@@ -227,32 +232,3 @@ def _follow(
         raise
     finally:
         feed.end(why)
-
-
-@contextmanager
-def _published(
-    hand: "MouseHand | None", topic: str | None, feed: "LiveFeed", frame: str
-) -> Iterator[None]:
-    """Publish the force of ``hand`` on ``topic`` within the context."""
-    with ExitStack() as stack:
-        if hand is not None and topic is not None:
-            from app.bridge import RosNode
-            from app.bridge.world_client import HAND_NODE, HandPublisher
-
-            ros = stack.enter_context(RosNode(HAND_NODE))
-            HandPublisher(
-                ros, topic, frame, lambda: hand.force_n(feed.now()), clock_ns=time.time_ns
-            )
-        yield
-
-
-@contextmanager
-def _followed(
-    ros: "RosNode", world: "SimulatedWorld | None", simulation: str | None
-) -> Iterator[None]:
-    """Receive ``world`` from the node ``simulation``, and send its edits, within the context."""
-    if world is not None and simulation is not None:
-        from app.bridge.world_client import WorldListener
-
-        WorldListener(ros, simulation, world)
-    yield

@@ -72,16 +72,17 @@ def _read(stream: IO[bytes]) -> "SceneRequest | None":
 
 
 def _content(output: str, request: "SceneRequest") -> bytes | str:
+    from app.scene import movie_gif, movie_mp4, step_png
+
     try:
-        return _MAKERS[output](request)
+        if output == SCENE:
+            return _scene(request)
+        if output == PICTURE:
+            return step_png(request.content, request.step)
+        make_movie = {MOVIE: movie_gif, VIDEO: movie_mp4}[output]
+        return make_movie(request.content, request.step, request.keyframes)
     except MarginGuardError as error:
         return str(error)
-
-
-def _picture(request: "SceneRequest") -> bytes:
-    from app.scene import step_png
-
-    return step_png(request.content, request.step)
 
 
 def _scene(request: "SceneRequest") -> bytes:
@@ -97,21 +98,6 @@ def _scene(request: "SceneRequest") -> bytes:
         path = Path(folder) / SCENE_NAME
         save_scene(shown.application.scene, path)
         return path.read_bytes()
-
-
-def _movie(request: "SceneRequest") -> bytes:
-    from app.scene import movie_gif
-
-    return movie_gif(request.content, request.step, request.keyframes)
-
-
-def _video(request: "SceneRequest") -> bytes:
-    from app.scene import movie_mp4
-
-    return movie_mp4(request.content, request.step, request.keyframes)
-
-
-_MAKERS = {PICTURE: _picture, SCENE: _scene, MOVIE: _movie, VIDEO: _video}
 
 
 def warmup_step() -> "tuple[SessionContent, StepResult]":

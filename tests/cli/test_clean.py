@@ -79,7 +79,7 @@ import sys
 from numba.core.config import reload_config
 
 reload_config()  # numba was imported before, without this variable
-from app.cli.caches import cache_folders, remove
+from app.cli.caches import cache_folders, visit
 from app.robot.link_kernel import compute_link_poses
 
 compute_link_poses.compile(
@@ -87,7 +87,7 @@ compute_link_poses.compile(
 )
 # Only below the given folder: other tests use the kernels beside the sources.
 found = [folder for folder in cache_folders() if str(folder.path).startswith(sys.argv[1])]
-print(max(remove(folder).count for folder in found))
+print(max(visit(folder, removing=True).count for folder in found))
 """
 
 

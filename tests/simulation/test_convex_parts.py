@@ -53,7 +53,7 @@ def test_second_call_reads_the_file(folder, monkeypatch):
     )
     second = parts_of(angle(), "parts", "angle")
     assert [each.tobytes() for each in first] == [each.tobytes() for each in second]
-    kinds = {each.kind: caches.inspect(each).count for each in caches.cache_folders()}
+    kinds = {each.kind: caches.visit(each, removing=False).count for each in caches.cache_folders()}
     assert kinds[caches.PARTS] == 1
 
 

@@ -25,10 +25,6 @@ class Input(Enum):
     """Joint positions of a robot: the recording has to be a case with ``robot.joint_states``."""
 
 
-def add_no_arguments(parser: argparse.ArgumentParser) -> None:
-    """Leave ``parser`` as it is: the method has no options of its own."""
-
-
 @dataclass(frozen=True, slots=True)
 class CalibrationMethod:
     """One calibration method.
@@ -52,5 +48,5 @@ class CalibrationMethod:
     summary: str
     inputs: frozenset[Input]
     run: "Callable[[CalibrationInputs], CalibrationResult]"
-    add_arguments: Callable[[argparse.ArgumentParser], None] = add_no_arguments
+    add_arguments: Callable[[argparse.ArgumentParser], None] = lambda parser: None
     finds_clock_offset: bool = False

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from app.cli.process import note_signals, prompt_process
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.geometry import InputError
 
 CALL_TIMEOUT_S = 10.0
@@ -45,8 +45,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _rearm() -> int:
-    load_bridge("which 'control' needs")
-    print_reach()
+    load_ros("which 'control' needs")
     from std_srvs.srv import Trigger
 
     from app.bridge import RosNode
@@ -62,8 +61,7 @@ def _rearm() -> int:
 
 def _control(file: Path) -> int:
     with note_signals() as received:
-        load_bridge("which 'control' needs")
-        print_reach()
+        load_ros("which 'control' needs")
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.arm_control import NODE_NAME, ControlNode

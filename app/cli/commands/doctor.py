@@ -159,10 +159,9 @@ def _run_clean(options: argparse.Namespace) -> int:
     makes them again, the kernels in a minute or two. Symbolic links are not followed. Exit status:
     0; 1 when something could not be read or removed.
     """
-    from app.cli.caches import cache_folders, inspect, remove
+    from app.cli.caches import cache_folders, visit
 
-    visit = remove if options.yes else inspect
-    visited = [visit(folder) for folder in cache_folders()]
+    visited = [visit(folder, removing=options.yes) for folder in cache_folders()]
     contents = [content for content in visited if content.count or content.problem]
     if options.json:
         print(json.dumps([_as_json(content) for content in contents], indent=2))

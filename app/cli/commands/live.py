@@ -25,7 +25,7 @@ from app.cli.options import (
     quantity,
 )
 from app.cli.process import SignalState, note_signals, prompt_process
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode
@@ -91,8 +91,7 @@ class _NoTipOnly(argparse.Action):
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
     with note_signals() as received, closing(_StepOutput(as_json=options.json)) as shown:
-        load_bridge("which a live session needs")
-        print_reach()
+        load_ros("which a live session needs")
         if options.lifecycle:
             _run_managed(options, received, shown)
         else:

@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_namespace
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.fixture import MarginState, Reason
 from app.geometry import InputError
 
@@ -45,8 +45,7 @@ def run(options: argparse.Namespace) -> int:
     for name, stream in (("input", sys.stdin), ("output", sys.stdout)):
         if not options.yes and not stream.isatty():
             raise InputError(f"standard {name} is not a terminal; expected a terminal, or --yes")
-    load_bridge("which 'rearm' needs")
-    print_reach()
+    load_ros("which 'rearm' needs")
     from app.bridge import RosNode
     from app.bridge.control.operator_services import RearmClient
     from app.bridge.publishing.session_publisher import NODE_NAME

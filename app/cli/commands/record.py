@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.process import note_signals, standard_input
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.geometry import InputError
 
 if TYPE_CHECKING:
@@ -101,8 +101,7 @@ def run(options: argparse.Namespace) -> int:
         if given is not None:
             threading.Thread(target=_read_input, args=(given, stop, notes), daemon=True).start()
         topics, live = _topics_and_case(options)
-        load_bridge("which 'record' needs")
-        print_reach()
+        load_ros("which 'record' needs")
         from app.bridge import RosNode
         from app.case import RECORDING_FOLDER, BagWriter, begin_case
 

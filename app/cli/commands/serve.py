@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs, input_argument
 from app.cli.process import note_signals
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM; both end the command with exit status 0."""
     with note_signals() as received:
-        load_bridge("which 'serve' needs")
+        load_ros("which 'serve' needs")
         from app.bridge import RosNode
         from app.bridge.calls.calibrate_server import CalibrateServer
         from app.bridge.replay_node import ReplayServer
@@ -68,7 +68,6 @@ def run(options: argparse.Namespace) -> int:
         if options.load:
             with received.ends_at_once():
                 cases.load(options.load)
-        print_reach()
         ended = threading.Event()
         received.stops(ended.set)
         with RosNode(NODE_NAME) as ros:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import folder_path
 from app.cli.parsing import CommandParser
 from app.cli.process import note_signals, prompt_process, standard_input
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
 from app.files.bounded_io import is_file, is_folder
 from app.files.extras import check_installed
@@ -95,8 +95,7 @@ def run(options: argparse.Namespace) -> int:
     """Simulate until a signal comes."""
     with note_signals() as received:
         check_installed("mujoco", "coacd")
-        load_bridge("which 'simulate' needs")
-        print_reach()
+        load_ros("which 'simulate' needs")
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
@@ -258,8 +257,7 @@ def _run_operation(options: argparse.Namespace) -> int:
     with note_signals() as received:
         if options.seed < 0:
             raise InputError(f"--seed is {options.seed}; expected 0 or more")
-        load_bridge("which 'simulate operation' needs")
-        print_reach()
+        load_ros("which 'simulate operation' needs")
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.tracker_publisher import OPERATION_NODE, OperationNode

@@ -17,7 +17,7 @@ from contextlib import ExitStack
 from app.cli.options import add_case
 from app.cli.parsing import CommandParser
 from app.cli.process import note_signals
-from app.cli.ros import load_bridge, print_reach
+from app.cli.ros import load_ros
 from app.geometry import InputError
 
 SUMMARY = "publish the poses of a case, or of an OpenIGTLink server (PLUS), over ROS 2"
@@ -64,8 +64,7 @@ def run(options: argparse.Namespace) -> int:
 
         topic = check_topic(options.topic, "--topic")
         checked_rate(options.rate)
-        load_bridge("which 'tracker' needs")
-        print_reach()
+        load_ros("which 'tracker' needs")
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.playback import NODE_NAME, PlaybackNode
@@ -136,8 +135,7 @@ def _run_igtl(options: argparse.Namespace) -> int:
     elif options.device is not None:
         raise InputError("--device is given without --images; expected both")
     with note_signals() as received:
-        load_bridge("which 'tracker igtl' needs")
-        print_reach()
+        load_ros("which 'tracker igtl' needs")
         from app.bridge import RosNode
         from app.bridge.tracker_publisher import IgtlImagePublisher, IgtlPublisher
         from app.igtl import IgtlSource, SampleQueue

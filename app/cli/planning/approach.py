@@ -138,27 +138,23 @@ def run(options: argparse.Namespace) -> int:
 
 def _measured(namespace: str, robot: "Robot") -> dict[str, float]:
     """Positions of the robot's actuated joints, of those that the arm publishes."""
+    from app.cli.ros import load_ros
     from app.geometry import InputError
 
     if not namespace.startswith("/") or namespace.endswith("/"):
         raise InputError(f"--arm is {namespace!r}; expected a namespace such as /arm")
-    _load_ros("--arm")
+    load_ros("which '--arm' needs")
     from app.bridge.arm_inputs import read_joints
 
     found, known = read_joints(namespace), robot.actuated_joint_names
     return {name: value for name, value in found.items() if name in known}
 
 
-def _load_ros(option: str) -> None:
-    from app.cli.ros import load_bridge, print_reach
-
-    load_bridge(f"which '{option}' needs")
-    print_reach()
-
-
 def _setup_of(topic: str) -> str:
     """The ``setup_id`` of the guard whose constraint is on ``topic``."""
-    _load_ros("--guard")
+    from app.cli.ros import load_ros
+
+    load_ros("which '--guard' needs")
     from app.bridge.constraint_message import ConstraintReader
 
     with ConstraintReader(topic) as reader:

@@ -40,11 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Execute the plan until it has arrived or is stopped."""
     from app.cli.process import note_signals
-    from app.cli.ros import load_bridge, print_reach
+    from app.cli.ros import load_ros
 
     with note_signals() as received:
-        load_bridge("which 'plan execute' needs")
-        print_reach()
+        load_ros("which 'plan execute' needs")
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.plan_execution import NODE_NAME, ExecutionNode

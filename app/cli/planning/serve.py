@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Serve plans until a signal."""
     from app.cli.process import note_signals
-    from app.cli.ros import load_bridge, print_reach
+    from app.cli.ros import load_ros
     from app.files.extras import check_installed
     from app.geometry import InputError
 
@@ -48,8 +48,7 @@ def run(options: argparse.Namespace) -> int:
     if not 0.0 < clearance_mm < math.inf:
         raise InputError(f"--clearance-mm: is {clearance_mm}; expected a number above 0")
     with note_signals() as received:
-        load_bridge("which 'plan serve' needs")
-        print_reach()
+        load_ros("which 'plan serve' needs")
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.guard_scene import GuardScene, PathWatch
