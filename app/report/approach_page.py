@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Iterator
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from app.geometry import FloatArray
 from app.planning import ApproachPreview
 from app.report.coverage_figures import packed, simplified
+from app.report.margin_plot import figure_png
 from app.report.page import CLEAR_BAR, HATCH, INK, PAPER, STOP, USED, WARN, document, json_of, part
 from app.report.svg_plots import time_svg
 from app.report.time_plot import Line, Series, TimePlot
@@ -207,7 +206,4 @@ def _stills_png(preview: ApproachPreview, surfaces: list[_Surface]) -> bytes:
         axes.set_ylim(-reach_mm, reach_mm)
         axes.set_aspect("equal")
         axes.axis("off")
-    FigureCanvasAgg(figure)
-    picture = BytesIO()
-    figure.savefig(picture, format="png", metadata={"Software": None})
-    return picture.getvalue()
+    return figure_png(figure)

@@ -2,9 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 from app.cohort import METRICS, Comparison, Outlier
 from app.cohort.columns import OK, Row
@@ -114,12 +112,11 @@ def forest_png(comparisons: Sequence[Comparison]) -> bytes | None:
     shown = [(c, c.standardized) for c in comparisons if c.standardized is not None]
     if not shown:
         return None
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to load
-    from matplotlib.figure import Figure
-    from matplotlib.image import imsave
+    from matplotlib.figure import Figure  # slow to load
+
+    from app.report.margin_plot import figure_png
 
     figure = Figure(figsize=(13.0, 1.4 + 0.42 * len(shown)), dpi=_DPI, layout="constrained")
-    canvas: Any = FigureCanvasAgg(figure)
     plot = figure.subplots()
     for place, (comparison, (centre, low, high)) in enumerate(shown):
         plot.plot([low, high], [place, place], color=EFFECT, linewidth=2.0)
@@ -144,8 +141,4 @@ def forest_png(comparisons: Sequence[Comparison]) -> bytes | None:
     for side in ("top", "right", "left"):
         plot.spines[side].set_visible(False)
     plot.tick_params(axis="y", length=0)
-    canvas.draw()
-    picture = BytesIO()
-    metadata: Any = {"Software": None}
-    imsave(picture, canvas.buffer_rgba(), format="png", dpi=_DPI, metadata=metadata)
-    return picture.getvalue()
+    return figure_png(figure)

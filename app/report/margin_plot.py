@@ -41,20 +41,24 @@ def margin_png(
     rows: Sequence[ReportRow], breaches: Sequence[Breach], margins: MarginParameters, title: str
 ) -> bytes:
     """Draw the plot; return it as PNG, 1560 x 720 pixels."""
-    figure = margin_figure(rows, breaches, margins, title)
+    return figure_png(margin_figure(rows, breaches, margins, title))
+
+
+def figure_png(figure: Figure) -> bytes:
+    """Draw ``figure``; return it as PNG."""
     canvas: Any = FigureCanvasAgg(figure)  # without annotations
     canvas.draw()  # `Figure.savefig` would draw everything twice, the first time for the layout
     picture = BytesIO()
     # Without the version of matplotlib equal rows give equal bytes on one machine.
     metadata: Any = {"Software": None}
-    imsave(picture, canvas.buffer_rgba(), format="png", dpi=_DPI, metadata=metadata)
+    imsave(picture, canvas.buffer_rgba(), format="png", dpi=figure.dpi, metadata=metadata)
     return picture.getvalue()
 
 
 def margin_figure(
     rows: Sequence[ReportRow], breaches: Sequence[Breach], margins: MarginParameters, title: str
 ) -> Figure:
-    """Draw the plot of ``rows``, at least one, on an Agg canvas."""
+    """Draw the plot of ``rows``, at least one."""
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
     strip, plot = figure.subplots(2, 1, sharex=True, height_ratios=(1, 16))
     figure.suptitle(
@@ -67,7 +71,6 @@ def margin_figure(
     _label_lines(plot, content)
     _draw_breaches(plot, content, breaches)
     _draw_legend(figure, strip, plot)
-    FigureCanvasAgg(figure)
     return figure
 
 
@@ -243,7 +246,4 @@ def residual_png(
     for side in ("top", "right"):
         plot.spines[side].set_visible(False)
     plot.legend(frameon=False, fontsize=9, labelcolor=INK, loc="upper right", ncols=3)
-    FigureCanvasAgg(figure)
-    picture = BytesIO()
-    figure.savefig(picture, format="png", metadata={"Software": None})
-    return picture.getvalue()
+    return figure_png(figure)

@@ -2,17 +2,16 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from app.geometry import FloatArray, SurfaceMesh
 from app.planning import Corridor, ForbiddenStructure, NeedlePlan
+from app.report.margin_plot import figure_png
 from app.report.page import CLEAR_BAR, HATCH, INK, LINE, STOP, document, text_of
 
 _DPI = 110
@@ -98,7 +97,7 @@ def _map_png(plan: NeedlePlan) -> bytes:
     axes.set_ylabel("mm along the skin")
     if np.isnan(scores).any():
         axes.legend(fontsize=8, loc="upper left", markerscale=3)
-    return _png(figure)
+    return figure_png(figure)
 
 
 def _section_png(
@@ -133,7 +132,7 @@ def _section_png(
     ]
     handles = [Line2D([], [], color=color, ls=style, label=kind) for kind, color, style in kinds]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    return _png(figure)
+    return figure_png(figure)
 
 
 def _towards_nearest(
@@ -168,10 +167,3 @@ def _section(
         part = height[row, alone] / (height[row, alone] - height[row, other])
         ends.append(flat[row, alone] + part[:, None] * (flat[row, other] - flat[row, alone]))
     return np.stack(ends, axis=1)
-
-
-def _png(figure: Figure) -> bytes:
-    FigureCanvasAgg(figure)
-    picture = BytesIO()
-    figure.savefig(picture, format="png", metadata={"Software": None})
-    return picture.getvalue()

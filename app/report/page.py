@@ -128,7 +128,7 @@ def _environment() -> Environment:
     )
     environment.globals["not_a_device"] = NOT_A_DEVICE
     environment.filters |= {
-        "base64": _base64,
+        "base64": lambda content: b64encode(content).decode("ascii"),
         "cell": text_of,
         "length": length,
         "time": time_text,
@@ -140,10 +140,6 @@ def json_of(value: object) -> Markup:
     """``value`` for a script element; a "<" of a text would end it."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c"))
-
-
-def _base64(content: bytes) -> str:
-    return b64encode(content).decode("ascii")
 
 
 def length(value_mm: float | None) -> str:

@@ -291,8 +291,4 @@ def _registration(registration: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
 
 
 def _pairs(values: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
-    return [(name, _text(value)) for name, value in values.items()]
-
-
-def _text(value: Any) -> str:
-    return text_of(None if value == "" else value)
+    return [(name, text_of(None if value == "" else value)) for name, value in values.items()]

@@ -52,6 +52,18 @@ def test_probability_of_a_rough_structure_is_that_of_monte_carlo_with_coal(seed)
     assert found == pytest.approx(hits / BY_COAL, abs=0.01)
 
 
+def of_ball(offset, covariance, sigma):
+    """The probability that a needle at ``offset`` (3,) from the centre hits the ball."""
+    return hit_probability(
+        closed_surface(SurfaceMesh(FRAME, BALL.vertices, BALL.faces), "ball"),
+        offset + np.array([0.0, 0.0, 50.0]),
+        offset - np.array([0.0, 0.0, 30.0]),
+        radius_mm=0.6,
+        covariance_mm2=covariance,
+        sigma_mm=sigma,
+    )
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_probability_of_a_ball_is_that_of_monte_carlo(seed):
     rng = np.random.default_rng(seed)
@@ -60,28 +72,12 @@ def test_probability_of_a_ball_is_that_of_monte_carlo(seed):
     errors = rng.multivariate_normal(np.zeros(3), covariance, SAMPLES)[:, :2]
     distance = np.linalg.norm(offset[:2] + errors, axis=1) - RADIUS - 0.6
     expected = (distance + sigma * rng.normal(size=SAMPLES) <= 0.0).mean()
-    found = hit_probability(
-        closed_surface(SurfaceMesh(FRAME, BALL.vertices, BALL.faces), "ball"),
-        offset + np.array([0.0, 0.0, 50.0]),
-        offset - np.array([0.0, 0.0, 30.0]),
-        radius_mm=0.6,
-        covariance_mm2=covariance,
-        sigma_mm=sigma,
-    )
-    assert found == pytest.approx(expected, abs=0.01)
+    assert of_ball(offset, covariance, sigma) == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.parametrize(("offset", "expected"), [(10.5, 1.0), (10.7, 0.0)])
 def test_without_any_error_the_needle_hits_or_it_does_not(offset, expected):
-    place = np.array([offset, 0.0, 0.0])
-    found = hit_probability(
-        closed_surface(SurfaceMesh(FRAME, BALL.vertices, BALL.faces), "ball"),
-        place + np.array([0.0, 0.0, 50.0]),
-        place - np.array([0.0, 0.0, 30.0]),
-        radius_mm=0.6,
-        covariance_mm2=np.zeros((3, 3)),
-        sigma_mm=0.0,
-    )
+    found = of_ball(np.array([offset, 0.0, 0.0]), np.zeros((3, 3)), 0.0)
     assert found == pytest.approx(expected, abs=1e-9)
 
 

@@ -21,28 +21,23 @@ def test_breach_runs_from_the_first_to_the_last_inside_frame(rows_of):
     assert breaches[1].duration_s == 0.0
 
 
-def test_touching_the_surface_is_no_breach(rows_of):
-    assert find_breaches(rows_of([1.0, 0.0, 1.0]), STALE_NS) == ()
-
-
-def test_breach_at_both_ends_of_the_recording(rows_of):
-    breaches = find_breaches(rows_of([-1.0, 2.0, -1.0]), STALE_NS)
-    assert [(b.start_s, b.end_s) for b in breaches] == [(0.0, 0.0), (0.04, 0.04)]
-
-
-def test_short_dropout_neither_ends_nor_lengthens_a_breach(rows_of):
-    (breach,) = find_breaches(rows_of([-1.0, None, None, -2.0, None]), STALE_NS)
-    assert (breach.start_s, breach.end_s, breach.frames) == (0.0, pytest.approx(0.06), 2)
-
-
-@pytest.mark.parametrize(("lost", "count"), [(9, 1), (10, 2)])
-def test_dropout_longer_than_stale_after_splits(rows_of, lost, count):
-    # n lost frames of 20 ms leave (n + 1) 20 ms between the inside ones: 200 ms, then 220 ms.
-    assert len(find_breaches(rows_of([-1.0, *[None] * lost, -1.0]), STALE_NS)) == count
-
-
-def test_outside_during_a_dropout_is_two_breaches(rows_of):
-    assert len(find_breaches(rows_of([-1.0, None, 1.0, None, -1.0]), STALE_NS)) == 2
+@pytest.mark.parametrize(
+    ("distances", "expected"),
+    [
+        ([1.0, 0.0, 1.0], []),  # touches the surface
+        ([-1.0, 2.0, -1.0], [(0.0, 0.0, 1), (0.04, 0.04, 1)]),  # at both ends of the recording
+        ([-1.0, None, None, -2.0, None], [(0.0, 0.06, 2)]),
+        ([-1.0, None, 1.0, None, -1.0], [(0.0, 0.0, 1), (0.08, 0.08, 1)]),
+        # n lost frames of 20 ms leave (n + 1) 20 ms between the inside ones: 200 ms, then 220 ms.
+        ([-1.0, *[None] * 9, -1.0], [(0.0, 0.2, 2)]),
+        ([-1.0, *[None] * 10, -1.0], [(0.0, 0.0, 1), (0.22, 0.22, 1)]),
+    ],
+)
+def test_dropout_up_to_stale_after_neither_ends_nor_lengthens(rows_of, distances, expected):
+    breaches = find_breaches(rows_of(distances), STALE_NS)
+    assert [(b.start_s, b.end_s, b.frames) for b in breaches] == [
+        pytest.approx(each) for each in expected
+    ]
 
 
 def test_clock_that_jumps_back_splits():

@@ -110,14 +110,15 @@ def test_registration_that_is_missing_or_refused(rows_of):
     assert "too few points" in check.detail
 
 
-def dropout(kind, start_s, end_s):
-    return Expected(dropouts=(ExpectedDropout("cautery", kind, start_s, end_s),))
+def dropout(rows, *values):
+    expected = Expected(dropouts=(ExpectedDropout("cautery", *values),))
+    return run(expected, rows)["UNKNOWN in dropout 1"]
 
 
 def test_invalid_dropout_is_unknown_from_its_first_frame(rows_of):
     rows = rows_of([6.0, None, None, 6.0])
-    assert run(dropout("invalid", 0.02, 0.04), rows)["UNKNOWN in dropout 1"].passed
-    check = run(dropout("invalid", 0.0, 0.04), rows)["UNKNOWN in dropout 1"]
+    assert dropout(rows, "invalid", 0.02, 0.04).passed
+    check = dropout(rows, "invalid", 0.0, 0.04)
     assert not check.passed
     assert "1 of 3 frames" in check.detail
     assert "NEGATIVE at 0.000 s" in check.detail
@@ -126,9 +127,9 @@ def test_invalid_dropout_is_unknown_from_its_first_frame(rows_of):
 def test_missing_dropout_is_unknown_once_stale(rows_of):
     # Last seen at 0 s, and known until 200 ms, which is not yet older than stale_after.
     rows = rows_of([6.0] * 11 + [None] * 5)
-    assert run(dropout("missing", 0.0, 0.28), rows)["UNKNOWN in dropout 1"].passed
+    assert dropout(rows, "missing", 0.0, 0.28).passed
     late = (*rows[:11], replace(rows[0], stamp_ns=rows[11].stamp_ns), *rows[12:])
-    check = run(dropout("missing", 0.0, 0.28), late)["UNKNOWN in dropout 1"]
+    check = dropout(late, "missing", 0.0, 0.28)
     assert not check.passed
     assert "1 of 4 frames are not UNKNOWN, the first is NEGATIVE at 0.220 s" in check.detail
 
@@ -141,12 +142,11 @@ def test_silent_source_is_checked_by_the_last_state_before(rows_of):
         replace(lost, stamp_ns=good.stamp_ns + 160_000_000),
         replace(back, stamp_ns=good.stamp_ns + 600_000_000),
     )
-    silence = dropout("missing", 0.0, 0.58)
-    assert run(silence, rows)["UNKNOWN in dropout 1"].passed
-    assert not run(silence, (good, rows[2]))["UNKNOWN in dropout 1"].passed
+    assert dropout(rows, "missing", 0.0, 0.58).passed
+    assert not dropout((good, rows[2]), "missing", 0.0, 0.58).passed
 
 
 def test_dropout_without_a_frame_fails(rows_of):
-    check = run(dropout("invalid", -2.0, -1.0), rows_of([6.0] * 20))["UNKNOWN in dropout 1"]
+    check = dropout(rows_of([6.0] * 20), "invalid", -2.0, -1.0)
     assert not check.passed
     assert "no frame" in check.detail

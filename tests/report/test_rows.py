@@ -48,11 +48,7 @@ def test_row_of_a_step_keeps_its_numbers():
         5, MarginState.POSITIVE, ("contact", "inside"), -1.5, -1.6, (1.0, 2.0, 3.0), 1.75, 5.75
     )
     assert row.inside
-
-
-def test_row_of_a_step_keeps_the_state_of_the_cautery():
     assert ReportRow.from_step(step(-1.5, activation=Activation.ON)).activation is Activation.ON
-    assert ReportRow.from_step(step(-1.5)).activation is None
 
 
 def test_row_of_a_step_without_proximity_has_no_numbers():
@@ -75,15 +71,9 @@ def test_row_refuses_numbers_that_are_not_finite(value):
 
 def test_log_keeps_the_deepest_step_only():
     log = ReplayLog()
-    steps = [step(distance) for distance in (3.0, None, -2.0, -1.0)]
+    steps = [step(distance) for distance in (None, 3.0, None, -2.0, -1.0)]
     for number, one in enumerate(steps):
         log.publish(one, StepTiming(duration_ns=100 + number))
-    assert log.deepest is steps[2]
-    assert log.durations_ns == [100, 101, 102, 103]
-    assert [row.signed_distance_mm for row in log.rows] == [3.0, None, -2.0, -1.0]
-
-
-def test_log_without_a_distance_has_no_deepest_step():
-    log = ReplayLog()
-    log.publish(step(None), StepTiming(duration_ns=1))
-    assert log.deepest is None
+        assert log.deepest is (None, *steps[1:2] * 2, *steps[3:4] * 2)[number]
+    assert log.durations_ns == [100, 101, 102, 103, 104]
+    assert [row.signed_distance_mm for row in log.rows] == [None, 3.0, None, -2.0, -1.0]
