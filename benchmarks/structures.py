@@ -23,6 +23,7 @@ from app.fixture import MarginParameters, ProximityEngine
 from app.geometry import NS_PER_S, FloatArray, Stamp, SurfaceMesh, TrackedTransform, Transform
 from app.session import Session, SessionSetup, Structure
 from benchmarks.fixture.case import RATE_HZ, Case
+from benchmarks.fixture.engines import fcl_object
 from benchmarks.harness.figures import show, spread, table
 from benchmarks.harness.goals import Goal, at_most, finish, goals_table
 from benchmarks.harness.options import BenchParser
@@ -92,15 +93,11 @@ def fcl_distance(case: Case, count: int) -> Callable[..., object]:
     """Distance of the tool to the nearest of all structures."""
     import fcl
 
-    def placed(mesh: SurfaceMesh, place_mm: FloatArray) -> Any:
-        model = fcl.BVHModel()
-        model.beginModel(len(mesh.vertices_mm), len(mesh.faces))
-        model.addSubModel(np.array(mesh.vertices_mm), np.array(mesh.faces))
-        model.endModel()
-        return fcl.CollisionObject(model, fcl.Transform(np.eye(3), place_mm))
-
-    tree, tool = fcl.DynamicAABBTreeCollisionManager(), placed(case.tool, np.zeros(3))
-    tree.registerObjects([placed(case.tumor, place_mm) for place_mm in places_mm(count)])
+    tree, tool = fcl.DynamicAABBTreeCollisionManager(), fcl_object(case.tool)
+    for place_mm in places_mm(count):
+        structure = fcl_object(case.tumor)
+        structure.setTranslation(place_mm)
+        tree.registerObject(structure)
     tree.setup()
 
     def measure(frame: TrackingFrame, pose: Transform) -> object:

@@ -150,7 +150,7 @@ class CaseAnalysis:
             "distance_percentiles_mm": {f"p{k}": v for k, v in self.percentiles_mm.items()},
             "jitter": None if self.jitter is None else asdict(self.jitter),
             "anatomical": self.anatomical,
-            "breaches": [_breach_dict(breach) for breach in self.breaches],
+            "breaches": [{**asdict(each), "duration_s": each.duration_s} for each in self.breaches],
             "breach_sides": sides_of(self.breaches),
             "motion": asdict(self.motion),
             "phase_seconds": dict(self.phase_seconds),
@@ -296,7 +296,3 @@ def _percentiles(distances: FloatArray) -> dict[int, float]:
     if len(distances) == 0:
         return {}
     return dict(zip(PERCENTILES, np.percentile(distances, PERCENTILES).tolist(), strict=True))
-
-
-def _breach_dict(breach: AnalysedBreach) -> dict[str, Any]:
-    return {**asdict(breach), "duration_s": breach.duration_s}

@@ -128,15 +128,13 @@ def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | No
 
     faces, centres, areas = surface_places(tumor, MAX_PLACES)
     limit = max(WITHIN_MM)
-    frames = _near(samples, limit)
+    frames = near_frames(samples, limit)
     nearest = np.full(len(centres), np.inf)
-    if tool is None:  # the nearest of the places of one point
-        if len(frames):
-            tips = cKDTree(samples.tips_mm[frames])
-            found, _ = tips.query(centres, distance_upper_bound=limit)
-            nearest = np.asarray(found, dtype=np.float64)
-        return Coverage(faces, centres, nearest, areas, len(frames))
-    if len(frames):
+    if len(frames) and tool is None:  # the nearest of the places of one point
+        tips = cKDTree(samples.tips_mm[frames])
+        found, _ = tips.query(centres, distance_upper_bound=limit)
+        nearest = np.asarray(found, dtype=np.float64)
+    elif len(frames) and tool is not None:
         tree = cKDTree(surface_points(tool))
         nearest = _nearest(tree, samples.tips_mm[frames], samples.rotations[frames], centres)
     return Coverage(faces, centres, nearest, areas, len(frames))
@@ -201,7 +199,7 @@ def _largest_motions(tips: FloatArray, rotations: FloatArray, points: FloatArray
     return np.asarray(np.linalg.norm(np.diff(in_tip, axis=0), axis=1) + turned * radius)
 
 
-def _near(samples: CaseSamples, limit_mm: float) -> NDArray[np.intp]:
+def near_frames(samples: CaseSamples, limit_mm: float) -> NDArray[np.intp]:
     """Frames with a pose in which the tool is not farther from the tumour than ``limit_mm``."""
     with np.errstate(invalid="ignore"):
         near = np.isfinite(samples.tips_mm).all(axis=1) & (samples.distances_mm <= limit_mm)
@@ -250,41 +248,27 @@ def side_results(
     areas = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
-    return tuple(
-        _side(
-            letter,
-            float(areas[letters == letter].sum()),
-            coverage,
-            letters[coverage.faces] == letter,
-            breaches,
-            margins_mm.get(letter),
-        )
-        for letter in SIDES
-    )
-
-
-def _side(
-    letter: str,
-    area_mm2: float,
-    coverage: Coverage,
-    chosen: NDArray[np.bool_],
-    breaches: "Sequence[AnalysedBreach]",
-    margin_mm: float | None,
-) -> SideResult:
-    areas, nearest = coverage.areas_mm2[chosen], coverage.nearest_mm[chosen]
-    sampled = float(areas.sum())
-    word = ANATOMICAL_WORDS[letter]
-    least = float(nearest.min(initial=np.inf))
-    return SideResult(
-        word,
-        area_mm2,
-        least if np.isfinite(least) else None,
-        {
-            f"within_{within:g}_mm": float(areas[nearest <= within].sum()) / sampled
+    sides = []
+    for letter in SIDES:
+        chosen = letters[coverage.faces] == letter
+        around, nearest = coverage.areas_mm2[chosen], coverage.nearest_mm[chosen]
+        sampled = float(around.sum())
+        word = ANATOMICAL_WORDS[letter]
+        least = float(nearest.min(initial=np.inf))
+        shares = {
+            f"within_{within:g}_mm": float(around[nearest <= within].sum()) / sampled
             if sampled > 0.0
             else None
             for within in WITHIN_MM
-        },
-        sum(breach.side == word for breach in breaches),
-        margin_mm,
-    )
+        }
+        sides.append(
+            SideResult(
+                word,
+                float(areas[letters == letter].sum()),
+                least if np.isfinite(least) else None,
+                shares,
+                sum(breach.side == word for breach in breaches),
+                margins_mm.get(letter),
+            )
+        )
+    return tuple(sides)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.coverage import SIDES, sides_of_surface, surface_places
+from app.analysis.coverage import SIDES, near_frames, sides_of_surface, surface_places
 from app.analysis.motion import smoothed_path
 from app.analysis.samples import CaseSamples
 from app.analysis.swept_volume import (
@@ -181,9 +181,7 @@ def _margins(
 
 def _pieces(samples: CaseSamples, stale_after_ns: int) -> list[tuple[FloatArray, FloatArray]]:
     """Smoothed poses near the tumour, in pieces without a gap in time."""
-    with np.errstate(invalid="ignore"):
-        near = np.isfinite(samples.tips_mm).all(axis=1) & (samples.distances_mm <= NEAR_MM)
-    rows = np.flatnonzero(near)
+    rows = near_frames(samples, NEAR_MM)
     if len(rows) == 0:
         return []
     steps = np.diff(samples.stamps_ns[rows])

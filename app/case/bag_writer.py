@@ -74,16 +74,13 @@ class CompleteFile:
             while at < len(data):
                 at += os.pwrite(self._descriptor, data[at:], self._written + at)
         except OSError:
-            self._remove_partial()
+            # The file ends as before; its blocks exist, so no space is needed.
+            with suppress(OSError):
+                os.ftruncate(self._descriptor, self._written)
+                os.pwrite(self._descriptor, _TAIL, self._written)
             raise
         self._written += len(self._pending)
         self._pending.clear()
-
-    def _remove_partial(self) -> None:
-        """End the file as before a write that failed; its blocks exist, so no space is needed."""
-        with suppress(OSError):
-            os.ftruncate(self._descriptor, self._written)
-            os.pwrite(self._descriptor, _TAIL, self._written)
 
 
 _CHUNK_BYTES = 256 * 1024

@@ -91,7 +91,9 @@ class DaskPool:
                 if job is None:
                     exhausted = True
                     break
-                future = self._submit(job)
+                self._submitted += 1
+                key = f"case-{job.case.name}-{self._submitted}"
+                future = self._client.submit(run_job, job, key=key, pure=False)
                 pending[future] = job
                 future.add_done_callback(done.put)
             if not pending:
@@ -113,11 +115,6 @@ class DaskPool:
                 self._reconnect()
             else:
                 yield job, outcome
-
-    def _submit(self, job: Job) -> "Future[Any]":
-        self._submitted += 1
-        key = f"case-{job.case.name}-{self._submitted}"
-        return self._client.submit(run_job, job, key=key, pure=False)
 
     def _outcome(self, future: "Future[Any]", job: Job) -> Outcome | None:
         """The outcome; None if the job was lost with the scheduler."""

@@ -125,7 +125,9 @@ def dicom_study(
     """
     from app.dicom.dicom_files import file_bytes, reference_series, segmentation, structure_set
 
-    _check_voxel(voxel_mm)
+    low, high = VOXEL_MM_RANGE
+    if not low <= voxel_mm <= high:
+        raise InputError(f"voxels of {voxel_mm:g} mm; expected {low:g} to {high:g} mm")
     names = [structure.name for structure in structures]
     for name in names:
         if names.count(name) > 1:
@@ -177,12 +179,6 @@ def _digest(text: str, surfaces: Sequence[SurfaceMesh]) -> str:
         digest.update(np.ascontiguousarray(surface.vertices_mm).data)
         digest.update(np.ascontiguousarray(surface.faces).data)
     return digest.hexdigest()
-
-
-def _check_voxel(voxel_mm: float) -> None:
-    low, high = VOXEL_MM_RANGE
-    if not low <= voxel_mm <= high:
-        raise InputError(f"voxels of {voxel_mm:g} mm; expected {low:g} to {high:g} mm")
 
 
 def _check(found: StructureVolumes, voxel_mm: float) -> None:

@@ -188,7 +188,8 @@ def _lines(block: Block, values: Mapping[str, Any], indent: str) -> Iterator[str
             yield ""
         yield from _comment_lines(_described(key), indent)
         if name not in values:
-            yield f"{indent}# {name}: {_default(key)}".rstrip()
+            default = "" if key.default is None else _flow(key.default, "")
+            yield f"{indent}# {name}: {default}".rstrip()
         elif isinstance(key, Block) and isinstance(values[name], Mapping):
             if values[name]:
                 yield f"{indent}{name}:"
@@ -204,11 +205,6 @@ def _described(key: Key) -> str:
     if isinstance(key, Choice) and not all(option in text for option in key.options):
         text += f"; one of {', '.join(key.options)}"
     return f"{text} (optional)" if not key.required else text
-
-
-def _default(key: Key) -> str:
-    """The default of a key that is left out; empty where it has none."""
-    return "" if key.default is None else _flow(key.default, "")
 
 
 def _flow(value: object, indent: str) -> str:

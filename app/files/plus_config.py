@@ -87,7 +87,9 @@ class _Walk:
         if self.tags == _TRANSFORM:
             self._transform(attributes)
         elif self.tags == _LANDMARK:
-            self._landmark(attributes)
+            label, position = attributes.get("Name", ""), attributes.get("Position", "")
+            place = f"{self.path}: position of landmark {label!r}"
+            self.landmarks.append((label, parse_numbers(position, 3, place)))
 
     def end(self, _: str) -> None:
         self.tags.pop()
@@ -103,11 +105,6 @@ class _Walk:
         if edge in self.matrices:
             raise InputError(f"{self.path}: {source}To{target} occurs twice")
         self.matrices[edge] = attributes.get("Matrix", "")
-
-    def _landmark(self, attributes: dict[str, str]) -> None:
-        name, position = attributes.get("Name", ""), attributes.get("Position", "")
-        place = f"{self.path}: position of landmark {name!r}"
-        self.landmarks.append((name, parse_numbers(position, 3, place)))
 
 
 def read_plus_config(path: Path) -> PlusConfiguration:

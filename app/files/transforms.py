@@ -181,9 +181,11 @@ def read_transform(path: Path, *, target: str, source: str) -> Transform:
     only format that has them. Raises `InputError` for a file that does not hold a rigid transform.
     """
     try:
-        if path.suffix.lower() in _YAML:
-            return _from_yaml(path, target, source)
-        return Transform.from_matrix(_matrix_of(path), target=target, source=source)
+        if path.suffix.lower() not in _YAML:
+            return Transform.from_matrix(_matrix_of(path), target=target, source=source)
+        document = Section.load(path, _DOCUMENT)
+        _check_frames(document, target, source)
+        return Transform.from_matrix(document.numbers("matrix"), target=target, source=source)
     except InputError:
         raise
     except MarginGuardError as error:
@@ -198,10 +200,7 @@ def read_any_transform(path: Path) -> tuple[FloatArray, tuple[str, str] | None]:
     if path.suffix.lower() not in _YAML:
         return read_transform(path, target="target", source="source").matrix, None
     document = Section.load(path, _DOCUMENT)
-    target, source = (
-        document.text(key) if key in document else fallback
-        for key, fallback in (("target", ""), ("source", ""))
-    )
+    target, source = (document.text(key) if key in document else "" for key in ("target", "source"))
     names = (target, source) if target and source else None
     pose = read_transform(path, target=target or "target", source=source or "source")
     return pose.matrix, names
@@ -233,12 +232,6 @@ def _to_yaml(transform: Transform, note: str) -> str:
     }
     comment = f"# {note}\n" if note else ""
     return comment + yaml.safe_dump(document, sort_keys=False, width=100)
-
-
-def _from_yaml(path: Path, target: str, source: str) -> Transform:
-    document = Section.load(path, _DOCUMENT)
-    _check_frames(document, target, source)
-    return Transform.from_matrix(document.numbers("matrix"), target=target, source=source)
 
 
 def _check_frames(document: Section, target: str, source: str) -> None:

@@ -286,6 +286,7 @@ def _solutions(
     low, high = _ranges(robot, joints)
     bounds = np.where(np.isinf(low), -math.pi, low), np.where(np.isinf(high), math.pi, high)
     first = np.array([start[name] for name in joints])
+    slides = np.array([robot.tree.joint(name).slides for name in joints])
     rng = np.random.default_rng(_SEED)
     found: list[FloatArray] = []
     try:
@@ -293,9 +294,11 @@ def _solutions(
     except UnreachableError as error:
         raise ApproachError(f"goal: {error}; expected a pose within reach") from error
     for _ in range(_MAX_STARTS):
-        state = _near(
-            np.array([solution[name] for name in joints]), first, low, high, robot, joints
-        )
+        state = np.array([solution[name] for name in joints])
+        # Whole turns of joints that bring them nearest to the start give the same pose.
+        turns = math.tau * np.round((first - state) / math.tau)
+        turned = np.where(slides, state, state + turns)
+        state = np.where((turned >= low) & (turned <= high), turned, state)
         if all(np.abs(state - each).max() > _SAME_RAD for each in found):
             found.append(state)
             yield state
@@ -310,18 +313,3 @@ def _solutions(
             )
         except UnreachableError:
             continue
-
-
-def _near(
-    state: FloatArray,
-    first: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    robot: Robot,
-    joints: tuple[str, ...],
-) -> FloatArray:
-    """The same pose, with whole turns of joints that bring them nearest to ``first``."""
-    turns = math.tau * np.round((first - state) / math.tau)
-    slides = np.array([robot.tree.joint(name).slides for name in joints])
-    turned = np.where(slides, state, state + turns)
-    return np.where((turned >= low) & (turned <= high), turned, state)

@@ -48,7 +48,7 @@ def hit_probability(
     is known within `MAX_ERROR`: a shift of the needle changes its distance by at most its length,
     so the distance at the centre of a cell bounds all distances in it.
     """
-    basis = _lateral_basis(end_mm - start_mm)
+    basis = np.linalg.svd((end_mm - start_mm)[None])[2][1:]  # across the needle
     variances, turn = np.linalg.eigh(basis @ covariance_mm2 @ basis.T)
     # Row k is the shift in mm by one standard deviation of the lateral error k.
     sigmas_mm = np.sqrt(np.maximum(variances, 0.0))
@@ -115,8 +115,3 @@ def _hit_share(distance_mm: FloatArray, sigma_mm: float) -> FloatArray:
     if sigma_mm > 0.0:
         return np.asarray(ndtr(-distance_mm / sigma_mm))
     return np.asarray(distance_mm <= 0.0, dtype=np.float64)
-
-
-def _lateral_basis(direction: FloatArray) -> FloatArray:
-    """Two unit vectors (2, 3) perpendicular to ``direction`` (3,)."""
-    return np.asarray(np.linalg.svd(direction[None])[2][1:])

@@ -41,6 +41,9 @@ MAX_COMPARED = 150
 SAME_POSE_RAD = 1e-6
 SAME_POSE_MM = 1e-3
 
+MIN_TURN_RAD = math.radians(15.0)
+"""Minimum of the largest rotation between two poses; below it nothing is computed."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseStack:
@@ -80,15 +83,25 @@ class PoseStack:
         """Return the poses of a mask (n,)."""
         return PoseStack(self.target, self.source, self.rotations[mask], self.translations_mm[mask])
 
-    def relative_rotations(self) -> FloatArray:
-        """Rotation vectors (m, 3) in rad, in the source frame, between pairs of poses."""
+    def relative_rotations(self, what: str) -> FloatArray:
+        """Rotation vectors (m, 3) in rad, in the source frame, between pairs of poses of ``what``.
+
+        Raises `DegenerateMotionError` if the largest is below `MIN_TURN_RAD`.
+        """
         compared = np.unique(
             np.linspace(0, len(self.rotations) - 1, MAX_COMPARED).round().astype(int)
         )
         first, second = np.triu_indices(len(compared), k=1)
         rotations = self.rotations[compared]
         relative = np.swapaxes(rotations[first], 1, 2) @ rotations[second]
-        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(relative).as_rotvec())
+        turns = np.asarray(scipy.spatial.transform.Rotation.from_matrix(relative).as_rotvec())
+        largest = float(np.linalg.norm(turns, axis=1).max())
+        if largest < MIN_TURN_RAD:
+            raise DegenerateMotionError(
+                f"the poses of {what} rotate by at most {math.degrees(largest):.3g} degrees; "
+                f"expected at least {math.degrees(MIN_TURN_RAD):g}"
+            )
+        return turns
 
 
 def usable_poses(samples: Sequence[TrackedTransform]) -> tuple[Transform, ...]:

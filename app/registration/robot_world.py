@@ -167,7 +167,6 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 MIN_POSES = 4
 """Three poses determine both transforms; more are needed for a check."""
 
-MIN_TURN_RAD = math.radians(15.0)
 """Minimum of the largest rotation between two poses."""
 
 MIN_SECOND_TURN_RAD = math.radians(4.0)
@@ -258,7 +257,9 @@ def solve_robot_world(
 
     information = information_of(state, used_robot, used_sensor, used_noise)
     centre = used_sensor.translations_mm.mean(axis=0)
-    covariance = _about_origin(np.asarray(np.linalg.inv(information)), centre)
+    about_origin = np.eye(12)
+    about_origin[:6, :6] = origin_change(-centre)
+    covariance = about_origin @ np.linalg.inv(information) @ about_origin.T
     residuals = residuals_of(state, robot, sensor)
     distances = np.linalg.norm(residuals[:, 3:], axis=1)
     arm = math.sqrt(
@@ -290,13 +291,7 @@ def solve_robot_world(
 
 
 def _check_rotations(poses: PoseStack, what: str) -> None:
-    rotations = poses.relative_rotations()
-    largest = float(np.linalg.norm(rotations, axis=1).max())
-    if largest < MIN_TURN_RAD:
-        raise DegenerateMotionError(
-            f"the poses of {what} rotate by at most {math.degrees(largest):.3g} degrees; "
-            f"expected at least {math.degrees(MIN_TURN_RAD):g}"
-        )
+    rotations = poses.relative_rotations(what)
     second = float(np.linalg.svd(rotations, compute_uv=False)[1]) / math.sqrt(len(rotations))
     if second < MIN_SECOND_TURN_RAD:
         raise DegenerateMotionError(
@@ -356,10 +351,3 @@ def _leave_one_out(
         partial = maximum_likelihood(robot.select(others), sensor.select(others), noise, state)
         errors[pose] = np.linalg.norm(residuals_of(partial, robot, sensor)[pose, 3:])
     return errors
-
-
-def _about_origin(about_centre: FloatArray, centre_mm: FloatArray) -> FloatArray:
-    """Convert the base part of a covariance (12, 12) from ``centre_mm`` to the origin."""
-    change = np.eye(12)
-    change[:6, :6] = origin_change(-centre_mm)
-    return np.asarray(change @ about_centre @ change.T)

@@ -21,8 +21,6 @@ from app.registration.registration_result import checked_covariance, read_only
 
 MIN_POSES = 10
 
-MIN_TURN_RAD = math.radians(15.0)
-
 NOMINAL_SIGMA_RAD = math.radians(0.3)
 MIN_SIGMA_RAD = 1e-12
 
@@ -84,7 +82,7 @@ def calibrate_spin(
         raise ShapeError(f"max_sigma_rad is {max_sigma_rad}; expected a finite number above 0")
     tip = as_point(tip_mm, "tip_mm")
     poses = PoseStack.from_poses(reference_from_tool, "a spin", min_count=MIN_POSES)
-    _largest_rotation(poses)
+    poses.relative_rotations("a spin")
 
     def initialise(mask: NDArray[np.bool_]) -> _Fit:
         return _fit_axis(poses.rotations[mask], NOMINAL_SIGMA_RAD)
@@ -106,7 +104,7 @@ def calibrate_spin(
         refine=refine,
         linearise=lambda fit: _linearise(fit, poses.rotations),
     )
-    turn = _largest_rotation(poses.select(inliers))
+    turns = np.linalg.norm(poses.select(inliers).relative_rotations("a spin"), axis=1)
     along_tip = float(fit.shaft @ tip)
     if abs(along_tip) <= 0.1 * float(np.linalg.norm(tip)):
         raise DegenerateMotionError(
@@ -124,23 +122,13 @@ def calibrate_spin(
         shaft=fit.shaft * np.sign(along_tip),
         covariance=covariance,
         residuals_rad=_angles(fit, poses.rotations),
-        turn_rad=turn,
+        turn_rad=float(turns.max()),
         outliers=tuple(np.flatnonzero(~inliers).tolist()),
         accepted=accepted,
         reason=f"{detail} from {int(inliers.sum())} of {len(inliers)} poses"
         if accepted
         else f"{detail}; expected at most {math.degrees(max_sigma_rad):.3g} degrees",
     )
-
-
-def _largest_rotation(poses: PoseStack) -> float:
-    largest = float(np.linalg.norm(poses.relative_rotations(), axis=1).max())
-    if largest < MIN_TURN_RAD:
-        raise DegenerateMotionError(
-            f"the poses of a spin rotate by at most {math.degrees(largest):.3g} degrees; "
-            f"expected at least {math.degrees(MIN_TURN_RAD):g}"
-        )
-    return largest
 
 
 def _fit_axis(rotations: FloatArray, sigma_rad: float) -> _Fit:

@@ -128,11 +128,11 @@ def _environment() -> Environment:
     )
     environment.globals["not_a_device"] = NOT_A_DEVICE
     environment.filters |= {
-        "base64": lambda content: b64encode(content).decode("ascii"),
         "cell": text_of,
         "length": length,
         "time": time_text,
     }
+    environment.filters["base64"] = lambda content: b64encode(content).decode("ascii")
     return environment
 
 

@@ -234,7 +234,8 @@ def check_expected(
     """Return one `Check` per entry of ``expected``, in a fixed order."""
     checks: list[Check] = []
     if expected.frames is not None:
-        checks.append(_check_frames(expected.frames, len(rows)))
+        frames = f"{len(rows)} frames, {expected.frames} expected"
+        checks.append(Check("frames", len(rows) == expected.frames, frames))
     if expected.registration is not None:
         checks.append(_check_registration(expected.registration, registration))
     if expected.breaches is not None:
@@ -253,10 +254,6 @@ def _check_structure(expected: ExpectedStructure, record: ReplayRecord) -> Itera
                 for check in _check_breaches(expected.breaches, found)
             ]
     return [Check(f"structure {expected.name}", False, "the case has no structure of that name")]
-
-
-def _check_frames(expected: int, found: int) -> Check:
-    return Check("frames", found == expected, f"{found} frames, {expected} expected")
 
 
 def _check_registration(

@@ -76,7 +76,29 @@ def write_report(
     """
     record.require_frames()
     check_writable(folder)
-    summary, contents = _contents(record, scene_png, version, analysed, margin_plot)
+    rows, margins = record.rows, record.margins
+    summary = summarise(record)
+    structures = {each.name: each.rows for each in record.structures}
+    table = margin_csv(rows, structures).encode()
+    contents = {"summary.json": _json(summary), "margin.csv": table}
+    sections = Markup()
+    if analysed is not None:
+        figures = analysed.figures()
+        sections = analysis_sections(analysed, figures)
+        document = analysis_document(analysed.analysis, analysed.methods)
+        contents["analysis.json"] = _json(document)
+        contents |= {name: figure.encode() for name, figure in figures.items()}
+    distances = distance_plot(rows, find_breaches(rows, margins.stale_after_ns), margins)
+    # Last, because other processes may still draw them.
+    plot = margin_plot() if margin_plot else draw_margin_plot(rows, margins, record.case)
+    contents["margin.png"] = plot
+    scene = scene_png()
+    if scene is not None:
+        contents["scene.png"] = scene
+    found = answer(summary, None if analysed is None else analysed.analysis)
+    reasons = count_reasons(rows)
+    page = report_html(summary, reasons, plot, scene, version, sections, distances, found)
+    contents["report.html"] = page.encode()
     try:
         more = others()
         contents |= {name: content for name, content in more.items() if content is not None}
@@ -86,37 +108,6 @@ def write_report(
     except OSError as error:
         raise _unwritable(folder, error) from error
     return summary
-
-
-def _contents(
-    record: ReplayRecord,
-    scene_png: Callable[[], bytes | None],
-    version: str,
-    analysed: AnalysedCase | None,
-    margin_plot: Callable[[], bytes] | None,
-) -> tuple[dict[str, Any], dict[str, bytes]]:
-    rows, margins = record.rows, record.margins
-    summary = summarise(record)
-    others = {each.name: each.rows for each in record.structures}
-    contents = {"summary.json": _json(summary), "margin.csv": margin_csv(rows, others).encode()}
-    sections = Markup()
-    if analysed is not None:
-        figures = analysed.figures()
-        sections = analysis_sections(analysed, figures)
-        document = analysis_document(analysed.analysis, analysed.methods)
-        contents["analysis.json"] = _json(document)
-        contents |= {name: figure.encode() for name, figure in figures.items()}
-    distances = distance_plot(rows, find_breaches(rows, margins.stale_after_ns), margins)
-    reasons = count_reasons(rows)
-    # Last, because other processes may still draw them.
-    plot = margin_plot() if margin_plot else draw_margin_plot(rows, margins, record.case)
-    contents["margin.png"] = plot
-    scene = scene_png()
-    if scene is not None:
-        contents["scene.png"] = scene
-    found = answer(summary, None if analysed is None else analysed.analysis)
-    page = report_html(summary, reasons, plot, scene, version, sections, distances, found)
-    return summary, {**contents, "report.html": page.encode()}
 
 
 def _json(document: dict[str, Any]) -> bytes:

@@ -231,8 +231,9 @@ class ClosedTree(KinematicTree):
         ratios = np.abs(goal[in_loop]) / size[in_loop]
         steps = max(1, math.ceil(float(ratios.max(initial=0.0))))
         if steps > _MAX_STEPS:
+            names = [self._columns[k].name for k in self._independent.tolist()]
             raise JointError(
-                f"joints are at {dict(zip(self._independent_names(), independent, strict=True))}; "
+                f"joints are at {dict(zip(names, independent, strict=True))}; "
                 f"expected positions within {_MAX_STEPS * _STEP_RAD:g} rad and "
                 f"{_MAX_STEPS * _STEP_M:g} m for a closed loop"
             )
@@ -243,9 +244,6 @@ class ClosedTree(KinematicTree):
             values[self._independent] = self._zero[self._independent] + share * goal
             values = self._closed(values)
         return values
-
-    def _independent_names(self) -> list[str]:
-        return [self._columns[k].name for k in self._independent.tolist()]
 
     def _closed(self, values: FloatArray) -> FloatArray:
         """Move the dependent joints of ``values`` (n,) until the loops close.

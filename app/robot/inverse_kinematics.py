@@ -8,7 +8,6 @@ damping vanishes and the steps are Newton's, with quadratic convergence.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -52,10 +51,13 @@ class Descent:
         None if a pose on the way is not finite. ``fixed`` are positions of other joints, ``bounds``
         the limits (n,) of the joints.
         """
+        from app.robot.link_kernel import descend  # slow
+
         base = self._tree.complete_positions({**fixed, **dict.fromkeys(self._names, 0.0)})
         offsets = np.array([0.0 if name is None else base[name] for name in self._moving])
         found, error = np.empty(len(start)), np.empty(6)
-        finite = _load_kernel()(
+        kernel: Any = descend  # its types are numba's
+        finite = kernel(
             np.ascontiguousarray(start, dtype=np.float64),
             *bounds,
             goal.matrix,
@@ -85,13 +87,6 @@ def descent_of(tree: KinematicTree, link: str, names: Sequence[str]) -> Descent:
     if link not in descents:
         descents[link] = Descent(tree, link, names)
     return descents[link]
-
-
-@cache
-def _load_kernel() -> Any:
-    from app.robot.link_kernel import descend  # slow
-
-    return descend
 
 
 MM_PER_RAD = 100.0

@@ -172,7 +172,9 @@ class _ShapeReader:
         except (RobotMeshError, MeshError) as problem:
             self.warnings.append(f"display of link {link!r} left out: {problem}")
             return None
-        color = self._material_color(visual.material)
+        material, color = visual.material, None
+        if material is not None:
+            color = _rgba(material) or self._named_colors.get(material.name)
         return shape if color is None else Shape(shape.mesh, color, shape.source)
 
     def collisions(self, link: str, collisions: Sequence[Any]) -> tuple[Shape, ...]:
@@ -216,11 +218,6 @@ class _ShapeReader:
         # A mirroring scale turns the surface inside out; reversing the corners restores it.
         faces = file.faces[:, ::-1] if scale.prod() < 0.0 else file.faces
         return file.vertices * scale, faces, file.face_colors, name
-
-    def _material_color(self, material: Any) -> Rgba | None:
-        if material is None:
-            return None
-        return _rgba(material) or self._named_colors.get(material.name)
 
 
 def _missing(filename: str, link: str) -> str:

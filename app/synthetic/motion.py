@@ -171,7 +171,8 @@ class JointMotion:
         reached: Transform | None = None
         for row, pose in enumerate(poses):
             # A held pose keeps its joints: repeated inverse kinematics would let them drift.
-            if joints is None or reached is None or not _same(reached, pose):
+            moved = reached is None or np.abs(reached.matrix - pose.matrix).max() >= _HELD_MM
+            if joints is None or moved:
                 joints, reached = arm.joints_for(pose, joints), pose
             knots[row] = [joints[name] for name in self.joint_names]
         self._positions = PchipInterpolator(times_s, knots)
@@ -216,10 +217,6 @@ class JointMotion:
                 for row in self.positions(times_s).tolist()
             ]
         )
-
-
-def _same(one: Transform, other: Transform) -> bool:
-    return bool(np.abs(one.matrix - other.matrix).max() < _HELD_MM)
 
 
 # The patient is ventilated. During registration the breath is held at end expiration, where every

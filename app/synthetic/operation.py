@@ -197,7 +197,8 @@ class Operation:
         self._targets: list[FloatArray] = []
         self._dwell_s = self._cone_rad = self._roll_rad = self._turned_rad = self._seconds = 0.0
         self._joints: Mapping[str, float] | None = None
-        self._base_rotation = _facing_down(truth)
+        # Of the sensor with the shaft along -z of the reference.
+        self._base_rotation = np.diag([1.0, -1.0, -1.0]) @ truth.tool_from_tip.rotation.T
 
     def request(self, text: str) -> None:
         """Begin a phase: its name, for a sweep with the number of an image plane (``sweep 3``).
@@ -306,9 +307,3 @@ class Operation:
         pose = Transform(BASE_FRAME, TIP_FRAME, rotation, place_mm)
         self._joints = self._arm.joints_for(pose, self._joints)
         return self._joints
-
-
-def _facing_down(truth: OperationTruth) -> FloatArray:
-    """Rotation of the sensor with the shaft along -z of the reference."""
-    down = Rotation.from_rotvec([np.pi, 0.0, 0.0]).as_matrix()
-    return np.asarray(down @ truth.tool_from_tip.rotation.T)

@@ -4,10 +4,8 @@ Nothing here knows of a scenario: a simulation in real time asks for the next ac
 the poses at its time, and sends them at their stamp.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +104,8 @@ class SimulatedTracker:
 
         ``truths`` are the n poses of each frame, ``metal_mm`` (n, 2, 3) both ends of the metal.
         """
+        from app.synthetic.tracker_kernel import measure_poses  # slow to load
+
         count, distortion = len(times_s), self._distortion
         if metal_mm is None:
             metal_mm, distortion = np.zeros((count, 2, 3)), self._undistorted
@@ -119,7 +119,7 @@ class SimulatedTracker:
         measured = []
         for number, truth in enumerate(truths):
             rotations, positions_mm = np.empty((count, 3, 3)), np.empty((count, 3))
-            _load_kernel()(
+            measure_poses(
                 truth.rotations,
                 truth.translations_mm,
                 metal_mm,
@@ -172,10 +172,3 @@ def _rounded_euler(rotations: FloatArray, quantum_rad: float) -> FloatArray:
     angles = Rotation.from_matrix(rotations, assume_valid=True).as_euler("ZYX")
     rounded = np.round(angles / quantum_rad) * quantum_rad
     return np.asarray(Rotation.from_euler("ZYX", rounded).as_matrix())
-
-
-@cache
-def _load_kernel() -> Callable[..., Any]:
-    from app.synthetic.tracker_kernel import measure_poses
-
-    return measure_poses

@@ -233,7 +233,8 @@ def find_breaches(
         return clearance.height_mm(tumor_from_tip(time_s))
 
     at_all = poses_at or (lambda times_s: Poses.of([tumor_from_tip(t) for t in times_s.tolist()]))
-    times, travel_mm = _travel(at_all, duration_s, clearance.tool_length_mm)
+    times = np.linspace(0.0, duration_s, int(np.ceil(duration_s / TRAVEL_STEP_S)) + 1)
+    travel_mm = _travelled(at_all(times), clearance.tool_length_mm)
     crossings: list[float] = []
     time_s, here = 0.0, height(0.0)
     if here < 0.0:
@@ -249,18 +250,20 @@ def find_breaches(
         time_s, here = later_s, later
     if here < 0.0:
         crossings.append(duration_s)
-    return tuple(
-        _measure(clearance, tumor_from_tip, at_all, start_s, end_s)
-        for start_s, end_s in zip(crossings[::2], crossings[1::2], strict=True)
-    )
-
-
-def _travel(
-    poses_at: PosesAt, duration_s: float, length_mm: float
-) -> tuple[FloatArray, FloatArray]:
-    """Times (n,), and the travel (n,) of the tool up to then."""
-    times = np.linspace(0.0, duration_s, int(np.ceil(duration_s / TRAVEL_STEP_S)) + 1)
-    return times, _travelled(poses_at(times), length_mm)
+    found = []
+    for start_s, end_s in zip(crossings[::2], crossings[1::2], strict=True):
+        count = max(3, int(np.ceil((end_s - start_s) / DEPTH_STEP_S)) + 1)
+        times = np.linspace(start_s, end_s, count)
+        poses = at_all(times)
+        deepest, depth_mm = _deepest(clearance, poses)
+        refined = minimize_scalar(
+            lambda t: clearance.distance_mm(tumor_from_tip(t)),
+            bounds=(times[max(deepest - 1, 0)], times[min(deepest + 1, count - 1)]),
+            method="bounded",
+        )
+        tip_mm = float(clearance.point_distances_mm(poses.translations_mm).min())
+        found.append(TrueBreach(start_s, end_s, min(float(refined.fun), depth_mm), tip_mm))
+    return tuple(found)
 
 
 def _travelled(poses: Poses, length_mm: float) -> FloatArray:
@@ -272,29 +275,6 @@ def _travelled(poses: Poses, length_mm: float) -> FloatArray:
     positions = poses.apply(np.array([(0.0, 0.0, 0.0), (0.0, 0.0, -length_mm)]))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _measure(
-    clearance: Clearance,
-    tumor_from_tip: Motion,
-    poses_at: PosesAt,
-    start_s: float,
-    end_s: float,
-) -> TrueBreach:
-    count = max(3, int(np.ceil((end_s - start_s) / DEPTH_STEP_S)) + 1)
-    times = np.linspace(start_s, end_s, count)
-    poses = poses_at(times)
-    deepest, depth_mm = _deepest(clearance, poses)
-    low, high = times[max(deepest - 1, 0)], times[min(deepest + 1, count - 1)]
-    refined = minimize_scalar(
-        lambda t: clearance.distance_mm(tumor_from_tip(t)), bounds=(low, high), method="bounded"
-    )
-    return TrueBreach(
-        start_s,
-        end_s,
-        min(float(refined.fun), depth_mm),
-        float(clearance.point_distances_mm(poses.translations_mm).min()),
-    )
 
 
 def _deepest(clearance: Clearance, all_poses: Poses) -> tuple[int, float]:

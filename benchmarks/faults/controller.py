@@ -156,16 +156,12 @@ class Controller:
             linear.x, linear.y, linear.z = map(float, push)
             self._desired.publish(message)
             latest = self.latest()
-            if latest is not None:
-                self._publish_tip(latest)
-
-    def _publish_tip(self, constraint: Constraint) -> None:
-        """The point of the tool at the governing plane stands for the tip of an example."""
-        planes = deserialize_message(constraint.content.raw, FixtureConstraint).half_spaces
-        if planes:
-            message = PointStamped(point=planes[0].point_on_tool)
-            message.header.frame_id = "tumor"
-            self._tip.publish(message)
+            raw = None if latest is None else latest.content.raw
+            planes = raw and deserialize_message(raw, FixtureConstraint).half_spaces
+            if planes:  # the tool's point at the governing plane stands for an example's tip
+                tip = PointStamped(point=planes[0].point_on_tool)
+                tip.header.frame_id = "tumor"
+                self._tip.publish(tip)
 
 
 def _content(raw: bytes) -> Content:

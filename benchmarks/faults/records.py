@@ -105,6 +105,7 @@ def judge(
     first_held_ns = next((each.sent_ns for each in held if each.sent_ns >= last_ns), last_ns)
     to_safe_ms = (first_held_ns - begin_ns) / NS_PER_MS
     late_ns = limit_ns + tolerance_ns
+    sources = [each.content.single_source for each in constraints]
     return Verdict(
         to_safe_ms=None if never else to_safe_ms,
         over_limit_ms=max(0.0, (last_ns - limit_ns) / NS_PER_MS),
@@ -112,7 +113,7 @@ def judge(
         late_twists=sum(each.permissive and each.sent_ns > late_ns for each in twists),
         max_approach_mm_s=max((each.approach_mm_s for each in twists), default=0.0),
         reasons=_reasons(held),
-        single_source=_single_source(constraints),
+        single_source=None if None in sources or not sources else any(sources),
     )
 
 
@@ -122,8 +123,3 @@ def _reasons(held: Sequence[Constraint]) -> tuple[str, ...]:
         if each.content.hold or each.content.state == UNKNOWN:
             return each.content.reasons
     return ("expired",) if held else ()
-
-
-def _single_source(constraints: Sequence[Constraint]) -> bool | None:
-    known = [each.content.single_source for each in constraints]
-    return None if None in known or not known else any(known)

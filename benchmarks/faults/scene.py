@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.geometry import NS_PER_S, FloatArray, Transform
+from app.geometry import NS_PER_S, FloatArray
 from app.runtime import prepare_case
 from app.session import Session
 from benchmarks.harness.options import RECORDED_CASE
@@ -84,7 +84,8 @@ def write_scene(path: Path, begin_ns: int, rate_hz: int = RATE_HZ) -> Scene:
         approach = -constraint.normals[0]
         tracker_from_tumor = poses[TUMOR] @ prepared.setup.frame_from_tumor
         away = (-tracker_from_tumor.rotation @ approach).tolist()
-        edges = [_plain(poses[child]) for _, child in EDGES]
+        sensors = [poses[child] for _, child in EDGES]
+        edges = [[*(each.translation_mm / 1000.0), *each.quaternion_xyzw] for each in sensors]
         frames.append({"edges": edges, "joints": list(frame.joints[0].positions), "away": away})
         registration = prepared.setup.robot.registration.transform  # reference from base
         tracker_from_base = poses[REFERENCE] @ registration
@@ -103,8 +104,3 @@ def write_scene(path: Path, begin_ns: int, rate_hz: int = RATE_HZ) -> Scene:
     }
     path.write_text(json.dumps(document))
     return Scene(truths, begin_ns)
-
-
-def _plain(pose: Transform) -> list[float]:
-    """Translation in m and quaternion xyzw."""
-    return [*(pose.translation_mm / 1000.0), *pose.quaternion_xyzw]

@@ -140,13 +140,9 @@ def ros_types() -> Typestore:
 
 def time_reference_message(stamp: Stamp, unfiltered: Stamp) -> Any:
     """Build a ``sensor_msgs/TimeReference``: the time of the unsmoothed clock at ``stamp``."""
-    return ros_types().types[TIME_REFERENCE](
-        header=_header(stamp.ns, ""), time_ref=_time(unfiltered.ns), source="unfiltered"
-    )
-
-
-def _header(ns: int, frame: str) -> Any:
-    return ros_types().types["std_msgs/msg/Header"](stamp=_time(ns), frame_id=frame)
+    types = ros_types().types
+    header = types["std_msgs/msg/Header"](stamp=_time(stamp.ns), frame_id="")
+    return types[TIME_REFERENCE](header=header, time_ref=_time(unfiltered.ns), source="unfiltered")
 
 
 def _time(ns: int) -> Any:

@@ -11,7 +11,6 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, closing
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from io import BufferedReader
 
     from app.bridge import RosNode
-    from app.bridge.live.non_ros_recorder import DepthRecorder, IgtlRecorder
     from app.bridge.live.ros_recorder import RosRecorder
     from app.case import BagWriter, LiveCase, SessionValues
 
@@ -229,9 +227,10 @@ def _record(
 ) -> None:
     from app.bridge import BridgeError
     from app.bridge.live import RosRecorder, SessionWatch
-    from app.bridge.live.non_ros_recorder import DepthRecorder
+    from app.bridge.live.non_ros_recorder import DepthRecorder, IgtlRecorder
     from app.case import RECORDING_FOLDER
     from app.case.bag_writer import PeriodicFlush
+    from app.case.live_file import IgtlSourceEntry
     from app.case.new_case import write_changes
 
     constraint = _session_topic(CONSTRAINT, options)
@@ -255,8 +254,9 @@ def _record(
             recorder.add(_session_topic(MARKERS, options))
 
     with PeriodicFlush(recorder.flush, recorder.sync), ExitStack() as stack:
-        server = _igtl_recorder(recorder, live, depths, lines.note)
-        if server is not None:
+        server = None
+        if live is not None and isinstance(live.source, IgtlSourceEntry):
+            server = IgtlRecorder(recorder, live, live.source, depths, lines.note)
             stack.callback(server.close)
         polls = 0
         while not stop.wait(_POLL_S if polls else 0.0):
@@ -287,18 +287,3 @@ def _record(
             polls += 1
         take_notes()
     lines.status(recorder, bag, "")
-
-
-def _igtl_recorder(
-    recorder: "RosRecorder",
-    live: "LiveCase | None",
-    depths: "DepthRecorder | None",
-    report: Callable[[str], None],
-) -> "IgtlRecorder | None":
-    """Records the OpenIGTLink source of ``live``; None for another source."""
-    from app.bridge.live.non_ros_recorder import IgtlRecorder
-    from app.case.live_file import IgtlSourceEntry
-
-    if live is None or not isinstance(live.source, IgtlSourceEntry):
-        return None
-    return IgtlRecorder(recorder, live, live.source, depths, report)

@@ -55,7 +55,9 @@ def run(options: argparse.Namespace) -> int:
 
     if options.output is not None:
         check_mesh_path(options.output)
-        _check_not_source(options)
+        # It is in mm and RAS: in place of SOURCE it would be read differently.
+        if options.output.exists() and options.output.samefile(options.source):
+            raise InputError(f"--output {options.output} is SOURCE; expected another file")
     with progress_with_total("building the surface, checking, measuring") as report:
         report(0, _STAGES)
         built = _tumor(options)
@@ -71,12 +73,6 @@ def run(options: argparse.Namespace) -> int:
         if not options.json:
             print(f"wrote {options.output}")
     return 0
-
-
-def _check_not_source(options: argparse.Namespace) -> None:
-    """Refuse to overwrite SOURCE: the output is in mm and RAS, so it would be read differently."""
-    if options.output.exists() and options.output.samefile(options.source):
-        raise InputError(f"--output {options.output} is SOURCE; expected another file")
 
 
 def _tumor(options: argparse.Namespace) -> "BuiltTumor":

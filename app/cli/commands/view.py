@@ -36,7 +36,6 @@ from app.files.extras import check_installed
 from app.geometry import InputError
 
 if TYPE_CHECKING:
-    from app.files.volume_file import Volume
     from app.viewer import Address, Viewer
     from app.viewer.library_server import LibraryServer
     from app.workflow import ApproachGhost, NeedleGuide
@@ -167,13 +166,7 @@ def run(options: argparse.Namespace) -> int:
         address = _checked_address(options)
         # Before the case is stepped through, which takes a while.
         check_installed("slicer", "trame_slicer")
-        volume = None
-        if options.volume is not None:
-            from app.files.volume_file import read_volume
-
-            volume = read_volume(options.volume)
-        plans = _plans(options)
-        with _served_page(options, received, volume, plans, is_library=is_library) as page:
+        with _served_page(options, received, is_library=is_library) as page:
             if page is None:
                 return received.exit_status
 
@@ -187,15 +180,15 @@ def run(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _served_page(
-    options: argparse.Namespace,
-    received: SignalState,
-    volume: "Volume | None",
-    plans: "tuple[ApproachGhost, NeedleGuide] | None",
-    *,
-    is_library: bool,
+    options: argparse.Namespace, received: SignalState, *, is_library: bool
 ) -> Iterator["Viewer | LibraryServer | None"]:
     """The page to be served; None if a signal arrived before there was one."""
-    client = _in_browser(options)
+    volume = None
+    if options.volume is not None:
+        from app.files.volume_file import read_volume
+
+        volume = read_volume(options.volume)
+    client, plans = _in_browser(options), _plans(options)
     if is_library:
         from app.cli.library_page import library_page
 

@@ -5,7 +5,7 @@ not on it: an edge belongs to ``/tracked_transforms`` from its first sample ther
 is not read because it holds no measurements. Message types come from the recording itself.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from app.case.messages.ros_messages import (
     TRACKED_TRANSFORMS_TOPIC,
     UNFILTERED_TIME_TOPIC,
 )
-from app.case.readers.recording_format import Connection, MessageRun, Note, RunMessage, SideTopics
+from app.case.readers.recording_format import Connection, MessageRun, Note, SideTopics
 from app.case.readers.rosbag2.bag import read_bag_runs
 from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
 
@@ -169,24 +169,15 @@ class _FrameReader:
                 self._skip(topic, error)
             # Decoded after the first of them, which makes the decoder and learns the layout.
             indices = alike.pop((number, len(data)), ())
-            if topic.batch is not None and len(indices) > _MIN_BATCH:
-                self._decode(topic, connection, run.messages, indices, samples)
-
-    def _decode(
-        self,
-        topic: _Topic,
-        connection: Connection,
-        messages: list[RunMessage],
-        indices: Sequence[int],
-        samples: list[Any],
-    ) -> None:
-        """Fill in the ``samples`` of messages of one length that can be decoded together."""
-        decoder = self._decoders.get((connection.message_type, connection.schema))
-        if topic.batch is None or not isinstance(decoder, MessageDecoder):
-            return
-        found = decoder.batch([messages[index][1] for index in indices], topic.batch)
-        for index, sample in zip(indices, found, strict=True):
-            samples[index] = sample
+            decoder = self._decoders.get((connection.message_type, connection.schema))
+            if (
+                topic.batch is not None
+                and len(indices) > _MIN_BATCH
+                and isinstance(decoder, MessageDecoder)
+            ):
+                found = decoder.batch([run.messages[at][1] for at in indices], topic.batch)
+                for at, sample in zip(indices, found, strict=True):
+                    samples[at] = sample
 
     def _topic_of(self, connection: Connection) -> _Topic | None:
         """The topic of ``connection``; None where it is not used."""
