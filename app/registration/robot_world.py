@@ -181,7 +181,8 @@ class RobotWorldResult:
     """Result of a robot-world calibration.
 
     ``registration``
-        Its transform is ``reference_from_base``, its residuals are those of the sensor's position.
+        Its transform is the base's pose in the reference frame, its residuals are those of the
+        sensor's position.
     ``tip_from_sensor``
         Mount of the sensor on the robot's tip.
     ``covariance`` (12, 12)
@@ -202,26 +203,6 @@ class RobotWorldResult:
     def __post_init__(self) -> None:
         object.__setattr__(self, "covariance", checked_covariance(self.covariance, 12))
         object.__setattr__(self, "residuals_rad", read_only(self.residuals_rad))
-
-    @property
-    def reference_from_base(self) -> Transform:
-        """Pose of the robot's base in the reference frame."""
-        return self.registration.transform
-
-    @property
-    def accepted(self) -> bool:
-        """True if the registration of the base may be used."""
-        return self.registration.accepted
-
-    @property
-    def reason(self) -> str:
-        """One line that explains `accepted`."""
-        return self.registration.reason
-
-    @property
-    def outliers(self) -> tuple[int, ...]:
-        """Indices of poses that were rejected."""
-        return self.registration.outliers
 
 
 def solve_robot_world(

@@ -12,7 +12,7 @@ assignment of that size fits as well, the match is ambiguous and not accepted.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from itertools import combinations, permutations
 
 import numpy as np
@@ -178,6 +178,9 @@ def _largest_rotation(rotations: FloatArray) -> float:
     return float(np.arccos(np.clip(0.5 * (traces.min() - 1.0), -1.0, 1.0)))
 
 
+TOLERANCE_MM = 2.0
+"""Largest distance of a dwell of `detect_landmarks` from its landmark."""
+
 MAX_DWELL_TRIPLES = 60
 """Maximum number of triples of dwells that are tried, the largest triangles first."""
 
@@ -208,51 +211,38 @@ class LandmarkDetection:
     dwells: tuple[Dwell, ...]
     match: LandmarkMatch
 
-    @property
-    def accepted(self) -> bool:
-        """True if the match is unambiguous and may be used for a registration."""
-        return self.match.accepted
-
-    @property
-    def reason(self) -> str:
-        """One line that explains `accepted`."""
-        return self.match.reason
-
 
 def detect_landmarks(
-    reference_from_tip: Sequence[TrackedTransform],
-    landmarks_mm: Mapping[str, ArrayLike],
-    *,
-    tolerance_mm: float = 2.0,
-    settings: DwellSettings | None = None,
+    reference_from_tip: Sequence[TrackedTransform], landmarks_mm: Mapping[str, ArrayLike]
 ) -> LandmarkDetection:
     """Detect the dwells of a stylus tip and match them to landmarks (3,) in mm, given by name.
 
+    The match is that of `match_landmarks` within `TOLERANCE_MM`.
     Raises the errors of `detect_dwells` and `match_landmarks`.
     """
-    dwells = detect_dwells(reference_from_tip, settings)
+    dwells = detect_dwells(reference_from_tip)
     if len(dwells) < MIN_POINTS:
         raise TooFewError(
             f"{len(dwells)} dwells in {len(reference_from_tip)} samples"
-            f"{_still_rests(reference_from_tip, settings or DwellSettings())}; "
-            f"expected at least {MIN_POINTS}"
+            f"{_still_rests(reference_from_tip)}; expected at least {MIN_POINTS}"
         )
     positions = np.stack([dwell.position_mm for dwell in dwells])
     return LandmarkDetection(
-        dwells, match_landmarks(positions, landmarks_mm, tolerance_mm=tolerance_mm)
+        dwells, match_landmarks(positions, landmarks_mm, tolerance_mm=TOLERANCE_MM)
     )
 
 
-def _still_rests(samples: Sequence[TrackedTransform], settings: DwellSettings) -> str:
+def _still_rests(samples: Sequence[TrackedTransform]) -> str:
     """Part of a message on rests in which the shaft did not turn; empty without any."""
-    rests = detect_dwells(samples, replace(settings, min_turn_rad=0.0))
-    still = [rest.turn_rad for rest in rests if rest.turn_rad < settings.min_turn_rad]
+    needed_rad = DwellSettings().min_turn_rad
+    rests = detect_dwells(samples, DwellSettings(min_turn_rad=0.0))
+    still = [rest.turn_rad for rest in rests if rest.turn_rad < needed_rad]
     if not still:
         return ""
     return (
         f" (the tip rested at {len(still)} more places, where the shaft turned by at most "
         f"{math.degrees(max(still)):.3g} degrees; a dwell needs "
-        f"{math.degrees(settings.min_turn_rad):.3g})"
+        f"{math.degrees(needed_rad):.3g})"
     )
 
 

@@ -1,5 +1,4 @@
 from .case_options import CaseErrors, CaseOptions
-from .motion import ArmKinematics
 from .recording import Recording
 from .simulated_tracker import SimulatedTracker
 from .simulation import Simulation, simulate
@@ -12,7 +11,6 @@ __all__ = [
     "BASE_FRAME",
     "TIP_FRAME",
     "TUMOR_FRAME",
-    "ArmKinematics",
     "CaseErrors",
     "CaseOptions",
     "Clearance",

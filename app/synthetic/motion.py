@@ -3,7 +3,6 @@
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BPoly, PchipInterpolator
@@ -80,25 +79,6 @@ def _rotated(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(np.matmul(rotations, vectors[:, :, None])[:, :, 0])
 
 
-class ArmKinematics(Protocol):
-    """Kinematics of a robot, as the simulation needs them.
-
-    The tool's tip is the origin of the frame ``tool``, and the tool points along its +z.
-    """
-
-    @property
-    def joint_names(self) -> Sequence[str]:
-        """Names of the joints, in the order of the joint states."""
-
-    def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
-        """Forward kinematics: joints (rad; m for prismatic ones) to ``robot_base_from_tool``."""
-
-    def joints_for(
-        self, base_from_tool: Transform, seed: Mapping[str, float] | None
-    ) -> Mapping[str, float]:
-        """Inverse kinematics near ``seed``; raises a `MarginGuardError` for an unreachable pose."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoint:
     """Pose of the tool at ``time_s``, and velocity (3,) of its origin in mm/s."""
@@ -162,7 +142,7 @@ class JointMotion:
     motion is the forward kinematics of these joints; the path is only its set point.
     """
 
-    def __init__(self, arm: ArmKinematics, times_s: FloatArray, poses: Sequence[Transform]) -> None:
+    def __init__(self, arm: "TouchArm", times_s: FloatArray, poses: Sequence[Transform]) -> None:
         self.joint_names = tuple(arm.joint_names)
         self._arm = arm
         self._span_s = (float(times_s[0]), float(times_s[-1]))
@@ -280,7 +260,10 @@ class BreathingBody:
 
 
 class TouchArm:
-    """The kinematics of ``data/robots/touch``; the tool's tip is the origin of `TOOL_LINK`."""
+    """The kinematics of ``data/robots/touch``.
+
+    The tool's tip is the origin of `TOOL_LINK`, and the tool points along its +z.
+    """
 
     def __init__(self, *, base_frame: str, tip_frame: str) -> None:
         self._robot = load_robot(TOUCH_URDF)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
 from app.geometry.rotations import rotation_of_vector
-from app.synthetic.motion import ArmKinematics
+from app.synthetic.motion import TouchArm
 from app.synthetic.tumour_and_tool import (
     BASE_FRAME,
     TIP_FRAME,
@@ -186,7 +186,7 @@ class Operation:
     """
 
     def __init__(
-        self, truth: OperationTruth, arm: ArmKinematics, seed: int, reached: Callable[[str], None]
+        self, truth: OperationTruth, arm: TouchArm, seed: int, reached: Callable[[str], None]
     ) -> None:
         self._truth, self._arm, self._reached = truth, arm, reached
         self._noise = np.random.default_rng([seed, 22])

@@ -19,7 +19,7 @@ import numpy as np
 from app.geometry import NS_PER_S, FloatArray, Transform
 from app.synthetic.case_options import CaseOptions, contoured
 from app.synthetic.error_budget import margin_bound_mm, plan_depths
-from app.synthetic.motion import ArmKinematics, Breathing, BreathingBody, JointMotion, Poses
+from app.synthetic.motion import Breathing, BreathingBody, JointMotion, Poses, TouchArm
 from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
 from app.synthetic.truth import Clearance
 from app.synthetic.tumour_and_tool import (
@@ -142,7 +142,7 @@ class Simulation:
 
 
 def simulate(
-    arm: ArmKinematics,
+    arm: TouchArm,
     random: np.random.Generator,
     options: CaseOptions | None = None,
     *,

@@ -32,7 +32,7 @@ from app.synthetic.case_options import (
     wrong_pose,
 )
 from app.synthetic.error_budget import tolerances
-from app.synthetic.motion import ArmKinematics
+from app.synthetic.motion import TouchArm
 from app.synthetic.recording import Recording
 from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.simulation import (
@@ -202,7 +202,7 @@ def simulate_case(
     folder: Path,
     *,
     seed: int,
-    arm: ArmKinematics,
+    arm: TouchArm,
     options: CaseOptions | None = None,
     command: str | None = None,
     structures: bool = False,
@@ -227,7 +227,7 @@ def simulate_case(
 
 
 def simulate_unrecorded_case(
-    folder: Path, *, seed: int, arm: ArmKinematics, options: CaseOptions | None = None
+    folder: Path, *, seed: int, arm: TouchArm, options: CaseOptions | None = None
 ) -> tuple[TrackingFrame, ...]:
     """Write the case of `simulate_case` without its recording; returns the recording's frames.
 
@@ -242,9 +242,7 @@ def simulate_unrecorded_case(
     return frames_as_read(frames, robot_to_tracker_offset_ns=case.offset_ns)
 
 
-def _made(
-    seed: int, arm: ArmKinematics, options: CaseOptions | None
-) -> tuple[SimulatedCase, Recording]:
+def _made(seed: int, arm: TouchArm, options: CaseOptions | None) -> tuple[SimulatedCase, Recording]:
     """A simulated case, and what is recorded of it."""
     options = CaseOptions() if options is None else options
     simulation = simulate(

@@ -49,7 +49,7 @@ def test_noise_free_data_give_the_true_transforms():
         scene = robot_world_scene(rng, 10, None)
         result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
         for one, other in (
-            (result.reference_from_base, scene.base),
+            (result.registration.transform, scene.base),
             (result.tip_from_sensor, scene.mount),
         ):
             assert one.distance_mm_to(other) <= 1e-9
@@ -67,7 +67,7 @@ def test_base_of_15_noisy_poses_is_nearer_than_by_closed_forms(noise):
         scene = robot_world_scene(rng, 15, EM_NOISE)
         middle, poses = scene.base.inverse().apply(scene.centre_mm), (scene.robot, scene.sensor)
         for name, answer in (
-            ("ours", solve_robot_world(*poses, noise=noise).reference_from_base),
+            ("ours", solve_robot_world(*poses, noise=noise).registration.transform),
             ("shah", opencv_base(*poses, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH)),
             ("li", opencv_base(*poses, cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI)),
         ):
@@ -128,7 +128,7 @@ def base_error(rng):
     scene = robot_world_scene(rng, 15, EM_NOISE)
     result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
     motion = [
-        motion_between(scene.base, result.reference_from_base),
+        motion_between(scene.base, result.registration.transform),
         motion_between(scene.mount, result.tip_from_sensor),
     ]
     return np.concatenate(motion), result.covariance

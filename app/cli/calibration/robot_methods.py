@@ -170,21 +170,21 @@ def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
         "mm",
         "number of the pose",
         registration.residuals_mm,
-        outliers=result.outliers,
+        outliers=registration.outliers,
         leave_one_out=registration.leave_one_out_mm,
     )
-    angles = np.degrees(np.delete(result.residuals_rad, result.outliers))
+    angles = np.degrees(np.delete(result.residuals_rad, registration.outliers))
     centre = np.mean([sensor_poses[index].translation_mm for index in selected], axis=0)
     tip_mm = result.tip_from_sensor.inverse().translation_mm
     return CalibrationResult(
         kind="hand-eye",
         transform=registration.transform,
-        accepted=result.accepted,
-        reason=result.reason,
+        accepted=registration.accepted,
+        reason=registration.reason,
         numbers={
             "samples": len(robot_poses),
             "poses": len(selected),
-            "outliers": len(result.outliers),
+            "outliers": len(registration.outliers),
             "rms_mm": residuals.rms,
             "max_mm": residuals.largest,
             "rotation_rms_deg": float(np.sqrt(np.mean(angles**2))),

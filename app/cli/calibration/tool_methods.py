@@ -129,10 +129,11 @@ def find_phantom(inputs: "CalibrationInputs") -> "CalibrationResult":
         "matched": len(detection.match.pairs),
     }
     notes = (*track.notes, *_match_notes(detection))
-    if not detection.accepted:
-        return CalibrationResult("landmarks", None, False, detection.reason, counts, notes=notes)
-    fixed = np.array([detection.dwells[dwell].position_mm for dwell, _ in detection.match.pairs])
-    moving = np.array([landmarks_mm[name] for _, name in detection.match.pairs])
+    match = detection.match
+    if not match.accepted:
+        return CalibrationResult("landmarks", None, False, match.reason, counts, notes=notes)
+    fixed = np.array([detection.dwells[dwell].position_mm for dwell, _ in match.pairs])
+    moving = np.array([landmarks_mm[name] for _, name in match.pairs])
     registration = register_points(
         fixed, moving, fixed_frame=track.reference, moving_frame=inputs.options.phantom
     )

@@ -119,7 +119,7 @@ def test_real_recording_of_eight_landmarks_agrees_with_the_published_registratio
     folder = shared_data / "plus"
     samples, landmarks = recorded_tips(folder)
     result = detect_landmarks(samples, landmarks)
-    assert result.accepted, result.reason
+    assert result.match.accepted, result.match.reason
     assert len(result.dwells) == 8
     assert [name for _, name in result.match.pairs] == list(landmarks)
 
@@ -158,7 +158,7 @@ def swapped(samples: list[TrackedTransform]) -> list[TrackedTransform]:
 
 def assert_swapped_order_is_found(samples, landmarks):
     result = detect_landmarks(swapped(samples), landmarks)
-    assert result.accepted, result.reason
+    assert result.match.accepted, result.match.reason
     names = [name for _, name in result.match.pairs]
     assert names == ["#5", "#6", "#7", "#8", "#1", "#2", "#3", "#4"]
 

@@ -45,11 +45,11 @@ def test_noise_free_poses_give_the_true_base_and_mount(seed, count, known):
     rng = np.random.default_rng(seed)
     scene = robot_world_scene(rng, count, None)
     result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE if known else None)
-    assert result.reference_from_base.angle_to(scene.base) < 1e-10
-    assert result.reference_from_base.distance_mm_to(scene.base) < 1e-9
+    assert result.registration.transform.angle_to(scene.base) < 1e-10
+    assert result.registration.transform.distance_mm_to(scene.base) < 1e-9
     assert result.tip_from_sensor.angle_to(scene.mount) < 1e-10
     assert result.tip_from_sensor.distance_mm_to(scene.mount) < 1e-9
-    assert result.outliers == ()
+    assert result.registration.outliers == ()
 
 
 def test_closed_form_agrees_with_opencv():
@@ -124,8 +124,8 @@ def test_error_with_em_noise_is_below_that_of_the_closed_forms(sample):
         middle = scene.base.inverse().apply(scene.centre_mm)
         poses = scene.robot, scene.sensor
         answers = {
-            "ours": solve_robot_world(*poses, noise=EM_NOISE).reference_from_base,
-            "estimated": solve_robot_world(*poses).reference_from_base,
+            "ours": solve_robot_world(*poses, noise=EM_NOISE).registration.transform,
+            "estimated": solve_robot_world(*poses).registration.transform,
             "shah": opencv_base(*poses, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH),
             "li": opencv_base(*poses, cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI),
         }
@@ -165,7 +165,7 @@ def test_covariance_is_calibrated(sample):
     for _ in range(trials):
         scene = robot_world_scene(rng, 9, EM_NOISE)
         result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
-        of_base = motion_between(scene.base, result.reference_from_base)
+        of_base = motion_between(scene.base, result.registration.transform)
         motion = np.concatenate([of_base, motion_between(scene.mount, result.tip_from_sensor)])
         errors.append(motion @ np.linalg.solve(result.covariance, motion))
     low, high = chi2.ppf([0.005, 0.995], 12 * trials) / trials
@@ -178,7 +178,7 @@ def test_small_clean_set_rarely_loses_a_pose(sample):
     losses = 0
     for _ in range(3 * sample):
         scene = robot_world_scene(rng, 7, EM_NOISE)
-        losses += bool(solve_robot_world(scene.robot, scene.sensor).outliers)
+        losses += bool(solve_robot_world(scene.robot, scene.sensor).registration.outliers)
     assert losses <= sample
 
 
@@ -186,7 +186,7 @@ def test_noise_is_estimated():
     rng = np.random.default_rng(4)
     scene = robot_world_scene(rng, 80, EM_NOISE)
     result = solve_robot_world(scene.robot, scene.sensor)
-    found, used = result.noise, 80 - len(result.outliers)
+    found, used = result.noise, 80 - len(result.registration.outliers)
     assert result.registration.degrees_of_freedom == 6 * used - 12, "12 numbers were fitted"
     assert found.rotation_rad == pytest.approx(EM_NOISE.rotation_rad, rel=0.1)
     assert found.translation_mm == pytest.approx(EM_NOISE.translation_mm, rel=0.1)
@@ -201,15 +201,15 @@ def test_wrong_poses_are_rejected(known, sample):
         sensor = list(scene.sensor)
         for pose in wrong:
             sensor[pose] = disturbed(rng, sensor[pose], PoseNoise(0.3, 20.0))
-        result = solve_robot_world(
+        found = solve_robot_world(
             scene.robot, sensor, noise=EM_NOISE if known else None, targets_mm=[scene.centre_mm]
-        )
-        assert set(wrong) <= set(result.outliers) and len(result.outliers) <= 4
-        assert np.isnan(result.registration.leave_one_out_mm[wrong]).all()
-        assert result.accepted, result.reason
-        error = result.reference_from_base.apply(scene.base.inverse().apply(scene.centre_mm))
+        ).registration
+        assert set(wrong) <= set(found.outliers) and len(found.outliers) <= 4
+        assert np.isnan(found.leave_one_out_mm[wrong]).all()
+        assert found.accepted, found.reason
+        error = found.transform.apply(scene.base.inverse().apply(scene.centre_mm))
         error = error - scene.centre_mm
-        assert np.linalg.norm(error) < 4.0 * predict_tre(result.registration, [scene.centre_mm])[0]
+        assert np.linalg.norm(error) < 4.0 * predict_tre(found, [scene.centre_mm])[0]
 
 
 def test_majority_of_wrong_poses_is_an_error():
@@ -256,11 +256,11 @@ def test_invalid_pose_lists_raise_specific_errors():
 def test_target_error_decides_acceptance():
     rng = np.random.default_rng(11)
     scene = robot_world_scene(rng, 15, EM_NOISE)
-    near = solve_robot_world(scene.robot, scene.sensor, targets_mm=[scene.centre_mm])
     away, limits = [scene.centre_mm + 3000.0], AcceptanceLimits(tre_mm=1.0)
-    far = solve_robot_world(scene.robot, scene.sensor, targets_mm=away, limits=limits)
+    near = solve_robot_world(scene.robot, scene.sensor, targets_mm=[scene.centre_mm]).registration
+    far = solve_robot_world(scene.robot, scene.sensor, targets_mm=away, limits=limits).registration
     assert near.accepted and not far.accepted
-    assert near.registration.fre_mm == far.registration.fre_mm
+    assert near.fre_mm == far.fre_mm
     assert "target 0" in far.reason
 
 
@@ -269,6 +269,6 @@ def test_agrees_with_scipy_on_the_same_likelihood():
     scene = robot_world_scene(rng, 10, EM_NOISE)
     peer = scipy_robot_world(scene.robot, scene.sensor, EM_NOISE, scene.base, scene.mount)
     ours = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
-    np.testing.assert_allclose(ours.reference_from_base.rotation_vector, peer[:3], atol=1e-7)
-    np.testing.assert_allclose(ours.reference_from_base.translation_mm, peer[3:6], atol=1e-4)
+    np.testing.assert_allclose(ours.registration.transform.rotation_vector, peer[:3], atol=1e-7)
+    np.testing.assert_allclose(ours.registration.transform.translation_mm, peer[3:6], atol=1e-4)
     np.testing.assert_allclose(ours.tip_from_sensor.translation_mm, peer[9:], atol=1e-4)

@@ -51,7 +51,7 @@ def test_bound_from_noise_is_rarely_exceeded_without_drift(sample):
         result = solve_robot_world(scene.robot, scene.sensor, noise=noise)
         for pose in scene.robot[:5]:
             truth = scene.base @ pose @ scene.mount
-            predicted = result.reference_from_base @ pose @ result.tip_from_sensor
+            predicted = result.registration.transform @ pose @ result.tip_from_sensor
             measured = disturbed(rng, truth, noise)
             place = truth.translation_mm
             bound = DriftBound.from_noise(result.registration, place, noise, sigmas=3.0)
