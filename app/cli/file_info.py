@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from app.case import recording_formats, recording_kinds
 from app.files.bounded_io import is_file, is_folder, open_for_reading
@@ -24,10 +23,6 @@ class FileInfo:
     uses: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Values that JSON can hold."""
-        return asdict(self)
 
     def as_text(self) -> str:
         """Lines of text."""

@@ -9,9 +9,11 @@ speed, and leaves all other motion free.
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from app.files.keys import Number
 from app.fixture import PassivityError, PlainConstraint
 from app.geometry import NS_PER_S, FloatArray, InputError, Transform
 
@@ -24,14 +26,22 @@ class AdmittanceGains:
     ``response_s`` is the time constant with which the twist follows. Raises `InputError`.
     """
 
-    linear_mm_s_n: float = 10.0
-    angular_rad_s_nm: float = 1.0
-    dead_n: float = 0.1
-    dead_n_m: float = 0.005
-    response_s: float = 0.03
+    linear_mm_s_n: Annotated[float, Number("speed per force", default=10.0, minimum=0.0)] = 10.0
+    angular_rad_s_nm: Annotated[
+        float, Number("angular speed per torque", default=1.0, minimum=0.0)
+    ] = 1.0
+    dead_n: Annotated[float, Number("smaller forces count as 0", default=0.1, minimum=0.0)] = 0.1
+    dead_n_m: Annotated[float, Number("smaller torques count as 0", default=0.005, minimum=0.0)] = (
+        0.005
+    )
+    response_s: Annotated[
+        float,
+        "response_ms",
+        Number("time constant of the response", default=30.0, minimum=0.0),
+    ] = 0.03
 
     def __post_init__(self) -> None:
-        for name in ("linear_mm_s_n", "angular_rad_s_nm", "dead_n", "dead_n_m", "response_s"):
+        for name in self.__slots__:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"{name} of the admittance is {value}; expected at least 0")
@@ -87,10 +97,12 @@ class ImpedanceParameters:
     (Colgate and Schenkel 1997, with the virtual damping B).
     """
 
-    stiffness_n_m: float
-    damping_n_s_m: float
-    period_s: float
-    arm_damping_n_s_m: float
+    stiffness_n_m: Annotated[float, Number("beyond the plane, along its normal", above=0.0)]
+    damping_n_s_m: Annotated[float, Number("the same per speed", minimum=0.0)]
+    period_s: Annotated[
+        float, "period_ms", Number("period of the arm's own loop", above=0.0, maximum=20.0)
+    ]
+    arm_damping_n_s_m: Annotated[float, Number("physical damping of the arm at its tip", above=0.0)]
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

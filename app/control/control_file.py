@@ -10,6 +10,7 @@ import numpy as np
 from app.control.compliance import AdmittanceGains, ImpedanceParameters
 from app.control.controller import ControllerParameters, CooperativeController, ToolKinematics
 from app.files.bounded_io import is_file, is_folder
+from app.files.declared import block_of, read_as
 from app.files.document import Section
 from app.files.keys import (
     ROBOT_FILE,
@@ -90,24 +91,15 @@ _HAND = Block(
     {
         "topic": Text("WrenchStamped; default: body/measured_cf of the arm", optional=True),
         "axes": Choice("axes of the wrench", ("tool", "base"), default="tool"),
-        "linear_mm_s_n": Number("speed per force", default=10.0, minimum=0.0),
-        "angular_rad_s_nm": Number("angular speed per torque", default=1.0, minimum=0.0),
-        "dead_n": Number("smaller forces count as 0", default=0.1, minimum=0.0),
-        "dead_n_m": Number("smaller torques count as 0", default=0.005, minimum=0.0),
-        "response_ms": Number("time constant of the response", default=30.0, minimum=0.0),
+        **block_of(AdmittanceGains, "").keys,
     },
     optional=True,
 )
 
-_IMPEDANCE = Block(
+_IMPEDANCE = block_of(
+    ImpedanceParameters,
     "for an arm that closes the loop itself (dVRK): the constraint as servo_ci instead of joint "
     "velocities; default: off",
-    {
-        "stiffness_n_m": Number("beyond the plane, along its normal", above=0.0),
-        "damping_n_s_m": Number("the same per speed", minimum=0.0),
-        "period_ms": Number("period of the arm's own loop", above=0.0, maximum=20.0),
-        "arm_damping_n_s_m": Number("physical damping of the arm at its tip", above=0.0),
-    },
     rules=(PASSIVE,),
     optional=True,
 )
@@ -229,12 +221,12 @@ def read_control(document: Section) -> ControlDescription:
         else _topic(hand, "topic", f"{arm}/body/measured_cf"),
         hand is None or hand.choice("axes") == "tool",
         ControllerParameters(
-            gains=AdmittanceGains() if hand is None else _gains(hand),
+            gains=AdmittanceGains() if hand is None else read_as(AdmittanceGains, hand),
             max_joint_speed=max_speed,
         ),
         document.number("max_speed_mm_s"),
         document.boolean("accept_simulated"),
-        _impedance(document.section("impedance")) if "impedance" in document else None,
+        _impedance(document),
         _joint_limits(block, tool, max_speed),
     )
 
@@ -253,16 +245,6 @@ def _topic(block: Section, key: str, default: str) -> str:
     return topic
 
 
-def _gains(hand: Section) -> AdmittanceGains:
-    return AdmittanceGains(
-        linear_mm_s_n=hand.number("linear_mm_s_n"),
-        angular_rad_s_nm=hand.number("angular_rad_s_nm"),
-        dead_n=hand.number("dead_n"),
-        dead_n_m=hand.number("dead_n_m"),
-        response_s=hand.number("response_ms") / 1000.0,
-    )
-
-
 def _joint_limits(
     robot: Section, tool: ToolKinematics, max_speed: float | None
 ) -> dict[str, JointLimit]:
@@ -279,16 +261,12 @@ def _joint_limits(
     return found
 
 
-def _impedance(block: Section) -> ImpedanceParameters:
+def _impedance(document: Section) -> ImpedanceParameters | None:
     try:
-        return ImpedanceParameters(
-            block.number("stiffness_n_m"),
-            block.number("damping_n_s_m"),
-            block.number("period_ms") / 1000.0,
-            block.number("arm_damping_n_s_m"),
-        )
+        given: ImpedanceParameters | None = document.value("impedance")
     except PassivityError as error:
-        raise InputError(f"{block.place('stiffness_n_m')}: {error}") from error
+        raise InputError(f"{document.place('impedance')}.stiffness_n_m: {error}") from error
+    return given
 
 
 def _link_from_tip(block: Section) -> Transform:

@@ -31,23 +31,18 @@ _AMBIGUOUS_NUMBER = re.compile(r"[_:]|^[-+]?0[0-9xb]")
 """YAML 1.1 reads 1_0 as 10, 1:30 as 90 and 010 as 8; YAML 1.2 does not."""
 
 
-def load_yaml(
-    path: Path,
-    *,
-    max_bytes: int = MAX_BYTES,
-    max_depth: int = MAX_DEPTH,
-    error: type[MarginGuardError] = InputError,
-) -> Any:
+def load_yaml(path: Path) -> Any:
     """Load the YAML document, UTF-8, at ``path``; None for an empty one.
 
-    Raises ``error``, in one line with the place, for a file that cannot be read, that is larger or
-    deeper nested than allowed, for more than `MAX_NODES` values, and for anything but plain YAML.
+    Raises `InputError`, in one line with the place, for a file that cannot be read, that is larger
+    than `MAX_BYTES` or deeper nested than `MAX_DEPTH`, for more than `MAX_NODES` values, and for
+    anything but plain YAML.
     """
     try:
-        text = read_bounded(path, max_bytes, error).decode("utf-8")
+        text = read_bounded(path, MAX_BYTES, InputError).decode("utf-8")
     except UnicodeDecodeError as problem:
-        raise error(f"{path} is not UTF-8 text: byte {problem.start}") from problem
-    return parse_yaml(text, path, max_depth=max_depth, error=error)
+        raise InputError(f"{path} is not UTF-8 text: byte {problem.start}") from problem
+    return parse_yaml(text, path)
 
 
 def parse_yaml(

@@ -48,6 +48,7 @@ _CODES = {np.dtype(name): code for code, name in _TYPES.items()}
 _LAST_SECOND = 2**31 - 1
 
 _CONNECT_TIMEOUT_S = 3.0
+_SILENCE_S = 5.0
 _CHUNK_BYTES = 1 << 16
 
 
@@ -192,19 +193,17 @@ class DeviceImages:
         return replace(found.image, pixel_mm=(float(width), float(height)))
 
 
-def receive_images(
-    host: str, port: int, refusals: Refusals, *, silence_s: float = 5.0
-) -> Iterator[ReceivedImage]:
+def receive_images(host: str, port: int, refusals: Refusals) -> Iterator[ReceivedImage]:
     """Yield the images that the server at ``host`` sends, until it closes the connection.
 
     Invalid messages are added to ``refusals``. Raises `IgtlError` where there is no server, and
-    after ``silence_s`` without a byte.
+    after 5 s without a byte.
     """
     stream, reader = MessageStream(TYPES, refusals, MAX_IMAGE_BODY_BYTES), ImageReader(refusals)
     try:
         with socket.create_connection((host, port), _CONNECT_TIMEOUT_S) as server:
             server.sendall(start_tracking_request())
-            server.settimeout(silence_s)
+            server.settimeout(_SILENCE_S)
             while data := server.recv(_CHUNK_BYTES):
                 for message in stream.feed(data):
                     found = reader.read(message)
@@ -212,7 +211,7 @@ def receive_images(
                         yield found
     except TimeoutError as error:
         raise IgtlError(
-            f"OpenIGTLink server {host}:{port}: nothing for {silence_s:g} s; expected images"
+            f"OpenIGTLink server {host}:{port}: nothing for {_SILENCE_S:g} s; expected images"
         ) from error
     except (OSError, UnicodeError) as error:
         raise IgtlError(f"OpenIGTLink server {host}:{port}: {error}; expected a server") from error

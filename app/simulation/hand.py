@@ -65,10 +65,7 @@ class ScriptedHand:
         if self._entry.period_s is not None:
             time_s %= self._entry.period_s
         push = next((p for p in self._entry.pushes if p.start_s <= time_s < p.end_s), None)
-        force: FloatArray = np.zeros(3)
-        if push is not None:
-            force = self._force(push, state)
-        return Wrench(force, np.zeros(3))
+        return Wrench(np.zeros(3) if push is None else self._force(push, state), np.zeros(3))
 
     def _force(self, push: "Push", state: WorldState) -> FloatArray:
         way = state.bodies[push.towards].translation_mm - state.bodies[self.tool].translation_mm
@@ -117,7 +114,8 @@ class JoyHand(_ManualHand):
         if len(axes) <= needed:
             self._push(None)
             return f"{len(axes)} axes; expected at least {needed + 1}"
-        values = [sign * axes[each] for each, sign in zip(*self._mapping(), strict=True)]
+        mapping = zip(self._entry.axes, self._entry.signs, strict=True)
+        values = [sign * axes[each] for each, sign in mapping]
         if not all(math.isfinite(each) for each in values):
             self._push(None)
             return f"axes are {values}; expected finite numbers"
@@ -129,9 +127,6 @@ class JoyHand(_ManualHand):
         left = min((length - self._entry.dead) / (1.0 - self._entry.dead), 1.0)
         self._push(self._force_n * left / length * share)
         return ""
-
-    def _mapping(self) -> tuple[tuple[int, ...], tuple[float, ...]]:
-        return self._entry.axes, self._entry.signs
 
 
 class KeyHand(_ManualHand):

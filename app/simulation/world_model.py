@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from app.geometry import FloatArray, MarginGuardError, Transform
+from app.geometry import MarginGuardError, Transform
 from app.robot import ClosureType, Joint, Link, LoopClosure
 from app.simulation.body_model import BodyWriter, quaternion_wxyz
 from app.simulation.errors import WorldError
@@ -239,9 +239,13 @@ class _RobotWriter:
                 (closure.parent, closure.parent_from_joint),
                 (closure.child, closure.child_from_joint),
             ):
-                body, place = self._body_at(link, frame[:3, :3] @ point + frame[:3, 3])
+                if link not in self._bodies:
+                    raise WorldError(
+                        f"{self._what(link)} has no mass and closes a loop; expected a mass"
+                    )
+                place = frame[:3, :3] @ point + frame[:3, 3]
                 name = f"{self._name(closure.name)}-{number}-{len(sites)}"
-                body.add_site(name=name, pos=M_PER_MM * place)
+                self._bodies[link].add_site(name=name, pos=M_PER_MM * place)
                 sites.append(name)
             self._writer.spec.add_equality(
                 name=f"{self._name(closure.name)}-{number}",
@@ -252,11 +256,6 @@ class _RobotWriter:
                 solref=STIFF_SOLREF,
                 solimp=STIFF_SOLIMP,
             )
-
-    def _body_at(self, link: str, point_mm: FloatArray) -> tuple[Any, FloatArray]:
-        if link not in self._bodies:
-            raise WorldError(f"{self._what(link)} has no mass and closes a loop; expected a mass")
-        return self._bodies[link], point_mm
 
     def _exclude_contacts(self) -> None:
         """Exclude contacts between links that a joint connects, or between all links."""

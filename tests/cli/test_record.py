@@ -2,23 +2,20 @@
 
 import pytest
 
-from app.cli.main import main
+from tests.cli.command import refused, run
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("topic", ["", "tf", "/", "/tf/", "/a b", "/1a", "/tf\n"])
-def test_invalid_topic_is_refused(tmp_path, capsys, topic):
-    assert main(["record", "-o", str(tmp_path / "new"), "--topics", "/tf", topic]) == 2
-    assert (
-        f"--topics is {topic!r}; expected a topic that begins with '/'" in capsys.readouterr().err
-    )
+def test_invalid_topic_is_refused(tmp_path, topic):
+    error = refused("record", "-o", tmp_path / "new", "--topics", "/tf", topic)
+    assert f"--topics is {topic!r}; expected a topic that begins with '/'" in error
     assert list(tmp_path.iterdir()) == []
 
 
-def test_name_that_ros_refuses_leaves_no_case(domain_id, project_root, tmp_path, capsys):
+def test_name_that_ros_refuses_leaves_no_case(domain_id, project_root, tmp_path):
     config = project_root / "data" / "live_example" / "live.yaml"
-    command = ["record", "-o", str(tmp_path / "new"), "--config", str(config)]
-    assert main([*command, "--namespace", "a b"]) == 2
-    assert "namespace" in capsys.readouterr().err
+    options = ("-o", tmp_path / "new", "--config", config, "--namespace", "a b")
+    assert "namespace" in run("record", *options, status=2).err
     assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,5 @@
 """``marginguard tumor``: contours and segmentations to meshes, checks and repair."""
 
-import json
 from pathlib import Path
 
 import nrrd
@@ -9,7 +8,7 @@ import pytest
 import trimesh
 import yaml
 
-from app.cli.main import main
+from tests.cli.command import refused, run, run_json
 
 pytestmark = pytest.mark.slow
 
@@ -45,61 +44,48 @@ def segmentation(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("ending", ["stl", "ply"])
 def test_contour_becomes_mesh_that_other_programs_read(
-    contour: Path, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+    contour: Path, tmp_path: Path, ending: str
 ) -> None:
     path = tmp_path / f"tumor.{ending}"
-    assert main(["tumor", str(contour), "-o", str(path)]) == 0
-    out = capsys.readouterr().out
+    out = run("tumor", contour, "-o", path).out
     assert "20.0 x 20.0 x 20.0 mm, around (20.0, 30.0, 40.0) mm" in out
     assert "rounded convex hull of 42 points" in out
     assert f"wrote {path}" in out
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(4000.0 / 3.0 * np.pi, rel=0.01)
-    assert main(["tumor", str(path), "--units", "mm", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("tumor", path, "--units", "mm")
     assert found["sound"]
     assert found["parts"] == 1
     assert found["volume_mm3"] == pytest.approx(mesh.volume, rel=1e-5)
 
 
-def test_segment_is_selected_by_name(
-    segmentation: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["tumor", str(segmentation), "--segment", "Node", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_segment_is_selected_by_name(segmentation: Path) -> None:
+    found = run_json("tumor", segmentation, "--segment", "Node")
     assert found["middle_mm"] == pytest.approx([15.5] * 3, abs=1e-3)
     assert found["volume_mm3"] == pytest.approx(64.0, rel=0.02)
     assert found["notes"] == ["the tumour is segment 'Node' of labels.seg.nrrd, 64 voxels"]
-    assert main(["tumor", str(segmentation)]) == 2
-    assert "holds 2 segments: Tumor (S0), Node (S1)" in capsys.readouterr().err
+    assert "holds 2 segments: Tumor (S0), Node (S1)" in refused("tumor", segmentation)
 
 
-def test_mesh_that_bounds_no_solid_is_written_only_when_repaired(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mesh_that_bounds_no_solid_is_written_only_when_repaired(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
     trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(tmp_path / "open.stl")
-    arguments = ["tumor", str(tmp_path / "open.stl"), "--units", "mm"]
-    assert main([*arguments, "-o", str(tmp_path / "out.stl")]) == 1
-    assert "no: " in capsys.readouterr().out
+    words = ("tumor", tmp_path / "open.stl", "--units", "mm", "-o", tmp_path / "out.stl")
+    assert "no: " in run(*words, status=1).out
     assert not (tmp_path / "out.stl").exists()
-    assert main([*arguments, "--repair", "-o", str(tmp_path / "out.stl")]) == 0
-    assert "was repaired" in capsys.readouterr().out
+    assert "was repaired" in run(*words, "--repair").out
     assert trimesh.load_mesh(tmp_path / "out.stl").volume == pytest.approx(ball.volume)
 
 
-def test_mesh_is_not_overwritten_by_its_output(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mesh_is_not_overwritten_by_its_output(tmp_path: Path) -> None:
     ball = tmp_path / "ball.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(ball)
     (tmp_path / "link.stl").symlink_to(ball)
     before = ball.read_bytes()
     for name in ("ball.stl", "link.stl"):
-        arguments = ["tumor", str(ball), "--units", "cm", "-o", str(tmp_path / name)]
-        assert main(arguments) == 2
-        assert f"{name} is SOURCE; expected another file" in capsys.readouterr().err
+        error = refused("tumor", ball, "--units", "cm", "-o", tmp_path / name)
+        assert f"{name} is SOURCE; expected another file" in error
     assert ball.read_bytes() == before
 
 
@@ -123,14 +109,7 @@ def test_mesh_is_not_overwritten_by_its_output(
     ],
 )
 def test_bad_input_is_one_line(
-    contour: Path,
-    arguments: list[str],
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    contour: Path, arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(contour.parent)
-    assert main(["tumor", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    assert message in refused("tumor", *arguments)

@@ -11,10 +11,10 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
-from app.cli.main import main
 from app.cli.process import SignalState
 from app.session import Session
 from tests.bridge.live.conftest import Start
+from tests.cli.command import refused, run
 from tests.viewer.attacks.raw_page import cookie, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
 from tests.viewer.conftest import TOKEN, Server, Watched
@@ -29,11 +29,11 @@ SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
 
 
 @pytest.mark.parametrize("option", ["--approach", "--needle"])
-def test_file_that_is_no_plan_is_named(option, tmp_path, capsys):
-    (tmp_path / "plan.json").write_text("{}")
-    plan = str(tmp_path / "plan.json")
-    assert main(["view", "data/recorded_case", option, plan]) == 2
-    assert f"{plan}: is not a plan (KeyError: " in capsys.readouterr().err
+def test_file_that_is_no_plan_is_named(option, tmp_path):
+    plan = tmp_path / "plan.json"
+    plan.write_text("{}")
+    error = refused("view", "data/recorded_case", option, plan)
+    assert f"{plan}: is not a plan (KeyError: " in error
 
 
 @pytest.mark.parametrize(
@@ -47,37 +47,31 @@ def test_file_that_is_no_plan_is_named(option, tmp_path, capsys):
         ["data/recorded_case", "--config", "live.yaml"],
     ],
 )
-def test_case_and_live_session_exclude_each_other(arguments, capsys):
-    assert main(["view", *arguments]) == 2
-    assert "expected CASE, --live and --config FILE, or --live and" in capsys.readouterr().err
+def test_case_and_live_session_exclude_each_other(arguments):
+    expected = "expected CASE, --live and --config FILE, or --live and"
+    assert expected in refused("view", *arguments)
 
 
 @pytest.mark.parametrize(
     "command", [["live"], ["view", "--live"]], ids=lambda command: " ".join(command)
 )
-def test_guard_of_the_tip_alone_is_refused(command, capsys):
-    try:
-        status = main([*command, "--tip-only", "--config", "live.yaml"])
-    except SystemExit as error:  # of argparse
-        status = error.code
-    assert status == 2
-    assert "a guard measures the whole tool; expected a " in capsys.readouterr().err
+def test_guard_of_the_tip_alone_is_refused(command):
+    printed = run(*command, "--tip-only", "--config", "live.yaml", status=2)
+    assert "a guard measures the whole tool; expected a " in printed.err
 
 
 @pytest.mark.parametrize("option", ["--token", "--view-token"])
-def test_empty_token_is_refused(capsys, option):
-    assert main(["view", "data/recorded_case", option, ""]) == 2
-    assert f"{option} is empty" in capsys.readouterr().err
+def test_empty_token_is_refused(option):
+    assert f"{option} is empty" in refused("view", "data/recorded_case", option, "")
 
 
-def test_tokens_of_the_two_roles_differ(capsys):
-    assert main(["view", "data/recorded_case", "--token", "a", "--view-token", "a"]) == 2
-    assert "view token: the same as the other token" in capsys.readouterr().err
+def test_tokens_of_the_two_roles_differ():
+    error = refused("view", "data/recorded_case", "--token", "a", "--view-token", "a")
+    assert "view token: the same as the other token" in error
 
 
-def test_missing_case_is_refused_in_one_line(tmp_path, capsys):
-    assert main(["view", str(tmp_path / "none")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_missing_case_is_refused_in_one_line(tmp_path):
+    refused("view", tmp_path / "none")
 
 
 @pytest.mark.parametrize(
@@ -88,17 +82,12 @@ def test_missing_case_is_refused_in_one_line(tmp_path, capsys):
         (["--host", "192.0.2.1"], "192.0.2.1 port 0: Cannot assign"),
     ],
 )
-def test_invalid_address_is_reported_before_case_is_opened(tmp_path, capsys, address, named):
-    assert main(["view", str(tmp_path / "none"), *address]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert named in captured.err
+def test_invalid_address_is_reported_before_case_is_opened(tmp_path, address, named):
+    assert named in refused("view", tmp_path / "none", *address)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_ends_command_while_case_is_stepped_through(
-    viewed_case, monkeypatch, capsys, number
-):
+def test_signal_ends_command_while_case_is_stepped_through(viewed_case, monkeypatch, number):
     noted = threading.Event()
     take, step = SignalState.take, Session.step
     stamps = []
@@ -116,9 +105,9 @@ def test_signal_ends_command_while_case_is_stepped_through(
 
     monkeypatch.setattr(SignalState, "take", take_and_tell)
     monkeypatch.setattr(Session, "step", step_with_a_signal_at_the_third)
-    assert main(["view", str(viewed_case)]) == 128 + number
+    printed = run("view", viewed_case, status=128 + number)
     assert len(stamps) == 3
-    assert capsys.readouterr().out == ""  # no page was served
+    assert printed.out == ""  # no page was served
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import functools
 import http.server
 import socket
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,14 +50,8 @@ def test_url_has_the_same_cases_and_files(archive, tmp_path):
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
-    """The address of an HTTP server with an index of ``folder``."""
-
-    class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, *args):
-            pass
-
-    handler = functools.partial(Quiet, directory=str(folder))
+def served_by(handler: Callable[..., object]) -> Iterator[str]:
+    """The address of an HTTP server."""
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
@@ -66,6 +60,16 @@ def served(folder: Path) -> Iterator[str]:
         finally:
             server.shutdown()
             thread.join()
+
+
+def served(folder: Path) -> AbstractContextManager[str]:
+    """The address of an HTTP server with an index of ``folder``."""
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *args):
+            pass
+
+    return served_by(functools.partial(Quiet, directory=str(folder)))
 
 
 def test_cases_are_read_over_http(archive, tmp_path):
@@ -106,15 +110,11 @@ def test_an_encoded_path_out_of_the_folder_is_refused(tmp_path):
         def log_message(self, *args):
             pass
 
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Index) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            with pytest.raises(InputError, match="expected files below it"):
-                fetch(f"http://127.0.0.1:{server.server_port}/a", tmp_path / "copy")
-        finally:
-            server.shutdown()
-            thread.join()
+    with (
+        served_by(Index) as address,
+        pytest.raises(InputError, match="expected files below it"),
+    ):
+        fetch(f"{address}/a", tmp_path / "copy")
     assert not (tmp_path / "other.yaml").exists()
 
 

@@ -7,6 +7,7 @@ robot, a transform, a configuration of PLUS, points or a segmentation.
 import argparse
 import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,7 +78,7 @@ def _describe_file(options: argparse.Namespace) -> int:
         if options.rate_hz is None
         else describe_at_rate(options.path, options.rate_hz)
     )
-    print(json.dumps(found.as_json(), indent=2) if options.json else found.as_text())
+    print(json.dumps(asdict(found), indent=2) if options.json else found.as_text())
     return 0
 
 
@@ -95,11 +96,7 @@ def describe(case: Any) -> dict[str, Any]:
         meshes["tool"] = case.tool_mesh()
     return {
         "name": manifest.name,
-        "provenance": {
-            "kind": manifest.provenance.kind,
-            "source": manifest.provenance.source,
-            "licence": manifest.provenance.licence,
-        },
+        "provenance": asdict(manifest.provenance),
         "recording": manifest.recorded().path,
         "frames": inventory.frames,
         "silences": inventory.silences,

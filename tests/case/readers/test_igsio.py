@@ -112,13 +112,6 @@ def test_frame_without_timestamp_is_skipped_with_a_note(tmp_path):
     assert notes == ["frame 0 has no Timestamp: skipped"]
 
 
-def test_a_file_without_any_frame_is_refused(tmp_path):
-    with pytest.raises(InputError, match="is not a recording of a tracker"):
-        read(mha(tmp_path, ""))
-    with pytest.raises(InputError, match="holds no frame with a Timestamp, but 1 without"):
-        read(mha(tmp_path, frame(0, f"AToBTransform = {ONE}")))
-
-
 def test_clock_jumps_and_missing_transforms_are_kept(tmp_path):
     row = f"AToBTransform = {ONE}"
     path = mha(

@@ -1,6 +1,5 @@
 """``calibrate lag``: the offset between a recording and another signal of its motion."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +7,10 @@ import pytest
 import yaml
 
 from app.case import TrackingFrame
-from app.cli.main import main
 from app.files.numbers import read_signal
 from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
 from tests.cli.calibration.recordings import write_igsio
+from tests.cli.command import run, run_json
 from tests.registration.time_signals import Motion, sample_times
 
 pytestmark = pytest.mark.slow
@@ -51,30 +50,27 @@ def table(path: Path, motion: Motion, *, columns: np.ndarray, noise: float = 0.4
 
 @pytest.mark.parametrize("columns", [[[0.2], [0.9], [-0.4]], np.eye(3, 4) + 0.1])
 def test_line_in_a_video_gives_the_offset_with_its_interval(
-    tmp_path, recording, motion, columns, capsys
+    tmp_path, recording, motion, columns
 ) -> None:
     """Also with more values than the tracker has: then the tracker is fitted to the video."""
     video, saved = table(tmp_path / "v.csv", motion, columns=np.array(columns)), tmp_path / "l.yaml"
-    arguments = ["calibrate", "lag", str(recording), "--other", str(video), "--save", str(saved)]
-    assert main([*arguments, "--json"]) == 0
-    numbers = json.loads(capsys.readouterr().out)["numbers"]
+    found = run_json("calibrate", "lag", recording, "--other", video, "--save", saved)
+    numbers = found["numbers"]
     assert numbers["offset_ms"] == pytest.approx(1e3 * LAG_S, abs=1.5)
     assert numbers["interval_low_ms"] < numbers["offset_ms"] < numbers["interval_high_ms"]
     assert numbers["interval_high_ms"] - numbers["interval_low_ms"] < 6.0
     assert yaml.safe_load(saved.read_text())["offset_ms"] == numbers["offset_ms"]
 
 
-def test_recording_is_its_own_reference(recording, capsys) -> None:
-    assert main(["calibrate", "lag", str(recording), "--other", str(recording), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_recording_is_its_own_reference(recording) -> None:
+    found = run_json("calibrate", "lag", recording, "--other", recording)
     assert found["numbers"]["offset_ms"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_signal_of_another_motion_is_not_accepted(tmp_path, recording, capsys) -> None:
+def test_signal_of_another_motion_is_not_accepted(tmp_path, recording) -> None:
     other = Motion(np.random.default_rng(9), 3, 12.0)
     video = table(tmp_path / "v.csv", other, columns=np.array([[1.0], [0.0], [0.0]]))
-    assert main(["calibrate", "lag", str(recording), "--other", str(video)]) == 1
-    assert "NOT ACCEPTED" in capsys.readouterr().out
+    assert "NOT ACCEPTED" in run("calibrate", "lag", recording, "--other", video, status=1).out
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from app.cli.main import main
 from app.files import read_transform
 from app.geometry import Transform
 from tests.cli.calibration.recordings import TIP_MM, frames, write_igsio
+from tests.cli.command import refused, run, run_json
 from tests.cli.real_case import CONFIGURATION, PUBLISHED, RECORDING, plus_transform
 
 pytestmark = pytest.mark.slow
@@ -22,16 +22,14 @@ def plus(shared_data: Path) -> Path:
     return shared_data / "plus"
 
 
-def arguments(plus: Path, *more: str) -> list[str]:
-    return ["calibrate", "landmarks", str(plus / RECORDING), *more]
+def arguments(plus: Path, *more: object) -> list[object]:
+    return ["calibrate", "landmarks", plus / RECORDING, *more]
 
 
-def test_landmarks_reproduce_the_published_registration(plus: Path, tmp_path: Path, capsys):
+def test_landmarks_reproduce_the_published_registration(plus: Path, tmp_path: Path):
     saved, plot = tmp_path / "PhantomToReference.tfm", tmp_path / "residuals.png"
-    configuration = str(plus / CONFIGURATION)
-    outputs = ["--json", "--save", str(saved), "--plot", str(plot)]
-    assert main(arguments(plus, "--plus-config", configuration, *outputs)) == 0
-    found = json.loads(capsys.readouterr().out)
+    options = ("--plus-config", plus / CONFIGURATION, "--save", saved, "--plot", plot)
+    found = run_json(*arguments(plus, *options))
     assert found["transform"]["name"] == "PhantomToReference"
     assert found["numbers"]["matched"] == found["numbers"]["landmarks"] == 8
     published = Transform.from_matrix(
@@ -46,9 +44,7 @@ def test_landmarks_reproduce_the_published_registration(plus: Path, tmp_path: Pa
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(
-    plus: Path, tmp_path: Path, capsys
-):
+def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(plus: Path, tmp_path: Path):
     """Six of eight landmarks, in LPS, renamed and reversed: two dwells match no landmark."""
     text = (plus / CONFIGURATION).read_text()
     points = [
@@ -65,41 +61,37 @@ def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(
     )
     tip = tmp_path / "tip.txt"
     np.savetxt(tip, plus_transform(plus / CONFIGURATION, "StylusTip"))
-    options = ["--landmarks", str(landmarks), "--tip-from", str(tip), "--phantom", "block"]
-    assert main(arguments(plus, *options, "--json")) == 0
-    found = json.loads(capsys.readouterr().out)
+    options = ["--landmarks", landmarks, "--tip-from", tip, "--phantom", "block"]
+    found = run_json(*arguments(plus, *options))
     assert found["transform"]["name"] == "BlockToReference"
     assert found["residuals"]["labels"] == [f"F-{number}" for number in range(1, 7)]
     assert sum("is on no landmark" in note for note in found["notes"]) == 2
 
 
-def test_wrong_landmarks_are_not_accepted(plus: Path, tmp_path: Path, capsys):
+def test_wrong_landmarks_are_not_accepted(plus: Path, tmp_path: Path):
     landmarks = tmp_path / "wrong.yaml"
     corners = [(0, 0, 0), (500, 0, 0), (500, 400, 0), (0, 400, 0)]
     landmarks.write_text(
         json.dumps({"landmarks": [{"name": str(c), "position_mm": list(c)} for c in corners]})
     )
     saved = tmp_path / "no.tfm"
-    configuration = str(plus / CONFIGURATION)
-    options = ["--plus-config", configuration, "--landmarks", str(landmarks), "--save", str(saved)]
-    assert main(arguments(plus, *options, "--json")) == 1
-    found = json.loads(capsys.readouterr().out)
+    options = ["--plus-config", plus / CONFIGURATION, "--landmarks", landmarks, "--save", saved]
+    found = run_json(*arguments(plus, *options), status=1)
     assert found["transform"] is None and not found["accepted"]
     assert "dwells fit on landmarks within 2 mm" in found["reason"]
     assert not saved.exists()
 
 
-def test_missing_landmarks_and_tips_are_errors(plus: Path, tmp_path: Path, capsys):
+def test_missing_landmarks_and_tips_are_errors(plus: Path, tmp_path: Path):
     tip = tmp_path / "tip.txt"
     np.savetxt(tip, np.eye(4))
-    assert main(arguments(plus, "--tip-from", str(tip))) == 2
-    assert "expected --landmarks FILE or --plus-config FILE" in capsys.readouterr().err
-    published = str(plus / PUBLISHED)
-    assert main(arguments(plus, "--plus-config", published, "--tool", "reference")) == 2
-    assert "no ReferenceTipToReference" in capsys.readouterr().err
+    expected = "expected --landmarks FILE or --plus-config FILE"
+    assert expected in refused(*arguments(plus, "--tip-from", tip))
+    options = ("--plus-config", plus / PUBLISHED, "--tool", "reference")
+    assert "no ReferenceTipToReference" in refused(*arguments(plus, *options))
 
 
-def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path: Path, capsys):
+def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path: Path):
     """The twin of the tests above on data of the project: dwells with and without rotation."""
     landmarks = {"A": [0, 0, 0], "B": [80.0, 0, 0], "C": [0, 55.0, 0], "D": [20, 30, 40]}
     phantom = Transform.from_rotation_vector(
@@ -111,7 +103,7 @@ def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path: 
     np.savetxt(tip, tip_pose)
     entries = [{"name": name, "position_mm": at} for name, at in landmarks.items()]
     points.write_text(yaml.safe_dump({"landmarks": entries}))
-    options = ["--tip-from", str(tip), "--landmarks", str(points)]
+    options = ["--tip-from", tip, "--landmarks", points]
 
     def recorded(name: str, turn_rad: float) -> Path:
         poses = []
@@ -122,16 +114,13 @@ def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path: 
                 poses.append(Transform("reference", "stylus", turn.as_matrix(), origin))
         return write_igsio(tmp_path / name, frames(poses, {}))
 
-    turned = str(recorded("turned.igs.mha", 0.5))
-    assert main(["calibrate", "landmarks", turned, *options, "--json"]) == 0
-    found = np.reshape(json.loads(capsys.readouterr().out)["transform"]["matrix"], (4, 4))
+    words = ("calibrate", "landmarks", recorded("turned.igs.mha", 0.5), *options)
+    found = np.reshape(run_json(*words)["transform"]["matrix"], (4, 4))
     np.testing.assert_allclose(found, phantom.matrix, atol=1e-3)
-    assert main(["calibrate", "landmarks", turned, *options]) == 0
-    printed = capsys.readouterr().out
+    printed = run(*words).out
     assert printed.splitlines()[0] == "landmarks: PhantomToReference  accepted"
     assert all(f"residual {name}" in printed for name in landmarks)
     assert "s to read the recording and compute the result" in printed
-    assert main(["calibrate", "landmarks", str(recorded("still.igs.mha", 0.02)), *options]) == 2
-    error = capsys.readouterr().err
+    error = refused("calibrate", "landmarks", recorded("still.igs.mha", 0.02), *options)
     assert "0 dwells in 160 samples (the tip rested at 4 more places" in error
     assert "the shaft turned by at most 1.08 degrees; a dwell needs 17.2" in error

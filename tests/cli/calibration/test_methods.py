@@ -1,10 +1,7 @@
 """Methods of ``marginguard calibrate``: a method is declared once."""
 
-import pytest
-
 from app.cli.calibration import CalibrationMethod
 from app.cli.commands import calibrate
-from app.cli.main import main
 from tests.cli.command import run
 
 
@@ -29,11 +26,11 @@ def test_names_of_methods_differ() -> None:
     assert sorted(names) == ["hand-eye", "lag", "landmarks", "pivot", "spin", "time"]
 
 
-def test_declared_method_is_one_of_the_command(monkeypatch, capsys) -> None:
+def test_declared_method_is_one_of_the_command(monkeypatch) -> None:
     monkeypatch.setattr(calibrate, "METHODS", (*calibrate.METHODS, COUNT))
     assert "the number that was given" in run("calibrate", "--help").out
-    assert main(["calibrate", "count", "any.mcap", "--count", "2"]) == 0
-    assert capsys.readouterr().out.startswith("count  accepted")
-    assert main(["calibrate", "count", "any.mcap"]) == 1
-    with pytest.raises(SystemExit):  # options of inputs that the method does not declare
-        main(["calibrate", "count", "any.mcap", "--tip-from", "tip.txt"])
+    words = ("calibrate", "count", "any.mcap")
+    assert run(*words, "--count", "2").out.startswith("count  accepted")
+    run(*words, status=1)
+    # Options of inputs that the method does not declare.
+    run(*words, "--tip-from", "tip.txt", status=2)

@@ -1,13 +1,11 @@
 """``calibrate pivot`` and ``calibrate spin``."""
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.cli.main import main
 from app.files import read_transform
 from app.geometry import TrackingStatus
 from tests.cli.calibration.recordings import (
@@ -19,6 +17,7 @@ from tests.cli.calibration.recordings import (
     write_igsio,
     write_mcap,
 )
+from tests.cli.command import refused, run, run_json
 
 pytestmark = pytest.mark.slow
 
@@ -28,11 +27,10 @@ LOST = {5: TrackingStatus.INVALID, 30: TrackingStatus.OUT_OF_VIEW, 31: TrackingS
 @pytest.mark.parametrize(
     ("name", "write"), [("p.igs.mha", write_igsio), ("p.mcap", write_mcap), ("p", write_bag)]
 )
-def test_pivot_finds_the_tip_in_every_recording_format(tmp_path: Path, capsys, name, write):
+def test_pivot_finds_the_tip_in_every_recording_format(tmp_path: Path, name, write):
     recording = write(tmp_path / name, frames(pivoting(np.random.default_rng(1), 80, 60.0), LOST))
     tip = tmp_path / "StylusTipToStylus.tfm"
-    assert main(["calibrate", "pivot", str(recording), "--json", "--save", str(tip)]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("calibrate", "pivot", recording, "--save", tip)
     assert found["transform"]["name"] == "StylusTipToStylus"
     matrix = np.reshape(found["transform"]["matrix"], (4, 4))
     np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=0.15)
@@ -45,14 +43,12 @@ def test_pivot_finds_the_tip_in_every_recording_format(tmp_path: Path, capsys, n
     np.testing.assert_allclose(saved.matrix, matrix, atol=1e-9)
 
 
-def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path, capsys):
+def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path):
     recorded = frames(pivoting(np.random.default_rng(2), 120, 20.0), {})
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
     tip = tmp_path / "tip.yaml"
     plot = tmp_path / "tip.png"
-    arguments = ["calibrate", "pivot", str(recording), "--save", str(tip), "--plot", str(plot)]
-    assert main(arguments) == 1
-    printed = capsys.readouterr()
+    printed = run("calibrate", "pivot", recording, "--save", tip, "--plot", plot, status=1)
     assert "NOT ACCEPTED" in printed.out
     assert "the shaft swings over" in printed.out and "expected at least 30" in printed.out
     assert f"{tip} is not written: not accepted" in printed.err
@@ -60,7 +56,7 @@ def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path, 
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path, capsys):
+def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path):
     shaft = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
     recorded = frames(spinning(np.random.default_rng(3), 60, shaft), {})
     recording = write_mcap(tmp_path / "s.mcap", recorded)
@@ -68,9 +64,7 @@ def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path, capsys)
     pose = np.eye(4)
     pose[:3, 3] = TIP_MM
     np.savetxt(tip, pose)
-    arguments = ["calibrate", "spin", str(recording), "--tip-from", str(tip), "--json"]
-    assert main([*arguments, "--save", str(spun)]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("calibrate", "spin", recording, "--tip-from", tip, "--save", spun)
     matrix = np.reshape(found["transform"]["matrix"], (4, 4))
     np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=1e-9)
     assert np.degrees(np.arccos(matrix[:3, 2] @ shaft)) < 0.15
@@ -79,12 +73,12 @@ def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path, capsys)
     np.testing.assert_allclose(saved.matrix, matrix, atol=1e-12)
 
 
-def test_spin_requires_the_tip(tmp_path: Path, capsys):
+def test_spin_requires_the_tip(tmp_path: Path):
     shaft = np.array([0.0, 0.0, 1.0])
     recorded = frames(spinning(np.random.default_rng(4), 20, shaft), {})
     recording = write_mcap(tmp_path / "s.mcap", recorded)
-    assert main(["calibrate", "spin", str(recording)]) == 2
-    assert "tip of 'stylus': not known; expected --tip-from FILE" in capsys.readouterr().err
+    expected = "tip of 'stylus': not known; expected --tip-from FILE"
+    assert expected in refused("calibrate", "spin", recording)
 
 
 @pytest.mark.parametrize(
@@ -111,43 +105,30 @@ def test_spin_requires_the_tip(tmp_path: Path, capsys):
         (["--plot", "tip.pdf"], "tip.pdf: wrong file type for a plot; expected .png"),
     ],
 )
-def test_bad_input_gives_one_error_line_and_status_2(tmp_path: Path, capsys, options, message):
+def test_bad_input_gives_one_error_line_and_status_2(tmp_path: Path, options, message):
     recorded = frames(pivoting(np.random.default_rng(1), 80, 60.0), {})
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
-    assert main(["calibrate", "pivot", str(recording), *options]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    (line,) = printed.err.splitlines()
+    line = refused("calibrate", "pivot", recording, *options)
     assert re.search(message, line), line
 
 
-def test_to_s_restricts_the_recording(tmp_path: Path, capsys):
+def test_to_s_restricts_the_recording(tmp_path: Path):
     good = pivoting(np.random.default_rng(5), 80, 60.0)
     recorded = frames([*good, *good[::-1]], dict.fromkeys(range(80, 160), TrackingStatus.INVALID))
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
-    assert main(["calibrate", "pivot", str(recording), "--to-s", "3.95", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("calibrate", "pivot", recording, "--to-s", "3.95")
     assert found["numbers"]["samples"] == 80 and found["notes"] == []
 
 
-def test_reference_may_be_the_tracker(tmp_path: Path, capsys):
+def test_reference_may_be_the_tracker(tmp_path: Path):
     recorded = frames(pivoting(np.random.default_rng(6), 80, 60.0), {})
     recording = write_mcap(tmp_path / "p.mcap", recorded)
-    assert main(["calibrate", "pivot", str(recording), "--reference", "tracker", "--json"]) == 0
-    matrix = np.reshape(json.loads(capsys.readouterr().out)["transform"]["matrix"], (4, 4))
+    found = run_json("calibrate", "pivot", recording, "--reference", "tracker")
+    matrix = np.reshape(found["transform"]["matrix"], (4, 4))
     np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=0.2)
 
 
-@pytest.mark.parametrize("number", ["nan", "-1", "soon"])
-def test_invalid_max_age_is_rejected(tmp_path: Path, capsys, number):
-    with pytest.raises(SystemExit) as stop:
-        main(["calibrate", "pivot", str(tmp_path), f"--max-age-ms={number}"])
-    assert stop.value.code == 2
-    assert "--max-age-ms" in capsys.readouterr().err
-
-
-def test_path_that_is_not_a_recording_is_rejected(tmp_path: Path, capsys):
+def test_path_that_is_not_a_recording_is_rejected(tmp_path: Path):
     (tmp_path / "notes.txt").write_text("nothing")
     for path in (tmp_path / "notes.txt", tmp_path, tmp_path / "none.mcap"):
-        assert main(["calibrate", "pivot", str(path)]) == 2
-        assert str(path) in capsys.readouterr().err
+        assert str(path) in refused("calibrate", "pivot", path)

@@ -5,7 +5,6 @@ ground truth in `expected.yaml` was written before noise and other errors were a
 """
 
 import itertools
-import json
 import re
 import shutil
 from collections.abc import Callable, Iterable, Sequence
@@ -18,12 +17,12 @@ import pytest
 import yaml
 
 from app.case import JointSample, open_case, write_recording
-from app.cli.main import main
 from app.files import read_transform
 from app.geometry import Transform
 from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
 from app.synthetic.tracker_model import AURORA
 from tests.cli.calibration.white_noise import write_white_case
+from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import write_small_case
 from tests.shipped_case import CLOCK_OFFSET_MS
 
@@ -70,11 +69,10 @@ def error_at_the_sensor_mm(case: Path, base: Transform, true_base: Transform) ->
     return float(np.linalg.norm(base.apply(middle_in_base) - true_base.apply(middle_in_base)))
 
 
-def test_hand_eye_error_is_within_three_predicted_sigmas(case: Path, true_base, tmp_path, capsys):
+def test_hand_eye_error_is_within_three_predicted_sigmas(case: Path, true_base, tmp_path):
     plot = tmp_path / "h.png"
     white = write_white_case(case, tmp_path / "white", true_base, 75.0)
-    assert main(["calibrate", "hand-eye", str(white), "--json", "--plot", str(plot)]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("calibrate", "hand-eye", white, "--plot", plot)
     numbers = found["numbers"]
     assert found["transform"]["name"] == "RobotBaseToReference"
     base = transform_of(found)
@@ -89,26 +87,22 @@ def test_hand_eye_error_is_within_three_predicted_sigmas(case: Path, true_base, 
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_hand_eye_of_a_realistic_case_is_within_its_tolerance(case: Path, true_base, capsys):
+def test_hand_eye_of_a_realistic_case_is_within_its_tolerance(case: Path, true_base):
     """Distortion and errors of encoders and calibrations are more than the predicted sigma."""
     allowed = yaml.safe_load((case / "expected.yaml").read_text())["registration"]
-    assert main(["calibrate", "hand-eye", str(case), "--to-s", "30", "--json"]) == 0
-    base = transform_of(json.loads(capsys.readouterr().out))
+    base = transform_of(run_json("calibrate", "hand-eye", case, "--to-s", "30"))
     assert error_at_the_sensor_mm(case, base, true_base) < allowed["tolerance_mm"]
     assert np.degrees(base.angle_to(true_base)) < allowed["tolerance_deg"]
 
 
-def test_hand_eye_rejects_a_robot_that_hardly_turned(case: Path, capsys):
-    assert main(["calibrate", "hand-eye", str(case), "--to-s", "1.2"]) == 2
-    assert re.search(r"1 poses .*; expected at least 4", capsys.readouterr().err)
+def test_hand_eye_rejects_a_robot_that_hardly_turned(case: Path):
+    error = refused("calibrate", "hand-eye", case, "--to-s", "1.2")
+    assert re.search(r"1 poses .*; expected at least 4", error)
 
 
-def test_time_finds_the_true_offset(case: Path, tmp_path: Path, capsys):
+def test_time_finds_the_true_offset(case: Path, tmp_path: Path):
     saved = tmp_path / "clock.yaml"
-    assert (
-        main(["calibrate", "time", str(case), "--to-s", "20", "--json", "--save", str(saved)]) == 0
-    )
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("calibrate", "time", case, "--to-s", "20", "--save", saved)
     numbers = found["numbers"]
     assert numbers["interval_low_ms"] <= TRUE_LAG_MS <= numbers["interval_high_ms"]
     assert numbers[KEY] == pytest.approx(TRUE_LAG_MS, abs=1.0)
@@ -117,30 +111,26 @@ def test_time_finds_the_true_offset(case: Path, tmp_path: Path, capsys):
 
 
 @pytest.mark.parametrize(("guess_ms", "status"), [(-400, 0), (400, 0), (-600, 1)])
-def test_time_searches_half_a_second_around_the_first_guess(case: Path, capsys, guess_ms, status):
-    options = ["--to-s", "12", "--around-ms", str(guess_ms), "--json"]
-    assert main(["calibrate", "time", str(case), *options]) == status
-    found = json.loads(capsys.readouterr().out)
+def test_time_searches_half_a_second_around_the_first_guess(case: Path, guess_ms, status):
+    options = ["--to-s", "12", "--around-ms", guess_ms]
+    found = run_json("calibrate", "time", case, *options, status=status)
     if status == 0:
         assert found["numbers"][KEY] == pytest.approx(TRUE_LAG_MS, abs=2.0)
     else:
         assert "end of the search" in found["reason"]
 
 
-def test_time_does_not_accept_slow_motion(case: Path, tmp_path: Path, capsys):
+def test_time_does_not_accept_slow_motion(case: Path, tmp_path: Path):
     saved = tmp_path / "clock.yaml"
     span = ["--from-s", "26", "--to-s", "42"]
-    assert main(["calibrate", "time", str(case), *span, "--save", str(saved)]) == 1
-    printed = capsys.readouterr().out
+    printed = run("calibrate", "time", case, *span, "--save", saved, status=1).out
     assert "time  NOT ACCEPTED" in printed and "expected at most 5 ms" in printed
     assert not saved.exists()
 
 
-def test_register_follows_the_manifest(case: Path, true_base, tmp_path, capsys):
+def test_register_follows_the_manifest(case: Path, true_base, tmp_path):
     saved, plot = tmp_path / "base.tfm", tmp_path / "base.png"
-    outputs = ["--save", str(saved), "--plot", str(plot)]
-    assert main(["calibrate", "robot-base", str(case), "--json", *outputs]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("calibrate", "robot-base", case, "--save", saved, "--plot", plot)
     base = transform_of(found)
     assert base.distance_mm_to(true_base) < 1.0
     assert np.degrees(base.angle_to(true_base)) < 0.5
@@ -152,8 +142,8 @@ def test_register_follows_the_manifest(case: Path, true_base, tmp_path, capsys):
 
 def with_joints(
     case: Path, folder: Path, change: Callable[[Sequence[JointSample]], Iterable[JointSample]]
-) -> str:
-    """Write the first 20 s of ``case`` with changed joints to ``folder``; return its path."""
+) -> Path:
+    """Write the first 20 s of ``case`` with changed joints to ``folder``."""
     shutil.copytree(case, folder, ignore=shutil.ignore_patterns("*.mcap"))
     manifest = yaml.safe_load((case / "case.yaml").read_text())
     manifest["recording"] = {"path": "tracking.mcap"}
@@ -165,10 +155,10 @@ def with_joints(
         robot_to_tracker_offset_ns=round(CLOCK_OFFSET_MS * 1e6),
         joint_states_topic="/joint_states",
     )
-    return str(folder)
+    return folder
 
 
-def test_incomplete_joints_are_rejected(case: Path, tmp_path: Path, capsys):
+def test_incomplete_joints_are_rejected(case: Path, tmp_path: Path):
     """Roll only turns the stylus in place: a fit with roll at 0 would be accepted."""
 
     def without_roll(samples: Sequence[JointSample]) -> Iterable[JointSample]:
@@ -177,24 +167,21 @@ def test_incomplete_joints_are_rejected(case: Path, tmp_path: Path, capsys):
             yield JointSample(tuple(others), tuple(others.values()), sample.stamp)
 
     partial = with_joints(case, tmp_path / "partial", without_roll)
-    for command in (["calibrate", "robot-base"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
-        assert main([*command, partial]) == 2
-        assert "joint 'roll', which moves 'stylus', has no position" in capsys.readouterr().err
+    for method in ("robot-base", "hand-eye", "time"):
+        error = refused("calibrate", method, partial)
+        assert "joint 'roll', which moves 'stylus', has no position" in error
 
 
-def test_hand_eye_interpolates_joints_only_across_short_gaps(case, tmp_path, capsys):
+def test_hand_eye_interpolates_joints_only_across_short_gaps(case, tmp_path):
     """Twelve joint samples per second are enough, five are not."""
     rms_mm = []
     for every in (1, 16):
         sparse = with_joints(case, tmp_path / str(every), every_nth(every))
-        assert main(["calibrate", "hand-eye", sparse, "--json"]) == 0
-        rms_mm.append(json.loads(capsys.readouterr().out)["numbers"]["rms_mm"])
+        rms_mm.append(run_json("calibrate", "hand-eye", sparse)["numbers"]["rms_mm"])
     assert rms_mm[1] < 1.5 * rms_mm[0]
     sparse = with_joints(case, tmp_path / "40", every_nth(40))
-    assert main(["calibrate", "hand-eye", sparse]) == 2
-    assert re.search(
-        r"none of \d+ joint samples is close in time to a valid pose", capsys.readouterr().err
-    )
+    error = refused("calibrate", "hand-eye", sparse)
+    assert re.search(r"none of \d+ joint samples is close in time to a valid pose", error)
 
 
 def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSample]]:
@@ -202,10 +189,9 @@ def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSampl
     return lambda samples: (sample for sample in samples if next(count) % nth == 0)
 
 
-def test_case_without_robot_is_rejected(tmp_path: Path, capsys):
-    small = str(write_small_case(tmp_path / "small"))
-    for command in (["calibrate", "robot-base"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
-        assert main([*command, small]) == 2
-        assert re.search(r"has no (robot|joints)", capsys.readouterr().err)
-    assert main(["calibrate", "time", small, "--save", str(tmp_path / "lag.tfm")]) == 2
-    assert "wrong file type for a clock offset; expected .yaml" in capsys.readouterr().err
+def test_case_without_robot_is_rejected(tmp_path: Path):
+    small = write_small_case(tmp_path / "small")
+    for method in ("robot-base", "hand-eye", "time"):
+        assert re.search(r"has no (robot|joints)", refused("calibrate", method, small))
+    error = refused("calibrate", "time", small, "--save", tmp_path / "lag.tfm")
+    assert "wrong file type for a clock offset; expected .yaml" in error
