@@ -109,7 +109,7 @@ def make_case(folder: str | os.PathLike[str], *, seed: int = 1) -> Path:
         ...
     app.geometry.errors.InputError: ... already exists; refusing to overwrite it
     """
-    from app.synthetic import BASE_FRAME, TIP_FRAME, simulate_case
+    from app.synthetic import simulate_case
     from app.synthetic.motion import TouchArm
 
     path = as_path(folder, "folder")
@@ -117,9 +117,8 @@ def make_case(folder: str | os.PathLike[str], *, seed: int = 1) -> Path:
         raise InputError(f"seed: is {seed!r}; expected an integer of 0 or more")
     if path.exists():
         raise InputError(f"{path} already exists; refusing to overwrite it")
-    arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
     command = f"marginguard make-case DIR --seed {seed}"
-    simulate_case(path, seed=seed, arm=arm, command=command)
+    simulate_case(path, seed=seed, arm=TouchArm(), command=command)
     return path
 
 

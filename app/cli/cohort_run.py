@@ -140,10 +140,9 @@ def _results(prepared: "PreparedCase") -> tuple[dict[str, object], dict[str, obj
 
 @cache
 def _arm() -> "TouchArm":
-    from app.synthetic import BASE_FRAME, TIP_FRAME
     from app.synthetic.motion import TouchArm
 
-    return TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
+    return TouchArm()
 
 
 @cache

@@ -4,8 +4,8 @@ import argparse
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -74,12 +74,10 @@ class ReplayReport:
     def __exit__(self, *_: object) -> None:
         self._contexts.close()
 
-    @contextmanager
-    def with_all(self, run: "ReplayRun", bag: "BagProcess") -> Iterator[None]:
+    def with_all(self, run: "ReplayRun", bag: "BagProcess") -> AbstractContextManager[object]:
         """Write the parts of ``--all`` as well, within the context."""
         self._complete = CompleteReport(self._options.report, self._process, bag)
-        with self._complete.writing(run):
-            yield
+        return self._complete.writing(run)
 
     @property
     def incomplete(self) -> bool:

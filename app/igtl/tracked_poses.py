@@ -44,7 +44,6 @@ from app.igtl.wire import (
     Message,
     Refusals,
     pack_message,
-    pack_message_with_metadata,
 )
 
 TYPES = ("TRANSFORM", "TDATA")
@@ -192,9 +191,7 @@ def transform_message(sample: TrackedTransform, version: int) -> bytes | None:
             return None
         return pack_message("TRANSFORM", name, sample.stamp.ns, content)
     status = TrackingStatus(sample.status).name
-    return pack_message_with_metadata(
-        "TRANSFORM", name, sample.stamp.ns, content, {"TransformStatus": status}
-    )
+    return pack_message("TRANSFORM", name, sample.stamp.ns, content, {"TransformStatus": status})
 
 
 class _Client:

@@ -127,27 +127,25 @@ def read_message(header: Header, body: bytes) -> Message:
     return Message(header.type, device, header.stamp_ns, body[extended:end], metadata)
 
 
-def pack_message(kind: str, device: str, stamp_ns: int, content: bytes) -> bytes:
-    """Encode a message of header version 1.
+def pack_message(
+    kind: str,
+    device: str,
+    stamp_ns: int,
+    content: bytes,
+    metadata: Mapping[str, str] | None = None,
+) -> bytes:
+    """Encode a message of header version 1; with ``metadata``, in UTF-8, of version 2.
 
     Raises `IgtlContentError` for a device name that is not 1 to 20 ASCII characters.
     """
-    return _packed(1, kind, device, stamp_ns, content)
-
-
-def pack_message_with_metadata(
-    kind: str, device: str, stamp_ns: int, content: bytes, metadata: Mapping[str, str]
-) -> bytes:
-    """Encode a message of header version 2 with ``metadata`` in UTF-8; raises as `pack_message`."""
-    pairs = [(key.encode(), value.encode()) for key, value in metadata.items()]
-    heads = _COUNT.pack(len(pairs))
-    heads += b"".join(_ENTRY.pack(len(key), 106, len(value)) for key, value in pairs)
-    values = b"".join(key + value for key, value in pairs)
-    extended = _EXTENDED.pack(_EXTENDED.size, len(heads), len(values), 0)
-    return _packed(2, kind, device, stamp_ns, extended + content + heads + values)
-
-
-def _packed(version: int, kind: str, device: str, stamp_ns: int, body: bytes) -> bytes:
+    version, body = 1, content
+    if metadata is not None:
+        pairs = [(key.encode(), value.encode()) for key, value in metadata.items()]
+        heads = _COUNT.pack(len(pairs))
+        heads += b"".join(_ENTRY.pack(len(key), 106, len(value)) for key, value in pairs)
+        values = b"".join(key + value for key, value in pairs)
+        extended = _EXTENDED.pack(_EXTENDED.size, len(heads), len(values), 0)
+        version, body = 2, extended + content + heads + values
     name = device.encode("ascii", "replace")
     if not 1 <= len(name) <= 20 or name.decode() != device:
         raise IgtlContentError(f"device is {device!r}; expected 1 to 20 ASCII characters")

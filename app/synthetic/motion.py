@@ -12,7 +12,7 @@ from app.files.paths import shipped
 from app.geometry import FloatArray, InputError, Transform, mismatched_frames
 from app.geometry.rotations import rotation_of_vector
 from app.robot import load_robot
-from app.synthetic.tumour_and_tool import TOOL_LINK
+from app.synthetic.tumour_and_tool import BASE_FRAME, TIP_FRAME, TOOL_LINK
 
 MAX_TURN_RAD = 2.5
 """Rotation vectors are smooth below pi; this leaves a margin."""
@@ -260,14 +260,13 @@ class BreathingBody:
 
 
 class TouchArm:
-    """The kinematics of ``data/robots/touch``.
+    """The kinematics of ``data/robots/touch``, in `BASE_FRAME`.
 
     The tool's tip is the origin of `TOOL_LINK`, and the tool points along its +z.
     """
 
-    def __init__(self, *, base_frame: str, tip_frame: str) -> None:
+    def __init__(self) -> None:
         self._robot = load_robot(TOUCH_URDF)
-        self._base_frame, self._tip_frame = base_frame, tip_frame
 
     @property
     def joint_names(self) -> Sequence[str]:
@@ -277,7 +276,7 @@ class TouchArm:
     def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
         """Pose of the tip in the base frame for ``joints`` (rad)."""
         root_from_tip = self._robot.forward_kinematics(joints)[TOOL_LINK]
-        return root_from_tip.renamed(target=self._base_frame, source=self._tip_frame)
+        return root_from_tip.renamed(target=BASE_FRAME, source=TIP_FRAME)
 
     def joints_for(
         self, base_from_tool: Transform, seed: Mapping[str, float] | None

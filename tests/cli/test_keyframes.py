@@ -48,15 +48,3 @@ def test_intervals_are_even_and_each_gives_first_step_of_its_worst_state(
     for start, end, number in zip(uniform, [*uniform[1:], len(states)], numbers, strict=True):
         part = states[start:end]
         assert number == start + part.index(max(part))
-
-
-def test_few_steps_are_all_selected() -> None:
-    assert [step.number for step in selected([MarginState.NEGATIVE] * 7, 7)] == list(range(7))
-
-
-def test_breach_of_one_frame_is_selected() -> None:
-    states = [MarginState.NEGATIVE] * 5000
-    states[3333] = MarginState.POSITIVE
-    steps = selected(states, 50)
-    assert len(steps) == 50
-    assert [s.number for s in steps if s.decision.state is MarginState.POSITIVE] == [3333]

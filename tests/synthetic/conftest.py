@@ -13,7 +13,7 @@ POINTING_DOWN = np.diag([-1.0, 1.0, -1.0])
 
 
 class GantryArm:
-    """Three prismatic joints (m), then three revolute ones: kinematics in closed form."""
+    """Test double of `TouchArm`: three prismatic joints (m), then three revolute ones."""
 
     joint_names = ("x", "y", "z", "yaw", "pitch", "roll")
 

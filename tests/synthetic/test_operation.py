@@ -7,7 +7,6 @@ import yaml
 from app.case import open_live
 from app.files.meshes import load_mesh
 from app.geometry import InputError, Transform
-from app.synthetic import BASE_FRAME, TIP_FRAME
 from app.synthetic.motion import TouchArm
 from app.synthetic.operation import (
     PIXEL_MM,
@@ -32,7 +31,7 @@ class Played:
     def __init__(self, seed: int = 1) -> None:
         self.truth = operation_truth(seed)
         self.reached: list[str] = []
-        arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
+        arm = TouchArm()
         self.operation = Operation(self.truth, arm, seed, self.reached.append)
 
     def play(self, phase: str) -> list[OperationMoment]:
@@ -87,7 +86,7 @@ def test_the_same_seed_and_requests_give_the_same_moments(touched):
 
 def test_arm_and_tool_touch_the_same_points(touched):
     truth = operation_truth(1)
-    arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
+    arm = TouchArm()
     for moment in touched[::40]:
         poses = {pose.source: pose for pose in moment.poses}
         tip = poses["cautery"].apply(truth.tool_from_tip.translation_mm)

@@ -37,11 +37,9 @@ def add_arguments(parser: CommandParser) -> None:
             "print the JSON Schema of case, live, expected, world, control or cohort.yaml",
         )
     )
-    _add_completion_arguments(
-        parser.add_subcommand(
-            "completion", _run_completion, "print the completion script of a shell"
-        )
-    )
+    parser.add_subcommand(
+        "completion", _run_completion, "print the completion script of a shell"
+    ).add_argument("shell", choices=SHELLS, help="the shell that reads the script")
     _add_clean_arguments(parser.add_subcommand("clean", _run_clean, "list or remove caches"))
 
 
@@ -102,11 +100,6 @@ def _run_schema(options: argparse.Namespace) -> int:
 SHELLS = ("bash", "zsh", "tcsh")
 _FOLDERS = (folder_path, existing_folder, package_folder)
 _FILES = (Path, input_argument, output_path)
-
-
-def _add_completion_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``marginguard doctor completion``."""
-    parser.add_argument("shell", choices=SHELLS, help="the shell that reads the script")
 
 
 def _run_completion(options: argparse.Namespace) -> int:

@@ -61,7 +61,7 @@ def _seed(text: str) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Simulate a case with the Touch arm."""
-    from app.synthetic import BASE_FRAME, TIP_FRAME, simulate_case
+    from app.synthetic import simulate_case
     from app.synthetic.motion import TouchArm
 
     if options.folder.is_dir() and options.folder.samefile(Path.cwd()):
@@ -70,7 +70,6 @@ def run(options: argparse.Namespace) -> int:
     seed, case_options = options.seed, simulated_case_options(options)
     if options.cohort is not None or options.case is not None:
         seed, case_options = _of_cohort(options)
-    arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
     arguments = ["--seed", str(seed), *simulated_case_arguments(options)]
     if options.structures:
         arguments.append("--structures")
@@ -80,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         simulate_case(
             options.folder,
             seed=seed,
-            arm=arm,
+            arm=TouchArm(),
             options=case_options,
             command=" ".join(["marginguard make-case DIR", *arguments]),
             structures=options.structures,

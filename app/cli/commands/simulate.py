@@ -261,15 +261,15 @@ def _run_operation(options: argparse.Namespace) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.tracker_publisher import OPERATION_NODE, OperationNode
-            from app.synthetic import BASE_FRAME, TIP_FRAME
             from app.synthetic.motion import TouchArm
             from app.synthetic.operation import RATE_HZ, Operation, operation_truth
             from app.synthetic.operation_files import CONFIG_NAME, IMAGE_TOPIC, write_operation
 
             truth = operation_truth(options.seed)
             write_operation(options.folder, truth)
-            arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
-            operation = Operation(truth, arm, options.seed, lambda phase: print(phase, flush=True))
+            operation = Operation(
+                truth, TouchArm(), options.seed, lambda phase: print(phase, flush=True)
+            )
         stop, lines = threading.Event(), SimpleQueue[str]()
         received.stops(stop.set)
         threading.Thread(target=_read_input, args=(stop, lines), daemon=True).start()

@@ -50,7 +50,7 @@ def _frames(case: Path, reference_from_base: Transform, seconds: float) -> Itera
     times_ns = np.array([sample.stamp.ns for sample in samples])
     positions = np.array([sample.positions for sample in samples])
     names = samples[0].names
-    arm = TouchArm(base_frame=reference_from_base.source, tip_frame=TOOL_FROM_TIP.source)
+    arm = TouchArm()
     tracker = SimulatedTracker(TrackerModel("white", 50.0, Jitter()), [1])
     tracker_from_reference = Transform("tracker", "reference", np.eye(3), [10.0, 20.0, 30.0])
     for frame in recorded:

@@ -10,7 +10,6 @@ from app.case import JointSample, TrackingFrame
 from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, Transform
 from app.synthetic.motion import TouchArm
 from app.synthetic.simulation import TRACKED_FRAMES, simulate
-from app.synthetic.tumour_and_tool import BASE_FRAME, TIP_FRAME
 
 SEED = 1
 """Seed of the shipped case, whose registration then fits."""
@@ -50,7 +49,7 @@ class SimulatedMotion:
 
     def __init__(self, rate_hz: int) -> None:
         self.rate_hz = rate_hz
-        arm = TouchArm(base_frame=BASE_FRAME, tip_frame=TIP_FRAME)
+        arm = TouchArm()
         simulation = simulate(arm, np.random.default_rng([SEED, 0]))
         times = np.arange(0.0, simulation.duration_s, 1.0 / rate_hz).tolist()
         self.count = len(times)
