@@ -167,8 +167,6 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 MIN_POSES = 4
 """Three poses determine both transforms; more are needed for a check."""
 
-"""Minimum of the largest rotation between two poses."""
-
 MIN_SECOND_TURN_RAD = math.radians(4.0)
 """Minimum RMS rotation about a second axis: parallel axes leave the base free along them."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from app.geometry import Transform
     from app.session import StepResult
 
-CSV_FILES = ("analysis.csv", "breaches.csv", "coverage.csv", "directions.csv")
-PROBABILITY_FILES = ("moments.csv", "whatif.csv")
 _BREACH = (
     *("start_s", "end_s", "duration_s", "frames", "lowest_sample_mm", "distance_mm", "low_mm"),
     *("high_mm", "inside_probability", "entry_speed_mm_s", "direction", "side", "part"),
@@ -50,14 +48,12 @@ def analysis_document(analysis: "CaseAnalysis", methods: Mapping[str, Any]) -> d
 
 
 def analysis_csv(analysis: "CaseAnalysis") -> dict[str, bytes]:
-    """Content of each file of `CSV_FILES`, and of `PROBABILITY_FILES` where errors were given.
-
-    An unknown value is an empty cell.
+    """Content of each file by name. An unknown value is an empty cell.
 
     ``analysis.csv`` has one row, the flat record; ``breaches.csv`` one per breach; ``coverage.csv``
     one per face of the tumour's mesh that was used, with the least distance of the tool;
     ``directions.csv`` one per side of the tumour;
-    ``moments.csv`` one per frame; ``whatif.csv`` one per question.
+    where errors were given, ``moments.csv`` one per frame and ``whatif.csv`` one per question.
     """
     flat = analysis.flat()
     covered = analysis.coverage

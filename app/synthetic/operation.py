@@ -195,7 +195,7 @@ class Operation:
         self._plane = PLANES // 2
         self._tip_mm = self._above(_RETREAT_MM)
         self._targets: list[FloatArray] = []
-        self._dwell_s = self._cone_rad = self._roll_rad = self._turned_rad = self._seconds = 0.0
+        self._dwell_s = self._cone_rad = self._roll_rad = self._seconds = 0.0
         self._joints: Mapping[str, float] | None = None
         # Of the sensor with the shaft along -z of the reference.
         self._base_rotation = np.diag([1.0, -1.0, -1.0]) @ truth.tool_from_tip.rotation.T
@@ -212,7 +212,7 @@ class Operation:
             if not number.isdecimal() or int(number) >= PLANES:
                 raise InputError(f"sweep: {number!r}; expected a plane from 0 to {PLANES - 1}")
             self._plane = int(number)
-        self._phase, self._is_reached, self._turned_rad = Phase(name), False, 0.0
+        self._phase, self._is_reached = Phase(name), False
         self._targets = {
             Phase.TOUCH: [self._truth.centre_mm + np.array(each) for each in _LANDMARKS_MM],
             Phase.APPROACH: [self._above(_APPROACH_MM)],

@@ -14,9 +14,9 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from app.case import convert_case, open_case, recover_recording
 from app.case.messages.ros_messages import ros_types
-from app.cli.main import main
 from app.geometry import InputError
 from tests.case.conftest import add_robot, write_manifest
+from tests.cli.command import refused, run
 
 pytestmark = pytest.mark.slow
 
@@ -118,13 +118,12 @@ def test_unreadable_and_empty_recordings_are_neither_converted_nor_recovered(cas
     assert sorted(each.name for each in tmp_path.iterdir()) == ["case", "x.igs.mha", "x.mcap"]
 
 
-def test_cut_recording_is_recovered_and_not_changed(case, tmp_path, capsys):
+def test_cut_recording_is_recovered_and_not_changed(case, tmp_path):
     source, target = case / "tracking.mcap", tmp_path / "new.mcap"
     whole = content(source)[1]
     source.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
-    assert main(["convert", "recover", str(source), str(target)]) == 0
-    printed = capsys.readouterr().out
+    printed = run("convert", "recover", source, target).out
     assert "note: tracking.mcap is cut or damaged at byte" in printed
     found = content(target)[1]
     assert 0 < len(found) < len(whole)
@@ -146,11 +145,10 @@ def test_cut_recording_is_recovered_and_not_changed(case, tmp_path, capsys):
         ("empty.mcap", "new.mcap", "is not an MCAP file"),
     ],
 )
-def test_recover_refuses_and_writes_nothing(case, source, target, problem, capsys):
+def test_recover_refuses_and_writes_nothing(case, source, target, problem):
     (case / "empty.mcap").touch()
     before = sorted(path.name for path in case.iterdir())
-    assert main(["convert", "recover", str(case / source), str(case / target)]) == 2
-    assert problem in capsys.readouterr().err
+    assert problem in refused("convert", "recover", case / source, case / target)
     assert sorted(path.name for path in case.iterdir()) == before
 
 

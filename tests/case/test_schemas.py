@@ -18,7 +18,6 @@ from app.case.manifest.images import FROM_IGTL, LISTED_DEPTH, NOT_BOTH, ONE_SOUR
 from app.case.manifest.key_rules import RIGID, SESSION_LIMITS
 from app.case.manifest.structures import DIFFERENT, MEASURABLE
 from app.cli.commands.doctor import SCHEMA_NAMES
-from app.cli.main import main
 from app.files import schema_text
 from app.files.document_text import GENERAL_RULES
 from app.files.keys import Block, Key, ListOf
@@ -26,6 +25,7 @@ from app.fixture import LimiterParameters
 from app.geometry import MarginGuardError
 from app.session import limiter_parameters
 from app.session.case_setup import margin_parameters
+from tests.cli.command import refused, run
 from tests.schema_agreement import UNSTATED, refusal, validator
 from tests.valid_documents import (
     BOX,
@@ -81,19 +81,15 @@ def test_committed_schema_is_the_generated_one(document):
     )
 
 
-def test_command_prints_and_writes_the_schema(tmp_path, capsys):
+def test_command_prints_and_writes_the_schema(tmp_path):
     assert (*DOCUMENTS, "world", "control", "cohort") == SCHEMA_NAMES
-    assert main(["doctor", "schema", "live"]) == 0
-    assert capsys.readouterr().out == schema_text(DOCUMENTS["live"], "live")
-    assert main(["doctor", "schema", "case", "-o", str(tmp_path / "case.schema.json")]) == 0
+    assert run("doctor", "schema", "live").out == schema_text(DOCUMENTS["live"], "live")
+    run("doctor", "schema", "case", "-o", tmp_path / "case.schema.json")
     assert (tmp_path / "case.schema.json").read_text() == schema_text(DOCUMENTS["case"], "case")
     case = tmp_path / "case.yaml"
     case.write_text("schema: 1\n")
-    with pytest.raises(SystemExit) as stop:
-        main(["doctor", "schema", "case", "-o", str(case)])
-    assert stop.value.code == 2
-    expected = "case.yaml'; expected a file name that ends with .json\n"
-    assert capsys.readouterr().err.endswith(expected)
+    error = refused("doctor", "schema", "case", "-o", case)
+    assert error.endswith("case.yaml'; expected a file name that ends with .json")
     assert case.read_text() == "schema: 1\n"
 
 

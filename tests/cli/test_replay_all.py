@@ -19,13 +19,13 @@ from app.dicom.study import SEGMENTATION_FILE, STRUCTURE_SET_FILE
 from app.files.paths import sha256_of
 from app.fixture import MarginState
 from app.report import ANALYSIS_FILES, REPORT_FILES, ReplayLog
-from app.report.analysis_files import CSV_FILES
 from tests.cli.command import refused, run, run_json
 from tests.cli.small_case import FRAMES, write_small_case
 
 pytestmark = pytest.mark.long
 
-ALL = {*REPORT_FILES, *ANALYSIS_FILES, "report.pdf", "frames.parquet", *CSV_FILES, DICOM, BAG}
+TABLES = {f"{name}.csv" for name in ("analysis", "breaches", "coverage", "directions")}
+ALL = {*REPORT_FILES, *ANALYSIS_FILES, "report.pdf", "frames.parquet", *TABLES, DICOM, BAG}
 
 
 @pytest.fixture(scope="module")

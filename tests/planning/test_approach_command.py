@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from app.cli.main import main
 from app.cli.parsing import CommandParser
 from app.cli.planning import approach
 from app.control import parse_plan
 from app.geometry import InputError
 from app.workflow import ShownPlan
+from tests.cli.command import refused, run
 from tests.planning.approach_scenes import load
 from tests.tiers import PROJECT_ROOT
 
@@ -88,11 +88,11 @@ def test_bad_file_is_named(plan, tmp_path, name, text, problem):
     assert name in str(raised.value)
 
 
-def test_execution_refuses_what_is_no_plan(capsys, tmp_path):
+def test_execution_refuses_what_is_no_plan(tmp_path):
     plan = tmp_path / "plan.json"
     plan.write_text("[]")
-    assert main(["plan", "execute", str(plan), str(CONTROL)]) == 2
-    assert "plan.json: is not a plan (TypeError" in capsys.readouterr().err
+    error = run("plan", "execute", plan, CONTROL, status=2).err
+    assert "plan.json: is not a plan (TypeError" in error
 
 
 def test_limits_of_a_control_file_are_used(plan, capsys):
@@ -110,10 +110,9 @@ def test_control_file_of_another_robot_is_refused(plan, tmp_path):
         plan("--goal", "goal.json", "--control", "control.yaml")
 
 
-def test_arm_that_is_no_namespace_is_refused(tmp_path, capsys):
+def test_arm_that_is_no_namespace_is_refused(tmp_path):
     (tmp_path / "goal.yaml").write_text("waist: 0.1\n")
     (tmp_path / "limits.yaml").write_text("waist: {acceleration: 5, jerk: 50}\n")
     files = [f"--{name}={tmp_path / name}.yaml" for name in ("goal", "limits")]
-    words = ["plan", "approach", str(ROBOT), "--arm", "arm", "--clearance-mm", "5", *files]
-    assert main(words) == 2
-    assert "--arm is 'arm'; expected a namespace such as /arm" in capsys.readouterr().err
+    error = refused("plan", "approach", ROBOT, "--arm", "arm", "--clearance-mm", "5", *files)
+    assert "--arm is 'arm'; expected a namespace such as /arm" in error
