@@ -21,21 +21,20 @@ from app.bridge.topics import CONSTRAINT, NEWEST, Topic
 from app.cli.commands import rearm
 from app.cli.main import main
 from app.runtime import RequestLog
+from tests.cli.command import run
 
 pytestmark = pytest.mark.slow
 
 
-def test_without_guard_the_exit_status_is_2(domain_id, monkeypatch, capsys):
+def test_without_guard_the_exit_status_is_2(domain_id, monkeypatch):
     monkeypatch.setattr(rearm, "TIMEOUT_S", 0.2)
-    assert main(["rearm", "--yes", "--namespace", "left"]) == 2
-    error = capsys.readouterr().err
+    error = run("rearm", "--yes", "--namespace", "left", status=2).err
     assert "/left/marginguard/constraint: no constraint within 0.2 s; expected" in error
 
 
-def test_without_terminal_the_operator_has_to_say_yes(monkeypatch, capsys):
+def test_without_terminal_the_operator_has_to_say_yes(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
-    assert main(["rearm"]) == 2
-    assert "standard input is not a terminal" in capsys.readouterr().err
+    assert "standard input is not a terminal" in run("rearm", status=2).err
 
 
 def test_output_without_terminal_displays_no_hold(terminal, capsys):
@@ -222,35 +221,35 @@ def no_reply(guard, then):
     ids=["ended", "lasts", "another"],
 )
 def test_without_a_reply_the_next_constraint_says_what_happened(
-    guard, monkeypatch, capsys, then, status, text
+    guard, monkeypatch, then, status, text
 ):
     monkeypatch.setattr(rearm, "TIMEOUT_S", 1.0)
     replied = no_reply(guard, lambda: then(guard))
     try:
-        assert main(["rearm", "--yes"]) == status
+        printed = run("rearm", "--yes", status=status).out
     finally:
         replied.set()
-    no_answer, outcome = capsys.readouterr().out.splitlines()[-2:]
+    no_answer, outcome = printed.splitlines()[-2:]
     assert no_answer.startswith("no reply: ")
     assert outcome.startswith(text)
 
 
-def test_refusal_is_printed_with_the_next_constraint(guard, capsys):
+def test_refusal_is_printed_with_the_next_constraint(guard):
     guard.publish(FixtureConstraint.UNKNOWN)  # a fault, whose cause persists
 
     def refuse(seen):
         raise BridgeError("the state is UNKNOWN")
 
     guard.check_rearm = refuse
-    assert main(["rearm", "--yes"]) == 1
+    printed = run("rearm", "--yes", status=1).out
     nonce = guard.stream.present().nonce
-    assert capsys.readouterr().out.splitlines()[-2:] == [
+    assert printed.splitlines()[-2:] == [
         "refused: the state is UNKNOWN",
         f"next constraint: on hold, nonce {nonce} (reasons: latched)",
     ]
 
 
-def test_refusal_is_printed_when_the_guard_leaves(guard, monkeypatch, capsys):
+def test_refusal_is_printed_when_the_guard_leaves(guard, monkeypatch):
     monkeypatch.setattr(rearm, "TIMEOUT_S", 2.0)
 
     def refuse(seen, origin):
@@ -258,8 +257,7 @@ def test_refusal_is_printed_when_the_guard_leaves(guard, monkeypatch, capsys):
         raise BridgeError("the state is UNKNOWN")
 
     guard.rearm = refuse
-    assert main(["rearm", "--yes"]) == 1
-    refused, after = capsys.readouterr().out.splitlines()[-2:]
+    refused, after = run("rearm", "--yes", status=1).out.splitlines()[-2:]
     assert refused == "refused: the state is UNKNOWN"
     assert after.startswith("the hold after the refusal is not known: /marginguard/constraint: no")
 

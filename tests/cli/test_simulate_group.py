@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.cli.main import main
 from tests.bridge.live.conftest import DEADLINE_S
+from tests.cli.command import run
 from tests.cli.test_page_push import STOP_MM, tumor_from_tool
 from tests.cli.test_page_push import judge as judge
 from tests.waiting import wait_until
@@ -96,9 +96,9 @@ def test_guard_and_page_are_two_processes_and_end_with_the_simulation(start, pro
     wait_until_ended(children.values())
 
 
-def test_missing_file_of_a_command_is_named(tmp_path, capsys, project_root):
+def test_missing_file_of_a_command_is_named(tmp_path, project_root):
     world = project_root / "data" / "worlds" / "lumpectomy" / "world.yaml"
     (tmp_path / "world.yaml").write_text(world.read_text())
-    assert main(["simulate", str(tmp_path), "--with", "control"]) == 2
-    (line,) = [each for each in capsys.readouterr().err.splitlines() if "error" in each]
+    error = run("simulate", tmp_path, "--with", "control", status=2).err
+    (line,) = [each for each in error.splitlines() if "error" in each]
     assert re.search(r"control\.yaml: no such file; expected it beside the world", line)

@@ -6,9 +6,9 @@ import time
 import pytest
 
 from app.cli.installation_checks import check_state
-from app.cli.main import main
 from app.files.paths import state_folder
 from app.hold import InstanceKey, live_state
+from tests.cli import command
 
 KEY = InstanceKey("host", 7, "/watch", "")
 
@@ -60,11 +60,10 @@ def test_folder_that_cannot_be_written_has_a_remedy(folder):
     assert "XDG_STATE_HOME" in check.remedy
 
 
-def test_clean_leaves_the_hold(folder, capsys):
+def test_clean_leaves_the_hold(folder):
     run(folder, held=True)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert main(["doctor", "clean"]) == 0
-    assert str(folder) not in capsys.readouterr().out
+    assert str(folder) not in command.run("doctor", "clean").out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 

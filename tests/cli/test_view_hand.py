@@ -6,7 +6,7 @@ from geometry_msgs.msg import WrenchStamped
 
 from app.bridge import RosNode
 from app.bridge.topics import STREAM, Topic
-from app.cli.main import main
+from tests.cli.command import run
 from tests.cli.test_view import SENDER
 from tests.viewer.conftest import Server
 from tests.waiting import wait_until
@@ -110,6 +110,5 @@ def test_drag_publishes_a_limited_force_until_release_and_until_the_page_is_clos
         ["simulate", "data/worlds/lumpectomy", "--hand", "page", "--with", "control"],
     ],
 )
-def test_hand_without_a_page_that_can_show_it_is_refused(words, capsys):
-    assert main(words) == 2
-    assert "--hand is" in capsys.readouterr().err
+def test_hand_without_a_page_that_can_show_it_is_refused(words):
+    assert "--hand is" in run(*words, status=2).err
