@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.analysis.samples import Breach, CaseSamples, find_breaches
 from app.analysis.smoothing import Jitter, Smoothing, smooth
@@ -272,41 +273,21 @@ def analyse_breaches(
     """
     found = find_breaches(samples.rows(), stale_after_ns)
     times, measured = samples.times_s, samples.measured()
-    analysed = []
-    for breach, (first_s, last_s) in zip(found, _search_limits(found), strict=True):
-        deepest = breach.deepest
-        letters = place_letters(samples.on_tumor_mm[deepest] - centroid_mm, ras_from_tumor)
-        x, y, z = samples.on_tumor_mm[deepest].tolist()
-        near = measured[
-            (times[measured] >= breach.start_s - PAD_S) & (times[measured] <= breach.end_s + PAD_S)
-        ]
-        inside = (times[near] >= breach.start_s) & (times[near] <= breach.end_s)
-        estimate = None
-        if jitter is not None and inside.any():
-            estimate = estimate_depth(
-                times[near],
-                samples.distances_mm[near],
-                jitter,
-                start_s=max(first_s, float(times[near[0]])),
-                end_s=min(last_s, float(times[near[-1]])),
-                bias_sigma_mm=bias_sigma_mm,
-                seed=breach.first,
-            )
-        analysed.append(
-            AnalysedBreach(
-                breach.start_s,
-                breach.end_s,
-                breach.frames,
-                breach.min_signed_distance_mm,
-                estimate,
-                _entry_speed(times[measured], samples.distances_mm[measured], breach.start_s),
-                anatomical_words(letters),
-                anatomical_words(letters[:1]),
-                (x, y, z),
-                _part(samples.on_tool_mm[deepest]),
-            )
+    limits = _search_limits(found)
+    return tuple(
+        _analysed(
+            samples,
+            times,
+            measured,
+            breach,
+            limit,
+            jitter,
+            centroid_mm,
+            ras_from_tumor,
+            bias_sigma_mm,
         )
-    return tuple(analysed)
+        for breach, limit in zip(found, limits, strict=True)
+    )
 
 
 def _search_limits(found: Sequence[Breach]) -> list[tuple[float, float]]:
@@ -320,6 +301,49 @@ def _search_limits(found: Sequence[Breach]) -> list[tuple[float, float]]:
         (max(breach.start_s - EDGE_S, bounds[k]), min(breach.end_s + EDGE_S, bounds[k + 1]))
         for k, breach in enumerate(found)
     ]
+
+
+def _analysed(
+    samples: CaseSamples,
+    times: FloatArray,
+    measured: NDArray[np.intp],
+    breach: Breach,
+    limit_s: tuple[float, float],
+    jitter: Jitter | None,
+    centroid_mm: FloatArray,
+    ras_from_tumor: FloatArray | None,
+    bias_sigma_mm: float,
+) -> AnalysedBreach:
+    deepest = breach.deepest
+    letters = place_letters(samples.on_tumor_mm[deepest] - centroid_mm, ras_from_tumor)
+    x, y, z = samples.on_tumor_mm[deepest].tolist()
+    near = measured[
+        (times[measured] >= breach.start_s - PAD_S) & (times[measured] <= breach.end_s + PAD_S)
+    ]
+    inside = (times[near] >= breach.start_s) & (times[near] <= breach.end_s)
+    estimate = None
+    if jitter is not None and inside.any():
+        estimate = estimate_depth(
+            times[near],
+            samples.distances_mm[near],
+            jitter,
+            start_s=max(limit_s[0], float(times[near[0]])),
+            end_s=min(limit_s[1], float(times[near[-1]])),
+            bias_sigma_mm=bias_sigma_mm,
+            seed=breach.first,
+        )
+    return AnalysedBreach(
+        breach.start_s,
+        breach.end_s,
+        breach.frames,
+        breach.min_signed_distance_mm,
+        estimate,
+        _entry_speed(times[measured], samples.distances_mm[measured], breach.start_s),
+        anatomical_words(letters),
+        anatomical_words(letters[:1]),
+        (x, y, z),
+        _part(samples.on_tool_mm[deepest]),
+    )
 
 
 def _entry_speed(times: FloatArray, distances: FloatArray, start_s: float) -> float | None:

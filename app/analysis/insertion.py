@@ -60,12 +60,7 @@ def first_crossings(
             ray = rays[begin : begin + pairs]
             faces = blocks[hit[begin : begin + pairs]]
             crossed, out = _cross(corners, faces, starts_mm[part][ray], directions[part][ray])
-            order = np.lexsort((crossed, ray))
-            ray, crossed, out = ray[order], crossed[order], out[order]
-            nearest = np.append(True, ray[1:] != ray[:-1])[: len(ray)]
-            ray, crossed, out = first + ray[nearest], crossed[nearest], out[nearest]
-            nearer = crossed < distances[ray]
-            distances[ray[nearer]], leaves[ray[nearer]] = crossed[nearer], out[nearer]
+            _keep_nearest(distances[part], leaves[part], ray, crossed, out)
     return Crossings(distances, leaves)
 
 
@@ -118,6 +113,22 @@ def _cross(
     rows = np.arange(len(faces))
     # The determinant is negative where the ray runs along the outward normal.
     return found[rows, nearest], scale[rows, nearest] < 0.0
+
+
+def _keep_nearest(
+    distances: FloatArray,
+    leaves: NDArray[np.bool_],
+    ray: NDArray[np.intp],
+    crossed: FloatArray,
+    out: NDArray[np.bool_],
+) -> None:
+    """Update ``distances`` and ``leaves`` in place by crossings of ``ray``, in rising order."""
+    order = np.lexsort((crossed, ray))
+    ray, crossed, out = ray[order], crossed[order], out[order]
+    first = np.append(True, ray[1:] != ray[:-1])[: len(ray)]
+    ray, crossed, out = ray[first], crossed[first], out[first]
+    nearer = crossed < distances[ray]
+    distances[ray[nearer]], leaves[ray[nearer]] = crossed[nearer], out[nearer]
 
 
 def tissue_damage_mm2(

@@ -163,9 +163,7 @@ def smooth(
         rotated = vectors.T @ white
         for index, scale in enumerate(AMPLITUDES):
             amplitude = scale * noise.sigma_mm
-            # The standard deviation of the second derivative: the kernel's fourth one at 0.
-            acceleration_mm_s2 = math.sqrt(49.0 / 5.0) * amplitude / length**2
-            if index == 0 or acceleration_mm_s2 <= max_acceleration_mm_s2:
+            if index == 0 or _acceleration(amplitude, length) <= max_acceleration_mm_s2:
                 variances = 1.0 + amplitude**2 * np.maximum(spectrum, 0.0)
                 fits.append((_evidence(rotated, variances), length, amplitude**2))
     best = max(fit for fit, _, _ in fits)
@@ -177,16 +175,15 @@ def smooth(
     for (_, length, variance), weight in zip(fits, weights.tolist(), strict=True):
         if weight == 0.0:
             continue
-        # The map from samples to the mean, and the covariance, by equations 2.41 and 2.42.
-        cross = variance * _matern(np.abs(grid_s[:, None] - times_s[None, :]), length)
-        total = variance * _matern(lag, length) + covariance
-        solved = np.linalg.solve(total, np.column_stack([trend, cross.T]))
-        inverse_trend, by_sample = solved[:, : degree + 1], solved[:, degree + 1 :].T
-        information = trend.T @ inverse_trend
-        rest = basis - by_sample @ trend
-        linear = by_sample + rest @ np.linalg.solve(information, inverse_trend.T)
-        prior = variance * _matern(np.abs(grid_s[:, None] - grid_s[None, :]), length)
-        spread = prior - by_sample @ cross.T + rest @ np.linalg.solve(information, rest.T)
+        linear, spread = _posterior(
+            times_s,
+            grid_s,
+            trend,
+            basis,
+            variance * _matern(lag, length) + covariance,
+            length,
+            variance,
+        )
         gain += weight * linear
         parts.append((weight, linear @ values_mm, spread))
     return Smoothing(tuple(parts), gain)
@@ -196,6 +193,11 @@ def _matern(lag: FloatArray, length: float) -> FloatArray:
     scaled = math.sqrt(7.0) * lag / length
     polynomial = 1.0 + scaled * (1.0 + scaled * (0.4 + scaled / 15.0))
     return np.asarray(polynomial * np.exp(-scaled))
+
+
+def _acceleration(amplitude: float, length: float) -> float:
+    """Standard deviation of the second derivative: the fourth derivative of the kernel at 0."""
+    return math.sqrt(49.0 / 5.0) * amplitude / length**2
 
 
 def _evidence(data_and_trend: FloatArray, variances: FloatArray) -> float:
@@ -211,3 +213,24 @@ def _evidence(data_and_trend: FloatArray, variances: FloatArray) -> float:
     quadratic = data @ data - projected @ np.linalg.solve(information, projected)
     log_det = np.log(variances).sum() + np.linalg.slogdet(information)[1]
     return float(-0.5 * (quadratic + log_det))
+
+
+def _posterior(
+    times: FloatArray,
+    grid: FloatArray,
+    trend: FloatArray,
+    basis: FloatArray,
+    covariance: FloatArray,
+    length: float,
+    variance: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Map (m, n) from samples to the mean, and covariance (m, m) (equations 2.41, 2.42)."""
+    cross = variance * _matern(np.abs(grid[:, None] - times[None, :]), length)
+    solved = np.linalg.solve(covariance, np.column_stack([trend, cross.T]))
+    inverse_trend, weights = solved[:, : trend.shape[1]], solved[:, trend.shape[1] :].T
+    information = trend.T @ inverse_trend
+    to_trend = np.linalg.solve(information, inverse_trend.T)
+    rest = basis - weights @ trend
+    prior = variance * _matern(np.abs(grid[:, None] - grid[None, :]), length)
+    spread = prior - weights @ cross.T + rest @ np.linalg.solve(information, rest.T)
+    return weights + rest @ to_trend, spread
