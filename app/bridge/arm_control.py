@@ -24,7 +24,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Quaternion
 from rclpy.publisher import Publisher
 from scipy.spatial.transform import Rotation
@@ -35,7 +35,7 @@ from app.bridge import topics
 from app.bridge.arm_inputs import ArmInputs, BasePose, ConstraintInput
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.convert.plain import message_type
-from app.bridge.messages import header_message, metres, vector_message
+from app.bridge.messages import diagnostic_status, header_message, metres, vector_message
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError, CallError, UnknownTypeError
 from app.bridge.topics import NEWEST, Topic
@@ -282,17 +282,12 @@ class ControlNode:
             level = DiagnosticStatus.OK
         values = {
             "latched": str(self._controller.latched).lower(),
-            "watchdog_stops": str(self.watchdog_stops),
-            "late_steps": str(self.late_steps),
-            **{f"stops: {text}": str(count) for text, count in sorted(self.stops.items())},
+            "watchdog_stops": self.watchdog_stops,
+            "late_steps": self.late_steps,
+            **{f"stops: {text}": count for text, count in sorted(self.stops.items())},
         }
-        status = DiagnosticStatus(
-            level=level,
-            name=f"marginguard: control {self._description.arm}",
-            message="; ".join([_text(decision), *problems]),
-            hardware_id=self._description.arm,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
+        text, arm = "; ".join([_text(decision), *problems]), self._description.arm
+        status = diagnostic_status(f"control {arm}", level, text, values, arm)
         header = header_message("", Stamp(now_ns))
         self._diagnostics.publish(DiagnosticArray(header=header, status=[status]))
 

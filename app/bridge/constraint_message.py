@@ -1,8 +1,6 @@
 """Constraints as messages: built from decisions, read as plain values in mm, received."""
 
 import math
-import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Self
@@ -13,11 +11,10 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureOff, Str
 
 from app.bridge import messages
 from app.bridge.convert.generic_topics import create_endpoint, read_message
-from app.bridge.message_origin import Origin
 from app.bridge.messages import MM_PER_M, ns_of
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
-from app.bridge.sender_names import node_name, nodes_text
+from app.bridge.sender_names import SingleSender
 from app.bridge.topics import NEWEST, Topic
 from app.fixture import (
     MAX_TURN_RAD_S,
@@ -29,7 +26,7 @@ from app.fixture import (
 )
 from app.geometry import FloatArray, InputError, Stamp
 from app.runtime import LatestValue, ReceivedConstraint, ReceivedStructure, SessionContent
-from app.session import Sample, SenderTrail, StructureStep
+from app.session import StructureStep
 
 DEFAULT_TOPIC = "/marginguard/constraint"
 
@@ -114,9 +111,10 @@ class ConstraintBuilder:
         message.header.frame_id = self._frame
         if self._planes_from is not None:
             messages.set_time(message.header.stamp, self._planes_from)
-            messages.set_time(message.valid_until, self._until(self._planes_from))
+            expires = self._planes_from.shifted(self._stale_after_ns, self._planes_from.clock)
+            messages.set_time(message.valid_until, expires)
         if decision.constraint is not None:
-            message.half_spaces = half_space_messages(decision.constraint)
+            message.half_spaces = [_half_space(*row) for row in decision.constraint.rows.tolist()]
             message.half_space_structures = list(half_spaces_of) if structures else []
             message.free_distance = _metres(decision.constraint.free.distance_mm)
             message.free_turn = decision.constraint.free.turn_rad
@@ -129,10 +127,6 @@ class ConstraintBuilder:
             if self._k_tre > 0.0:
                 message.sigma_tre = _metres(decision.margin.tre_mm / self._k_tre)
         return message
-
-    def _until(self, stamp: Stamp) -> Stamp:
-        """The time at which planes of ``stamp`` expire."""
-        return stamp.shifted(self._stale_after_ns, stamp.clock)
 
 
 def _known_bound(structure: StructureStep) -> float:
@@ -152,18 +146,16 @@ def _known_distance(decision: FixtureDecision) -> float:
     return _metres(decision.proximity.signed_distance_mm)
 
 
-def half_space_messages(constraint: Constraint) -> list[HalfSpace]:
-    """Convert half-spaces: unit normals, offsets and points in m, velocities in m/s."""
-    return [_half_space(*row) for row in constraint.rows.tolist()]
-
-
 def _half_space(
     offset_mm: float,
     nx: float, ny: float, nz: float,
     px: float, py: float, pz: float,
     vx: float, vy: float, vz: float,
 ) -> HalfSpace:  # fmt: skip
-    """One row of `Constraint.rows`. Fills in a new message, quicker than to construct its parts."""
+    """One row of `Constraint.rows`: a unit normal, offset and point in m, velocity in m/s.
+
+    Fills in a new message, quicker than to construct its parts.
+    """
     message = HalfSpace(offset=_metres(offset_mm))
     normal, point, velocity = message.normal, message.point_on_tool, message.tumor_velocity
     normal.x, normal.y, normal.z = nx, ny, nz
@@ -222,24 +214,14 @@ class ConstraintReader:
         self._topic = Topic(topic, FixtureConstraint, NEWEST)
         self._timeout_s = timeout_s
         self._newest: LatestValue[bytes] = LatestValue()
-        self._senders, self._lock = SenderTrail(), threading.Lock()
         self._ros = RosNode("constraint_reader")
         try:
-            create_endpoint(self._subscribe, topic)
+            self._sender = create_endpoint(
+                lambda: SingleSender(self._ros, self._topic, self._newest.put), topic
+            )
         except BaseException:
             self._ros.close()
             raise
-
-    def _subscribe(self) -> object:
-        return self._ros.subscribe_with_origin(self._topic, self._receive)
-
-    def _receive(self, data: bytes, origin: Origin) -> None:
-        if origin.sender is not None:
-            with self._lock:
-                sample = Sample(0, data)
-                if not self._senders.observe(origin.sender, sample, time.monotonic_ns()):
-                    return
-        self._newest.put(data)
 
     def read(self, timeout_s: float | None = None) -> ReceivedConstraint:
         """The newest constraint that has not been read yet; waits for it.
@@ -249,7 +231,8 @@ class ConstraintReader:
         """
         limit_s = self._timeout_s if timeout_s is None else timeout_s
         raw = self._newest.take(limit_s)
-        self._check_single()
+        if problem := self._sender.problem():
+            raise BridgeError(problem)
         if raw is None:
             raise BridgeError(f"{self._topic.name}: no constraint in {limit_s:g} s{self._cause()}")
         return _received(read_message(raw, self._topic), self._topic.name)
@@ -267,19 +250,6 @@ class ConstraintReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _check_single(self) -> None:
-        with self._lock:
-            if not self._senders.conflict:
-                return
-            infos = self._ros.node.get_publishers_info_by_topic(self._topic.name)
-            present = {bytes(info.endpoint_gid) for info in infos}
-            conflict = self._senders.check(time.monotonic_ns(), present.__contains__)
-        if conflict:
-            names = nodes_text(node_name(info) for info in infos)
-            raise BridgeError(
-                f"{self._topic.name}: {len(conflict)} publishers send ({names}); expected one"
-            )
 
     def _cause(self) -> str:
         """The probable cause for which no message has arrived, as the end of an error message."""

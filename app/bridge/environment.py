@@ -8,7 +8,7 @@ once, with ``LD_LIBRARY_PATH`` set to the libraries of the wheels. Consequences:
 * Process id, arguments and standard streams stay the same. The start takes 50 to 100 ms longer.
 * Child processes inherit ``LD_LIBRARY_PATH`` and the variable that marks the re-execution. A child
   in the same environment is not re-executed. A child in *another* environment with ROS wheels
-  would load the libraries of this one: start it with `without_bootstrap`.
+  would load the libraries of this one: start it without the two variables.
 * ``python -S`` skips the hook, and the hook replaces a program that embeds Python. Both must set
   the two variables themselves.
 
@@ -23,7 +23,7 @@ Nor does it destroy a participant safely by itself: `finish_discovery`.
 import ctypes
 import os
 import re
-from collections.abc import Iterable, Mapping, MutableMapping, Sequence
+from collections.abc import Iterable, Mapping, MutableMapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -52,7 +52,6 @@ _USER_VARIABLES: dict[str, tuple[str, ...]] = {
 """Variables with which a user configures discovery, each with the values that do not. Our profile
 would override such a configuration, so it is not used then."""
 
-_HOOK_VARIABLES = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
 
 ENABLE = "ROS_SECURITY_ENABLE"
 STRATEGY = "ROS_SECURITY_STRATEGY"
@@ -111,7 +110,9 @@ def prepare_environment(environment: MutableMapping[str, str] | None = None) -> 
         variables[_SKIP_PROFILES_HERE] = "1"  # the working directory may change later
     else:
         variables[DISCOVERY_RANGE] = "LOCALHOST"
-    return _log_line(user_configuration)
+    names = " and ".join(user_configuration)
+    unless = f", unless {names} configures otherwise" if names else ""
+    return f"ROS discovery stays on this machine{unless}; set {DISCOVERY_RANGE}=SUBNET to extend it"
 
 
 def keeps_to_this_machine(environment: Mapping[str, str] | None = None) -> bool:
@@ -132,12 +133,6 @@ def _user_configuration(variables: Mapping[str, str]) -> list[str]:
     return found
 
 
-def _log_line(user_configuration: Sequence[str] = ()) -> str:
-    names = " and ".join(user_configuration)
-    unless = f", unless {names} configures otherwise" if names else ""
-    return f"ROS discovery stays on this machine{unless}; set {DISCOVERY_RANGE}=SUBNET to extend it"
-
-
 def domain_of() -> int:
     """The ROS domain, 0 by default; raises `BridgeError` for a text that is no number."""
     text = os.environ.get(DOMAIN) or "0"
@@ -145,11 +140,6 @@ def domain_of() -> int:
         return int(text)
     except ValueError as error:
         raise BridgeError(f"{DOMAIN} is {text!r}; expected a number") from error
-
-
-def without_bootstrap(environment: Mapping[str, str]) -> dict[str, str]:
-    """Copy of ``environment`` for a child process in another Python environment."""
-    return {name: value for name, value in environment.items() if name not in _HOOK_VARIABLES}
 
 
 class SecurityError(BridgeError):

@@ -104,13 +104,7 @@ def foreign_endpoints(endpoints: Iterable[TopicEndpointInfo], message_type: type
     other packages.
     """
     expected = expected_digest(message_type)
-    found = {}
-    for info in endpoints if expected is not None else ():
-        announced = info.topic_type_hash
-        if announced.version == 1 and bytes(announced.value).hex() != expected:
-            namespace = info.node_namespace.rstrip("/")
-            found[f"{namespace}/{info.node_name}"] = bytes(announced.value).hex()
-    return found
+    return {} if expected is None else _announcing_others(endpoints, expected)
 
 
 def foreign_clients(node: Node, service: str, service_type: type) -> dict[str, str]:
@@ -132,17 +126,16 @@ def foreign_clients(node: Node, service: str, service_type: type) -> dict[str, s
     if not own:
         return {}
     clients = node.get_publishers_info_by_topic(topic, no_mangle=True)
-    return _foreign(clients, own[0])
+    connected = [each for each in clients if each.topic_type == own[0].topic_type]
+    return _announcing_others(connected, bytes(own[0].topic_type_hash.value).hex())
 
 
-def _foreign(clients: Iterable[TopicEndpointInfo], own: TopicEndpointInfo) -> dict[str, str]:
-    """Those of ``clients`` that DDS connects to ``own`` and that have another hash."""
-    expected = bytes(own.topic_type_hash.value)
+def _announcing_others(endpoints: Iterable[TopicEndpointInfo], expected: str) -> dict[str, str]:
+    """Other hashes than ``expected`` by the names of the nodes."""
     found = {}
-    for info in clients:
+    for info in endpoints:
         announced = info.topic_type_hash
-        is_connected = info.topic_type == own.topic_type
-        if is_connected and announced.version == 1 and bytes(announced.value) != expected:
+        if announced.version == 1 and bytes(announced.value).hex() != expected:
             namespace = info.node_namespace.rstrip("/")
             found[f"{namespace}/{info.node_name}"] = bytes(announced.value).hex()
     return found

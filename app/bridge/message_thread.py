@@ -193,6 +193,7 @@ class TurnExecutor(SingleThreadedExecutor):
 
 
 def _never() -> bool:
+    """One object: rclpy drops what is ready when it is called with another condition."""
     return False
 
 

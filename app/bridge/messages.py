@@ -15,10 +15,11 @@ Marker.color, ColorRGBA                  0 to 1       0 to 1
 are in mm.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from numpy.typing import ArrayLike
 from rosgraph_msgs.msg import Clock
@@ -147,6 +148,19 @@ def color_message(rgb: Iterable[float], alpha: float = 1.0) -> ColorRGBA:
     """Color from red, green, blue and opacity, each from 0 to 1."""
     r, g, b = (float(value) for value in rgb)
     return ColorRGBA(r=r, g=g, b=b, a=alpha)
+
+
+def diagnostic_status(
+    part: str, level: bytes, message: str, values: Mapping[str, object], hardware: str = ""
+) -> DiagnosticStatus:
+    """Status ``marginguard: part``; the values are written as text."""
+    return DiagnosticStatus(
+        level=level,
+        name=f"marginguard: {part}",
+        message=message,
+        hardware_id=hardware,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
 
 
 def playback_text(manifest: CaseManifest) -> str:

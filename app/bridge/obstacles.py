@@ -125,7 +125,14 @@ class Obstacles:
         return self._ros.node.get_publishers_info_by_topic(self._name)
 
     def _take(self, data: bytes, origin: Origin, *, is_latched: bool) -> None:
-        if not is_latched and self._hears_latched and self._sends_latched(origin):
+        if (
+            not is_latched
+            and self._hears_latched
+            and any(
+                bytes(info.endpoint_gid) == origin.sender
+                for info in filter(_is_latched, self._infos())
+            )
+        ):
             return  # the other subscription gets it
         with self._lock:
             before = dict(self._found)
@@ -156,11 +163,6 @@ class Obstacles:
         if lost > 0:
             text = f"obstacles: {lost} messages are lost; expected all, after a DELETEALL"
             self._set((origin.sender, None, 1), text)
-
-    def _sends_latched(self, origin: Origin) -> bool:
-        return any(
-            bytes(info.endpoint_gid) == origin.sender for info in filter(_is_latched, self._infos())
-        )
 
     def _apply(self, marker: Marker, sender: bytes | None) -> None:
         key, name = (sender, marker.ns, marker.id), f"{marker.ns}/{marker.id}"

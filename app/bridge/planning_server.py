@@ -16,10 +16,10 @@ import time
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from geometry_msgs.msg import Pose, PoseStamped, Quaternion
+from geometry_msgs.msg import PoseStamped
 from marginguard_msgs.action import Plan
 from marginguard_msgs.srv import NeedleCorridors
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import ColorRGBA
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,6 +30,7 @@ from app.bridge.guard_scene import GuardScene, Scene, ids_of, poses_of
 from app.bridge.messages import MM_PER_M, color_message, header_message, point_message, pose_of
 from app.bridge.node import RosNode
 from app.bridge.plan_execution import ExecutionNode, alone
+from app.bridge.publishing.markers import marker_message
 from app.control import ControlDescription
 from app.geometry import (
     NS_PER_S,
@@ -271,15 +272,7 @@ def _replacing(*markers: Marker) -> MarkerArray:
 def _marker(
     name: str, frame: str, kind: int, size_m: float, points_mm: Iterable[FloatArray]
 ) -> Marker:
-    marker = Marker(
-        header=Header(frame_id=frame),
-        ns=name,
-        type=kind,
-        action=Marker.ADD,
-        pose=Pose(orientation=Quaternion(w=1.0)),
-        color=ColorRGBA(a=1.0),
-        frame_locked=True,
-        points=[point_message(each) for each in points_mm],
-    )
+    marker = marker_message(name, frame, kind, ColorRGBA(a=1.0))
+    marker.points = [point_message(each) for each in points_mm]
     marker.scale.x = marker.scale.y = marker.scale.z = size_m
     return marker

@@ -11,7 +11,7 @@ from dataclasses import replace
 from threading import Event
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -20,7 +20,7 @@ from app.bridge import topics
 from app.bridge.live.sources import CountedSubscription
 from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.message_origin import Origin
-from app.bridge.messages import joint_state_message, playback_text
+from app.bridge.messages import diagnostic_status, joint_state_message, playback_text
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.topics import INCOMING, STREAM, Topic
@@ -124,7 +124,7 @@ class SoleSource:
         others = self._others()
         ends_s = time.monotonic() + _REPLY_S
         # The name of a node arrives after its first endpoint; nothing is published meanwhile.
-        while _has_unknown_name(others) and time.monotonic() < ends_s:
+        while time.monotonic() < ends_s and any(each.node_name == UNKNOWN_NODE for each in others):
             time.sleep(_POLL_S)
             others = self._others() or others
         self._refuse(others)
@@ -169,10 +169,6 @@ class _Endpoint(NamedTuple):
     namespace: str
     node_name: str
     gid: bytes
-
-
-def _has_unknown_name(endpoints: Sequence[_Endpoint]) -> bool:
-    return any(each.node_name == UNKNOWN_NODE for each in endpoints)
 
 
 class PlaybackNode:
@@ -243,16 +239,11 @@ class PlaybackNode:
             "provenance.kind": provenance.kind,
             "provenance.source": provenance.source,
             "provenance.licence": provenance.licence,
-            "poses": str(self.poses),
-            "joint samples": str(self.joints),
+            "poses": self.poses,
+            "joint samples": self.joints,
         }
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN,
-            name="marginguard: playback",
-            message="PLAYBACK: poses from a recording",
-            hardware_id="",
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
+        text = "PLAYBACK: poses from a recording"
+        status = diagnostic_status("playback", DiagnosticStatus.WARN, text, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._ros.node.get_clock().now().to_msg()
         self._diagnostics.publish(array)

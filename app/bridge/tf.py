@@ -62,9 +62,9 @@ class _Edge:
 class TransformBuffer:
     """Keeps the last ``keep_ns`` of every edge and looks up transforms between any two frames.
 
-    A frame has one parent. A new parent discards the history under the old one (`reparented`
-    counts that). So does a jump back by more than `DISORDER_NS` (`restarts`). Of two samples with
-    the same stamp the first is kept, as in tf2, so that the result of a lookup does not change.
+    A frame has one parent. A new parent discards the history under the old one. So does a jump
+    back by more than `DISORDER_NS` (`restarts`). Of two samples with the same stamp the first is
+    kept, as in tf2, so that the result of a lookup does not change.
     ``max_frames`` (in total) and ``max_samples`` (per edge) bound the memory that network input can
     occupy; frames beyond the limit are refused.
     """
@@ -82,8 +82,6 @@ class TransformBuffer:
         self._frames: set[str] = set()
         self._changed = threading.Condition()
         self._now_ns: int | None = None
-        self.reparented = 0
-        self.jumps = 0
 
     def insert(
         self, parent: str, child: str, stamp_ns: int, pose: Pose, *, static: bool = False
@@ -113,7 +111,6 @@ class TransformBuffer:
             jumped = self._now_ns is not None and now_ns < self._now_ns
             self._now_ns = now_ns
             if jumped:
-                self.jumps += 1
                 edges = self._edges.items()
                 self._edges = {child: edge for child, edge in edges if edge.history is None}
             return jumped
@@ -233,8 +230,6 @@ class TransformBuffer:
         if child in above:
             loop = " -> ".join((child, *reversed(above[: above.index(child)]), child))
             raise TfConnectivityError(f"{parent} -> {child} would close the loop {loop}")
-        if child in self._edges:
-            self.reparented += 1
         history: StampHistory[Pose] = StampHistory(
             keep_ns=self._keep_ns, restart_ns=DISORDER_NS, max_values=self._max_samples
         )

@@ -8,7 +8,7 @@ from threading import Event
 from typing import Protocol
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 from numpy.typing import NDArray
@@ -17,7 +17,12 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
 from app.bridge.convert.array_messages import image_message
-from app.bridge.messages import header_message, joint_state_message, transform_message
+from app.bridge.messages import (
+    diagnostic_status,
+    header_message,
+    joint_state_message,
+    transform_message,
+)
 from app.bridge.node import RosNode
 from app.bridge.topics import NEWEST, STREAM, Topic
 from app.case import JointSample
@@ -106,12 +111,8 @@ def _diagnostic(source: IgtlSource, superseded: int) -> DiagnosticStatus:
         "samples that a newer one replaced": str(superseded),
         "last refusal": source.last_refusal,
     }
-    return DiagnosticStatus(
-        level=level if source.connected else DiagnosticStatus.ERROR,
-        name="marginguard: OpenIGTLink",
-        message=source.status,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
+    level = level if source.connected else DiagnosticStatus.ERROR
+    return diagnostic_status("OpenIGTLink", level, source.status, values)
 
 
 def message_of_image(image: ImageSample) -> Image:

@@ -13,14 +13,14 @@ from app.bridge.environment import (
     UDP_ON_THIS_MACHINE,
     listens_to_other_machines,
     prepare_environment,
-    without_bootstrap,
 )
 from tests.bridge.processes import Child
 
 pytestmark = pytest.mark.slow
 
 LOCALHOST = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-WITHOUT_HOOK_VARIABLES = without_bootstrap(os.environ)
+HOOK_VARIABLES = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+WITHOUT_HOOK_VARIABLES = {k: v for k, v in os.environ.items() if k not in HOOK_VARIABLES}
 
 
 BY_UDP = {

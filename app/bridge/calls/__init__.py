@@ -2,11 +2,7 @@
 
 from app.bridge.calls.action_client import ActionClient, Goal
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
-from app.bridge.calls.parameter_client import (
-    ParameterChange,
-    ParameterClient,
-    ParameterDescription,
-)
+from app.bridge.calls.parameter_client import ParameterChange, ParameterClient
 from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer
 from app.bridge.calls.service_client import PendingReply, ServiceClient
 from app.bridge.calls.service_server import ServiceServer
@@ -39,7 +35,6 @@ __all__ = [
     "ParameterChange",
     "ParameterClient",
     "ParameterDeclaration",
-    "ParameterDescription",
     "ParameterServer",
     "ParameterUnsetError",
     "PendingReply",

@@ -102,7 +102,6 @@ class ActionServer:
         check: Callable[[Any], None] = lambda goal: None,
     ) -> None:
         self.type = action_type(action)
-        self.rejected = 0
         self.refused = 0
         self.failures = 0
         self._ros = ros
@@ -181,7 +180,6 @@ class ActionServer:
                 self.failures += 1
                 reason = f"the check failed: {type(error).__name__}: {error}"
         if reason:
-            self.rejected += 1
             self._ros.node.get_logger().warning(
                 f"action {self.name}: goal rejected: {reason}", throttle_duration_sec=1.0
             )

@@ -144,10 +144,6 @@ def _rotated(last: Transform, pose: Transform) -> bool:
     return len(select_poses((last, pose), min_distance_mm=0.0)) > 1
 
 
-def _every(last: Transform, pose: Transform) -> bool:
-    return True
-
-
 def _calibrate_tip(
     goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
 ) -> _Calibration:
@@ -204,7 +200,7 @@ _METHODS: dict[int, _Method] = {
         "spin the tool about its shaft with the tip held in place", _rotated, _calibrate_shaft
     ),
     Calibrate.Goal.LANDMARK: _Method(
-        "hold the tip still on the landmark", _every, _locate_landmark
+        "hold the tip still on the landmark", lambda last, pose: True, _locate_landmark
     ),
 }
 

@@ -1,28 +1,16 @@
 """Parameters of another node: list, get, set, describe, and watch for changes."""
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterEvent
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-)
+from rcl_interfaces.msg import Parameter, ParameterEvent
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.subscription import Subscription
 
-from app.bridge.calls.parameter_server import (
-    TYPE_NAMES,
-    Plain,
-    Settable,
-    parameter_value,
-    plain_value,
-)
+from app.bridge.calls.parameter_server import Plain, Settable, parameter_value, plain_value
 from app.bridge.calls.service_client import DEFAULT_TIMEOUT_S, ServiceClient
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import CallError, ConversionError, ParameterUnsetError, RefusedError
@@ -32,26 +20,7 @@ _EVENTS = Topic("/parameter_events", ParameterEvent, qos_profile_parameter_event
 _REPEAT_S = 1.0
 """Parameter requests are idempotent and can be repeated."""
 
-_SERVICES = {
-    "list_parameters": ListParameters,
-    "get_parameters": GetParameters,
-    "get_parameter_types": GetParameterTypes,
-    "set_parameters": SetParameters,
-    "describe_parameters": DescribeParameters,
-}
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterDescription:
-    """Descriptor of a parameter; ``lowest`` and ``highest`` are None without a range."""
-
-    name: str
-    type: str
-    text: str
-    constraints: str
-    read_only: bool
-    lowest: float | None
-    highest: float | None
+_SERVICES = {"get_parameters": GetParameters, "set_parameters": SetParameters}
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,17 +56,6 @@ class ParameterClient:
         """True if the parameter services of the node are discovered."""
         return self._services["get_parameters"].is_available
 
-    def names(
-        self,
-        *prefixes: str,
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        cancel: threading.Event | None = None,
-    ) -> tuple[str, ...]:
-        """List the names of the node's parameters, restricted to ``prefixes`` if any are given."""
-        request = ListParameters.Request(prefixes=list(prefixes), depth=0)
-        reply = self._call("list_parameters", request, timeout_s, cancel)
-        return tuple(reply.result.names)
-
     def get(
         self,
         name: str,
@@ -105,45 +63,14 @@ class ParameterClient:
         cancel: threading.Event | None = None,
     ) -> Plain:
         """Get the value of one parameter; raises `ParameterUnsetError`."""
-        return self.get_many((name,), timeout_s, cancel)[name]
-
-    def get_many(
-        self,
-        names: Sequence[str],
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        cancel: threading.Event | None = None,
-    ) -> dict[str, Plain]:
-        """Get several parameters in one request; raises `ParameterUnsetError` if any is not set."""
-        request = GetParameters.Request(names=list(names))
+        request = GetParameters.Request(names=[name])
         values = self._call("get_parameters", request, timeout_s, cancel).values
-        # rclpy and rclcpp return an empty reply if any name is not declared.
-        if len(values) != len(names):
-            raise ParameterUnsetError(f"{self.node} has not declared {_quoted(names)}")
-        found = {name: plain_value(value) for name, value in zip(names, values, strict=True)}
-        unset = [name for name, value in found.items() if value is None]
-        if unset:
-            raise ParameterUnsetError(f"{self.node} has no value for {_quoted(unset)}")
-        return {name: value for name, value in found.items() if value is not None}
-
-    def type_of(
-        self,
-        name: str,
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        cancel: threading.Event | None = None,
-    ) -> str:
-        """Type name such as ``integer`` or ``double[]``; empty if not set or not declared."""
-        request = GetParameterTypes.Request(names=[name])
-        types = self._call("get_parameter_types", request, timeout_s, cancel).types
-        return TYPE_NAMES.get(types[0], f"type {types[0]}") if len(types) == 1 else ""
-
-    def is_set(
-        self,
-        name: str,
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        cancel: threading.Event | None = None,
-    ) -> bool:
-        """True if the parameter is declared and has a value."""
-        return self.type_of(name, timeout_s, cancel) != ""
+        if not values:  # rclpy and rclcpp return none for a name that is not declared
+            raise ParameterUnsetError(f"{self.node} has not declared {name!r}")
+        value = plain_value(values[0])
+        if value is None:
+            raise ParameterUnsetError(f"{self.node} has no value for {name!r}")
+        return value
 
     def set(
         self,
@@ -163,19 +90,6 @@ class ParameterClient:
         ]
         if refused:
             raise RefusedError(f"{self.node} refused {'; '.join(refused)}")
-
-    def describe(
-        self,
-        name: str,
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        cancel: threading.Event | None = None,
-    ) -> ParameterDescription:
-        """Get type, description and range; raises `ParameterUnsetError` if not declared."""
-        request = DescribeParameters.Request(names=[name])
-        descriptors = self._call("describe_parameters", request, timeout_s, cancel).descriptors
-        if len(descriptors) != 1:
-            raise ParameterUnsetError(f"{self.node} has not declared {name}")
-        return _description(descriptors[0])
 
     def watch(self, changed: Callable[[ParameterChange], None]) -> None:
         """Call ``changed(change)`` in the thread of our node when parameters change."""
@@ -215,20 +129,3 @@ class ParameterClient:
 
 def _messages(values: Mapping[str, Settable]) -> list[Parameter]:
     return [Parameter(name=name, value=parameter_value(value)) for name, value in values.items()]
-
-
-def _description(message: ParameterDescriptor) -> ParameterDescription:
-    ranges = (*message.floating_point_range, *message.integer_range)
-    return ParameterDescription(
-        name=message.name,
-        type=TYPE_NAMES.get(message.type, f"type {message.type}"),
-        text=message.description,
-        constraints=message.additional_constraints,
-        read_only=message.read_only,
-        lowest=float(ranges[0].from_value) if ranges else None,
-        highest=float(ranges[0].to_value) if ranges else None,
-    )
-
-
-def _quoted(names: Sequence[str]) -> str:
-    return ", ".join(repr(name) for name in names)

@@ -186,8 +186,7 @@ receives all of them: with ROS's default of 10 a burst of another client would d
 class ServiceClient:
     """``ServiceClient(ros, "std_srvs/srv/Trigger", "/robot/home").call(Trigger.Request())``.
 
-    A reply that arrives after the caller's timeout is logged and counted in `late_replies`. The
-    newest 100 abandoned calls are tracked for that; `forgotten` counts the dropped ones.
+    A reply that arrives after the caller's timeout is logged, for the newest 100 abandoned calls.
     """
 
     def __init__(self, ros: RosNode, service: str | type, name: str) -> None:
@@ -199,8 +198,6 @@ class ServiceClient:
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             raise CallError(f"no client for a service {name!r}: {reason_of(error)}") from error
         self.name = str(self._client.service_name)
-        self.late_replies = 0
-        self.forgotten = 0
         self._server = ServerWait(ros, lambda: self.is_available, f"service {self.name}")
         self._closed = False
         self._lock = threading.Lock()
@@ -294,13 +291,10 @@ class ServiceClient:
             if late:
                 self._abandoned.remove(future)
         if late:
-            # Log before counting, so that the log line exists when the count is observed.
             self._ros.node.get_logger().warning(
                 f"service {self.name}: a reply arrived after the caller's timeout",
                 throttle_duration_sec=1.0,
             )
-            with self._lock:
-                self.late_replies += 1
 
     def _abandon(self, future: Future) -> None:
         with self._lock:
@@ -311,5 +305,4 @@ class ServiceClient:
             if len(self._abandoned) <= _MAX_ABANDONED:
                 return
             oldest = self._abandoned.popleft()
-            self.forgotten += 1
         self._client.remove_pending_request(oldest)

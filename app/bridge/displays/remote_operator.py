@@ -83,19 +83,22 @@ class RemoteOperator:
     ) -> None:
         self._ros, self._service = ros, service
         self._compute = compute
-        self._content = content
+        self.content = content
+        """The content of the last step."""
         self._instance_id = ""
         self._wire = SessionWire()
         self._client: ServiceClient | None = None
         self._creating = threading.Lock()
         self._texts = ("", "")
         self._seen = SeenHold(0, 0)
-        self._request: OperatorRequest | None = None
-        self._recording: RecordingStatus | None = None
+        self.last_request: OperatorRequest | None = None
+        """The request that the session has listed last; None before any."""
+        self.recording: RecordingStatus | None = None
+        """State of the last recording of the session; None before the first."""
 
     def follow(self, content: SessionContent, message: SessionStep) -> None:
         """Use what came with a step."""
-        self._content = content
+        self.content = content
         self._seen = SeenHold(message.hold_seq, message.hold_nonce)
         self._instance_id = message.instance_id
         texts = message.request, message.recording
@@ -103,23 +106,8 @@ class RemoteOperator:
             self._texts = texts
             request, recording = texts
             value = self._wire.value
-            self._request = value(OperatorRequest, request) if request else None
-            self._recording = value(RecordingStatus, recording) if recording else None
-
-    @property
-    def content(self) -> SessionContent:
-        """The content of the last step."""
-        return self._content
-
-    @property
-    def recording(self) -> RecordingStatus | None:
-        """State of the last recording of the session; None before the first."""
-        return self._recording
-
-    @property
-    def last_request(self) -> OperatorRequest | None:
-        """The request that the session has listed last; None before any."""
-        return self._request
+            self.last_request = value(OperatorRequest, request) if request else None
+            self.recording = value(RecordingStatus, recording) if recording else None
 
     def seen(self) -> SeenHold:
         """Identifies the hold of the last step."""

@@ -1,11 +1,10 @@
 """A live session on the ROS graph: its sources, its outputs, its recorder, its lifecycle."""
 
-from app.bridge.live.live_node import LiveNode, LiveNodeLifecycle, live_node
+from app.bridge.live.live_node import LiveNodeLifecycle, live_node
 from app.bridge.live.ros_recorder import RosRecorder, SessionWatch
 from app.bridge.live.sources import TfSource, TrackedTransformSource, listen_to_joints, source_of
 
 __all__ = [
-    "LiveNode",
     "LiveNodeLifecycle",
     "RosRecorder",
     "SessionWatch",

@@ -4,8 +4,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from app.bridge.control import MarginParameterServer, OperatorServices
@@ -25,7 +23,6 @@ from app.runtime import (
     ComputeProcess,
     HoldKeeper,
     LiveRun,
-    OperatorCommands,
     PreparedLive,
     RequestKind,
 )
@@ -43,22 +40,6 @@ _LOAD_AFTER_S = 2.0
 """The process for new tumours starts so long after the session, when that has been loaded."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LiveNode:
-    """A `LiveRun` with its ROS endpoints, made by `live_node`."""
-
-    live_run: LiveRun
-
-    @property
-    def commands(self) -> OperatorCommands:
-        """Changes the session."""
-        return self.live_run.commands
-
-    def stop(self) -> None:
-        """Request the end of `LiveRun.steps`. Thread-safe."""
-        self.live_run.stop()
-
-
 @contextmanager
 def live_node(
     prepared: PreparedLive,
@@ -69,7 +50,7 @@ def live_node(
     audit: Path | None = None,
     cases: Path | None = None,
     displays: Sequence[str] = (),
-) -> Iterator[LiveNode]:
+) -> Iterator[LiveRun]:
     """Join the ROS graph: subscribe to the source of ``prepared``, serve the operator.
 
     With ``ros`` it uses that node, in the node's own thread; the owner of the node destroys its
@@ -95,7 +76,7 @@ def live_node(
             namespace=namespace,
             heartbeat_hz=constraint_hz,
             policy=PublishPolicy(clock=False, measured=measured, robot=False),
-            counts=partial(_all_counts, counts),
+            counts=lambda: {name: n for each in counts for name, n in each().items()},
             ros=ros,
         ) as publisher,
         ExitStack() as stack,
@@ -126,7 +107,7 @@ def live_node(
                 lambda: {"callbacks that failed": node.failures},
                 node_outputs.refused_twists,
             ]
-            yield LiveNode(run)
+            yield run
         finally:
             node_outputs.twists.close()
             inputs.close()
@@ -190,10 +171,6 @@ def _joined(first: Mapping[Reason, str], second: Mapping[Reason, str]) -> Mappin
     return {**first, **second, **texts}
 
 
-def _all_counts(counts: Sequence[Counts]) -> Mapping[str, int]:
-    return {name: n for each in counts for name, n in each().items()}
-
-
 @contextmanager
 def served_operators(
     ros: RosNode, run: LiveRun, config: LiveCase, displays: Sequence[str], instance_id: str
@@ -233,7 +210,7 @@ def served_operators(
 
 
 class LiveNodeLifecycle:
-    """A `LiveNode` for `app.bridge.control.LifecycleRosNode`; each *configure* makes a new one.
+    """A `live_node` for `app.bridge.control.LifecycleRosNode`; each *configure* makes a new one.
 
     ``opened(ros)`` makes it. ``follow(steps)`` iterates over its steps while it is active, in a
     thread of its own. ``failed(error)`` is called there with an error that ended the steps: an
@@ -242,7 +219,7 @@ class LiveNodeLifecycle:
 
     def __init__(
         self,
-        opened: Callable[[RosNode], AbstractContextManager[LiveNode]],
+        opened: Callable[[RosNode], AbstractContextManager[LiveRun]],
         follow: Callable[[Iterator[StepResult]], None],
         failed: Callable[[Exception], None],
     ) -> None:
@@ -250,7 +227,7 @@ class LiveNodeLifecycle:
         self._follow = follow
         self._failed = failed
         self._open = ExitStack()
-        self._node: LiveNode | None = None
+        self._node: LiveRun | None = None
         self._thread: threading.Thread | None = None
 
     def configure(self, ros: RosNode) -> None:
@@ -260,7 +237,7 @@ class LiveNodeLifecycle:
     def activate(self) -> None:
         """Take steps. After an earlier *deactivate* the hold is latched until `~/rearm`."""
         if self._node is not None:
-            self._node.live_run.live.resume()
+            self._node.live.resume()
             self._thread = threading.Thread(
                 target=self._run, args=(self._node,), name="live steps", daemon=True
             )
@@ -278,9 +255,9 @@ class LiveNodeLifecycle:
         self._node = None
         self._open.close()
 
-    def _run(self, node: LiveNode) -> None:
+    def _run(self, node: LiveRun) -> None:
         try:
-            with closing(node.live_run.steps()) as steps:
+            with closing(node.steps()) as steps:
                 self._follow(steps)
         except Exception as error:  # the owner of the process decides
             self._failed(error)

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from app.bridge.messages import header_message
+from app.bridge.messages import diagnostic_status, header_message
 from app.bridge.publishing.markers import margin_text
 from app.fixture import MarginState
 from app.geometry import (
@@ -81,14 +81,13 @@ class Diagnostics:
         if step.tools:
             status.append(_tools_status(step))
         if self._counts is not None:
-            counts = {name: str(count) for name, count in self._counts().items()}
             level, message = DiagnosticStatus.OK, "counts since the start"
             if step.playback:
                 level, message = DiagnosticStatus.WARN, f"PLAYBACK: {step.playback}"
-            status.append(_status("source", level, message, counts))
+            status.append(diagnostic_status("source", level, message, self._counts()))
         if problems:
             text = "; ".join(problems)
-            status.append(_status("messages", DiagnosticStatus.ERROR, text, {}))
+            status.append(diagnostic_status("messages", DiagnosticStatus.ERROR, text, {}))
         return DiagnosticArray(header=header_message("", now), status=status)
 
     def _tracking_status(self, step: StepResult, stale_after_ns: int) -> DiagnosticStatus:
@@ -113,7 +112,7 @@ class Diagnostics:
             level, texts = DiagnosticStatus.STALE, ["nothing was tracked so far"]
         if step.frames_problem:
             level, texts = max(level, DiagnosticStatus.WARN), [step.frames_problem, *texts]
-        return _status("tracking", level, "; ".join(texts) or "all tracked", values)
+        return diagnostic_status("tracking", level, "; ".join(texts) or "all tracked", values)
 
 
 def _margin_status(step: StepResult) -> DiagnosticStatus:
@@ -131,13 +130,15 @@ def _margin_status(step: StepResult) -> DiagnosticStatus:
         values["signed_distance_mm"] = f"{decision.proximity.signed_distance_mm:.3f}"
     if decision.margin is not None:
         values["applied_stop_mm"] = f"{decision.margin.total_mm:.3f}"
-    return _status("margin", LEVEL_OF_STATE[decision.state], margin_text(decision), values)
+    return diagnostic_status(
+        "margin", LEVEL_OF_STATE[decision.state], margin_text(decision), values
+    )
 
 
 def _tools_status(step: StepResult) -> DiagnosticStatus:
     level = DiagnosticStatus.WARN if step.warnings else DiagnosticStatus.OK
     message = "; ".join(step.warnings) or "apart"
-    return _status("tools", level, message, {each.name: each.text for each in step.tools})
+    return diagnostic_status("tools", level, message, {each.name: each.text for each in step.tools})
 
 
 def _robot_status(step: StepResult) -> DiagnosticStatus:
@@ -146,18 +147,8 @@ def _robot_status(step: StepResult) -> DiagnosticStatus:
     if step.joints is not None:
         values["age_ms"] = _age_ms(step.frame.stamp, step.joints.stamp)
     level = DiagnosticStatus.WARN if step.robot_problem else DiagnosticStatus.OK
-    return _status("joints", level, step.robot_problem or "received", values)
+    return diagnostic_status("joints", level, step.robot_problem or "received", values)
 
 
 def _age_ms(now: Stamp, stamp: Stamp) -> str:
     return f"{stamp.age_ns(now) / NS_PER_MS:.1f}"
-
-
-def _status(part: str, level: bytes, message: str, values: dict[str, str]) -> DiagnosticStatus:
-    return DiagnosticStatus(
-        level=level,
-        name=f"marginguard: {part}",
-        message=message,
-        hardware_id="",
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )

@@ -119,7 +119,9 @@ class Markers:
         lowest, highest = content.tumor.bounds_mm
         text_at_mm = (lowest + highest) / 2.0
         text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
-        self._text = _marker("margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, ColorRGBA())
+        self._text = marker_message(
+            "margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, ColorRGBA()
+        )
         self._text.pose.position = point_message(text_at_mm)
         self._text.scale.z = float(metres(TEXT_HEIGHT_MM))
 
@@ -159,12 +161,13 @@ def margin_text(decision: FixtureDecision, governing: str = "") -> str:
 
 
 def _surface(name: str, frame: str, color: ColorRGBA, number: int) -> Marker:
-    marker = _marker(name, frame, Marker.TRIANGLE_LIST, color)
+    marker = marker_message(name, frame, Marker.TRIANGLE_LIST, color)
     marker.points = [placeholder(number)]
     return marker
 
 
-def _marker(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker:
+def marker_message(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker:
+    """Marker of scale 1 at the origin of ``frame``, locked to it."""
     marker = Marker(
         header=Header(frame_id=frame, stamp=Time()),
         ns=name,

@@ -27,7 +27,7 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, TwistStamped, WrenchStamped
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
@@ -35,6 +35,7 @@ from std_msgs.msg import String
 
 from app.bridge.convert.plain import message_type
 from app.bridge.messages import (
+    diagnostic_status,
     header_message,
     metres,
     point_message,
@@ -180,16 +181,9 @@ class ArmEndpoint:
 
     def status(self, state: ArmState) -> DiagnosticStatus:
         """The arm's state for ``/diagnostics``."""
-        return DiagnosticStatus(
-            level=_LEVELS[state.status],
-            name=f"marginguard: arm {self.entry.name}",
-            message=state.fault or str(state.status),
-            hardware_id=self.entry.name,
-            values=[
-                KeyValue(key="operating_state", value=str(state.status)),
-                KeyValue(key="is_busy", value=str(state.is_busy).lower()),
-            ],
-        )
+        values = {"operating_state": state.status, "is_busy": str(state.is_busy).lower()}
+        level, text = _LEVELS[state.status], state.fault or str(state.status)
+        return diagnostic_status(f"arm {self.entry.name}", level, text, values, self.entry.name)
 
     def _publish_tool(self, base_from_tool: Transform, stamp: Stamp) -> None:
         header = header_message(base_from_tool.target, stamp)

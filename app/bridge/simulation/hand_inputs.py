@@ -19,9 +19,10 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Joy
 
-from app.bridge.arm_inputs import NewestMessage, SingleSender
+from app.bridge.arm_inputs import NewestMessage
 from app.bridge.messages import MM_PER_M, header_message, ns_of, vector_message
 from app.bridge.node import RosNode
+from app.bridge.sender_names import SingleSender
 from app.bridge.topics import INCOMING, NEWEST, Topic
 from app.geometry import (
     NS_PER_S,

@@ -24,13 +24,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from app.bridge import topics
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.messages import header_message
+from app.bridge.messages import diagnostic_status, header_message
 from app.bridge.node import RosNode
 from app.bridge.simulation.arm_endpoint import ArmEndpoint, has_reader
 from app.bridge.simulation.hand_inputs import DeviceHand
@@ -215,12 +215,9 @@ class SimulationNode:
 
     def _publish_diagnostics(self, state: WorldState) -> None:
         statuses = [arm.status(state.arms[name]) for name, arm in self._arms.items()]
-        pace = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if self._lags else DiagnosticStatus.OK,
-            name="marginguard: simulation",
-            message=f"{self._lags} times behind real time" if self._lags else "real time",
-            values=[KeyValue(key="lags", value=str(self._lags))],
-        )
+        level = DiagnosticStatus.WARN if self._lags else DiagnosticStatus.OK
+        text = f"{self._lags} times behind real time" if self._lags else "real time"
+        pace = diagnostic_status("simulation", level, text, {"lags": self._lags})
         edits = DiagnosticStatus(
             name="marginguard: edits of bodies",
             message=f"{self._edits.applied} applied, {self._edits.refused} refused",

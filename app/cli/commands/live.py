@@ -28,9 +28,9 @@ from app.cli.process import SignalState, note_signals, prompt_process
 from app.cli.ros import load_ros
 
 if TYPE_CHECKING:
-    from app.bridge.live import LiveNode
     from app.bridge.node import RosNode
     from app.cli.live_lines import LinePrinter
+    from app.runtime import LiveRun
     from app.session import StepResult
 
 SUMMARY = "monitor the margin live, with samples from ROS 2 or OpenIGTLink"
@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
         else:
             with _opened(options, received, shown) as node:
                 received.stops(node.stop)
-                with closing(node.live_run.steps()) as steps:
+                with closing(node.steps()) as steps:
                     _print_changes(steps, shown)
     return received.exit_status
 
@@ -134,7 +134,7 @@ def _opened(
     received: SignalState,
     shown: "_StepOutput",
     ros: "RosNode | None" = None,
-) -> Iterator["LiveNode"]:
+) -> Iterator["LiveRun"]:
     with received.ends_at_once():
         from app.bridge.live import live_node
         from app.runtime import prepare_live
@@ -174,7 +174,7 @@ class _StepOutput:
         self._as_json = as_json
         self._printer: LinePrinter | None = None
 
-    def begin(self, node: "LiveNode", *, stamps_of_host: bool) -> None:
+    def begin(self, node: "LiveRun", *, stamps_of_host: bool) -> None:
         """Print the steps of ``node`` from now on."""
         from app.cli.live_lines import LinePrinter
 

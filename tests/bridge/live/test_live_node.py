@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from app.bridge.heartbeat import steady_ns
-from app.bridge.live import LiveNode, LiveNodeLifecycle
+from app.bridge.live import LiveNodeLifecycle
 from app.bridge.live.outputs import TwistOutput
 from app.runtime import LiveRun, PassiveOutput, StepTiming
 from tests.doubles import PARAMETERS
@@ -35,7 +35,7 @@ def test_error_of_a_step_ends_the_outputs_and_is_passed_to_the_error_callback():
     host, failed, errors = SimulatedHost(), threading.Event(), []
     track(host, 0, 400)
     publisher = Failing()
-    node = LiveNode(LiveRun(host.live, one_link_content(), (publisher,)))
+    node = LiveRun(host.live, one_link_content(), (publisher,))
 
     def on_error(error):
         errors.append((str(error), publisher.ended))

@@ -40,7 +40,7 @@ class Margins:
         self._thread.start()
 
     def _run(self, node):
-        for step in node.live_run.steps():
+        for step in node.steps():
             values = plain(step)
             if values is not None:
                 with self._changed:

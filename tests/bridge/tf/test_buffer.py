@@ -157,7 +157,7 @@ def test_new_parent_discards_the_history():
     buffer = TransformBuffer()
     buffer.insert("a", "c", 1, IDENTITY)
     buffer.insert("b", "c", 2, IDENTITY)
-    assert (buffer.parent("c"), buffer.reparented) == ("b", 1)
+    assert buffer.parent("c") == "b"
     with pytest.raises(TfConnectivityError):
         buffer.lookup("a", "c")
 
@@ -168,7 +168,6 @@ def test_clock_jump_back_keeps_only_static_edges():
     buffer.insert("a", "b", 9, IDENTITY)
     buffer.insert("b", "c", 0, IDENTITY, static=True)
     assert buffer.set_now(3)
-    assert buffer.jumps == 1
     assert buffer.lookup("b", "c").stamp_ns is None
     with pytest.raises(TfConnectivityError):
         buffer.lookup("a", "b")
