@@ -120,9 +120,10 @@ class BreachMarkers:
     ) -> None:
         self._scene = scene
         self._batch = batch
-        self._style = style or MarkerStyle()
+        self.style = style or MarkerStyle()
+        """The style that is shown."""
         self._kept = SpacedPoints(MIN_SPACING_MM, MAX_KEPT)
-        self._marks = SpacedPoints(self._style.spacing_mm, MAX_MARKS)
+        self._marks = SpacedPoints(self.style.spacing_mm, MAX_MARKS)
         self.node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", _MARKS_NAME)
         self.node.SetAndObserveTransformNodeID(tumor_pose.GetID())
         self.node.SetLocked(True)
@@ -132,17 +133,12 @@ class BreachMarkers:
         display.SetColor(*MARK_COLOR)
         display.SetGlyphType(vtkMRMLMarkupsDisplayNode.Sphere3D)
         display.SetUseGlyphScale(False)
-        display.SetGlyphSize(self._style.size_mm)
+        display.SetGlyphSize(self.style.size_mm)
         display.SetPropertiesLabelVisibility(False)
         display.SetPointLabelsVisibility(False)
 
     def __len__(self) -> int:
         return int(self.node.GetNumberOfControlPoints())
-
-    @property
-    def style(self) -> MarkerStyle:
-        """The style that is shown."""
-        return self._style
 
     @property
     def spacing_mm(self) -> float:
@@ -165,9 +161,9 @@ class BreachMarkers:
 
     def set_style(self, style: MarkerStyle) -> None:
         """Show ``style``, also for the breaches so far."""
-        if style == self._style:
+        if style == self.style:
             return
-        self._style = style
+        self.style = style
         self.node.GetDisplayNode().SetGlyphSize(style.size_mm)
         self._marks = SpacedPoints(style.spacing_mm, MAX_MARKS)
         for point in self._kept.points:
@@ -177,7 +173,7 @@ class BreachMarkers:
     def clear(self) -> None:
         """Remove all marks; the node stays."""
         self._kept = SpacedPoints(MIN_SPACING_MM, MAX_KEPT)
-        self._marks = SpacedPoints(self._style.spacing_mm, MAX_MARKS)
+        self._marks = SpacedPoints(self.style.spacing_mm, MAX_MARKS)
         self.node.RemoveAllControlPoints()
 
     def remove(self) -> None:

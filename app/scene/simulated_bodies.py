@@ -33,7 +33,8 @@ class BodyModels:
 
     def __init__(self, scene: MarginGuardScene, parent: str) -> None:
         self._scene, self._parent = scene, parent
-        self._meshes: dict[str, SurfaceMesh] = {}
+        self.meshes: dict[str, SurfaceMesh] = {}
+        """Surface of each body, in its frame."""
         self._frames: dict[str, vtkMRMLLinearTransformNode] = {}
         self.models: dict[str, vtkMRMLModelNode] = {}
         """By the name of the body."""
@@ -42,11 +43,6 @@ class BodyModels:
     def world(self) -> vtkMRMLLinearTransformNode | None:
         """The node of the frame that has the pose of the world; None while it is not known."""
         return self._scene.tree.node(self._parent)
-
-    @property
-    def meshes(self) -> Mapping[str, SurfaceMesh]:
-        """Surface of each body, in its frame."""
-        return self._meshes
 
     def show(
         self, meshes: Iterable[SurfaceMesh], poses: Mapping[str, Transform], *, is_current: bool
@@ -73,13 +69,13 @@ class BodyModels:
         self._use({})
 
     def _use(self, meshes: Mapping[str, SurfaceMesh]) -> None:
-        gone = [name for name, mesh in self._meshes.items() if meshes.get(name) is not mesh]
-        new = [name for name, mesh in meshes.items() if self._meshes.get(name) is not mesh]
+        gone = [name for name, mesh in self.meshes.items() if meshes.get(name) is not mesh]
+        new = [name for name, mesh in meshes.items() if self.meshes.get(name) is not mesh]
         if not gone and not new:
             return
         with self._scene.batch.content():
             for name in gone:
-                del self._meshes[name]
+                del self.meshes[name]
                 remove_displayed(self._scene.scene, self.models.pop(name))
                 remove_node(self._scene.scene, self._frames.pop(name))
             for name in new:
@@ -95,7 +91,7 @@ class BodyModels:
         for node in (frame, model):
             mark(node, PART)
             node.SaveWithSceneOff()  # they are those of a running simulation
-        self._meshes[name], self._frames[name], self.models[name] = mesh, frame, model
+        self.meshes[name], self._frames[name], self.models[name] = mesh, frame, model
 
     def _move(self, node: vtkMRMLLinearTransformNode, pose: Transform) -> None:
         matrix = vtk_matrix(pose)

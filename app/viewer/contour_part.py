@@ -32,7 +32,7 @@ from app.viewer.downloads import Write, operators_file
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.image_cuts import SurfaceCuts, pixels_from_root
 from app.viewer.image_part import svg_path
-from app.viewer.messages.checks import Commands, integer, number, one_of, text
+from app.viewer.messages.checks import Check, Commands, integer, number, one_of, text
 from app.viewer.view_state import ViewState
 from app.workflow import ContourTumor, DisplayOperator
 
@@ -246,11 +246,8 @@ class ContourControls:
     and the contour stays as it is.
     """
 
-    def __init__(
-        self, commands: Commands, part: ContourPart, changed: Callable[[], None], *, live: bool
-    ) -> None:
-        self._part = part
-        self._changed = changed
+    def __init__(self, commands: Commands, part: ContourPart, *, live: bool) -> None:
+        self._part, self._editor = part, part.editor
         image = integer(0, _MAX_NUMBER)
         commands.add("contour_add", self._add, _author, image, _pixel, _pixel)
         tool = one_of(tool_names())
@@ -258,64 +255,43 @@ class ContourControls:
         commands.add("contour_move", self._move, _author, _seen, image, _pixel, _pixel)
         radius = number(0.0, MAX_ERASE_MM)
         commands.add("contour_erase", self._erase, _author, _seen, image, _pixel, _pixel, radius)
-        commands.add("contour_undo", self._undo, _author, _seen)
-        commands.add("contour_delete_all", self._delete_all, _author, _seen)
-        dilation = number(0.0, MAX_DILATION_MM)
-        commands.add("contour_dilation", self._dilate, _author, _seen, dilation)
-        error = number(0.0, MAX_CALIBRATION_MM)
-        radius = number(0.0, MAX_RADIUS_MM)
-        commands.add("contour_hydromark", self._mark, _author, _seen, radius)
-        commands.add("contour_calibration", self._calibrate, _author, _seen, error)
+
+        def add(name: str, call: Callable[..., None], *checks: Check) -> None:
+            def change(author: str, seen: int, *values: float) -> None:
+                call(Change(author, seen), *values)
+
+            commands.add(f"contour_{name}", change, _author, _seen, *checks)
+
+        def accept(change: Change) -> None:
+            self._editor.require_seen(change)
+            part.accept()
+
+        add("undo", self._editor.undo)
+        add("delete_all", self._editor.delete_all)
+        add("dilation", self._editor.dilate, number(0.0, MAX_DILATION_MM))
+        add("hydromark", self._editor.mark_hydromark, number(0.0, MAX_RADIUS_MM))
+        add("calibration", self._editor.calibrate, number(0.0, MAX_CALIBRATION_MM))
         if live:
-            commands.add("contour_accept", self._accept, _author, _seen)
+            add("accept", accept)
 
     def _add(self, author: str, image: int, x: float, y: float) -> None:
         place = self._place(image, x, y)
-        editor = self._part.editor
-        self._do(lambda: editor.add(Change(author, editor.revision), place, image, (x, y)))
+        self._editor.add(Change(author, self._editor.revision), place, image, (x, y))
 
     def _tip(self, author: str, tool: str) -> None:
-        def add() -> None:
-            place = self._part.places.tip_mm(tool)
-            editor.add(Change(author, editor.revision), place)
-
-        editor = self._part.editor
-        self._do(add)
+        place = self._part.places.tip_mm(tool)
+        self._editor.add(Change(author, self._editor.revision), place)
 
     def _move(self, author: str, seen: int, point: int, x: float, y: float) -> None:
-        editor = self._part.editor
-        known = editor.contour.point(point)
+        known = self._editor.contour.point(point)
         if known is not None and known.image is None:
             raise InputError("contour: a point at the tip cannot be moved; expected to erase it")
         # A point that is gone is refused by the editor.
         place = np.zeros(3) if known is None else self._place(known.image or 0, x, y)
-        self._do(lambda: editor.move(Change(author, seen), point, place, (x, y)))
+        self._editor.move(Change(author, seen), point, place, (x, y))
 
     def _erase(self, author: str, seen: int, image: int, x: float, y: float, radius: float) -> None:
-        place = self._place(image, x, y)
-        self._do(lambda: self._part.editor.erase(Change(author, seen), place, radius))
-
-    def _undo(self, author: str, seen: int) -> None:
-        self._do(lambda: self._part.editor.undo(Change(author, seen)))
-
-    def _delete_all(self, author: str, seen: int) -> None:
-        self._do(lambda: self._part.editor.delete_all(Change(author, seen)))
-
-    def _dilate(self, author: str, seen: int, dilation_mm: float) -> None:
-        self._do(lambda: self._part.editor.dilate(Change(author, seen), dilation_mm))
-
-    def _mark(self, author: str, seen: int, radius_mm: float) -> None:
-        self._do(lambda: self._part.editor.mark_hydromark(Change(author, seen), radius_mm))
-
-    def _calibrate(self, author: str, seen: int, error_mm: float) -> None:
-        self._do(lambda: self._part.editor.calibrate(Change(author, seen), error_mm))
-
-    def _accept(self, author: str, seen: int) -> None:
-        def accept() -> None:
-            self._part.editor.require_seen(Change(author, seen))
-            self._part.accept()
-
-        self._do(accept)
+        self._editor.erase(Change(author, seen), self._place(image, x, y), radius)
 
     def _place(self, image: int, x: float, y: float) -> FloatArray:
         """The place (3,) in mm of a pixel. Raises `InputError` for an image without one."""
@@ -326,7 +302,3 @@ class ContourControls:
                 "shown"
             )
         return np.asarray((matrix @ (x, y, 0.0, 1.0))[:3])
-
-    def _do(self, change: Callable[[], object]) -> None:
-        change()
-        self._changed()

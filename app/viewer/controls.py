@@ -9,7 +9,16 @@ from app.case import DISPLAY_ITEMS, MAX_DEPTH_MM, ItemKind
 from app.fixture import MarginParameters
 from app.geometry import InputError
 from app.geometry.frames import MAX_FRAME_CHARS
-from app.runtime import ITEM_COMMANDS, ChooseDepth, Rearm, Record, SetMargins, SwitchStructure
+from app.runtime import (
+    ITEM_COMMANDS,
+    AddNote,
+    ChooseDepth,
+    OperatorCommand,
+    Rearm,
+    Record,
+    SetMargins,
+    SwitchStructure,
+)
 from app.runtime.session_changes import MAX_REASON
 from app.scene import MarkerStyle
 from app.scene.margin_display import (
@@ -35,156 +44,96 @@ from app.viewer.messages.checks import (
 from app.viewer.view_state import ViewState
 from app.workflow.workflow import MAX_NOTE_CHARS, EventNotes
 
-Changed = Callable[[], None]
-"""Called after each command, to draw again."""
 _MAX_STEP = 1000
 """Frames of one step."""
 _MAX_SEQ = 2**53 - 1
 """Largest integer that JavaScript represents."""
 _MAX_NONCE = 2**64 - 1
 _MAX_RECORDING_NAME = 64
-_LATER = (
-    "the session has not begun, or does not answer an earlier request yet; expected the request "
-    "later"
-)
 _MAX_LENGTH_STEP = 10.0
 """Largest change in mm of a rod's length at once."""
 _MAX_STOP_MM, _MAX_WARN_MM = (MarginParameters.ranges()[name][1] for name in ("stop_mm", "warn_mm"))
 
 
-class SceneControls:
+def add_scene_controls(
+    state: State, commands: Commands, view: SceneView, camera: CameraController
+) -> None:
     """Select the camera preset, the visibility and the opacity of parts."""
 
-    def __init__(
-        self,
-        state: State,
-        commands: Commands,
-        view: SceneView,
-        camera: CameraController,
-        changed: Changed,
-    ) -> None:
-        self._state = state
-        self._view = view
-        self._camera = camera
-        self._changed = changed
-        self._state.looks = [preset.value for preset in CameraPreset]
-        self._publish_parts()
-        part = one_of(PARTS)
-        self._state.keeps_tumor = camera.keeps_tumor
-        commands.add("centre", self._keep_tumor, boolean)
-        commands.add("look", self._select_camera, one_of(self._state.looks))
-        commands.add("part_visible", self._set_visible, part, boolean)
-        commands.add("part_opacity", self._set_opacity, part, number(0.0, 1.0))
+    def keep_tumor(keep: bool) -> None:
+        camera.keeps_tumor = state.keeps_tumor = keep
 
-    def _select_camera(self, name: str) -> None:
-        self._camera.select(CameraPreset(name))
-        self._changed()
+    def set_visible(name: str, visible: bool) -> None:
+        view.set_visible(name, visible)
+        publish_parts()
 
-    def _keep_tumor(self, keep: bool) -> None:
-        self._camera.keeps_tumor = self._state.keeps_tumor = keep
-        self._changed()
+    def set_opacity(name: str, opacity: float) -> None:
+        view.set_opacity(name, opacity)
+        publish_parts()
 
-    def _set_visible(self, name: str, visible: bool) -> None:
-        self._view.set_visible(name, visible)
-        self._publish_parts()
-        self._changed()
-
-    def _set_opacity(self, name: str, opacity: float) -> None:
-        self._view.set_opacity(name, opacity)
-        self._publish_parts()
-        self._changed()
-
-    def _publish_parts(self) -> None:
-        self._state.parts = [
+    def publish_parts() -> None:
+        state.parts = [
             {
                 "name": part,
                 "label": PARTS[part],
-                "visible": self._view.visible(part),
-                "opacity": self._view.opacity(part),
+                "visible": view.visible(part),
+                "opacity": view.opacity(part),
             }
-            for part in self._view.parts
+            for part in view.parts
         ]
 
+    state.looks = [preset.value for preset in CameraPreset]
+    state.keeps_tumor = camera.keeps_tumor
+    publish_parts()
+    part = one_of(PARTS)
+    commands.add("centre", keep_tumor, boolean)
+    commands.add("look", lambda name: camera.select(CameraPreset(name)), one_of(state.looks))
+    commands.add("part_visible", set_visible, part, boolean)
+    commands.add("part_opacity", set_opacity, part, number(0.0, 1.0))
 
-class MarkerControls:
+
+def add_marker_controls(state: State, commands: Commands, view: SceneView) -> None:
     """Distance and size of the breach marks, and their deletion. Display only."""
 
-    def __init__(self, state: State, commands: Commands, view: SceneView, changed: Changed) -> None:
-        self._state = state
-        self._view = view
-        self._changed = changed
-        spacing = number(MIN_SPACING_MM, MAX_SPACING_MM)
-        commands.add("markers", self._set_style, spacing, number(MIN_SIZE_MM, MAX_SIZE_MM))
-        commands.add("markers_delete", self._delete)
-        self._publish()
+    def set_style(spacing_mm: float, size_mm: float) -> None:
+        view.presenter.marker_style = MarkerStyle(spacing_mm, size_mm)
+        publish()
 
-    def _set_style(self, spacing_mm: float, size_mm: float) -> None:
-        self._view.marker_style = MarkerStyle(spacing_mm, size_mm)
-        self._publish()
-        self._changed()
+    def publish() -> None:
+        style = view.presenter.marker_style
+        state.markers = {"spacing_mm": style.spacing_mm, "size_mm": style.size_mm}
 
-    def _delete(self) -> None:
-        self._view.delete_breach_marks()
-        self._changed()
-
-    def _publish(self) -> None:
-        style = self._view.marker_style
-        self._state.markers = {"spacing_mm": style.spacing_mm, "size_mm": style.size_mm}
+    spacing = number(MIN_SPACING_MM, MAX_SPACING_MM)
+    commands.add("markers", set_style, spacing, number(MIN_SIZE_MM, MAX_SIZE_MM))
+    commands.add("markers_delete", view.presenter.delete_breach_marks)
+    publish()
 
 
-class ReplayControls:
+def add_replay_controls(state: State, commands: Commands, control: ReplayControl) -> None:
     """Play and pause, step, seek, go to a frame, and set the rate of a replay."""
 
-    def __init__(
-        self, state: State, commands: Commands, control: ReplayControl, changed: Changed
-    ) -> None:
-        self._control = control
-        self._changed = changed
-        state.rates = list(RATES)
-        commands.add("play", self._play)
-        commands.add("step", self._step, integer(-_MAX_STEP, _MAX_STEP))
-        commands.add("seek", self._seek, number(-1.0, 2.0))
-        commands.add("frame", self._go_to, integer(0, control.frames - 1))
-        commands.add("rate", self._rate, number(min(RATES), max(RATES)))
-
-    def _play(self) -> None:
-        if self._control.playing:
-            self._control.pause()
+    def play() -> None:
+        if control.playing:
+            control.pause()
         else:
-            self._control.play()
-        self._changed()
+            control.play()
 
-    def _step(self, frames: int) -> None:
-        self._control.step(frames)
-        self._changed()
-
-    def _seek(self, share: float) -> None:
-        # The pointer may leave the timeline at either end.
-        self._control.seek(min(max(share, 0.0), 1.0))
-        self._changed()
-
-    def _go_to(self, frame: int) -> None:
-        self._control.go_to(frame)
-        self._changed()
-
-    def _rate(self, rate: float) -> None:
-        self._control.set_rate(rate)
-        self._changed()
+    state.rates = list(RATES)
+    commands.add("play", play)
+    commands.add("step", control.step, integer(-_MAX_STEP, _MAX_STEP))
+    # The pointer may leave the timeline at either end.
+    commands.add("seek", lambda share: control.seek(min(max(share, 0.0), 1.0)), number(-1.0, 2.0))
+    commands.add("frame", control.go_to, integer(0, control.frames - 1))
+    commands.add("rate", control.set_rate, number(min(RATES), max(RATES)))
 
 
-class ImageControls:
+def add_image_controls(commands: Commands, images: ImagePart, kinds: Sequence[str]) -> None:
     """Selects which of ``kinds`` of images the page shows."""
 
-    def __init__(
-        self, commands: Commands, images: ImagePart, kinds: Sequence[str], changed: Changed
-    ) -> None:
-        self._images = images
-        self._changed = changed
-        commands.add("image_kind", self._select, one_of(kinds))
+    def select(kind: str) -> None:
+        images.kind = kind
 
-    def _select(self, kind: str) -> None:
-        self._images.kind = kind
-        self._changed()
+    commands.add("image_kind", select, one_of(kinds))
 
 
 class LiveControls:
@@ -209,16 +158,13 @@ class LiveControls:
         commands.add("image_depth", self._choose_depth, depth, depth)
 
     def _record(self, start: bool, name: str) -> None:
-        if not self._operator.request(Record(start, name.strip())):
-            raise InputError("recording: " + _LATER)
+        self._ask("recording", Record(start, name.strip()))
 
     def _switch(self, name: str, on: bool, reason: str) -> None:
-        if not self._operator.request(SwitchStructure(name, on, reason.strip())):
-            raise InputError("structure: " + _LATER)
+        self._ask("structure", SwitchStructure(name, on, reason.strip()))
 
     def _lengthen(self, name: str, by_mm: float) -> None:
-        if not self._operator.request(ITEM_COMMANDS[name](by_mm)):
-            raise InputError(f"{name}: {_LATER}")
+        self._ask(name, ITEM_COMMANDS[name](by_mm))
 
     def _choose_depth(self, seen_mm: float, depth_mm: float) -> None:
         """Use ``depth_mm`` for new images, while the page has shown ``seen_mm`` as in use."""
@@ -229,8 +175,7 @@ class LiveControls:
                 f"depth of the images: it is now {known.depth_mm:g} mm, and nothing was done; "
                 "expected the same request again, after a look at it"
             )
-        if not self._operator.request(ChooseDepth(depth_mm)):
-            raise InputError("depth of the images: " + _LATER)
+        self._ask("depth of the images", ChooseDepth(depth_mm))
 
     def _set_margins(
         self, seen_stop: float, seen_warn: float, stop_mm: float, warn_mm: float
@@ -248,42 +193,41 @@ class LiveControls:
                 f"margins: stop {stop_mm:g} mm, warning {warn_mm:g} mm; expected a larger warning "
                 "distance"
             )
-        if not self._operator.request(SetMargins(stop_mm, warn_mm)):
-            raise InputError("margins: " + _LATER)
+        self._ask("margins", SetMargins(stop_mm, warn_mm))
 
     def _rearm(self, seq: int, nonce: str) -> None:
         if not (nonce.isascii() and nonce.isdecimal()) or not 0 < int(nonce) <= _MAX_NONCE:
             raise RefusedError("nonce: not that of a hold; expected the decimal number of one")
-        if not self._operator.request(Rearm(seq, int(nonce))):
-            raise InputError("re-arm: " + _LATER)
+        self._ask("re-arm", Rearm(seq, int(nonce)))
+
+    def _ask(self, what: str, command: OperatorCommand) -> None:
+        """Begin to carry ``command`` out. Raises `InputError` where the session is not ready."""
+        if not self._operator.request(command):
+            raise InputError(
+                f"{what}: the session has not begun, or does not answer an earlier request yet; "
+                "expected the request later"
+            )
 
 
-class NoteControls:
+def add_note_controls(
+    commands: Commands,
+    notes: EventNotes,
+    shown: Callable[[], ViewState | None],
+    operator: LiveOperator | None,
+) -> None:
     """Adds event notes on the moment that ``shown`` returns.
 
-    ``listed`` is called with the text of each; it lists those of a live session with its requests.
+    The session of ``operator`` lists each with its requests, in its audit log too.
     """
 
-    def __init__(
-        self,
-        commands: Commands,
-        notes: EventNotes,
-        shown: Callable[[], ViewState | None],
-        listed: Callable[[str], None],
-        changed: Changed,
-    ) -> None:
-        self._notes = notes
-        self._shown = shown
-        self._listed = listed
-        self._changed = changed
-        commands.add("note", self._add, text(MAX_NOTE_CHARS))
-
-    def _add(self, line: str) -> None:
-        shown = self._shown()
-        if shown is None:
+    def add(line: str) -> None:
+        moment = shown()
+        if moment is None:
             raise InputError("note: there is no step yet; expected one")
-        step = shown.step
-        stamp_ns = step.frame.stamp.ns
-        note = self._notes.add(step.index, stamp_ns, shown.elapsed_s, line)
-        self._listed(f"{note.text} (step {note.frame}, stamp {note.stamp_ns} ns)")
-        self._changed()
+        step = moment.step
+        note = notes.add(step.index, step.frame.stamp.ns, moment.elapsed_s, line)
+        if operator is not None:
+            text = f"{note.text} (step {note.frame}, stamp {note.stamp_ns} ns)"
+            operator.request(AddNote(text))
+
+    commands.add("note", add, text(MAX_NOTE_CHARS))

@@ -52,7 +52,8 @@ class ReplayControl:
         steps = (max(after - before, 0) for before, after in pairwise(stamps_ns))
         self._media_ns = tuple(accumulate(steps, initial=0))
         self._clock_ns = clock_ns
-        self._rate = 1.0
+        self.rate = 1.0
+        """Recorded time over clock time."""
         self._frame = 0
         self._anchor: _Anchor | None = None
 
@@ -65,11 +66,6 @@ class ReplayControl:
     def duration_ns(self) -> int:
         """Time from the first to the last frame, without jumps back of the clock."""
         return self._media_ns[-1]
-
-    @property
-    def rate(self) -> float:
-        """Recorded time over clock time."""
-        return self._rate
 
     @property
     def playing(self) -> bool:
@@ -105,7 +101,7 @@ class ReplayControl:
         self._follow()
         if self._anchor is not None:
             self._anchor = _Anchor(self._clock_ns(), self._now_ns(self._anchor))
-        self._rate = rate
+        self.rate = rate
 
     def step(self, frames: int) -> None:
         """Pause, and move by ``frames``, backward if negative, within the recording."""
@@ -138,7 +134,7 @@ class ReplayControl:
             self._anchor = None
 
     def _now_ns(self, anchor: _Anchor) -> int:
-        return anchor.media_ns + round((self._clock_ns() - anchor.clock_ns) * self._rate)
+        return anchor.media_ns + round((self._clock_ns() - anchor.clock_ns) * self.rate)
 
 
 _QUIET_NS = NS_PER_S

@@ -11,7 +11,7 @@ from app.files import write_transform
 from app.geometry import InputError
 from app.runtime import GUARDED_TOOL, tool_names
 from app.viewer.downloads import Write, operators_file
-from app.viewer.messages.checks import Commands, RefusedError, integer, one_of, text
+from app.viewer.messages.checks import Check, Commands, RefusedError, integer, one_of, text
 from app.workflow import (
     CalibrationFit,
     CalibrationKind,
@@ -95,49 +95,36 @@ class GuidedPart:
         return await operators_file(request, "application/yaml", tip)
 
 
-class GuidedControls:
+def add_guided_controls(commands: Commands, workflow: Workflow) -> None:
     """Commands of both recordings, ``calibration_start`` to ``registration_undo``.
 
     Each names the revision that the page has seen, and raises `InputError` where it cannot be done,
     also because another page has changed the recording: the page that asked shows why.
     """
+    calibration, registration = workflow.calibration, workflow.registration
 
-    def __init__(self, commands: Commands, workflow: Workflow, changed: Callable[[], None]) -> None:
-        self._commands, self._changed = commands, changed
-        calibration, registration = workflow.calibration, workflow.registration
-        kind = one_of([each.value for each in CalibrationKind])
-        tool = one_of(tool_names())
+    def add(name: str, change: Callable[..., None], *checks: Check) -> None:
+        commands.add(name, change, _seen_revision, *checks)
 
-        def calibrate(seen: int, kind: str, tool: str) -> None:
-            calibration.start(seen, CalibrationKind(kind), tool)
+    def calibrate(seen: int, kind: str, tool: str) -> None:
+        calibration.start(seen, CalibrationKind(kind), tool)
 
-        self._add("calibration_start", calibrate, kind, tool)
-        for name, guide in (("calibration", calibration), ("registration", registration)):
-            if guide is not None:
-                self._add(f"{name}_stop", guide.stop)
-                self._add(f"{name}_discard", guide.discard)
-                self._add(f"{name}_use", guide.accept)
-                self._add(f"{name}_undo", guide.undo)
-        if registration is None:
-            return
+    tool = one_of(tool_names())
+    add("calibration_start", calibrate, one_of([each.value for each in CalibrationKind]), tool)
+    for name, guide in (("calibration", calibration), ("registration", registration)):
+        if guide is not None:
+            add(f"{name}_stop", guide.stop)
+            add(f"{name}_discard", guide.discard)
+            add(f"{name}_use", guide.accept)
+            add(f"{name}_undo", guide.undo)
+    if registration is None:
+        return
 
-        def touch(seen: int, tool: str) -> None:
-            registration.start(seen, tool)
+    def remove(seen: int, point: str) -> None:
+        if not (point.isascii() and point.isdecimal()):
+            raise RefusedError("point: not one of the registration; expected its decimal number")
+        registration.remove(seen, int(point))
 
-        def remove(seen: int, point: str) -> None:
-            if not (point.isascii() and point.isdecimal()):
-                raise RefusedError(
-                    "point: not one of the registration; expected its decimal number"
-                )
-            registration.remove(seen, int(point))
-
-        self._add("registration_start", touch, tool)
-        self._add("registration_remove", remove, text(_MAX_DIGITS))
-        self._add("registration_restore", registration.restore)
-
-    def _add(self, name: str, change: Callable[..., None], *checks: Any) -> None:
-        def do(*args: Any) -> None:
-            change(*args)
-            self._changed()
-
-        self._commands.add(name, do, _seen_revision, *checks)
+    add("registration_start", registration.start, tool)
+    add("registration_remove", remove, text(_MAX_DIGITS))
+    add("registration_restore", registration.restore)

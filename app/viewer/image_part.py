@@ -162,25 +162,16 @@ class ImagePart:
         self._scene: MarginGuardScene | None = None
         self._sent: int | None = None
         self._begin_ns = 0
-        self._place: tuple[int, FloatArray] | None = None
+        self.place: tuple[int, FloatArray] | None = None
+        """The number of the ultrasound image that is shown, and its map (4, 4) to mm.
+
+        The map is to the ``frame`` of `update`. None if no image is shown, or one of another kind.
+        """
 
     @property
     def has_ultrasound(self) -> bool:
         """True if there are ultrasound images, whatever is shown."""
         return self._ultrasound is not None
-
-    @property
-    def plane(self) -> ImagePlane | None:
-        """The plane in the 3D view; None before there is a scene."""
-        return self._plane
-
-    @property
-    def place(self) -> tuple[int, FloatArray] | None:
-        """The number of the ultrasound image that is shown, and its map (4, 4) to mm.
-
-        The map is to the ``frame`` of `update`. None if no image is shown, or one of another kind.
-        """
-        return self._place
 
     def update(self, shown: ViewState | None, view: SceneView, frame: str | None = None) -> None:
         """Show the image of ``shown`` in the scene of ``view``, and place it in ``frame``."""
@@ -196,7 +187,7 @@ class ImagePart:
         placed = self._placed(shown, frame)
         if placed is not None and placed[0] != found.number:  # an image has come in between
             found = self._view = self._at(shown, root)
-        self._place = placed if placed is not None and placed[0] == found.number else None
+        self.place = placed if placed is not None and placed[0] == found.number else None
         if scene is None:
             return
         node = scene.tree.node(scene.reference)

@@ -1,6 +1,6 @@
 """Server side of the page: the scene view, and the values and lists beside the picture."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from trame_server.state import State
@@ -15,6 +15,7 @@ from app.viewer.drawing.scene_view import SceneView
 from app.viewer.feeds import Feed
 from app.viewer.guided_part import GuidedPart
 from app.viewer.image_part import ImagePart, depth_values
+from app.viewer.live_operator import LiveOperator
 from app.viewer.page_values import (
     Directions,
     item_values,
@@ -38,7 +39,7 @@ class Page:
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
     page that draws it, else None. ``images``: None for a session without images; ``hand``: None
     where the mouse does not move the tool; ``contour``: None where no tumour can be contoured;
-    ``notes`` are listed; ``recording`` is that of a live session; ``guided``: None in a replay;
+    ``notes`` are listed; ``operator`` is that of a live session; ``guided``: None in a replay;
     ``world``: None without a simulated one; ``plans``: None where none can be shown. All calls come
     from the page's thread.
     """
@@ -55,7 +56,7 @@ class Page:
         hand: HandPart | None = None,
         contour: ContourPart | None = None,
         notes: EventNotes | None = None,
-        recording: Callable[[], RecordingStatus | None] = lambda: None,
+        operator: LiveOperator | None = None,
         guided: GuidedPart | None = None,
         world: WorldPart | None = None,
         plans: PlanPart | None = None,
@@ -79,10 +80,11 @@ class Page:
         state.calibration = state.calibration_map = None
         state.ultrasound = state.ultrasound_image = state.hand = state.contour = None
         state.notes = []
-        self._recording = recording
+        self._operator = operator
         state.recording = state.workflow = state.image_depth = None
         state.update(item_values(None))
-        self._now: ViewState | None = None
+        self.shown: ViewState | None = None
+        """The state of the last `prepare`."""
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
         state.look = ""
@@ -94,13 +96,12 @@ class Page:
         state.plot = None  # an open page does not draw names that are added later
 
     @property
-    def shown(self) -> ViewState | None:
-        """The state of the last `prepare`."""
-        return self._now
+    def _recording(self) -> RecordingStatus | None:
+        return None if self._operator is None else self._operator.recording
 
     def prepare(self) -> bool:
         """Update the scene to the present; return True if anything changed."""
-        now = self._now = self._feed.now()
+        now = self.shown = self._feed.now()
         if self.area.take_grabbed():
             self.camera.release()
         if self.area.take_resized():
@@ -108,7 +109,7 @@ class Page:
         moment = None if now is None else (now.step.index, now.silent, now.request)
         edited = None if self._contour is None else self._contour.revision
         guided = None if self._guided is None else self._guided.workflow.revision
-        bodies = None if self._world is None else self._world.revision
+        bodies = None if self._world is None else self._world.world.version
         plans = None if self._plans is None else self._plans.revision
         kind = None if self._images is None else self._images.kind
         notes = len(self._notes.entries)
@@ -137,8 +138,8 @@ class Page:
     def screenshot(self) -> bytes:
         """Render the present as PNG, also while no page is open."""
         self.prepare()
-        values = readout(self._now)
-        measured = self._now is not None and self._now.distance_mm is not None
+        values = readout(self.shown)
+        measured = self.shown is not None and self.shown.distance_mm is not None
         text = f"{values['distance']} mm" if measured else values["why"]
         if values["playback"]:
             text += ", PLAYBACK of a recording"
@@ -148,16 +149,20 @@ class Page:
         """Publish the values that belong to picture ``number``."""
         preset = self.camera.preset
         with self._state as state:
-            state.now = {**readout(self._now), **self._timeline.values(self._now), "number": number}
+            state.now = {
+                **readout(self.shown),
+                **self._timeline.values(self.shown),
+                "number": number,
+            }
             state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())
             state.update(self._new_lists())
             state.notes = note_rows(self._notes.entries, self._timeline)
-            state.recording = recording_values(self._recording())
-            state.update(item_values(self._now))
-            state.image_depth = depth_values(self._now)
+            state.recording = recording_values(self._recording)
+            state.update(item_values(self.shown))
+            state.image_depth = depth_values(self.shown)
             state.workflow = self._workflow()
-            state.directions = self._directions.values(self._now)
+            state.directions = self._directions.values(self.shown)
             state.orientation = self._orientation()
             state.inset = self._inset()
             if self._hand is not None:
@@ -175,16 +180,16 @@ class Page:
     def _workflow(self) -> dict[str, object] | None:
         guided = self._guided
         return workflow_values(
-            self._now,
+            self.shown,
             is_live=guided is not None,
             has_images=self._images is not None and self._images.has_ultrasound,
             calibration=None if guided is None else guided.workflow.calibration.status(),
-            recording=self._recording(),
+            recording=self._recording,
         )
 
     def _new_lists(self) -> dict[str, object]:
         """The lists of breaches and of doubts, the first only if it has changed."""
-        listed = self._timeline.listed(self._now)
+        listed = self._timeline.listed(self.shown)
         if listed is None:
             return {}
         lists: dict[str, object] = {"doubts": list(listed.doubts)}

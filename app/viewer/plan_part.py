@@ -77,55 +77,26 @@ class PlanPart:
         }
 
 
-class PlanControls:
+def add_plan_controls(commands: Commands, ghost: ApproachGhost, needle: NeedleGuide) -> None:
     """Moves the ghost along its way, and chooses the corridor."""
-
-    def __init__(
-        self,
-        commands: Commands,
-        ghost: ApproachGhost,
-        needle: NeedleGuide,
-        changed: Callable[[], None],
-    ) -> None:
-        def go_to(place: int) -> None:
-            ghost.go_to(place)
-            changed()
-
-        def choose(corridor: int) -> None:
-            needle.choose(corridor)
-            changed()
-
-        commands.add("approach_place", go_to, integer(0, _MAX_NUMBER))
-        commands.add("corridor", choose, integer(0, _MAX_NUMBER))
+    commands.add("approach_place", ghost.go_to, integer(0, _MAX_NUMBER))
+    commands.add("corridor", needle.choose, integer(0, _MAX_NUMBER))
 
 
-class GoalControls:
+def add_goal_controls(commands: Commands, goal: GoalPose) -> None:
     """Sets ``goal``, moves it in mm and degrees along the robot's axes, and asks for a plan."""
 
-    def __init__(self, commands: Commands, goal: GoalPose, changed: Callable[[], None]) -> None:
-        def do(act: Callable[[], None]) -> None:
-            act()
-            changed()
+    def move(way_mm: tuple[float, ...], turn_deg: tuple[float, ...]) -> None:
+        goal.hold()
+        if goal.place_mm is not None:
+            goal.turn(np.radians(turn_deg))
+            goal.move_to(goal.place_mm + np.array(way_mm))
 
-        def move(way_mm: tuple[float, ...], turn_deg: tuple[float, ...]) -> None:
-            goal.hold()
-            if goal.place_mm is not None:
-                goal.turn(np.radians(turn_deg))
-                goal.move_to(goal.place_mm + np.array(way_mm))
-
-        commands.add(
-            "goal_begin",
-            lambda clearance_mm: do(lambda: goal.begin(clearance_mm)),
-            number(0.1, _MAX_CLEARANCE_MM),
-        )
-        commands.add(
-            "goal_move",
-            lambda way_mm, turn_deg: do(lambda: move(way_mm, turn_deg)),
-            numbers(3, -_MAX_MOVE_MM, _MAX_MOVE_MM),
-            numbers(3, -180.0, 180.0),
-        )
-        commands.add("goal_plan", lambda: do(goal.plan))
-        commands.add("goal_end", lambda: do(goal.end))
+    way = numbers(3, -_MAX_MOVE_MM, _MAX_MOVE_MM)
+    commands.add("goal_begin", goal.begin, number(0.1, _MAX_CLEARANCE_MM))
+    commands.add("goal_move", move, way, numbers(3, -180.0, 180.0))
+    commands.add("goal_plan", goal.plan)
+    commands.add("goal_end", goal.end)
 
 
 class GoalDrag(PageDrag):

@@ -16,16 +16,16 @@ from trame_slicer.views import ThreeDView
 
 from app.case import ImageSource
 from app.files.volume_file import Volume
-from app.runtime import AddNote, SimulatedWorld
+from app.runtime import SimulatedWorld
 from app.viewer.address import Address, ViewerError
 from app.viewer.contour_part import ContourControls, ContourPart
 from app.viewer.controls import (
-    ImageControls,
     LiveControls,
-    MarkerControls,
-    NoteControls,
-    ReplayControls,
-    SceneControls,
+    add_image_controls,
+    add_marker_controls,
+    add_note_controls,
+    add_replay_controls,
+    add_scene_controls,
 )
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.client_scene import ClientScene
@@ -39,7 +39,7 @@ from app.viewer.drawing.render_loop import (
 )
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.feeds import Feed, ReplayControl
-from app.viewer.guided_part import TIP_FILES, GuidedControls, GuidedPart
+from app.viewer.guided_part import TIP_FILES, GuidedPart, add_guided_controls
 from app.viewer.image_part import ImagePart, image_kinds
 from app.viewer.live_operator import LiveOperator
 from app.viewer.log import limit_logs
@@ -48,7 +48,7 @@ from app.viewer.messages.methods import Methods
 from app.viewer.messages.open_pages import OpenPages
 from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
-from app.viewer.plan_part import GoalControls, GoalDrag, PlanControls, PlanPart
+from app.viewer.plan_part import GoalDrag, PlanPart, add_goal_controls, add_plan_controls
 from app.viewer.pointer_parts import BodyDrag, HandPart, MouseHand, PointerArea, PointerPart
 from app.viewer.timeline import Timeline, band_patterns, state_css
 from app.viewer.web_app import Content, Handle, WebServer
@@ -149,33 +149,32 @@ class Viewer:
             self._hand,
             self._contour,
             title.notes,
-            _no_recording if operator is None else lambda: operator.recording,
+            operator,
             self._guided,
             self._world,
             None if plans is None else PlanPart(*plans, goal),
         )
         state.rates = []
-        self._commands = Commands()
-        SceneControls(state, self._commands, view, self._page.camera, self.redraw)
-        MarkerControls(state, self._commands, view, self.redraw)
+        self._commands = commands = Commands(self.redraw)
+        add_scene_controls(state, commands, view, self._page.camera)
+        add_marker_controls(state, commands, view)
         if control is not None:
-            ReplayControls(state, self._commands, control, self.redraw)
+            add_replay_controls(state, commands, control)
         if operator is not None:
-            LiveControls(self._commands, operator)
-        listed = _ignore if operator is None else _noted(operator)
-        NoteControls(self._commands, title.notes, lambda: self._page.shown, listed, self.redraw)
+            LiveControls(commands, operator)
+        add_note_controls(commands, title.notes, lambda: self._page.shown, operator)
         if self._images is not None:
-            ImageControls(self._commands, self._images, kinds, self.redraw)
+            add_image_controls(commands, self._images, kinds)
         if self._contour is not None:
-            ContourControls(self._commands, self._contour, self.redraw, live=operator is not None)
+            ContourControls(commands, self._contour, live=operator is not None)
         if self._guided is not None:
-            GuidedControls(self._commands, self._guided.workflow, self.redraw)
+            add_guided_controls(commands, self._guided.workflow)
         if world is not None:
-            WorldControls(self._commands, world, self.redraw)
+            WorldControls(commands, world)
         if plans is not None:
-            PlanControls(self._commands, *plans, self.redraw)
+            add_plan_controls(commands, *plans)
         if goal is not None:
-            GoalControls(self._commands, goal, self.redraw)
+            add_goal_controls(commands, goal)
 
     @property
     def workflow(self) -> Workflow | None:
@@ -277,23 +276,6 @@ class Viewer:
         content = self._page.screenshot()
         self.redraw()  # the scene may be newer than the pages' picture
         return content
-
-
-def _noted(operator: LiveOperator) -> Callable[[str], None]:
-    """Lists a note with the requests of a live session, in its audit log too."""
-
-    def listed(text: str) -> None:
-        operator.request(AddNote(text))
-
-    return listed
-
-
-def _ignore(_text: str) -> None:
-    """A replay lists no requests."""
-
-
-def _no_recording() -> None:
-    """A replay is not recorded."""
 
 
 async def _state_css(request: web.Request) -> web.Response:

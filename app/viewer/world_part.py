@@ -3,7 +3,7 @@
 import asyncio
 import re
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,7 @@ from app.scene import BodyModels, MarginGuardScene
 from app.viewer.access_control import ROLE
 from app.viewer.address import Role
 from app.viewer.drawing.scene_view import Part, SceneView
-from app.viewer.messages.checks import Commands, NotDoneError, number, numbers, one_of, text
+from app.viewer.messages.checks import Commands, number, numbers, one_of, text
 from app.viewer.view_state import ViewState
 from app.viewer.web_app import refusal
 
@@ -117,11 +117,6 @@ class WorldPart:
         self._stale_after_ns = 0
         self._scene: MarginGuardScene | None = None
         self._models: BodyModels | None = None
-
-    @property
-    def revision(self) -> object:
-        """A value that changes when the page needs an update without a new step."""
-        return self.world.version
 
     def update(self, shown: ViewState, view: SceneView) -> bool:
         """Show the present with the moment ``shown``; True if there are other bodies."""
@@ -239,45 +234,29 @@ _MAX_NAME = 64
 class WorldControls:
     """Move, add and remove bodies of ``world``.
 
-    What cannot be requested raises `NotDoneError`: the page that asked shows its text. Refusals of
+    What cannot be requested raises `InputError`: the page that asked shows its text. Refusals of
     the simulation are in the list of the world, which all pages show.
     """
 
-    def __init__(
-        self, commands: Commands, world: SimulatedWorld, changed: Callable[[], None]
-    ) -> None:
-        self._world, self._changed = world, changed
+    def __init__(self, commands: Commands, world: SimulatedWorld) -> None:
+        self._world = world
         name, way = text(_MAX_NAME), number(-MAX_PLACE_MM, MAX_PLACE_MM)
         turn = number(-360.0, 360.0)
         commands.add("world_move", self._move, name, way, way, way, one_of(AXES), turn)
         sizes = numbers(3, MIN_SIZE_MM, MAX_SIZE_MM)
         place = numbers(3, -MAX_PLACE_MM, MAX_PLACE_MM)
         commands.add("world_add", self._add, name, one_of(SHAPES), sizes, place)
-        commands.add("world_remove", self._remove, name)
+        commands.add("world_remove", world.remove, name)
 
     def _move(self, name: str, x: float, y: float, z: float, axis: str, turn_deg: float) -> None:
         vector = np.radians(turn_deg) * np.eye(3)[AXES.index(axis)]
         frame = self._world.frame
         turn = Transform.from_rotation_vector(vector, np.zeros(3), target=frame, source=frame)
-        self._do(lambda: self._world.move(name, np.array([x, y, z]), turn.rotation))
+        self._world.move(name, np.array([x, y, z]), turn.rotation)
 
     def _add(self, name: str, shape: str, sizes: Sequence[float], place: Sequence[float]) -> None:
         """Add a box with edges ``sizes``, or a ball with the first as its diameter, in mm."""
-
-        def add() -> None:
-            checked_name(name)
-            vertices, faces = box(sizes) if shape == "box" else sphere(sizes[0] / 2.0)
-            mesh = SurfaceMesh(name, vertices, faces.astype(np.int32))
-            self._world.add(mesh, placed(self._world, name, np.array(place)))
-
-        self._do(add)
-
-    def _remove(self, name: str) -> None:
-        self._do(lambda: self._world.remove(name))
-
-    def _do(self, request: Callable[[], None]) -> None:
-        try:
-            request()
-        except InputError as error:
-            raise NotDoneError(str(error)) from error
-        self._changed()
+        checked_name(name)
+        vertices, faces = box(sizes) if shape == "box" else sphere(sizes[0] / 2.0)
+        mesh = SurfaceMesh(name, vertices, faces.astype(np.int32))
+        self._world.add(mesh, placed(self._world, name, np.array(place)))

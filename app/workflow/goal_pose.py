@@ -56,7 +56,8 @@ class GoalPose:
         self._answers: deque[tuple[object, str, str]] = deque()
         self._content: SessionContent | None = None
         self._step: StepResult | None = None
-        self._goal: Transform | None = None
+        self.pose: Transform | None = None
+        """The goal; None without one."""
         self._model: CollisionModel | None = None
         self._joints: Mapping[str, float] = {}
         self._reached: Mapping[str, float] = {}
@@ -78,7 +79,7 @@ class GoalPose:
         """
         known = self._content
         self._content, self._step, self._silent = content, step, silent
-        if self._goal is not None and known is not content:
+        if self.pose is not None and known is not content:
             self.end()
         while self._answers:
             request, text, problem = self._answers.popleft()
@@ -112,14 +113,14 @@ class GoalPose:
         self._drop_request()
         self._clearance_mm, self._status = clearance_mm, ""
         self.links = dict(links)
-        self._goal = links[robot.tool_link]
+        self.pose = links[robot.tool_link]
         self.hold()
         self._solve()
 
     def end(self) -> None:
         """Remove the goal; a request for its plan is cancelled."""
         self._drop_request()
-        self._goal, self._model, self.links = None, None, {}
+        self.pose, self._model, self.links = None, None, {}
         self._problem = self._status = ""
         self.revision += 1
 
@@ -128,35 +129,30 @@ class GoalPose:
         self._model = None
 
     @property
-    def pose(self) -> Transform | None:
-        """The goal; None without one."""
-        return self._goal
-
-    @property
     def place_mm(self) -> FloatArray | None:
         """The goal of the tip (3,) in the root link; None without one."""
-        return None if self._goal is None else self._goal.translation_mm
+        return None if self.pose is None else self.pose.translation_mm
 
     def place(self, rotation: FloatArray, place_mm: FloatArray) -> None:
         """Move the goal, of ``rotation`` (3, 3), with its tip at ``place_mm`` in the root link.
 
         A request for a plan is cancelled: it is for the earlier place.
         """
-        if self._goal is not None:
+        if self.pose is not None:
             if self._drop_request():
                 self._status = "cancelled: the goal has moved; plan again"
-            self._goal = Transform(self._goal.target, self._goal.source, rotation, place_mm)
+            self.pose = Transform(self.pose.target, self.pose.source, rotation, place_mm)
             self._solve()
 
     def move_to(self, place_mm: FloatArray) -> None:
         """Move the goal's tip to ``place_mm`` (3,) in the root link."""
-        if self._goal is not None:
-            self.place(self._goal.rotation, place_mm)
+        if self.pose is not None:
+            self.place(self.pose.rotation, place_mm)
 
     def turn(self, vector_rad: FloatArray) -> None:
         """Turn the goal about its tip by ``vector_rad`` (3,), along the axes of the root link."""
-        if self._goal is not None:
-            goal, root = self._goal, self._goal.target
+        if self.pose is not None:
+            goal, root = self.pose, self.pose.target
             turn = Transform.from_rotation_vector(vector_rad, np.zeros(3), target=root, source=root)
             self.place(turn.rotation @ goal.rotation, goal.translation_mm)
 
@@ -166,7 +162,7 @@ class GoalPose:
 
     def plan(self) -> None:
         """Ask for an approach to the goal. Raises `InputError` while the arm is not at it."""
-        if self._goal is None or self._problem:
+        if self.pose is None or self._problem:
             raise InputError(f"goal: {self._problem or 'there is none'}; expected a free one")
         if self._request is not None:
             raise InputError("goal: an approach is being planned; expected its end")
@@ -181,11 +177,11 @@ class GoalPose:
         if content is None or content.robot is None or content.registration is None:
             return None
         place = ""
-        if self._goal is not None:
-            x, y, z = self._goal.translation_mm.round(1).tolist()
+        if self.pose is not None:
+            x, y, z = self.pose.translation_mm.round(1).tolist()
             place = f"{x:g}, {y:g}, {z:g} mm from the root of the robot"
-        can_plan = self._goal is not None and not self._problem and self._request is None
-        return GoalShown(self._goal is not None, place, self._problem, self._status, can_plan)
+        can_plan = self.pose is not None and not self._problem and self._request is None
+        return GoalShown(self.pose is not None, place, self._problem, self._status, can_plan)
 
     def _drop_request(self) -> bool:
         """Cancel the request for a plan; True if there was one."""
@@ -211,7 +207,7 @@ class GoalPose:
         self.revision += 1
         try:
             setup, step = self._robot()
-            robot, goal = setup.robot, self._goal
+            robot, goal = setup.robot, self.pose
             assert goal is not None  # the callers have checked it
             try:
                 self._reached = robot.inverse_kinematics(

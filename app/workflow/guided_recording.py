@@ -12,36 +12,13 @@ from app.geometry import InputError
 from app.runtime.compute import Compute
 from app.runtime.content import SessionContent
 from app.runtime.operator_command import OperatorCommand
+from app.session import StepResult
 
 MAX_FAILURES = 3
 """Fits of one recording that may fail by an error of the program; then no further one is begun."""
 
 
-class RunTask(Protocol):
-    """A task of the recording with number ``run``."""
-
-    @property
-    def run(self) -> int:
-        """Number of the recording."""
-
-
-_Task = TypeVar("_Task", bound=RunTask)
-_Fit = TypeVar("_Fit")
-_TaskOut = TypeVar("_TaskOut", covariant=True)
-_FitIn = TypeVar("_FitIn", contravariant=True)
-
-
-class Guide(Protocol[_TaskOut, _FitIn]):
-    """Source of the tasks to be fitted, and receiver of the results."""
-
-    def task(self) -> _TaskOut | None:
-        """The next task, None while there is none."""
-
-    def use_fit(self, fit: _FitIn, /) -> None:
-        """Take a result."""
-
-
-class GuidedFits(Generic[_Task, _Fit]):
+class GuidedFits:
     """One fit at a time. The thread that shows the results owns it.
 
     ``compute`` calls ``fit`` in a thread of this object, ``on_computed`` is called from it.
@@ -49,8 +26,8 @@ class GuidedFits(Generic[_Task, _Fit]):
 
     def __init__(
         self,
-        guide: Guide[_Task, _Fit],
-        fit: Callable[[_Task], _Fit],
+        guide: "GuidedRecording[Any]",
+        fit: Callable[[Any], Any],
         compute: Compute,
         on_computed: Callable[[], None],
     ) -> None:
@@ -59,7 +36,7 @@ class GuidedFits(Generic[_Task, _Fit]):
         self._compute = compute
         self._on_computed = on_computed
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="guided fit")
-        self._computing: tuple[int, Future[_Fit]] | None = None
+        self._computing: tuple[int, Future[Any]] | None = None
         self._failed_run, self._failures = 0, 0
 
     @property
@@ -83,7 +60,7 @@ class GuidedFits(Generic[_Task, _Fit]):
         """End the thread."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
-    def _take(self, run: int, done: "Future[_Fit]") -> None:
+    def _take(self, run: int, done: "Future[Any]") -> None:
         try:
             self._guide.use_fit(done.result())
         except Exception:
@@ -137,10 +114,12 @@ class GuidedRecording(ABC, Generic[_Result]):
         self._what = what
         self._content = content
         self._operator = operator
-        self._fits = GuidedFits[Any, Any](self, fit, operator.compute, changed)
+        self._fits = GuidedFits(self, fit, operator.compute, changed)
         self._lock = threading.Lock()
         self._revision = self._run = 0
         self._phase = Phase.IDLE
+        self._fit: Any = None
+        """The newest result of this recording; None before the first."""
         self._requested: tuple[_Result | None, _Result] | None = None
         """The result that the session used at the last request, and the requested one."""
         self._used: list[tuple[_Result | None, _Result]] = []
@@ -159,6 +138,20 @@ class GuidedRecording(ABC, Generic[_Result]):
         with self._lock:
             self._content = content
             self._follow_session()
+
+    def observe(self, step: StepResult) -> None:
+        """Record the poses of ``step`` while there is a recording, in the session's thread."""
+        if not self.is_recording:
+            return
+        with self._lock:
+            if self.is_recording:
+                self._observe(step)
+
+    def use_fit(self, fit: Any) -> None:
+        """Show ``fit``; one of an earlier recording is dropped."""
+        with self._lock:
+            if fit.run == self._run and self._phase is not Phase.IDLE:
+                self._fit = fit
 
     @property
     def is_recording(self) -> bool:
@@ -254,7 +247,7 @@ class GuidedRecording(ABC, Generic[_Result]):
         self._phase = phase
         self._revision += 1
         self._run += 1
-        self._requested = None
+        self._requested = self._fit = None
         self._clear()
 
     @abstractmethod
@@ -262,8 +255,8 @@ class GuidedRecording(ABC, Generic[_Result]):
         """The data to be fitted now; None while there are none."""
 
     @abstractmethod
-    def use_fit(self, fit: Any) -> None:
-        """Show ``fit``; one of an earlier recording is dropped."""
+    def _observe(self, step: StepResult) -> None:
+        """Record the poses of ``step``. Called with the lock."""
 
     @abstractmethod
     def _command(self, result: _Result) -> OperatorCommand:
@@ -283,4 +276,4 @@ class GuidedRecording(ABC, Generic[_Result]):
 
     @abstractmethod
     def _clear(self) -> None:
-        """Drop samples and fit."""
+        """Drop the samples."""

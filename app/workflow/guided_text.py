@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 from app.runtime.tracked_tool import GUARDED_TOOL
 from app.workflow.calibration_fit import CalibrationFit, CalibrationKind, Coverage
 from app.workflow.guided_recording import Phase
+from app.workflow.registration_fit import RegistrationFit
 from app.workflow.robot_registration import RobotRegistration
 from app.workflow.tool_calibration import ToolCalibration
 
@@ -71,17 +71,6 @@ class GuidedShown:
         return "\n".join(each for each in [*lines, self.problem, self.verdict, self.advice] if each)
 
 
-class _Fit(Protocol):
-    @property
-    def accepted(self) -> bool: ...
-
-    @property
-    def reason(self) -> str: ...
-
-    @property
-    def advice(self) -> str: ...
-
-
 def calibration_shown(guide: ToolCalibration) -> GuidedShown:
     """The calibration now."""
     status = guide.status()
@@ -139,7 +128,9 @@ def registration_shown(guide: RobotRegistration) -> GuidedShown:
     )
 
 
-def _verdict(fit: _Fit | None, phase: Phase, when_enough: str) -> tuple[str, str]:
+def _verdict(
+    fit: CalibrationFit | RegistrationFit | None, phase: Phase, when_enough: str
+) -> tuple[str, str]:
     """Whether ``fit`` is good enough, and what to do: ``when_enough`` if so while recording."""
     if fit is None or phase is Phase.IDLE:
         return "", ""

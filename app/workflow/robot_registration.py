@@ -148,16 +148,10 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
         self._robot = content.robot
         self._tool = GUARDED_TOOL
         self._samples = RobotSamples()
-        self._fit: RegistrationFit | None = None
         self._excluded: tuple[Interval, ...] = ()
 
-    def observe(self, step: StepResult) -> None:
-        """Record the poses of ``step`` while a registration is recording."""
-        if self._phase is not Phase.RECORDING:
-            return
-        with self._lock:
-            if self._phase is Phase.RECORDING:
-                self._samples.observe(step, self._content, self._robot)
+    def _observe(self, step: StepResult) -> None:
+        self._samples.observe(step, self._content, self._robot)
 
     def status(self) -> RegistrationStatus:
         """The present status, to be shown."""
@@ -219,12 +213,6 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
             context = self._run, self._content, self._robot, self._excluded
         return samples.task(*context)
 
-    def use_fit(self, fit: RegistrationFit) -> None:
-        """Show ``fit``; one of an earlier recording is dropped."""
-        with self._lock:
-            if fit.run == self._run and self._phase is not Phase.IDLE:
-                self._fit = fit
-
     def _command(self, result: RegistrationResult) -> SetRegistration:
         return SetRegistration(result)
 
@@ -251,5 +239,4 @@ class RobotRegistration(GuidedRecording[RegistrationResult]):
 
     def _clear(self) -> None:
         self._samples = RobotSamples(self._tool)
-        self._fit = None
         self._excluded = ()

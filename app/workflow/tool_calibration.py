@@ -142,15 +142,9 @@ class ToolCalibration(GuidedRecording[TipChange]):
         self._tool = GUARDED_TOOL
         self._kind = CalibrationKind.PIVOT
         self._samples = ToolSamples(content.tool_from_tip.target)
-        self._fit: CalibrationFit | None = None
 
-    def observe(self, step: StepResult) -> None:
-        """Record the pose of ``step`` while a calibration is recording."""
-        if not self.is_recording:
-            return
-        with self._lock:
-            if self.is_recording:
-                self._samples.observe(step)
+    def _observe(self, step: StepResult) -> None:
+        self._samples.observe(step)
 
     def status(self) -> CalibrationStatus:
         """The present status, to be shown."""
@@ -208,12 +202,6 @@ class ToolCalibration(GuidedRecording[TipChange]):
                 self._known(self._tool),
             )
 
-    def use_fit(self, fit: CalibrationFit) -> None:
-        """Show ``fit``; one of an earlier recording is dropped."""
-        with self._lock:
-            if fit.run == self._run and self._phase is not Phase.IDLE:
-                self._fit = fit
-
     def _known(self, tool: str) -> Transform:
         """The tip in use; at the sensor's origin for a pointer that is not calibrated."""
         if tool == GUARDED_TOOL:
@@ -259,4 +247,3 @@ class ToolCalibration(GuidedRecording[TipChange]):
 
     def _clear(self) -> None:
         self._samples = ToolSamples(self._known(self._tool).target)
-        self._fit = None

@@ -161,7 +161,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def on_approach(self, place):
         """Show the planned robot at the slider's position."""
-        self.logic.panel_logic.plans.go_to(round(place))
+        self.logic.panel_logic.plans.ghost.go_to(round(place))
         self.refresh()
 
     def _changed(self):

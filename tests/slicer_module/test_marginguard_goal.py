@@ -88,6 +88,6 @@ def test_plan_to_the_handle_is_made_by_another_process_and_drawn(
     assert (shown.problem, node_of(application, "ToolGoal")) == ("", None)
     ghost = node_of(application, STYLUS).GetParentTransformNode()
     np.testing.assert_allclose(world_matrix(ghost), place, atol=1e-3)
-    panel.plans.go_to(0)
+    panel.plans.ghost.go_to(0)
     panel.refresh()
     assert not np.allclose(world_matrix(ghost), place, atol=1.0)

@@ -160,13 +160,13 @@ EXPECTED_CALLS = {
     "freezeImageButton": [("ultrasound.freeze", True)],
     "useDepthButton": [],  # there are no depths; the choice is tested below
     "showApproachButton": [("plans.show_approach", Path("approach.json"))],
-    "removeApproachButton": [("plans.remove_approach",)],
+    "removeApproachButton": [("plans.ghost.remove",)],
     "beginGoalButton": [("plans.goal.begin", 5.0)],
     "planGoalButton": [("plans.goal.plan",)],
     "endGoalButton": [("plans.goal.end",)],
     "showNeedleButton": [("plans.show_needle", Path("needle.json"))],
-    "removeNeedleButton": [("plans.remove_needle",)],
-    "useCorridorButton": [("plans.use_corridor", -1)],
+    "removeNeedleButton": [("plans.needle.remove",)],
+    "useCorridorButton": [("plans.needle.choose", -1)],
     "deleteMarkersButton": [("view.delete_markers",)],
     "muteButton": [],  # a state of the alarm, tested below
     "goToBreachButton": [("events.go_to_breach", -1)],

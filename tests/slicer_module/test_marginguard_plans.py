@@ -41,7 +41,7 @@ def test_plans_are_in_the_scene_until_the_session_ends(replayed, application, tm
     base = world_matrix(replayed.session.display.frame_node(robot.base_frame))
     held = dict.fromkeys(robot.robot.actuated_joint_names[1:], 0.1)
     for place, turn in ((20, TURN_RAD), (0, 0.0)):
-        replayed.plans.go_to(place)
+        replayed.plans.ghost.go_to(place)
         replayed.refresh()
         stylus = robot.robot.forward_kinematics({**held, "waist": turn})["stylus"]
         found = world_matrix(node_of(application, STYLUS).GetParentTransformNode())

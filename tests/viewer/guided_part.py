@@ -8,7 +8,7 @@ import pytest
 from app.runtime import LocalOperator, compute_here
 from app.viewer import LiveOperator
 from app.viewer.address import Role
-from app.viewer.guided_part import GuidedControls, GuidedPart
+from app.viewer.guided_part import GuidedPart, add_guided_controls
 from app.viewer.messages.checks import Commands, NotDoneError, RefusedError
 from app.workflow import Workflow
 from tests.waiting import wait_until
@@ -27,7 +27,7 @@ class GuidedPage:
         self.part = GuidedPart(self.workflow)
         self.guide = getattr(self.workflow, name)
         self.commands = Commands()
-        GuidedControls(self.commands, self.workflow, lambda: None)
+        add_guided_controls(self.commands, self.workflow)
         self._name, self._content = name, content
 
     @property

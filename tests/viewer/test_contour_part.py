@@ -34,7 +34,7 @@ class Contouring:
         operator = SimpleNamespace(request=request, compute=compute)
         self.part = ContourPart(CONTENT, self.computed.release, operator)
         self.commands = Commands()
-        ContourControls(self.commands, self.part, lambda: None, live=True)
+        ContourControls(self.commands, self.part, live=True)
 
     def run(self, name, *args):
         self.commands.run(name, ["me", *args], Role.OPERATE)

@@ -32,8 +32,8 @@ class Page:
     """The commands of a page that edits ``world``."""
 
     def __init__(self, world):
-        self.commands, self.changes = Commands(), 0
-        WorldControls(self.commands, world, self._changed)
+        self.commands, self.changes = Commands(self._changed), 0
+        WorldControls(self.commands, world)
 
     def run(self, name, *args, role=Role.OPERATE):
         self.commands.run(f"world_{name}", args, role)

@@ -9,7 +9,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkRenderer
 from app.geometry import FloatArray
 from app.scene import MarginGuardScene
 from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera
-from app.viewer.drawing.translucency import MODELS, FollowingActor
+from app.viewer.drawing.translucency import MODELS, FollowingActor, actors_of, follow
 
 _SIDES = {"right": 0.71, "left": 0.01}
 """Left edge at each side of the picture."""
@@ -72,8 +72,9 @@ class OverviewInset:
             self.side = self.side if self._covers(other, uncovered) else other
         left = _SIDES[self.side]
         self._renderer.SetViewport(left, _BOTTOM, left + _SIZE, _BOTTOM + _SIZE)
-        self._take(self._actors(links))
-        self._follow(self._actors([scene.tumor, scene.tool, *others]).values())
+        self._take(actors_of(self._managed, links))
+        drawn = actors_of(self._managed, [scene.tumor, scene.tool, *others]).values()
+        follow(self._renderer, self._followers, [each for each in drawn if each.GetVisibility()])
         if not self._is_placed:
             placed, own = camera(), self._renderer.GetActiveCamera()
             own.SetPosition(placed.position.tolist())
@@ -94,12 +95,6 @@ class OverviewInset:
                 return True
         return False
 
-    def _actors(self, models: Iterable[vtkMRMLModelNode]) -> dict[vtkMRMLModelNode, vtkActor]:
-        found = {
-            model: self._managed.GetActorByID(model.GetDisplayNode().GetID()) for model in models
-        }
-        return {model: actor for model, actor in found.items() if actor is not None}
-
     def _take(self, robots: dict[vtkMRMLModelNode, vtkActor]) -> None:
         """Draw the actors of ``robots`` here, and those of before in the view if it has them."""
         if robots == self.robots:
@@ -115,13 +110,3 @@ class OverviewInset:
             main.RemoveItem(actor)
             own.AddItem(actor)
         self.robots = robots
-
-    def _follow(self, actors: Iterable[vtkActor]) -> None:
-        shown = {actor for actor in actors if actor.GetVisibility()}
-        for actor in self._followers.keys() - shown:
-            self._renderer.RemoveActor(self._followers.pop(actor).actor)
-        for actor in shown:
-            if actor not in self._followers:
-                self._followers[actor] = FollowingActor()
-                self._renderer.AddActor(self._followers[actor].actor)
-            self._followers[actor].follow(actor)

@@ -12,7 +12,6 @@ from app.geometry import SurfaceMesh
 from app.runtime import SessionContent
 from app.scene import (
     MarginGuardScene,
-    MarkerStyle,
     SceneApplication,
     ScenePresenter,
     use_offscreen_rendering,
@@ -72,7 +71,7 @@ class SceneView:
         use_offscreen_rendering()
         self.application = SceneApplication(vtkMRMLScene())
         self.view = _view(self.application)
-        self._presenter = ScenePresenter(
+        self.presenter = ScenePresenter(
             self.application.scene, content, logic=self.application.logic
         )
         self._opacities = dict.fromkeys(PARTS, 1.0)
@@ -91,12 +90,12 @@ class SceneView:
     @property
     def content(self) -> SessionContent:
         """The content of the step that was shown last."""
-        return self._presenter.content
+        return self.presenter.content
 
     @property
     def scene(self) -> MarginGuardScene | None:
         """The scene of the present content, None before a step has placed tool and tumour."""
-        return self._presenter.scene
+        return self.presenter.scene
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -121,18 +120,18 @@ class SceneView:
 
     def show(self, shown: ViewState) -> None:
         """Bring the scene to the step of ``shown``."""
-        self._presenter.set_content(shown.content)
+        self.presenter.set_content(shown.content)
         self._margin_surface = shown.margin_surface
-        self._presenter.set_margin_surface(shown.margin_surface)
+        self.presenter.set_margin_surface(shown.margin_surface)
         if self.scene is None and shown.step.tumor_from_tip is None:
             return  # The cameras frame tool and tumour: both are needed.
-        self._presenter.show(
+        self.presenter.show(
             shown.step,
             measured=shown.measured,
             breach_points_mm=shown.marks[: shown.marked],
         )
         if shown.silent:
-            self._presenter.hide_pointers()
+            self.presenter.hide_pointers()
         self._style_new_nodes()
 
     @property
@@ -179,19 +178,6 @@ class SceneView:
             raise ViewerError(f"opacity of {PARTS[part].lower()} is {opacity}; expected 0 to 1")
         self._opacities[part] = opacity
         self._style(part)
-
-    @property
-    def marker_style(self) -> MarkerStyle:
-        """Distance and size of the breach marks."""
-        return self._presenter.marker_style
-
-    @marker_style.setter
-    def marker_style(self, style: MarkerStyle) -> None:
-        self._presenter.marker_style = style
-
-    def delete_breach_marks(self) -> None:
-        """Remove the marks of the breaches so far, of the display alone."""
-        self._presenter.delete_breach_marks()
 
     def look_along_tool(self, along: bool) -> None:
         """Hide what stands between a camera behind the tool and what the tip points at."""

@@ -6,11 +6,12 @@ far side is drawn before its near side: that is exact for a convex surface.
 """
 
 from collections.abc import Container, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from slicer import vtkMRMLMarkupsPlaneNode, vtkMRMLModelNode
 from trame_slicer.views import ThreeDView
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkProp
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkProp, vtkRenderer
 
 from app.geometry import FloatArray, SurfaceMesh
 from app.runtime import SessionContent
@@ -64,7 +65,7 @@ class TranslucentOrder:
             display = model.GetDisplayNode()
             display.SetFrontfaceCulling(ordered and model in translucent)
             display.SetBackfaceCulling(model in closed and model not in translucent)
-        self._split(translucent.values() if ordered else ())
+        follow(self._renderer, self._near_sides, translucent.values() if ordered else ())
         self._renderer.SetUseOIT(not ordered)
         if scene is not None and ordered:
             middle = np.array(actors[scene.tumor].GetCenter())
@@ -76,23 +77,7 @@ class TranslucentOrder:
         links = [model for robot in scene.robots.values() for model in robot.models.values()]
         parts = (scene.tumor, scene.margin_surface, scene.tool)
         models = [*parts, *scene.items.nodes.values(), *links, *bodies]
-        found = {
-            model: self._models.GetActorByID(model.GetDisplayNode().GetID())
-            for model in models
-            if model is not None
-        }
-        return {model: actor for model, actor in found.items() if actor is not None}
-
-    def _split(self, actors: Iterable[vtkActor]) -> None:
-        """Draw the near side of each of ``actors`` by an actor of its own."""
-        shown = set(actors)
-        for actor in self._near_sides.keys() - shown:
-            self._renderer.RemoveActor(self._near_sides.pop(actor).actor)
-        for actor in shown:
-            if actor not in self._near_sides:
-                self._near_sides[actor] = FollowingActor()
-                self._renderer.AddActor(self._near_sides[actor].actor)
-            self._near_sides[actor].follow(actor)
+        return actors_of(self._models, filter(None, models))
 
     def _by_depth(
         self,
@@ -174,6 +159,26 @@ class FollowingActor:
             self.actor.GetProperty().FrontfaceCullingOff()
             self.actor.GetProperty().BackfaceCullingOn()
         self.actor.SetUserMatrix(actor.GetUserMatrix())
+
+
+def follow(
+    renderer: vtkRenderer, followers: dict[vtkActor, FollowingActor], actors: Iterable[vtkActor]
+) -> None:
+    """Let ``renderer`` draw the near side of each of ``actors`` by an actor of ``followers``."""
+    shown = set(actors)
+    for actor in followers.keys() - shown:
+        renderer.RemoveActor(followers.pop(actor).actor)
+    for actor in shown:
+        if actor not in followers:
+            followers[actor] = FollowingActor()
+            renderer.AddActor(followers[actor].actor)
+        followers[actor].follow(actor)
+
+
+def actors_of(managed: Any, models: Iterable[vtkMRMLModelNode]) -> dict[vtkMRMLModelNode, vtkActor]:
+    """The actors that the manager of a view's models, ``managed``, has of ``models``."""
+    found = {model: managed.GetActorByID(model.GetDisplayNode().GetID()) for model in models}
+    return {model: actor for model, actor in found.items() if actor is not None}
 
 
 def _is_target(scene: MarginGuardScene, model: vtkMRMLModelNode) -> bool:

@@ -138,19 +138,23 @@ def arguments(given: Collection[object], checks: Collection[Check]) -> list[Any]
 
 @dataclass(frozen=True, slots=True)
 class _Command:
-    call: Callable[..., None]
+    call: Callable[..., object]
     checks: tuple[Check, ...]
     role: Role
 
 
 class Commands:
-    """The commands that exist, each with checks of its arguments and the role that may use it."""
+    """The commands that exist, each with checks of its arguments and the role that may use it.
 
-    def __init__(self) -> None:
+    ``changed()`` is called after each command that was done, to draw again.
+    """
+
+    def __init__(self, changed: Callable[[], None] = lambda: None) -> None:
         self._commands: dict[str, _Command] = {}
+        self._changed = changed
 
     def add(
-        self, name: str, call: Callable[..., None], *checks: Check, role: Role = Role.OPERATE
+        self, name: str, call: Callable[..., object], *checks: Check, role: Role = Role.OPERATE
     ) -> None:
         """Call ``call`` with the checked arguments at each command ``name``."""
         self._commands[name] = _Command(call, checks, role)
@@ -173,3 +177,4 @@ class Commands:
             command.call(*values)
         except InputError as error:
             raise NotDoneError(str(error)) from error
+        self._changed()

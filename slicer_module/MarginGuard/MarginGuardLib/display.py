@@ -49,10 +49,10 @@ class SessionDisplay:
         patient_to_ras: vtkMRMLTransformNode | None,
         logic: vtkMRMLApplicationLogic | None,
     ) -> None:
-        self._presenter = ScenePresenter(
+        self.presenter = ScenePresenter(
             mrml_scene, content, is_live=True, logic=logic, adopt_nodes=True
         )
-        self._presenter.marker_style = marker_style
+        self.presenter.marker_style = marker_style
         self._opacity = opacity
         self._patient_to_ras = patient_to_ras
         self._up: FloatArray | None = None
@@ -60,28 +60,24 @@ class SessionDisplay:
     @property
     def content(self) -> SessionContent:
         """The content of the step that was shown last."""
-        return self._presenter.content
+        return self.presenter.content
 
     @property
     def scene(self) -> MarginGuardScene | None:
         """The scene, None before the frame that the tumour moves with was tracked."""
-        return self._presenter.scene
+        return self.presenter.scene
 
     def show(
         self, step: StepResult, content: SessionContent, now_ns: int
     ) -> tuple[TransformHealth, ...]:
         """Show ``step``, taken with ``content``; return the health of each transform."""
-        self._presenter.set_content(content)
+        self.presenter.set_content(content)
         before = self.scene
-        self._presenter.show(step, now_ns=now_ns)
+        self.presenter.show(step, now_ns=now_ns)
         if self.scene is not before:
             self.set_patient_to_ras(self._patient_to_ras)
             self.set_opacity(self._opacity)
-        return self._presenter.health(now_ns)
-
-    def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
-        """Show data that are too old at ``now_ns`` as unknown; return each transform's health."""
-        return self._presenter.check(now_ns)
+        return self.presenter.health(now_ns)
 
     def readout(self) -> tuple[MarginState, str]:
         """Read the state from the tumour's colour, and the banner's text, from the scene."""
@@ -94,23 +90,11 @@ class SessionDisplay:
                 return state, self.scene.margin.status.GetText()
         return MarginState.UNKNOWN, DISPLAY_CHANGED
 
-    def restart(self) -> None:
-        """Accept a next step from an earlier time, as after a seek. Breach marks are removed."""
-        self._presenter.restart()
-
     def set_opacity(self, opacity: float) -> None:
         """Set the tumour's opacity, 0 to 1."""
         self._opacity = opacity
         if self.scene is not None and self.scene.tumor is not None:
             self.scene.tumor.GetDisplayNode().SetOpacity(opacity)
-
-    def set_marker_style(self, style: MarkerStyle) -> None:
-        """Set least distance and size of the breach markers."""
-        self._presenter.marker_style = style
-
-    def delete_markers(self) -> None:
-        """Remove the breach markers so far; later breaches are marked again."""
-        self._presenter.delete_breach_marks()
 
     def set_patient_to_ras(self, patient_to_ras: vtkMRMLTransformNode | None) -> None:
         """Make ``patient_to_ras`` the parent of the reference; None for the world's origin.
@@ -178,7 +162,7 @@ class SessionDisplay:
 
     def clear(self) -> None:
         """Remove all nodes of the session from the scene."""
-        self._presenter.clear()
+        self.presenter.clear()
 
     def _scene(self) -> MarginGuardScene:
         if self.scene is None or self.scene.tumor is None:

@@ -10,7 +10,7 @@ from app.runtime import GUARDED_TOOL
 from app.workflow import CalibrationKind, Coverage, GuidedShown
 
 from .status import PanelStatus
-from .widgets import OnClick, ToolChoice, coverage_picture, fill_table
+from .widgets import OnClick, ToolChoice, coverage_picture, fill_table, show_picture
 
 _HELD = "The robot is held until an operator re-arms."
 _HELD_AFTER = f"After that of the {GUARDED_TOOL} the robot is held until an operator re-arms."
@@ -56,14 +56,9 @@ class GuidedSection:
         self._calibrated.show(status.tools)
         self._touching.show(status.tools)
         ui.calibrationLabel.setText(calibration.text)
-        if status.coverage is None and self._coverage is not None:
-            ui.coverageLabel.clear()
-            ui.coverageLabel.setMinimumHeight(0)
-        elif status.coverage is not None and status.coverage is not self._coverage:
-            picture = coverage_picture(status.coverage)
-            ui.coverageLabel.setPixmap(picture)
-            ui.coverageLabel.setMinimumHeight(picture.height())  # a narrow panel would cut it off
-        self._coverage = status.coverage
+        if status.coverage is not self._coverage:
+            self._coverage = coverage = status.coverage
+            show_picture(ui.coverageLabel, None if coverage is None else coverage_picture(coverage))
         ui.startPivotButton.setEnabled(calibration.can_start)
         ui.startSpinButton.setEnabled(calibration.can_start)
         ui.stopCalibrationButton.setEnabled(calibration.is_recording)

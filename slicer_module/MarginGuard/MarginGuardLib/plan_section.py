@@ -6,7 +6,7 @@ from typing import Any
 from app.workflow import GhostShown, GoalShown, NeedleShown
 
 from .plans import PlansShown
-from .widgets import OnClick, crosshair_picture
+from .widgets import OnClick, crosshair_picture, show_picture
 
 _NO_PLAN = "no plan"
 _NO_ROBOT = "needs a robot whose base is registered"
@@ -24,7 +24,7 @@ class PlanSection:
                 ui.showApproachButton,
                 lambda logic: logic.plans.show_approach(_path(ui.approachPathLineEdit)),
             ),
-            (ui.removeApproachButton, lambda logic: logic.plans.remove_approach()),
+            (ui.removeApproachButton, lambda logic: logic.plans.ghost.remove()),
             (
                 ui.showNeedleButton,
                 lambda logic: logic.plans.show_needle(_path(ui.needlePathLineEdit)),
@@ -35,10 +35,10 @@ class PlanSection:
             ),
             (ui.planGoalButton, lambda logic: logic.plans.goal.plan()),
             (ui.endGoalButton, lambda logic: logic.plans.goal.end()),
-            (ui.removeNeedleButton, lambda logic: logic.plans.remove_needle()),
+            (ui.removeNeedleButton, lambda logic: logic.plans.needle.remove()),
             (
                 ui.useCorridorButton,
-                lambda logic: logic.plans.use_corridor(
+                lambda logic: logic.plans.needle.choose(
                     ui.corridorComboBox.property("currentIndex")
                 ),
             ),
@@ -89,13 +89,8 @@ class PlanSection:
         if shown == self._needle:
             return
         self._needle = shown
-        if shown is None or shown.tip is None:
-            ui.crosshairLabel.clear()
-            ui.crosshairLabel.setMinimumHeight(0)
-            return
-        picture = crosshair_picture(shown)
-        ui.crosshairLabel.setPixmap(picture)
-        ui.crosshairLabel.setMinimumHeight(picture.height())
+        is_known = shown is not None and shown.tip is not None
+        show_picture(ui.crosshairLabel, crosshair_picture(shown) if is_known else None)
 
 
 def _path(edit: Any) -> Path:

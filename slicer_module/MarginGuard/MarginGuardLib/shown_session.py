@@ -169,14 +169,14 @@ class ShownSession:
                     logic=self._logic,
                 )
             elif self._last is None or self._last.thread is not thread:
-                self.display.restart()
+                self.display.presenter.restart()
             self._last = delivered
             self.health = self.display.show(
                 delivered.step, delivered.content, thread.present_ns(delivered)
             )
             self.failure = ""
         elif self._last is not None and self.display is not None:
-            self.health = self.display.check(thread.present_ns(self._last))
+            self.health = self.display.presenter.check(thread.present_ns(self._last))
 
     def rearm(self) -> Rearm:
         """The command that ends the hold which the displayed step shows.
@@ -220,15 +220,19 @@ class ShownSession:
             return NOT_TRACKED_YET
         if self.readout()[0] is self._last.step.decision.state:
             return ""
-        run = None if self.thread is None else self.thread.run
-        known = run.silence if isinstance(run, LiveStepRun) else ""
+        known = "" if self.live is None else self.live.silence
         return known or "no step has followed"
+
+    @property
+    def live(self) -> LiveStepRun | None:
+        """The run of a live session; None in a replay and without a session."""
+        run = None if self.thread is None else self.thread.run
+        return run if isinstance(run, LiveStepRun) else None
 
     @property
     def workflow(self) -> WorkflowOutput | None:
         """Guided recordings and breaches of all steps; None before a session has begun."""
-        run = None if self.thread is None else self.thread.run
-        return run.workflow if isinstance(run, LiveStepRun) else self._workflow
+        return self._workflow if self.live is None else self.live.workflow
 
     @property
     def breaches(self) -> BreachList:

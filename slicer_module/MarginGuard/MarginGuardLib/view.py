@@ -47,11 +47,11 @@ class PanelView:
         style = MarkerStyle(spacing_mm, size_mm)
         self._session.marker_style = style
         if self._session.display is not None:
-            self._session.display.set_marker_style(style)
+            self._session.display.presenter.marker_style = style
 
     def delete_markers(self) -> None:
         """Remove the breach markers; the list of breaches stays. Raises `InputError` without."""
-        self._session.shown().delete_markers()
+        self._session.shown().presenter.delete_breach_marks()
 
     def set_patient_to_ras(self, node: vtkMRMLTransformNode | None) -> None:
         """Make ``node`` the parent of the reference; None for the world's origin.

@@ -54,6 +54,16 @@ class ToolChoice:
             self._combo_box.setCurrentIndex(0)
 
 
+def show_picture(label: Any, picture: Any) -> None:
+    """Show a `QPixmap`, None for none, which a narrow panel does not cut off."""
+    if picture is None:
+        label.clear()
+        label.setMinimumHeight(0)
+    else:
+        label.setPixmap(picture)
+        label.setMinimumHeight(picture.height())
+
+
 def coverage_picture(coverage: Coverage) -> Any:
     """A `QPixmap`: covered sectors are dark green, circles at 15 and 30 degrees, poses are dots."""
     pixmap = qt.QPixmap(_SIZE, _SIZE)

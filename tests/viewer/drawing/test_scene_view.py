@@ -67,7 +67,7 @@ def test_deleted_marks_stay_deleted_until_the_replay_goes_back(view, parts):
     played = count(last)
     assert played >= 1
     breaches = parts.feed.shown[last].breach_list
-    view.delete_breach_marks()
+    view.presenter.delete_breach_marks()
     assert len(view.scene.margin.breaches) == 0
     assert count(last) == 0
     assert parts.feed.shown[last].breach_list is breaches
@@ -79,12 +79,12 @@ def test_deleted_marks_stay_deleted_until_the_replay_goes_back(view, parts):
 def test_marks_have_the_chosen_size_and_distance(view, parts):
     last = parts.feed.shown[-1]
     view.show(last)
-    view.marker_style = MarkerStyle(5.0, 3.0)
+    view.presenter.marker_style = MarkerStyle(5.0, 3.0)
     marks = view.scene.margin.breaches
     assert marks.spacing_mm == 5.0
     assert marks.node.GetDisplayNode().GetGlyphSize() == 3.0
     fewer = len(marks)
-    view.marker_style = MarkerStyle()
+    view.presenter.marker_style = MarkerStyle()
     assert len(marks) >= fewer >= 1
 
 

@@ -12,7 +12,7 @@ from trame_server import Server
 
 from app.geometry import MarginGuardError
 from app.viewer.address import Role
-from app.viewer.controls import ReplayControls
+from app.viewer.controls import add_replay_controls
 from app.viewer.feeds import RATES, ReplayControl
 from app.viewer.messages.checks import Commands, RefusedError
 from app.viewer.messages.methods import HELLO, Methods
@@ -110,7 +110,7 @@ class Calls:
         self.area = AreaDouble()
         self.control = ReplayControl([n * 10**7 for n in range(10)], lambda: 0)
         commands = Commands()
-        ReplayControls(server.state, commands, self.control, lambda: None)
+        add_replay_controls(server.state, commands, self.control)
         adapter = RcaViewAdapter(self.area, "scene", scheduler=SchedulerDouble(self.area))
         adapter.max_pixel_count = 1920 * 1200
         self.methods = Methods(server, commands, "scene", adapter, lambda page, number: None)
