@@ -19,10 +19,6 @@ from ROS2Lib.member import Kind, Member, MrmlClass, Ros2Error, SavedState
 MemberKey = tuple[str, tuple[str, ...]]
 
 
-def _nothing() -> None:
-    """Callback of a node that nothing waits for."""
-
-
 class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
     """Add it to a scene, `Create` it, call `Spin` often in the scene's thread, `Destroy` it.
 
@@ -43,7 +39,7 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
         self._observer: tuple[vtkMRMLScene, int] | None = None
         self._buffer: TransformBuffer | None = None
         self._broadcaster: TfBroadcaster | None = None
-        self._received: Callable[[], None] = _nothing
+        self._received: Callable[[], None] = lambda: None
 
     def Create(self, nodeName: str, nodeNamespace: str = "") -> None:
         """Join the ROS graph under this name; raises `MarginGuardError` on failure.

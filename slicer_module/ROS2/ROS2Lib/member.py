@@ -2,21 +2,23 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge import RosNode
-from app.bridge.tf import TransformBuffer
-from app.bridge.tf_topics import TfBroadcaster
 from app.geometry import MarginGuardError
 
 if TYPE_CHECKING:
     from slicer import vtkMRMLNode as _Node
+
+    from ROS2Lib.host import RosHost
+
+    Owner: TypeAlias = RosHost
 else:
+    Owner = Any  # its module imports this one
     _Node = object  # at run time the MRML class beside it in the bases is the node
 
 USER_EVENT = 1000
@@ -35,7 +37,8 @@ class MrmlClass(_Node):
 
     def GetNodeTagName(self) -> str:
         """Tag of the node in a scene saved by SlicerROS2."""
-        return tag_name(type(self).__name__)
+        short = type(self).__name__.removeprefix("vtkMRML").removesuffix("Node")
+        return {"ROS2Node": "ROS2Node", "ROS2Robot": "ROS2RobotNode"}.get(short, short)
 
     def IsA(self, name: str) -> bool:
         """True for the class name of SlicerROS2, and for those of all base classes."""
@@ -45,12 +48,6 @@ class MrmlClass(_Node):
     def SafeDownCast(cls, node: Any) -> Any:
         """``node`` if it is of this class; otherwise None."""
         return node if isinstance(node, cls) else None
-
-
-def tag_name(class_name: str) -> str:
-    """``vtkMRMLROS2PublisherPoseNode`` as ``ROS2PublisherPose``."""
-    short = class_name.removeprefix("vtkMRML").removesuffix("Node")
-    return {"ROS2Node": "ROS2Node", "ROS2Robot": "ROS2RobotNode"}.get(short, short)
 
 
 _CLASS, _KIND, _NAMES, _SETTINGS = "ros2.class", "ros2.kind", "ros2.names", "ros2.settings"
@@ -113,51 +110,6 @@ class SavedState:
 
 
 Kind = TypeVar("Kind", bound="Member")
-
-
-class Owner(Protocol):
-    """Interface of a ROS node for its members; implemented by `RosHost`."""
-
-    @property
-    def ros(self) -> RosNode:
-        """The node on the graph."""
-
-    @property
-    def buffer(self) -> TransformBuffer:
-        """Received transforms."""
-
-    @property
-    def broadcaster(self) -> TfBroadcaster:
-        """Publisher on tf."""
-
-    def GetID(self) -> str:
-        """MRML ID."""
-
-    def wake(self) -> None:
-        """Signal that data wait for `Spin`; from any thread."""
-
-    def now_ns(self) -> int:
-        """Time in ns on its clock."""
-
-    def stamp(self, message: Any, frame_id: str) -> None:
-        """Fill in an empty stamp and frame of a header."""
-
-    def resolve(self, name: str) -> str:
-        """Resolved name of a topic or service."""
-
-    def create(
-        self, kind: type[Kind], *names: str, prepare: Callable[[Kind], None] = ...
-    ) -> Kind | None:
-        """Create another member, after ``prepare(member)``."""
-
-    def find(self, kind: type[Kind], *names: str) -> Kind | None:
-        """The member of this kind and name."""
-
-    def remove(self, member: "Member | None", what: str) -> bool:
-        """Remove a member from graph and scene."""
-
-    def release(self, member: "Member") -> None:
-        """Remove a member from the graph; it stays in the scene."""
 
 
 class Member(MrmlClass, _Node):
@@ -243,17 +195,13 @@ class Member(MrmlClass, _Node):
     def save_state(self) -> None:
         """Update the attributes that a saved scene keeps; called when one of `settings` changes."""
         if self._owner is not None:
-            SavedState(self.family(), self.kind_name(), self._names, self.settings()).store(self)
+            kind = str(getattr(self, "KIND", ""))  # of a topic, service or action
+            SavedState(self.family(), kind, self._names, self.settings()).store(self)
 
     @classmethod
     def family(cls) -> str:
         """Name of the class without its kind: that which sets `ROLE`."""
         return next(each.__name__ for each in cls.__mro__ if "ROLE" in vars(each))
-
-    @classmethod
-    def kind_name(cls) -> str:
-        """Kind of a topic, service or action; empty for other members."""
-        return str(getattr(cls, "KIND", ""))
 
     def settings(self) -> dict[str, Any]:
         """Plain values that `apply_settings` of a member of the same class takes."""

@@ -1,9 +1,13 @@
 """ROS node in the scene with the calls of SlicerROS2's scripts."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from app.bridge.world_client import SIMULATION
 from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
 from ROS2Lib.host import RosHost
 from ROS2Lib.kinds import SERVICES, TOPICS, kind_class, kind_class_name, special_class
+from ROS2Lib.member import Member
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
 from ROS2Lib.robot import PARAMETER, vtkMRMLROS2RobotNode
 from ROS2Lib.service_nodes import (
@@ -25,6 +29,33 @@ special_class(
     "moveit_msgs/msg/CollisionObject",
     vtkMRMLROS2PublisherCollisionObjectNode,
 )
+
+
+Found = TypeVar("Found", bound=Member)
+
+
+def _by_name(kind: type[Found]) -> Callable[..., Found | None]:
+    def get(self: RosHost, *names: str) -> Found | None:
+        """The member; None if there is none."""
+        return self.find(kind, *names)
+
+    return get
+
+
+def _by_id(kind: type[Found]) -> Callable[..., Found | None]:
+    def get(self: RosHost, nodeID: str) -> Found | None:
+        """The member; None if there is none."""
+        return self.find_by_id(kind, nodeID)
+
+    return get
+
+
+def _remover(get: Callable[..., Member | None], what: str) -> Callable[..., bool]:
+    def remove(self: RosHost, *names: str) -> bool:
+        """Remove the member, with what it has made; False if there is none."""
+        return self.remove(get(self, *names), what.format(*names))
+
+    return remove
 
 
 class vtkMRMLROS2NodeNode(RosHost):
@@ -50,33 +81,19 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Add a client of a kind of service; None if the service already has one."""
         return self.create(kind_class(vtkMRMLROS2ServiceClientNode, className), service)
 
-    def GetPublisherNodeByTopic(self, topic: str) -> vtkMRMLROS2PublisherNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2PublisherNode, topic)
+    GetPublisherNodeByTopic = _by_name(vtkMRMLROS2PublisherNode)
 
-    def GetSubscriberNodeByTopic(self, topic: str) -> vtkMRMLROS2SubscriberNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2SubscriberNode, topic)
+    GetSubscriberNodeByTopic = _by_name(vtkMRMLROS2SubscriberNode)
 
-    def GetServiceClientNodeByService(self, service: str) -> vtkMRMLROS2ServiceClientNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2ServiceClientNode, service)
+    GetServiceClientNodeByService = _by_name(vtkMRMLROS2ServiceClientNode)
 
-    def GetServiceClientNodeByTopic(self, topic: str) -> vtkMRMLROS2ServiceClientNode | None:
-        """Return `GetServiceClientNodeByService` of ``topic``."""
-        return self.GetServiceClientNodeByService(topic)
+    GetServiceClientNodeByTopic = GetServiceClientNodeByService
 
-    def RemoveAndDeletePublisherNode(self, topic: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetPublisherNodeByTopic(topic), f"publisher of {topic!r}")
+    RemoveAndDeletePublisherNode = _remover(GetPublisherNodeByTopic, "publisher of {!r}")
 
-    def RemoveAndDeleteSubscriberNode(self, topic: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetSubscriberNodeByTopic(topic), f"subscriber to {topic!r}")
+    RemoveAndDeleteSubscriberNode = _remover(GetSubscriberNodeByTopic, "subscriber to {!r}")
 
-    def RemoveAndDeleteServiceClientNode(self, service: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetServiceClientNodeByService(service), f"client of {service!r}")
+    RemoveAndDeleteServiceClientNode = _remover(GetServiceClientNodeByService, "client of {!r}")
 
     def RegisteredROS2PublisherNodes(self) -> str:
         """Class names of all short names, one per line."""
@@ -99,13 +116,9 @@ class vtkMRMLROS2NodeNode(RosHost):
         kind = kind_class(vtkMRMLROS2ServiceServerNode, className)
         return self.create(kind, service, prepare=lambda server: server.SetHandler(handler))
 
-    def GetServiceServerNodeByService(self, service: str) -> vtkMRMLROS2ServiceServerNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2ServiceServerNode, service)
+    GetServiceServerNodeByService = _by_name(vtkMRMLROS2ServiceServerNode)
 
-    def RemoveAndDeleteServiceServerNode(self, service: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetServiceServerNodeByService(service), f"server of {service!r}")
+    RemoveAndDeleteServiceServerNode = _remover(GetServiceServerNodeByService, "server of {!r}")
 
     def CreateAndAddActionClientNode(
         self, actionType: str, action: str
@@ -113,13 +126,9 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Add a client of an action by its ROS type; None if the action already has one."""
         return self.create(kind_class(vtkMRMLROS2ActionClientNode, actionType), action)
 
-    def GetActionClientNodeByAction(self, action: str) -> vtkMRMLROS2ActionClientNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2ActionClientNode, action)
+    GetActionClientNodeByAction = _by_name(vtkMRMLROS2ActionClientNode)
 
-    def RemoveAndDeleteActionClientNode(self, action: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetActionClientNodeByAction(action), f"client of {action!r}")
+    RemoveAndDeleteActionClientNode = _remover(GetActionClientNodeByAction, "client of {!r}")
 
     # Parameters of other nodes.
 
@@ -127,21 +136,13 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Monitor the parameters of another ROS node; None if they already are."""
         return self.create(vtkMRMLROS2ParameterNode, nodeName)
 
-    def GetParameterNodeByNode(self, nodeName: str) -> vtkMRMLROS2ParameterNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2ParameterNode, nodeName)
+    GetParameterNodeByNode = _by_name(vtkMRMLROS2ParameterNode)
 
-    def RemoveAndDeleteParameterNode(self, nodeName: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetParameterNodeByNode(nodeName), f"parameters of {nodeName!r}")
+    RemoveAndDeleteParameterNode = _remover(GetParameterNodeByNode, "parameters of {!r}")
 
-    def GetParameterNodeByNodeID(self, nodeID: str) -> vtkMRMLROS2ParameterNode | None:
-        """The member; None if there is none."""
-        return self.find_by_id(vtkMRMLROS2ParameterNode, nodeID)
+    GetParameterNodeByNodeID = _by_id(vtkMRMLROS2ParameterNode)
 
-    def RemoveAndDeleteParameterNodeByNodeID(self, nodeID: str) -> bool:
-        """Remove it; False if there is none."""
-        return self.remove(self.GetParameterNodeByNodeID(nodeID), f"parameter node {nodeID!r}")
+    RemoveAndDeleteParameterNodeByNodeID = _remover(GetParameterNodeByNodeID, "parameter node {!r}")
 
     # tf.
 
@@ -155,25 +156,13 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Add it; None if it already exists."""
         return self.create(vtkMRMLROS2Tf2LookupNode, parent, child)
 
-    def GetTf2BroadcasterNodeByParentChild(
-        self, parent: str, child: str
-    ) -> vtkMRMLROS2Tf2BroadcasterNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
+    GetTf2BroadcasterNodeByParentChild = _by_name(vtkMRMLROS2Tf2BroadcasterNode)
 
-    def GetTf2LookupNodeByParentChild(
-        self, parent: str, child: str
-    ) -> vtkMRMLROS2Tf2LookupNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2Tf2LookupNode, parent, child)
+    GetTf2LookupNodeByParentChild = _by_name(vtkMRMLROS2Tf2LookupNode)
 
-    def GetTf2BroadcasterNodeByID(self, nodeID: str) -> vtkMRMLROS2Tf2BroadcasterNode | None:
-        """The member; None if there is none."""
-        return self.find_by_id(vtkMRMLROS2Tf2BroadcasterNode, nodeID)
+    GetTf2BroadcasterNodeByID = _by_id(vtkMRMLROS2Tf2BroadcasterNode)
 
-    def GetTf2LookupNodeByID(self, nodeID: str) -> vtkMRMLROS2Tf2LookupNode | None:
-        """The member; None if there is none."""
-        return self.find_by_id(vtkMRMLROS2Tf2LookupNode, nodeID)
+    GetTf2LookupNodeByID = _by_id(vtkMRMLROS2Tf2LookupNode)
 
     def RemoveAndDeleteTf2BroadcasterNode(self, parent: str, child: str = "") -> bool:
         """Remove by parent and child, or by MRML ID; False if there is none."""
@@ -218,13 +207,9 @@ class vtkMRMLROS2NodeNode(RosHost):
         names = (robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix)
         return self.create(vtkMRMLROS2RobotNode, *names, prepare=prepare)
 
-    def GetRobotNodeByName(self, robotName: str) -> vtkMRMLROS2RobotNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2RobotNode, robotName)
+    GetRobotNodeByName = _by_name(vtkMRMLROS2RobotNode)
 
-    def RemoveAndDeleteRobotNode(self, robotName: str) -> bool:
-        """Remove the robot with its lookups and models; False if there is none."""
-        return self.remove(self.GetRobotNodeByName(robotName), f"robot {robotName!r}")
+    RemoveAndDeleteRobotNode = _remover(GetRobotNodeByName, "robot {!r}")
 
     # Hierarchies of transforms and simulated worlds, which SlicerROS2 does not have.
 
@@ -232,13 +217,9 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Broadcast a transform in the frame ``parent``, and all below it; None if it exists."""
         return self.create(vtkMRMLROS2Tf2HierarchyNode, parent)
 
-    def GetTf2HierarchyNode(self, parent: str) -> vtkMRMLROS2Tf2HierarchyNode | None:
-        """The member; None if there is none."""
-        return self.find(vtkMRMLROS2Tf2HierarchyNode, parent)
+    GetTf2HierarchyNode = _by_name(vtkMRMLROS2Tf2HierarchyNode)
 
-    def RemoveAndDeleteTf2HierarchyNode(self, parent: str) -> bool:
-        """Remove it; False if there is none. Its transforms stay in the scene."""
-        return self.remove(self.GetTf2HierarchyNode(parent), f"hierarchy {parent!r}")
+    RemoveAndDeleteTf2HierarchyNode = _remover(GetTf2HierarchyNode, "hierarchy {!r}")
 
     def CreateAndAddSimulatedWorldNode(
         self, simulation: str = SIMULATION

@@ -116,6 +116,24 @@ class ParameterWatch:
         return True
 
 
+def _reader(kind: str, convert: Callable[[Any], Any]) -> Callable[..., Any]:
+    def read(self: "vtkMRMLROS2ParameterNode", parameterName: str, result: Any = None) -> Any:
+        """The value; raises `Ros2Error` if it is not known or of another type.
+
+        With ``result``, a `vtk.reference`, sets it and returns True; returns False and leaves it
+        if the value is not known or of another type.
+        """
+        if result is None:
+            return convert(self.value_of(parameterName, kind))
+        try:
+            return set_output(result, convert(self.value_of(parameterName, kind)))
+        except Ros2Error as error:
+            logging.warning(f"{self.GetName()}: {error}")
+            return False
+
+    return read
+
+
 class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
     """Monitors parameters of a node. `Spin` invokes ``ParameterModifiedEvent`` on new values."""
 
@@ -192,41 +210,21 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             return "array"
         return TYPE_NAMES[parameter_value(value).type].replace("[]", "_array")
 
-    def GetParameterAsBool(self, parameterName: str, result: Any = None) -> Any:
-        """The value; raises `Ros2Error` if it is not known or of another type.
+    GetParameterAsBool = _reader("bool", bool)
 
-        With ``result``, a `vtk.reference`, this and the following calls set it and return True;
-        they return False and leave it if the value is not known or of another type.
-        """
-        return self._get(parameterName, "bool", bool, result)
+    GetParameterAsInteger = _reader("integer", int)
 
-    def GetParameterAsInteger(self, parameterName: str, result: Any = None) -> Any:
-        """The value."""
-        return self._get(parameterName, "integer", int, result)
+    GetParameterAsDouble = _reader("double", float)
 
-    def GetParameterAsDouble(self, parameterName: str, result: Any = None) -> Any:
-        """The value."""
-        return self._get(parameterName, "double", float, result)
+    GetParameterAsString = _reader("string", str)
 
-    def GetParameterAsString(self, parameterName: str, result: Any = None) -> Any:
-        """The value."""
-        return self._get(parameterName, "string", str, result)
+    GetParameterAsVectorOfBools = _reader("bool_array", tuple)
 
-    def GetParameterAsVectorOfBools(self, parameterName: str, result: Any = None) -> Any:
-        """The values."""
-        return self._get(parameterName, "bool_array", tuple, result)
+    GetParameterAsVectorOfIntegers = _reader("integer_array", tuple)
 
-    def GetParameterAsVectorOfIntegers(self, parameterName: str, result: Any = None) -> Any:
-        """The values."""
-        return self._get(parameterName, "integer_array", tuple, result)
+    GetParameterAsVectorOfDoubles = _reader("double_array", tuple)
 
-    def GetParameterAsVectorOfDoubles(self, parameterName: str, result: Any = None) -> Any:
-        """The values."""
-        return self._get(parameterName, "double_array", tuple, result)
-
-    def GetParameterAsVectorOfStrings(self, parameterName: str, result: Any = None) -> Any:
-        """The values."""
-        return self._get(parameterName, "string_array", tuple, result)
+    GetParameterAsVectorOfStrings = _reader("string_array", tuple)
 
     def PrintParameterValue(self, parameterName: str, result: Any = None) -> str | bool:
         """Return `PrintParameter`; ``result``, a `vtk.reference`, is as in `GetParameterAsBool`."""
@@ -281,17 +279,8 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             self._values.update(new)
             self.InvokeEvent(self.ParameterModifiedEvent)
 
-    def _get(self, name: str, kind: str, convert: Callable[[Any], Any], result: Any) -> Any:
-        """The converted value, or its copy to ``result`` and whether it is known."""
-        if result is None:
-            return convert(self._value(name, kind))
-        try:
-            return set_output(result, convert(self._value(name, kind)))
-        except Ros2Error as error:
-            logging.warning(f"{self.GetName()}: {error}")
-            return False
-
-    def _value(self, name: str, kind: str) -> Any:
+    def value_of(self, name: str, kind: str) -> Any:
+        """The value of a parameter; raises `Ros2Error` if it is not known or not a ``kind``."""
         found = self._type_of(name)
         if not found:
             raise Ros2Error(f"parameter {name!r} of {self._monitored} is not known")

@@ -28,10 +28,6 @@ from ROS2Lib.member import Member, Ros2Error, SavedState
 from ROS2Lib.node import vtkMRMLROS2NodeNode
 from ROS2Lib.robot_links import ROBOT_ATTRIBUTE
 
-# SlicerROS2's classes write XML attributes of their own, which the classes of this module cannot
-# read: the scene makes them from the MRML base class (`TAGS`), and this file reads the
-# attributes.
-
 LOOKUP_TAG = "ROS2Tf2Lookup"
 _KINDS = MappingProxyType(
     {
