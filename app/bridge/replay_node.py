@@ -23,6 +23,7 @@ from app.geometry import InputError, MarginGuardError
 from app.hold import InstanceKey, host_id, refuse_beside_guard
 
 if TYPE_CHECKING:
+    from app.case import Player
     from app.runtime import ReplayRun  # slow to load: with the compiled kernels
 
 HEARTBEAT_HZ = 100.0
@@ -30,25 +31,6 @@ HEARTBEAT_HZ = 100.0
 
 MAX_FEEDBACK_HZ = 20.0
 """Limits the feedback of replays faster than real time, which reach thousands of frames/s."""
-
-
-class Playable(Protocol):
-    """Interface of a player, such as `app.case.Player`. Called in the node's thread."""
-
-    def resume(self) -> None:
-        """Go on."""
-
-    def pause(self) -> None:
-        """Pause before the next frame."""
-
-    def step(self, frames: int = 1) -> None:
-        """Play ``frames`` frames and pause."""
-
-    def seek(self, seconds: float) -> None:
-        """Continue at this time; raises `MarginGuardError` if it is out of range."""
-
-    def set_rate(self, rate: float | None) -> None:
-        """Change the rate (None: do not wait); raises `MarginGuardError` if out of range."""
 
 
 class PlayerServices:
@@ -66,7 +48,7 @@ class PlayerServices:
     changes.
     """
 
-    def __init__(self, ros: RosNode, player: Playable) -> None:
+    def __init__(self, ros: RosNode, player: "Player") -> None:
         self._player = player
         for name, action in (
             ("play", player.resume),

@@ -247,9 +247,8 @@ class TfFollower:
         """Poses at the latest common time of all links; stale with the previous ones on error."""
         problem = ""
         try:
-            found = self._buffer.poses(self._root, self._frames)
-            found.matrices.flags.writeable = False
-            self._last = (found.matrices, found.stamp_ns)
+            self._last = self._buffer.poses(self._root, self._frames)
+            self._last[0].flags.writeable = False
         except TfError as error:
             problem = str(error)
         poses, stamp_ns = self._last or (None, None)

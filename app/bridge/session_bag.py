@@ -8,9 +8,10 @@ import json
 import os
 import random
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Self
 
 from rclpy.logging import get_logger
@@ -142,6 +143,11 @@ class SessionBag:
             self._bag.close()
 
 
+def _bytes_of(message: object) -> bytes:
+    """``message`` as bytes, which it may be already."""
+    return message if isinstance(message, bytes) else bytes(serialize_message(message))
+
+
 class _BagEndpoints:
     """The endpoints of a node that `SessionPublisher` uses, with publishers that write to a bag.
 
@@ -156,15 +162,15 @@ class _BagEndpoints:
         self._names: set[str] = set()
         self.now_ns: int | None = None
 
-    def publisher(self, topic: Topic) -> "_BagPublisher | _NoPublisher":
+    def publisher(self, topic: Topic) -> SimpleNamespace:
         """A publisher that writes to the bag; that of the clock writes nothing."""
         name = topic.name.replace("~", f"/{NODE_NAME}", 1)
         if topic is topics.CLOCK:
-            return _NoPublisher()
+            return SimpleNamespace(publish=lambda _: None)
         if name not in self._names:
             self._names.add(name)
             self._bag.add_topic(bag_topic(name, topic))
-        return _BagPublisher(lambda data: self._write(name, data))
+        return SimpleNamespace(publish=lambda message: self._write(name, _bytes_of(message)))
 
     def destroy_publisher(self, publisher: object) -> None:
         """Nothing to release."""
@@ -185,18 +191,3 @@ class _BagEndpoints:
             self._waiting.append((name, data))
         else:
             self._bag.write(name, data, received_ns=self.now_ns, published_ns=self.now_ns)
-
-
-class _BagPublisher:
-    def __init__(self, write: Callable[[bytes], None]) -> None:
-        self._write = write
-
-    def publish(self, message: object) -> None:
-        """Write ``message``, which may be serialised already."""
-        data = message if isinstance(message, bytes) else bytes(serialize_message(message))
-        self._write(data)
-
-
-class _NoPublisher:
-    def publish(self, message: object) -> None:
-        """Write nothing."""

@@ -40,16 +40,6 @@ class Lookup:
     stamp_ns: int | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PoseSet:
-    """``root_from_frame`` of ``frames`` at one stamp: ``matrices`` (n, 4, 4) in mm, same order."""
-
-    root: str
-    frames: tuple[str, ...]
-    matrices: FloatArray
-    stamp_ns: int | None
-
-
 @dataclass(slots=True)
 class _Edge:
     """``parent_from_child`` by its ``history``; without one, of a static edge, by ``pose``."""
@@ -154,8 +144,13 @@ class TransformBuffer:
         transform = Transform.from_quaternion(pose[3:], pose[:3], target=target, source=source)
         return Lookup(transform, stamp_ns)
 
-    def poses(self, root: str, frames: Sequence[str], stamp_ns: int | None = None) -> PoseSet:
-        """Look up ``root_from_frame`` of all ``frames`` at one common time; raises as `lookup`."""
+    def poses(
+        self, root: str, frames: Sequence[str], stamp_ns: int | None = None
+    ) -> tuple[FloatArray, int | None]:
+        """Look up ``root_from_frame`` of all ``frames`` at one common time; raises as `lookup`.
+
+        Returns matrices (n, 4, 4) in mm and their stamp, None if all edges are static.
+        """
         with self._changed:
             needed: set[str] = set()
             for frame in frames:
@@ -167,7 +162,7 @@ class TransformBuffer:
             tops = [self._in_top(frame, needed, stamp_ns, known) for frame in frames]
             root_from_top = inverse(self._in_top(root, needed, stamp_ns, known))
         values = [compose(root_from_top, pose) for pose in tops]
-        return PoseSet(root, tuple(frames), matrices(values), stamp_ns)
+        return matrices(values), stamp_ns
 
     def attachments(self, frame: str, known: Collection[str]) -> frozenset[str]:
         """Frames of ``known`` that edges connect with ``frame``, without passing another of them.

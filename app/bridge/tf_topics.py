@@ -25,22 +25,6 @@ _MAX_CHARS = 200
 _MAX_FRAMES = 4096
 
 
-class TfBroadcaster:
-    """``broadcaster.send([(reference_from_tool, stamp), ...])``; the parent is the target.
-
-    A stamp is the time of measurement, not of sending. One message per call.
-    """
-
-    def __init__(self, ros: RosNode) -> None:
-        self._publisher = ros.publisher(topics.TF)
-
-    def send(self, samples: Iterable[tuple[Transform, Stamp]]) -> None:
-        """Publish ``samples`` in one message; publishes nothing if there are none."""
-        message = tf_message(samples)
-        if message.transforms:
-            self._publisher.publish(message)
-
-
 def tf_message(samples: Iterable[tuple[Transform, Stamp]]) -> TFMessage:
     """Convert ``samples`` to one message, with lengths in m."""
     return TFMessage(

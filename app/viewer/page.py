@@ -5,7 +5,7 @@ from typing import Any
 
 from trame_server.state import State
 
-from app.runtime import RecordingStatus
+from app.runtime import RecordingStatus, TipDirections
 from app.session import SHOWN_STATES, BreachList, moment_text
 from app.viewer.contour_part import ContourPart
 from app.viewer.drawing.camera_controller import CameraController, orientation
@@ -17,7 +17,7 @@ from app.viewer.guided_part import GuidedPart
 from app.viewer.image_part import ImagePart, depth_values
 from app.viewer.live_operator import LiveOperator
 from app.viewer.page_values import (
-    Directions,
+    direction_values,
     item_values,
     readout,
     recording_values,
@@ -90,7 +90,7 @@ class Page:
         state.look = ""
         state.surfaces, state.drawn, state.camera = {}, [], None
         self._breaches = BreachList()
-        self._directions = Directions()
+        self._directions = TipDirections()
         state.directions, state.orientation, state.inset = [], None, ""
         state.breaches, state.doubts = breach_rows(self._breaches), []
         state.plot = None  # an open page does not draw names that are added later
@@ -162,7 +162,7 @@ class Page:
             state.update(item_values(self.shown))
             state.image_depth = depth_values(self.shown)
             state.workflow = self._workflow()
-            state.directions = self._directions.values(self.shown)
+            state.directions = direction_values(self._directions, self.shown)
             state.orientation = self._orientation()
             state.inset = self._inset()
             if self._hand is not None:

@@ -8,12 +8,12 @@ import vtk
 from slicer import vtkMRMLScene, vtkMRMLScriptedModuleNode
 from std_msgs.msg import Header
 
-from app.bridge import RosNode, prepare_environment
+from app.bridge import RosNode, prepare_environment, topics
 from app.bridge.messages import time_message
 from app.bridge.ros_errors import reason_of
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf_topics import TfBroadcaster, TfListener
-from app.geometry import MarginGuardError, Stamp
+from app.bridge.tf_topics import TfListener, tf_message
+from app.geometry import MarginGuardError, Stamp, Transform
 from ROS2Lib.member import Kind, Member, MrmlClass, Ros2Error, SavedState
 
 MemberKey = tuple[str, tuple[str, ...]]
@@ -38,7 +38,7 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
         self._spins = False
         self._observer: tuple[vtkMRMLScene, int] | None = None
         self._buffer: TransformBuffer | None = None
-        self._broadcaster: TfBroadcaster | None = None
+        self._broadcaster: Any = None
         self._received: Callable[[], None] = lambda: None
 
     def Create(self, nodeName: str, nodeNamespace: str = "") -> None:
@@ -133,12 +133,11 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
             TfListener(self.ros, self._buffer, received=self.wake)
         return self._buffer
 
-    @property
-    def broadcaster(self) -> TfBroadcaster:
-        """The broadcaster shared by all members."""
+    def broadcast(self, pose: Transform, stamp: Stamp) -> None:
+        """Send a pose on tf; the parent is its target."""
         if self._broadcaster is None:
-            self._broadcaster = TfBroadcaster(self.ros)
-        return self._broadcaster
+            self._broadcaster = self.ros.publisher(topics.TF)
+        self._broadcaster.publish(tf_message([(pose, stamp)]))
 
     def call_when_received(self, callback: Callable[[], None]) -> None:
         """Call ``callback()``, in any thread, whenever data have arrived that wait for `Spin`."""

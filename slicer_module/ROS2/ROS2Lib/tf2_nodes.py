@@ -253,8 +253,7 @@ class vtkMRMLROS2Tf2BroadcasterNode(FramePair, vtkMRMLScriptedModuleNode):
             pose.GetMatrixTransformToParent(matrix)
             pose = matrix
         stamp = Stamp(self._owner.now_ns() if stamp_ns is None else stamp_ns)
-        sample = (transform(pose, self._parent, self._child), stamp)
-        self._owner.broadcaster.send([sample])
+        self._owner.broadcast(transform(pose, self._parent, self._child), stamp)
         self._count += 1
         return True
 
