@@ -30,6 +30,7 @@ from app.geometry import (
     Transform,
 )
 
+_TIMEOUT_S = 5.0
 _POLL_S = 0.01
 
 _MAX_SENDERS = 8
@@ -88,16 +89,16 @@ class JointInput(NewestMessage):
         )
 
 
-def read_joints(arm: str, timeout_s: float = 5.0) -> dict[str, float]:
+def read_joints(arm: str) -> dict[str, float]:
     """The joint positions of ``arm`` now. Call `app.bridge.prepare_environment` before.
 
-    Raises `BridgeError` if none arrive in ``timeout_s``, or with names for others.
+    Raises `BridgeError` if none arrive in 5 s, or with names for others.
     """
     with RosNode("joint_reader") as ros:
-        joints, end_s = JointInput(ros, arm), time.monotonic() + timeout_s
+        joints, end_s = JointInput(ros, arm), time.monotonic() + _TIMEOUT_S
         while (found := joints.measurement()) is None:
             if time.monotonic() > end_s:
-                problem = joints.problem() or f"{arm}/measured_js: no message in {timeout_s:g} s"
+                problem = joints.problem() or f"{arm}/measured_js: no message in {_TIMEOUT_S:g} s"
                 raise BridgeError(f"{problem}; expected the joint positions of a running arm")
             time.sleep(_POLL_S)
     if len(found.names) != len(found.positions):

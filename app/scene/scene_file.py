@@ -34,7 +34,9 @@ def save_scene(scene: vtkMRMLScene, path: Path) -> None:
     Transforms, points and colours keep all digits, sequences of transforms six. Raises `SceneError`
     for another suffix, for a path that cannot be written, and for errors of MRML.
     """
-    _check_place(path)
+    if path.suffix.lower() != SCENE_ENDING:
+        raise SceneError(f"{path}: suffix is {path.suffix!r}; expected {SCENE_ENDING!r}")
+    check_output_path(path, SceneError)
     # MRML names the bundle's content after the file, and writes data at absolute paths only.
     with atomic_file(path, SceneError) as partial:
         messages = vtkMRMLMessageCollection()
@@ -98,12 +100,6 @@ def _path_outside(names: list[str]) -> str | None:
         if is_outside or any(str(folder) in files for folder in place.parents):
             return name
     return None
-
-
-def _check_place(path: Path) -> None:
-    if path.suffix.lower() != SCENE_ENDING:
-        raise SceneError(f"{path}: suffix is {path.suffix!r}; expected {SCENE_ENDING!r}")
-    check_output_path(path, SceneError)
 
 
 @contextmanager

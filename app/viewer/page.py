@@ -164,7 +164,8 @@ class Page:
             state.workflow = self._workflow()
             state.directions = direction_values(self._directions, self.shown)
             state.orientation = self._orientation()
-            state.inset = self._inset()
+            has_inset = self.view.scene is not None and self.view.inset.is_shown
+            state.inset = self.view.inset.side if has_inset else ""
             if self._hand is not None:
                 state.update(self._hand.values())
             if self._contour is not None:
@@ -197,12 +198,6 @@ class Page:
             self._breaches = listed.breach_list
             lists["breaches"] = breach_rows(self._breaches)
         return lists
-
-    def _inset(self) -> str:
-        """Side of the picture with the overview, empty without it."""
-        if self.view.scene is None or not self.view.inset.is_shown:
-            return ""
-        return self.view.inset.side
 
     def _orientation(self) -> dict[str, object] | None:
         """Letters and scale; None for a page that has turned its own camera."""

@@ -74,6 +74,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         margin = replace(margin, label=named(margin.label, governing))
     display, beside = banner_states(margin, latched=latched)
     causes = shown.step.hold_causes[::-1] if decision.hold else ()
+    advice = advice_text(decision.reasons) if decision.state is MarginState.UNKNOWN else ""
     why = shown.silent or _why(display, causes) or named(_reasons(shown.step), governing)
     return (
         _NOTHING
@@ -83,7 +84,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
             "state": decision.state.name,
             "beside": None if beside is None else _look(beside),
             "why": why,
-            "todo": _SILENT if shown.silent else _todo(decision),
+            "todo": _SILENT if shown.silent else advice,
             "distance": distance_text(shown.distance_mm),
             "trend": str(shown.trend),
             "hold": latched,
@@ -217,11 +218,6 @@ def _reasons(step: StepResult) -> str:
     text = reason_text(decision.state, decision.reasons)
     is_unknown = decision.state is MarginState.UNKNOWN
     return f"{text} ({step.frames_problem})" if is_unknown and step.frames_problem else text
-
-
-def _todo(decision: FixtureDecision) -> str:
-    """Advice for a state that is UNKNOWN; empty while it is known."""
-    return advice_text(decision.reasons) if decision.state is MarginState.UNKNOWN else ""
 
 
 def _history(shown: ViewState) -> str:

@@ -1,7 +1,7 @@
 """One step of a session with everything that a page shows of it."""
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -126,7 +126,8 @@ class ViewStateBuilder:
     def __init__(self, content: SessionContent, margin_surface: SurfaceMesh | None = None) -> None:
         self._content = content
         self._margin_surface = margin_surface
-        self._required = tuple(_required_frames(content))
+        self._required = [content.tool_from_tip.target, content.frame_from_tumor.target]
+        self._required += [] if content.robot is None else [REFERENCE]
         self._named: set[str] = set()
         self._watchdog = TransformWatchdog(content.margins.stale_after_ns)
         self._trend = TrendMeter()
@@ -194,8 +195,3 @@ class ViewStateBuilder:
             TransformHealth(n, Freshness.MISSING, None) for n in self._required if n not in known
         )
         return (*self._watchdog.check(frame.stamp.ns), *never)
-
-
-def _required_frames(content: SessionContent) -> Iterable[str]:
-    frames = [content.tool_from_tip.target, content.frame_from_tumor.target]
-    return frames if content.robot is None else [*frames, REFERENCE]

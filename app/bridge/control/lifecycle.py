@@ -11,7 +11,7 @@ finalized       as unconfigured, permanently
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol, cast
 
@@ -64,14 +64,12 @@ class LifecycleRosNode(RosNode):
         managed: Managed,
         *,
         namespace: str = "",
-        ros_args: Sequence[str] = (),
         domain_id: int | None = None,
     ) -> None:
         self.managed = managed
         super().__init__(
             name,
             namespace=namespace,
-            ros_args=ros_args,
             domain_id=domain_id,
             make_node=partial(_StateMachine, owner=self),
         )

@@ -57,7 +57,6 @@ class SessionClient:
         ros: RosNode,
         node: str,
         *,
-        clock_ns: Callable[[], int] = time.time_ns,
         waiting: Callable[[float], None] = lambda _: None,
         own: bool = False,
     ) -> None:
@@ -67,7 +66,7 @@ class SessionClient:
         self.images: LiveImages | None = None
         self.operator: RemoteOperator | None = None
         """Sends the operator's requests; None before the first step."""
-        self._ros, self._clock_ns, self._while_waiting = ros, clock_ns, waiting
+        self._ros, self._while_waiting = ros, waiting
         self._own, self._host = own, host_id()
         self._delay = TransportDelay()
         self._wire = SessionWire()
@@ -123,7 +122,7 @@ class SessionClient:
             step, others = step_of(message, session.content)
             # Only now: a step that has waited for this thread is as old as that.
             same_host = session.host == self._host
-            self._delay.note(message.published_ns, self._clock_ns(), same_host=same_host)
+            self._delay.note(message.published_ns, time.time_ns(), same_host=same_host)
             self._use(session, message)
             if self.images is not None:
                 self.images.add_poses([*step.frame.poses, *others])

@@ -86,9 +86,7 @@ class SessionPublisher:
         self,
         content: SessionContent,
         *,
-        name: str = NODE_NAME,
         namespace: str = "",
-        ros_args: Sequence[str] = (),
         domain_id: int | None = None,
         heartbeat_hz: float | None = None,
         policy: PublishPolicy = PUBLISH_ALL,
@@ -109,7 +107,7 @@ class SessionPublisher:
         with ExitStack() as opening:
             if endpoints is None:
                 self.ros = ros or opening.enter_context(
-                    RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
+                    RosNode(NODE_NAME, namespace=namespace, domain_id=domain_id)
                 )
             self._endpoints: Endpoints = endpoints or self.ros
             if ros is not None:
@@ -134,8 +132,9 @@ class SessionPublisher:
             description = content.robot_description() if policy.robot else None
             if description is not None:
                 self._publisher(topics.ROBOT_DESCRIPTION).publish(String(data=description))
+            self.constraint_publisher = self._publishers[topics.CONSTRAINT.name]
             self.constraints = ConstraintStream(
-                self._publishers[topics.CONSTRAINT.name],
+                self.constraint_publisher,
                 heartbeat_hz,
                 random_bits=random_bits,
                 clock_ns=clock_ns,
@@ -199,11 +198,6 @@ class SessionPublisher:
     def publishers(self) -> tuple[Publisher, ...]:
         """All publishers of the session."""
         return tuple(self._created)
-
-    @property
-    def constraint_publisher(self) -> Publisher:
-        """Publisher of the constraint."""
-        return self._publishers[topics.CONSTRAINT.name]
 
     def publish_static(self) -> None:
         """Publish the static transforms again. Thread-safe."""

@@ -135,14 +135,6 @@ def _distinct(infos: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
     return found
 
 
-def _joint_velocity(stamp_ns: int, message: JointState) -> ArmCommand:
-    return JointVelocityCommand(stamp_ns, tuple(message.name), tuple(message.velocity))
-
-
-def _joint_position(stamp_ns: int, message: JointState) -> ArmCommand:
-    return JointPositionCommand(stamp_ns, tuple(message.name), tuple(message.position))
-
-
 def _tool_pose(stamp_ns: int, message: PoseStamped) -> ArmCommand:
     place, turn = message.pose.position, message.pose.orientation
     position_mm = (MM_PER_M * place.x, MM_PER_M * place.y, MM_PER_M * place.z)
@@ -170,17 +162,22 @@ def _base_wrench(stamp_ns: int, message: WrenchStamped) -> ToolWrenchCommand:
     )
 
 
-def _tool_wrench(stamp_ns: int, message: WrenchStamped) -> ArmCommand:
-    return replace(_base_wrench(stamp_ns, message), in_tool=True)
-
-
 READERS: dict[str, tuple[type, Callable[[int, Any], ArmCommand]]] = {
-    "servo_jv": (JointState, _joint_velocity),
-    "servo_jp": (JointState, _joint_position),
+    "servo_jv": (
+        JointState,
+        lambda ns, each: JointVelocityCommand(ns, tuple(each.name), tuple(each.velocity)),
+    ),
+    "servo_jp": (
+        JointState,
+        lambda ns, each: JointPositionCommand(ns, tuple(each.name), tuple(each.position)),
+    ),
     "servo_cp": (PoseStamped, _tool_pose),
     "servo_cv": (TwistStamped, _tool_twist),
     "servo_cf": (WrenchStamped, _base_wrench),
-    "body/servo_cf": (WrenchStamped, _tool_wrench),
+    "body/servo_cf": (
+        WrenchStamped,
+        lambda ns, each: replace(_base_wrench(ns, each), in_tool=True),
+    ),
 }
 """Topic in the arm's namespace -> message type, and the command that a message is."""
 
@@ -193,21 +190,16 @@ class ArmCommands:
         self._lock = threading.Lock()
         self._arrived: tuple[str, Any, int] | None = None
         topics = [f"/{name}/{each}" for each in MOTION]
-        self._binding = ControllerBinding(ros.node, topics)
+        self.binding = ControllerBinding(ros.node, topics)
         self._problem = ""
         for topic, (kind, _) in READERS.items():
             ros.subscribe_with_origin(
                 Topic(f"/{name}/{topic}", kind, NEWEST), self._taker(topic, kind)
             )
 
-    @property
-    def is_check_due(self) -> bool:
-        """True if `other_controller` has to look at once."""
-        return self._binding.is_due
-
     def other_controller(self) -> str:
         """Evidence that another source than its controller may move this arm; empty without any."""
-        problem = self._binding.problem()
+        problem = self.binding.problem()
         self._problem = problem or self._problem
         return problem
 
@@ -215,7 +207,7 @@ class ArmCommands:
         """Accept the next controller if ``fault``, which has ended, was that of another one."""
         if fault and fault == self._problem:
             self._problem = ""
-            self._binding.release()
+            self.binding.release()
 
     def newest(self, host_ns: int, time_ns: int) -> ArmCommand | None:
         """The command that has arrived since the last call, on the simulation's clock.
@@ -241,7 +233,7 @@ class ArmCommands:
         def take(data: bytes, origin: Origin) -> None:
             """Keep a command of the controller. Runs in the node's thread."""
             now_ns = self._node.get_clock().now().nanoseconds
-            if len(data) > _MAX_BYTES or not self._binding.accepts(origin.sender):
+            if len(data) > _MAX_BYTES or not self.binding.accepts(origin.sender):
                 return
             message = deserialize_message(data, kind)
             with self._lock:

@@ -49,12 +49,8 @@ class DeviceHand:
         self._frame = ""
         self._stepped_ns: int | None = None
         self._sent_ns: int | None = None
-        self._reason = ""
-
-    @property
-    def problem(self) -> str:
+        self.problem = ""
         """The reason why the handle does not hold the tool; empty if it does."""
-        return self._reason
 
     def wrench(self, state: WorldState) -> Wrench:
         """The force of the spring on the tool in ``state``; sends the one on the handle if due."""
@@ -110,9 +106,9 @@ class DeviceHand:
         self._force.publish(message)
 
     def _log(self, reason: str) -> None:
-        if reason == self._reason:
+        if reason == self.problem:
             return
-        was_late, self._reason = bool(self._reason), reason
+        was_late, self.problem = bool(self.problem), reason
         if reason:
             self._node.get_logger().warning(f"haptic device let go: {reason}")
         elif was_late:

@@ -264,7 +264,7 @@ class SimulationNode:
         if is_due:
             self._checked_ns = world.time_ns
         for name, arm in self._arms.items():
-            if state.arms[name].fault or not (is_due or arm.commands.is_check_due):
+            if state.arms[name].fault or not (is_due or arm.commands.binding.is_due):
                 continue
             problem = arm.commands.other_controller()
             if problem:

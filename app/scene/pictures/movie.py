@@ -197,7 +197,8 @@ def _encode(
     for picture in pictures:
         height, width = picture.shape[:2]
         if stream is None:
-            _check_even(width, height)
+            if width % 2 or height % 2:
+                raise InputError(f"video: {width} x {height} pixels; expected even numbers")
             try:
                 stream = container.add_stream(_CODEC, rate=pictures_per_s)
             except av.codec.codec.UnknownCodecError as error:
@@ -231,8 +232,3 @@ def _configure(stream: Any, width: int, height: int, pictures_per_s: Fraction) -
     context.thread_count = 1  # the bytes depend on the number of threads
     context.colorspace, context.color_range = _ITU601, _LIMITED
     context.color_primaries = context.color_trc = _SMPTE170M
-
-
-def _check_even(width: int, height: int) -> None:
-    if width % 2 or height % 2:
-        raise InputError(f"video: {width} x {height} pixels; expected even numbers")
