@@ -118,10 +118,6 @@ def remove(node):
     node.GetScene().RemoveNode(node)
 
 
-def remove_display(node):
-    remove(node.GetDisplayNode())
-
-
 @pytest.mark.parametrize(
     ("name", "damage", "problem"),
     [

@@ -91,13 +91,6 @@ def test_foreign_host_name_is_refused_in_spite_of_the_cookie(target, host):
     assert status_of(response(target.server, f"/?token={TOKEN}", Host=host)) in (400, 403)
 
 
-@pytest.mark.parametrize("name", ["localhost", "127.0.0.1", "LOCALHOST"])
-def test_names_of_this_machine_are_allowed(target, name):
-    host = f"{name}:{target.server.host.split(':')[1]}"
-    answer = response(target.server, "/index.html", Cookie=target.view, Host=host)
-    assert status_of(answer) == 200
-
-
 def test_wrong_tokens_are_counted_for_each_address(target):
     """Addresses of their own: 127.0.0.1 is that of the other tests."""
     guessing, other = "127.0.0.66", "127.0.0.67"
