@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
-from typing import Protocol
 
 from app.fixture import MarginState
 from app.geometry import (
@@ -141,13 +140,6 @@ _QUIET_NS = NS_PER_S
 """A session without samples steps every tenth of a second: after this silence it has ended."""
 
 
-class Feed(Protocol):
-    """Provides the step to be shown now."""
-
-    def now(self) -> ViewState | None:
-        """Return the present step, UNKNOWN if there is none; None before the first step."""
-
-
 class ReplayFeed:
     """The steps of a recording, all computed before the first is shown.
 
@@ -259,6 +251,10 @@ def _timeout_ns(shown: ViewState) -> int:
         return _QUIET_NS
     limits = FreshnessLimits(shown.content.margins.stale_after_ns)
     return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits))
+
+
+Feed = ReplayFeed | LiveFeed
+"""Provides the step to be shown now."""
 
 
 class LiveSteps:

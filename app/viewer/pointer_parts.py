@@ -3,7 +3,7 @@
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -16,20 +16,10 @@ from app.viewer.messages.methods import Area, Event
 from app.viewer.view_state import ViewState
 
 
-class PointerPart(Protocol):
-    """A part of the page that takes pointer events."""
-
-    def take(self, page: str, event: Event, /) -> bool:
-        """Process an event of ``page``; False if it is for others."""
-
-    def gone(self, page: str, /) -> None:
-        """Let go of what ``page`` holds: it is closed."""
-
-
 class PointerArea:
     """`Area` that gives each event to the first of ``parts`` that takes it, else to ``area``."""
 
-    def __init__(self, area: Area, parts: Sequence[PointerPart]) -> None:
+    def __init__(self, area: Area, parts: "Sequence[PointerPart]") -> None:
         self._area, self._parts = area, parts
 
     def update_size(self, origin: str, size: dict[str, float], /) -> None:
@@ -250,6 +240,10 @@ class PageDrag(ABC):
         """End the drag: ``page`` is closed."""
         if page == self._page:
             self._page = None
+
+
+PointerPart = HandPart | PageDrag
+"""A part of the page that takes pointer events."""
 
 
 class BodyDrag(PageDrag):

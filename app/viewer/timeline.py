@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -132,25 +132,6 @@ _LIVE_SPAN_NS = 30 * NS_PER_S
 _LIVE_STEP_NS = 200 * NS_PER_MS
 
 
-class Timeline(Protocol):
-    """The page's values about time, as entries of trame's state."""
-
-    def values(self, shown: ViewState | None) -> dict[str, Any]:
-        """Return the values of the moment that is shown."""
-
-    def new_plot(self) -> dict[str, Any]:
-        """Return the plot if it changed since the last call, else an empty dictionary."""
-
-    def listed(self, shown: ViewState | None) -> ViewState | None:
-        """Return the moment whose breaches and doubts are listed."""
-
-    def place(self, note: EventNote) -> float | None:
-        """Return where on the plot a note is, 0 to `WIDTH`; None if it is not in view."""
-
-    def revision(self) -> object:
-        """Return a value that changes when the page needs an update without a new step."""
-
-
 class ReplayTimeline:
     """Timeline of a whole recording; ``breaches`` holds the first and last frame of each."""
 
@@ -250,6 +231,9 @@ class LiveTimeline:
         """Return None: only steps change this timeline."""
         return None
 
+
+Timeline = ReplayTimeline | LiveTimeline
+"""The page's values about time, as entries of trame's state."""
 
 _HATCH_PATHS = {
     ".": "M3 3h2v2h-2z",

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
@@ -36,15 +36,6 @@ DEFAULTS = MappingProxyType(
 """Node and name (of a parameter, a topic, a file) that belong to each source."""
 
 
-class Description(Protocol):
-    """A description that is loaded in a thread of its own."""
-
-    problem: str
-
-    def close(self) -> None:
-        """Stop loading."""
-
-
 class FileDescription:
     """Loads a URDF, xacro or ADF file once, in a thread."""
 
@@ -68,6 +59,10 @@ class FileDescription:
         self.problem = ""
         if not self._is_closed:
             self._loaded(robot)
+
+
+Description = FileDescription | DescriptionListener
+"""A description that is loaded in a thread of its own."""
 
 
 def description(
