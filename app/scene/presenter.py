@@ -78,7 +78,7 @@ class ScenePresenter:
             self._deleted = 0
         if content.tumor is not before.tumor or content.margins.stop_mm != before.margins.stop_mm:
             self.set_margin_surface(None)
-        if not _has_same_parts(before, content):
+        if _parts(before) != _parts(content):
             self.clear()
         elif self.scene is not None and self.scene.watchdog is not None:
             self.scene.watchdog.set_stale_after(content.margins.stale_after_ns)
@@ -347,27 +347,16 @@ class ScenePresenter:
         )
 
 
-def _shown_structures(content: SessionContent) -> list[tuple[object, ...]]:
-    """All by which the models of the structures differ, but their poses in their frames."""
+def _parts(content: SessionContent) -> list[object]:
+    """The surfaces and the robot that ``content`` shows, without their poses."""
+    robot = content.robot
     return [
-        (each.surface, each.role, content.static_edge(each.name).target)
-        for each in content.structures
+        content.tumor,
+        content.tool,
+        content.tip_frame,
+        None if robot is None else (robot.robot, robot.base_frame, robot.tool_link),
+        *(
+            (each.surface, each.role, content.static_edge(each.name).target)
+            for each in content.structures
+        ),
     ]
-
-
-def _has_same_parts(first: SessionContent, second: SessionContent) -> bool:
-    """True if both show the same surfaces and the same robot."""
-    if (
-        first.tumor is not second.tumor
-        or first.tool is not second.tool
-        or first.tip_frame != second.tip_frame
-        or _shown_structures(first) != _shown_structures(second)
-    ):
-        return False
-    if first.robot is None or second.robot is None:
-        return first.robot is second.robot
-    return (
-        first.robot.robot is second.robot.robot
-        and first.robot.base_frame == second.robot.base_frame
-        and first.robot.tool_link == second.robot.tool_link
-    )

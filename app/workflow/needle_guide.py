@@ -126,7 +126,11 @@ class NeedleGuide:
             return
         if self._compared != (plan, content):
             self._compared = plan, content
-            self._refused = _problem(plan, content)
+            try:
+                check_setup(plan.setup_id, content)
+                self._refused = ""
+            except InputError as error:
+                self._refused = str(error)
         problem = self._refused or silent or step.distrust
         self._shown = _guidance(plan, self._corridor, step, content, problem)
 
@@ -168,14 +172,6 @@ def _plan(values: Any) -> PlannedNeedle:
     return PlannedNeedle(
         setup_id, diameter_mm, pose, None if window_mm is None else float(window_mm), paths
     )
-
-
-def _problem(plan: PlannedNeedle, content: SessionContent) -> str:
-    try:
-        check_setup(plan.setup_id, content)
-    except InputError as error:
-        return str(error)
-    return ""
 
 
 def _guidance(

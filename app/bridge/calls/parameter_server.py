@@ -55,15 +55,7 @@ TYPE_NAMES = {
 """Type names; empty for a parameter that is not set."""
 
 _FIELDS = {
-    ParameterType.PARAMETER_BOOL: "bool_value",
-    ParameterType.PARAMETER_INTEGER: "integer_value",
-    ParameterType.PARAMETER_DOUBLE: "double_value",
-    ParameterType.PARAMETER_STRING: "string_value",
-    ParameterType.PARAMETER_BYTE_ARRAY: "byte_array_value",
-    ParameterType.PARAMETER_BOOL_ARRAY: "bool_array_value",
-    ParameterType.PARAMETER_INTEGER_ARRAY: "integer_array_value",
-    ParameterType.PARAMETER_DOUBLE_ARRAY: "double_array_value",
-    ParameterType.PARAMETER_STRING_ARRAY: "string_array_value",
+    kind: f"{name.replace('[]', '_array')}_value" for kind, name in TYPE_NAMES.items() if name
 }
 _SCALARS = (
     (bool, ParameterType.PARAMETER_BOOL),

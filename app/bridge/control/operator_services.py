@@ -4,8 +4,10 @@ Requests with a surface are received as arrays, and converted to millimetres.
 """
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from types import new_class
 from typing import Any
 
 import numpy as np
@@ -107,10 +109,6 @@ class _Structure(_Surface):
     _fields_ = [("name", _Array), ("role", _Array), ("distances", ctypes.c_double * 3)]
 
 
-def _surface_request(address: int) -> SurfaceRequest:
-    return SurfaceRequest(*_surface_values(_Surface.from_address(address)))
-
-
 def _structure_request(address: int) -> StructureRequest:
     request = _Structure.from_address(address)
     name, role = _text(request.name), _text(request.role)
@@ -144,40 +142,29 @@ _new_capsule.restype = ctypes.py_object
 _new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
 
 _Converter = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)
-_to_surface, _to_structure = _Converter(_surface_request), _Converter(_structure_request)
+_converters: list[Any] = []
+"""Must stay: C calls them."""
 
 
-def _capsule(converter: Any) -> Any:
-    return _new_capsule(ctypes.cast(converter, ctypes.c_void_p), None, None)
-
-
-for _kind in (SetTumor, SetStructure):
-    _kind.Request.__class__.__import_type_support__()
-
-
-class _TumorType(type(SetTumor.Request)):  # type: ignore[misc]  # built by rosidl
-    """The type support of the request, with another conversion to Python."""
-
-    _CONVERT_TO_PY = _capsule(_to_surface)
-
-
-class _StructureType(type(SetStructure.Request)):  # type: ignore[misc]  # built by rosidl
-    """The type support of the request, with another conversion to Python."""
-
-    _CONVERT_TO_PY = _capsule(_to_structure)
-
-
-class ArrayRequest(SetTumor.Request, metaclass=_TumorType):  # type: ignore[misc]
-    """A `SetTumor.Request` that rclpy receives as a `SurfaceRequest`.
+def _array_request(kind: Any, read: Callable[[int], SurfaceRequest]) -> Any:
+    """A request of ``kind`` that rclpy receives as what ``read`` makes of its C structure.
 
     rclpy converts a message element by element while it holds the GIL: 1 s for 300 000 triangles,
     during which no constraint is sent. This type replaces that conversion by copies of the two
     arrays. The layout of the C structures is the one that rosidl_generator_c defines.
     """
+    kind.Request.__class__.__import_type_support__()
+    converter = _Converter(read)
+    _converters.append(converter)
+    capsule = _new_capsule(ctypes.cast(converter, ctypes.c_void_p), None, None)
+    support = type("ArrayRequestType", (type(kind.Request),), {"_CONVERT_TO_PY": capsule})
+    return new_class("ArrayRequest", (kind.Request,), {"metaclass": support})
 
 
-class StructureArrayRequest(SetStructure.Request, metaclass=_StructureType):  # type: ignore[misc]
-    """A `SetStructure.Request` that rclpy receives as a `StructureRequest`, as `ArrayRequest`."""
+ArrayRequest = _array_request(
+    SetTumor, lambda address: SurfaceRequest(*_surface_values(_Surface.from_address(address)))
+)
+StructureArrayRequest = _array_request(SetStructure, _structure_request)
 
 
 MAX_POINTS = 1_000

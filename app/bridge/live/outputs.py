@@ -5,7 +5,7 @@ import re
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -259,42 +259,40 @@ class GuidanceOutput(PassiveOutput):
         self._publisher.publish(message)
 
 
-class FramesProblemLog(PassiveOutput):
-    """`Output` that logs each kind of problem with the tracker's frames once."""
+class _OnceLog(PassiveOutput):
+    """Base of an `Output` that logs each kind of text once; what is behind its colon may change."""
 
     def __init__(self, ros: RosNode) -> None:
         self._ros = ros
-        self._last: tuple[str, ...] = ()
         self._logged: set[str] = set()
 
-    def publish(self, step: StepResult, timing: StepTiming) -> bool:
-        """Log a new kind of problem; the details behind its colon may change."""
-        if step.frames_problems != self._last:
-            self._last = step.frames_problems
-            for problem in step.frames_problems:
-                kind = problem.partition(":")[0]
-                if kind not in self._logged:
-                    self._logged.add(kind)
-                    self._ros.node.get_logger().warning(problem)
+    def _log(self, texts: Iterable[str], prefix: str = "") -> bool:
+        for text in texts:
+            kind = text.partition(":")[0]
+            if kind not in self._logged:
+                self._logged.add(kind)
+                self._ros.node.get_logger().warning(f"{prefix}{text}")
         return True
 
 
-class SetupDoubtLog(PassiveOutput):
+class FramesProblemLog(_OnceLog):
+    """`Output` that logs each kind of problem with the tracker's frames once."""
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Log a new kind of problem."""
+        return self._log(step.frames_problems)
+
+
+class SetupDoubtLog(_OnceLog):
     """`Output` that logs each doubt about ``setup`` once."""
 
     def __init__(self, ros: RosNode, setup: SessionSetup) -> None:
-        self._ros = ros
+        super().__init__(ros)
         self._doubts = SetupDoubts(setup)
-        self._logged: set[str] = set()
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Log a new doubt; its numbers may change."""
-        for text in self._doubts.observe(step):
-            what = text.partition(":")[0]
-            if what not in self._logged:
-                self._logged.add(what)
-                self._ros.node.get_logger().warning(f"check the set-up: {text}")
-        return True
+        return self._log(self._doubts.observe(step), "check the set-up: ")
 
     def _use(self, content: SessionContent) -> None:
         self._doubts.stale_after_ns = content.margins.stale_after_ns

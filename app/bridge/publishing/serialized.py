@@ -7,6 +7,7 @@ import struct
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -115,19 +116,12 @@ class SerializedTransforms:
     """``tf2_msgs/TFMessage`` of one step after the other, as `app.bridge.tf_topics`."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[tuple[str, str], ...], NumberTemplate] = {}
+        self._template = lru_cache(_MAX_KNOWN)(_transforms_template)
 
     def message(self, samples: Sequence[tuple[Transform, Stamp]]) -> bytes:
         """Serialise the message of `tf_message` for ``samples``."""
         edges = tuple([(transform.target, transform.source) for transform, _ in samples])
-        template = self._known.get(edges)
-        if template is None:
-            if len(self._known) >= _MAX_KNOWN:
-                self._known.clear()
-            template = self._known[edges] = NumberTemplate(
-                lambda blocks: _transforms(edges, blocks), [messages.TRANSFORM_NUMBERS] * len(edges)
-            )
-        return template.serialized(
+        return self._template(edges).serialized(
             [
                 (messages.time_parts(stamp), messages.transform_numbers(transform))
                 for transform, stamp in samples
@@ -139,19 +133,12 @@ class SerializedJoints:
     """``sensor_msgs/JointState`` of one sample after the other."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, ...], NumberTemplate] = {}
+        self._template = lru_cache(_MAX_KNOWN)(_joints_template)
 
     def message(self, sample: JointSample) -> bytes:
         """Serialise the message of `joint_state_message` for ``sample``."""
-        names = sample.names
-        template = self._known.get(names)
-        if template is None:
-            if len(self._known) >= _MAX_KNOWN:
-                self._known.clear()
-            template = self._known[names] = NumberTemplate(
-                lambda blocks: _joints(names, blocks), [len(names)]
-            )
-        return template.serialized([(messages.time_parts(sample.stamp), sample.positions)])
+        block = messages.time_parts(sample.stamp), sample.positions
+        return self._template(sample.names).serialized([block])
 
 
 class SerializedMargin:
@@ -175,19 +162,22 @@ class SerializedMargin:
         return self._colors[state]
 
 
-def _transforms(edges: Sequence[tuple[str, str]], blocks: Sequence[Block]) -> TFMessage:
-    return TFMessage(
-        transforms=[
-            messages.transform_of(*edge, *block) for edge, block in zip(edges, blocks, strict=True)
-        ]
-    )
+def _transforms_template(edges: tuple[tuple[str, str], ...]) -> NumberTemplate:
+    def made(blocks: Sequence[Block]) -> TFMessage:
+        pairs = zip(edges, blocks, strict=True)
+        return TFMessage(transforms=[messages.transform_of(*edge, *block) for edge, block in pairs])
+
+    return NumberTemplate(made, [messages.TRANSFORM_NUMBERS] * len(edges))
 
 
-def _joints(names: Sequence[str], blocks: Sequence[Block]) -> JointState:
-    (((seconds, nanoseconds), positions),) = blocks
-    message = JointState(name=list(names), position=array("d", positions))
-    message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
-    return message
+def _joints_template(names: tuple[str, ...]) -> NumberTemplate:
+    def made(blocks: Sequence[Block]) -> JointState:
+        (((seconds, nanoseconds), positions),) = blocks
+        message = JointState(name=list(names), position=array("d", positions))
+        message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+        return message
+
+    return NumberTemplate(made, [len(names)])
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,7 @@
 Pictures are arrays (height, width, 3) of bytes, upper row first.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from functools import cache
 from importlib.util import find_spec
 from io import BytesIO
@@ -226,13 +225,8 @@ class OffscreenView:
         self._scene.RemoveNode(node)
 
 
-@contextmanager
 def offscreen_view(
     application: SceneApplication, name: str, size: tuple[int, int]
-) -> Iterator[OffscreenView]:
+) -> "closing[OffscreenView]":
     """An `OffscreenView` that is closed at the end."""
-    view = OffscreenView(application, name, size)
-    try:
-        yield view
-    finally:
-        view.close()
+    return closing(OffscreenView(application, name, size))
