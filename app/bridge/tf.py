@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from app.bridge.ros_errors import (
     TfConnectivityError,
-    TfError,
     TfExtrapolationError,
     TfInvalidError,
     TfLookupError,
@@ -53,7 +52,7 @@ class TransformBuffer:
     """Keeps the last ``keep_ns`` of every edge and looks up transforms between any two frames.
 
     A frame has one parent. A new parent discards the history under the old one. So does a jump
-    back by more than `DISORDER_NS` (`restarts`). Of two samples with the same stamp the first is
+    back by more than `DISORDER_NS`. Of two samples with the same stamp the first is
     kept, as in tf2, so that the result of a lookup does not change.
     ``max_frames`` (in total) and ``max_samples`` (per edge) bound the memory that network input can
     occupy; frames beyond the limit are refused.
@@ -70,7 +69,7 @@ class TransformBuffer:
         self._max_samples = max_samples
         self._edges: dict[str, _Edge] = {}
         self._frames: set[str] = set()
-        self._changed = threading.Condition()
+        self._lock = threading.RLock()
         self._now_ns: int | None = None
 
     def insert(
@@ -82,22 +81,20 @@ class TransformBuffer:
         close a loop. The buffer is unchanged then.
         """
         pose = _normalized(parent, child, pose)
-        with self._changed:
+        with self._lock:
             edge = self._edges.get(child)
             if edge is None or edge.parent != parent or (edge.history is None) != static:
                 edge = self._new_edge(parent, child, static=static)
             if edge.history is None:
                 edge.pose = pose
-            inserted = edge.history is None or edge.history.insert(stamp_ns, pose)
-            self._changed.notify_all()
-        return inserted
+            return edge.history is None or edge.history.insert(stamp_ns, pose)
 
     def set_now(self, now_ns: int) -> bool:
         """Set the time of the publishers' clock (``/clock``); True if it has jumped back.
 
         A jump back discards everything but the static edges, because it starts a new recording.
         """
-        with self._changed:
+        with self._lock:
             jumped = self._now_ns is not None and now_ns < self._now_ns
             self._now_ns = now_ns
             if jumped:
@@ -107,26 +104,19 @@ class TransformBuffer:
 
     def clear(self) -> None:
         """Discard all edges, including static ones."""
-        with self._changed:
+        with self._lock:
             self._edges.clear()
             self._frames.clear()
 
     @property
     def frames(self) -> frozenset[str]:
         """All frames that occur as a parent or a child."""
-        with self._changed:
+        with self._lock:
             return frozenset(self._frames)
-
-    @property
-    def restarts(self) -> int:
-        """Number of times that the stamps of an edge have jumped back."""
-        with self._changed:
-            histories = (edge.history for edge in self._edges.values())
-            return sum(each.restarts for each in histories if each is not None)
 
     def parent(self, child: str) -> str | None:
         """Parent of a frame; None for a root or an unknown frame."""
-        with self._changed:
+        with self._lock:
             edge = self._edges.get(child)
             return edge.parent if edge is not None else None
 
@@ -135,7 +125,7 @@ class TransformBuffer:
 
         Raises `TfLookupError`, `TfConnectivityError` or `TfExtrapolationError`.
         """
-        with self._changed:
+        with self._lock:
             up, down = self._path(target, source)
             if stamp_ns is None:
                 stamp_ns = self._latest_ns((*up, *down))
@@ -151,7 +141,7 @@ class TransformBuffer:
 
         Returns matrices (n, 4, 4) in mm and their stamp, None if all edges are static.
         """
-        with self._changed:
+        with self._lock:
             needed: set[str] = set()
             for frame in frames:
                 up, down = self._path(root, frame)
@@ -169,7 +159,7 @@ class TransformBuffer:
 
         Raises `TfLookupError` for an unknown frame.
         """
-        with self._changed:
+        with self._lock:
             self._chain(frame)
             children: dict[str, list[str]] = {}
             for child, edge in self._edges.items():
@@ -189,28 +179,9 @@ class TransformBuffer:
 
     def latest_common_ns(self, target: str, source: str) -> int | None:
         """Latest time that every edge of the path has; None if all of them are static."""
-        with self._changed:
+        with self._lock:
             up, down = self._path(target, source)
             return self._latest_ns((*up, *down))
-
-    def wait(
-        self, target: str, source: str, stamp_ns: int | None = None, *, timeout_s: float
-    ) -> Lookup:
-        """Wait until `lookup` succeeds; raises its last error after ``timeout_s``."""
-        found: list[Lookup] = []
-        errors: list[TfError] = []
-
-        def succeeds() -> bool:
-            try:
-                found.append(self.lookup(target, source, stamp_ns))
-            except TfError as error:
-                errors[:] = [error]
-            return bool(found)
-
-        with self._changed:
-            if self._changed.wait_for(succeeds, timeout_s):
-                return found[0]
-        raise errors[0]
 
     def _new_edge(self, parent: str, child: str, *, static: bool) -> _Edge:
         new = {parent, child} - self._frames

@@ -90,7 +90,7 @@ class MarginGuardScene:
         """Context of the changes of one frame: ``with scene.update(): ...``.
 
         At its end, also after an error, each changed node notifies its observers once and each view
-        draws once (`Batch.on_end`). Updates may be nested; the outermost one counts. A node that a
+        draws once. Updates may be nested; the outermost one counts. A node that a
         user has put under another parent is put back. Raises `SceneError` if a node was removed, as
         by closing the scene, or its surface was replaced: call `clear` then.
         """
@@ -129,28 +129,6 @@ class MarginGuardScene:
             )
             mark(self.tumor, SURFACE)
             self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose, mesh.frame)
-        return self.tumor
-
-    def set_tumor(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
-        """Replace the tumour's surface, or add the first tumour.
-
-        Breach marks and margin surface are removed, and the tumour is grey until the next decision.
-        The node stays, with whatever refers to it. Raises `SceneError` for a mesh in another frame.
-        """
-        if self.tumor is None or self.margin is None:
-            return self.add_tumor(mesh)
-        self._integrity.restore(self._nodes())
-        if mesh.frame != self.margin.frame:
-            raise SceneError(
-                f"new tumour: frame is {mesh.frame!r}; expected {self.margin.frame!r}, that of the "
-                "present one"
-            )
-        with self._content():
-            self.remove_margin_surface()
-            self.tumor.SetAndObservePolyData(smooth_surface(mesh))
-            self._decision = None
-            self.margin.breaches.clear()
-            self._show_margin(self.margin, None)
         return self.tumor
 
     def add_margin_surface(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:

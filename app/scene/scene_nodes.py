@@ -1,6 +1,6 @@
 """Our nodes in a scene that users and files change too: batches, marks, reuse and repair."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -140,16 +140,11 @@ class Batch:
         self._logic = logic
         self._depth = 0
         self._held: dict[vtkMRMLNode, int] = {}
-        self._listeners: list[Callable[[], None]] = []
 
     @property
     def is_open(self) -> bool:
         """True within `changes`."""
         return self._depth > 0
-
-    def on_end(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` at the end of each batch, after all nodes have been notified."""
-        self._listeners.append(listener)
 
     @contextmanager
     def changes(self) -> Iterator[None]:
@@ -188,8 +183,6 @@ class Batch:
             node.EndModify(was_held)
         if self._logic is not None:
             self._logic.ResumeRender()
-        for listener in tuple(self._listeners):
-            listener()
 
 
 def _depth_of(node: vtkMRMLNode, known: dict[vtkMRMLNode, int]) -> int:

@@ -11,7 +11,8 @@ from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Freshness, SurfaceMesh
 from app.hold import SeenHold
 from app.runtime import OperatorRequest, SessionContent
 from app.scene.shown_margin import TransformHealth, TransformWatchdog
-from app.session import REFERENCE, BreachList, BreachLog, SetupDoubts, StepResult
+from app.session import BreachList, BreachLog, SetupDoubts, StepResult
+from app.workflow.steps import required_frames
 
 _WINDOW_NS = 300 * NS_PER_MS
 _STEADY_MM_S = 2.0
@@ -126,8 +127,7 @@ class ViewStateBuilder:
     def __init__(self, content: SessionContent, margin_surface: SurfaceMesh | None = None) -> None:
         self._content = content
         self._margin_surface = margin_surface
-        self._required = [content.tool_from_tip.target, content.frame_from_tumor.target]
-        self._required += [] if content.robot is None else [REFERENCE]
+        self._required = required_frames(content)
         self._named: set[str] = set()
         self._watchdog = TransformWatchdog(content.margins.stale_after_ns)
         self._trend = TrendMeter()

@@ -189,7 +189,7 @@ def _fit_pivot(task: CalibrationTask, poses: list[Transform]) -> CalibrationFit:
         coverage=pivot_coverage(task.rotations, _unit(pivot.tip_mm)),
         accepted=pivot.accepted,
         reason=pivot.reason,
-        advice=_advice(task.kind, accepted=pivot.accepted),
+        advice="" if pivot.accepted else _MORE[task.kind],
         tool_from_tip=found,
         used=len(selected),
         outliers=len(pivot.outliers),
@@ -213,7 +213,7 @@ def _fit_spin(task: CalibrationTask, poses: list[Transform]) -> CalibrationFit:
         coverage=spin_coverage(task.rotations, spin.shaft),
         accepted=spin.accepted,
         reason=spin.reason,
-        advice=_advice(task.kind, accepted=spin.accepted),
+        advice="" if spin.accepted else _MORE[task.kind],
         tool_from_tip=found,
         used=len(selected),
         outliers=len(spin.outliers),
@@ -263,10 +263,6 @@ def _undetermined(task: CalibrationTask, error: RegistrationError, advice: str) 
         reason=str(error),
         advice=advice,
     )
-
-
-def _advice(kind: CalibrationKind, *, accepted: bool) -> str:
-    return "" if accepted else _MORE[kind]
 
 
 def _unit(vector: FloatArray) -> FloatArray:

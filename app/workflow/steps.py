@@ -106,8 +106,7 @@ def next_step(steps: Sequence[WorkflowStep]) -> WorkflowStep | None:
 
 
 def _connect(step: StepResult | None, content: SessionContent, silent: str) -> WorkflowStep:
-    required = [content.tool_from_tip.target, _tumor_frame(content)]
-    required += [] if content.robot is None else [REFERENCE]
+    required = required_frames(content)
     needs = f"poses of {', '.join(required)}"
     if step is None or silent:
         return WorkflowStep(
@@ -202,6 +201,7 @@ def _review(recording: RecordingStatus | None, *, is_live: bool) -> WorkflowStep
     return WorkflowStep(WorkflowName.REVIEW, needs, has, problem)
 
 
-def _tumor_frame(content: SessionContent) -> str:
-    edges = (edge for edge in content.static_edges if edge.source == content.tumor.frame)
-    return next((edge.target for edge in edges), content.tumor.frame)
+def required_frames(content: SessionContent) -> list[str]:
+    """The tracked frames that a session with ``content`` needs."""
+    frames = [content.tool_from_tip.target, content.frame_from_tumor.target]
+    return frames if content.robot is None else [*frames, REFERENCE]

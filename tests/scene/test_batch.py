@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slicer import vtkMRMLMarkupsNode, vtkMRMLScene, vtkMRMLTransformableNode
+from slicer import vtkMRMLMarkupsNode, vtkMRMLTransformableNode
 from vtkmodules.vtkCommonCore import vtkCommand
 
 from app.fixture import MarginState, constrain
 from app.geometry import Transform
-from app.scene import Batch, MarginGuardScene
+from app.scene import MarginGuardScene
 from tests.scene.scene_content import set_poses
 
 pytestmark = pytest.mark.slow
@@ -98,30 +98,13 @@ def test_unchanged_nodes_do_not_notify(scene, edges, fixed, decision, arm):
 
 def test_events_are_sent_after_an_error(scene, edges):
     counts = Counts(scene.scene)
-    drawn: list[int] = []
-    scene.batch.on_end(lambda: drawn.append(1))
     with pytest.raises(ZeroDivisionError), scene.update():
         set_poses(scene, (edges[0], moved(edges[1], 4.0)))
         raise ZeroDivisionError
     assert counts.transform["NeedleToReference"] == 1
-    assert drawn == [1]
     counts.clear()
     set_poses(scene, (edges[0], moved(edges[1], 5.0)))
     assert counts.transform["NeedleToReference"] == 1
-    assert drawn == [1, 1]
-
-
-def test_listeners_are_called_once_per_outermost_update_after_all_changes():
-    batch = Batch(vtkMRMLScene())
-    seen: list[str] = []
-    batch.on_end(lambda: seen.append("drawn"))
-    with batch.changes():
-        with batch.changes():
-            pass
-        with batch.content():
-            pass
-        assert seen == []
-    assert seen == ["drawn"]
 
 
 def test_rendering_is_paused_once_per_update(application, scene, edges, fixed):

@@ -9,7 +9,7 @@ from slicer import vtkMRMLScene
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.fixture import MarginState, Reason, constrain, margin_surface
-from app.geometry import Stamp, SurfaceMesh, Transform
+from app.geometry import Stamp, Transform
 from app.scene import MarginGuardScene, SceneError
 from app.scene.convert import is_at, vtk_matrix, world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
@@ -101,7 +101,6 @@ def test_closed_scene_is_reported_and_can_be_cleared(shown, decision, edges, tum
         set_poses(shown, edges)
     for change in (
         lambda: shown.show(decision(MarginState.NEGATIVE, 9.0), {}),
-        lambda: shown.set_tumor(tumor),
         lambda: shown.add_margin_surface(tumor),
         lambda: shown.add_robot("other", arm, "robot_base"),
     ):
@@ -463,26 +462,6 @@ def test_now_ns_is_required_in_a_live_scene_and_refused_in_others(shown, live, d
         SceneError, match="check: the scene has no stale_after_ns; expected a live scene"
     ):
         shown.check(5)
-
-
-def test_set_tumor_keeps_the_node(live, decision, tumor):
-    node, now_ns = live.tumor, 10**12
-    live.add_margin_surface(margin_surface(tumor, 2.0, spacing_mm=2.0))
-    live.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=Stamp(now_ns)), {}, now_ns)
-    assert len(live.margin.breaches) == 1
-    half = SurfaceMesh("tumor", 0.5 * tumor.vertices_mm, tumor.faces)
-    assert live.set_tumor(half) is node
-    assert np.linalg.norm(
-        world_points(node) - world_matrix(live.tree.node("tumor"))[:3, 3], axis=1
-    ).max() == pytest.approx(6.0, abs=1e-3)
-    assert len(live.margin.breaches) == 0
-    assert live.margin_surface is None
-    assert live.scene.GetFirstNodeByName("MarginSurface") is None
-    assert_shown_stale(live, "no data yet")
-    live.check(now_ns)
-    assert_shown_stale(live, "no data yet")
-    with pytest.raises(SceneError, match="new tumour: frame is 'needle'; expected 'tumor'"):
-        live.set_tumor(SurfaceMesh("needle", tumor.vertices_mm, tumor.faces))
 
 
 def test_scenes_share_nothing(shown, edges, fixed):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from app.bridge import RosNode
+from app.bridge import RosNode, topics
 from app.bridge.ros_errors import TfError
 from app.bridge.tf import TransformBuffer
-from app.bridge.tf_topics import TfBroadcaster, TfListener
+from app.bridge.tf_topics import TfListener, tf_message
 from app.geometry import Stamp, Transform
 from app.scene.scene_nodes import FRAME, mark
 from tests.slicer_module.ros2_values import matrix, shifted
@@ -20,7 +20,7 @@ class Other:
     def __init__(self, ros):
         self.buffer = TransformBuffer()
         TfListener(ros, self.buffer, clock=False)
-        self.broadcaster = TfBroadcaster(ros)
+        self.tf = ros.publisher(topics.TF)
 
     def x_mm(self, parent, child):
         """The x of a frame; None while it is not on tf."""
@@ -81,7 +81,7 @@ def test_frame_of_another_node_is_not_broadcast(member, other, make, spin_until)
 
     def rival():
         pose = Transform("rack", "shelf", np.eye(3), np.array([50.0, 0.0, 0.0]))
-        other.broadcaster.send([(pose, Stamp(member._owner.now_ns()))])
+        other.tf.publish(tf_message([(pose, Stamp(member._owner.now_ns()))]))
         return "frame 'shelf' is broadcast by another node" in member.GetProblem()
 
     member.ObserveTransformNode(top)

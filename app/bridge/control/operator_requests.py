@@ -152,11 +152,6 @@ class MarginParameterServer:
             ros, _declarations(margins), self._accept, on_refusal=self._refused
         )
 
-    @property
-    def refused(self) -> int:
-        """Number of refused requests."""
-        return self._server.refused
-
     def close(self) -> None:
         """Undeclare the parameters."""
         self._server.close()

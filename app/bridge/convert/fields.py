@@ -34,13 +34,9 @@ Scale = float | tuple[float, ...]
 _UNSCALED = 1.0
 
 
-def _covariance() -> tuple[float, ...]:
-    """Scales of a 6 x 6 covariance, row by row: three lengths, then three angles."""
-    units = (MM_PER_M,) * 3 + (_UNSCALED,) * 3
-    return tuple(row * column for row in units for column in units)
-
-
-_POSE_COVARIANCE = _covariance()
+_POSE_UNITS = (MM_PER_M,) * 3 + (_UNSCALED,) * 3
+_POSE_COVARIANCE = tuple(row * column for row in _POSE_UNITS for column in _POSE_UNITS)
+"""Scales of a 6 x 6 covariance, row by row: three lengths, then three angles."""
 _LINEAR_COVARIANCE = (MM_PER_M**2,) * 9
 
 SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(

@@ -25,24 +25,14 @@ ROBOT_ATTRIBUTE = "ros2.robot"
 """Attribute of the lookups that a robot has created: the robot's name."""
 
 
-class TfLinks:
-    """Links of one ``robot`` that follow tf: one lookup and one model per link.
+class _Links:
+    """Base: the models of the links, below the ``nodes`` that move them."""
 
-    `remove` removes what it has made. Raises `Ros2Error`.
-    """
-
-    def __init__(self, scene: Any, owner: Owner, settings: RobotSettings, robot: Robot) -> None:
-        self.nodes: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
-        self._owner = owner
-        self._name = settings.name
-        self._own: list[tuple[str, str]] = []
+    def __init__(self) -> None:
+        self.nodes: dict[str, Any] = {}
+        """Transform of each link, the root's first."""
         self._integrity = NodeIntegrity()
         self._model: RobotModel | None = None
-        try:
-            self._build(scene, settings, robot)
-        except Exception:
-            self.remove()  # no partial robot may be shown
-            raise
 
     @property
     def models(self) -> list[Any]:
@@ -60,6 +50,29 @@ class TfLinks:
             return False
         return True
 
+    def set_known(self, known: bool) -> None:
+        """Show the links in their colours, or in grey."""
+        if self._model is not None:
+            self._model.set_known(known)
+
+
+class TfLinks(_Links):
+    """Links of one ``robot`` that follow tf: one lookup and one model per link.
+
+    `remove` removes what it has made. Raises `Ros2Error`.
+    """
+
+    def __init__(self, scene: Any, owner: Owner, settings: RobotSettings, robot: Robot) -> None:
+        super().__init__()
+        self._owner = owner
+        self._name = settings.name
+        self._own: list[tuple[str, str]] = []
+        try:
+            self._build(scene, settings, robot)
+        except Exception:
+            self.remove()  # no partial robot may be shown
+            raise
+
     def problem(self) -> str:
         """The reason why the poses are not valid; empty if they are."""
         stale = (
@@ -72,11 +85,6 @@ class TfLinks:
     def spin(self) -> bool:
         """True if a pose is not valid. The ROS node spins the lookups, which are its members."""
         return any(node.IsStale() for node in self.nodes.values())
-
-    def set_known(self, known: bool) -> None:
-        """Show the links in their colours, or in grey."""
-        if self._model is not None:
-            self._model.set_known(known)
 
     def remove(self) -> None:
         """Remove models and lookups. Idempotent."""
@@ -135,15 +143,17 @@ class TfLinks:
         return made
 
 
-class JointLinks:
+class JointLinks(_Links):
     """Links that follow the joint states on ``topic``: one transform and one model per link.
 
-    The interface is that of `TfLinks`. A fixed frame other than the root link is looked up in tf.
+    The interface is that of `TfLinks`: nodes are the root's transform in the fixed frame, and the
+    others' in the root's. A fixed frame other than the root link is looked up in tf.
     """
 
     def __init__(
         self, scene: Any, owner: Owner, settings: RobotSettings, robot: Robot, topic: str
     ) -> None:
+        super().__init__()
         self._scene = scene
         self._owner = owner
         self._robot = robot
@@ -154,31 +164,13 @@ class JointLinks:
         self._base = vtkMRMLLinearTransformNode()
         self._base.SetName(f"ros2:joints:{settings.name}")
         scene.AddNode(self._base)
-        self._model = RobotModel(scene, robot, self._base, robot.root_link)
-        self._integrity = NodeIntegrity()
-        moving = [node for node in self._model.transforms.values() if node is not self._base]
+        self._model = self._links = RobotModel(scene, robot, self._base, robot.root_link)
+        self.nodes = self._links.transforms
+        moving = [node for node in self.nodes.values() if node is not self._base]
         self._integrity.record((*moving, *self.models))
         self._subscription: Any = owner.ros.subscribe(
             Topic(settings.topic(topic), JointState, qos_profile_sensor_data), self._take, raw=True
         )
-
-    @property
-    def nodes(self) -> dict[str, vtkMRMLLinearTransformNode]:
-        """Transform of each link: the root's in the fixed frame, the others' in the root's."""
-        return dict(self._model.transforms)
-
-    @property
-    def models(self) -> list[Any]:
-        """The models of the links."""
-        return list(self._model.models.values())
-
-    def is_whole(self) -> bool:
-        """False if a node was removed or hardened. Restores the parents of moved links."""
-        try:
-            self._integrity.restore((*self._model.transforms.values(), *self.models))
-        except SceneError:
-            return False
-        return True
 
     def problem(self) -> str:
         """The reason why the poses are not valid; empty if they are."""
@@ -196,7 +188,7 @@ class JointLinks:
             )
             self._base.SetMatrixTransformToParent(vtk_matrix(base))
             root_from_fixed = np.linalg.inv(base.matrix)
-            self._model.set_links(
+            self._links.set_links(
                 {
                     link: Transform.from_matrix(root_from_fixed @ pose, target=root, source=link)
                     for link, pose in zip(state.links, state.poses, strict=True)
@@ -205,10 +197,6 @@ class JointLinks:
             )
         return state.is_stale
 
-    def set_known(self, known: bool) -> None:
-        """Show the links in their colours, or in grey."""
-        self._model.set_known(known)
-
     def remove(self) -> None:
         """Stop following, and remove models and transforms. Idempotent."""
         subscription, self._subscription = self._subscription, None
@@ -216,7 +204,7 @@ class JointLinks:
             return
         ros = self._owner.ros
         ros.call(lambda: ros.destroy_subscription(subscription))
-        self._model.remove()
+        self._links.remove()
         self._scene.RemoveNode(self._base)
 
     def _take(self, raw: bytes) -> None:

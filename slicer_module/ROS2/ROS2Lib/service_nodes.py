@@ -161,15 +161,12 @@ class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
         self.SetName(f"ros2:srv:client:{service}")
 
     def _stop(self) -> None:
-        self._cancel_call()
-        if self._client is not None and self._owner is not None:
-            self._owner.ros.call(self._client.close)
-        self._client = None
-
-    def _cancel_call(self) -> None:
         if self._call is not None:
             self._call.cancel.set()
             self._call = None
+        if self._client is not None and self._owner is not None:
+            self._owner.ros.call(self._client.close)
+        self._client = None
 
 
 _SERVER_TIMEOUT_S = 5.0

@@ -3,6 +3,7 @@
 import json
 import signal
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 from app.bridge import topics
+from app.bridge.ros_errors import TfError
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf_poses import TfSample, write_tf_message
-from app.bridge.tf_topics import TfBroadcaster, TfListener, tf_message
+from app.bridge.tf_topics import TfListener, tf_message
 from app.bridge.topics import LATCHED, STREAM, Topic
 from app.geometry import Stamp, Transform
-from tests.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -27,15 +29,25 @@ def shifted(child, x_mm, parent="world"):
     return Transform(parent, child, np.eye(3), np.array([x_mm, 0.0, 0.0]))
 
 
+def looked_up(buffer, *edge):
+    """The lookup, as soon as there is one."""
+
+    def found():
+        with suppress(TfError):
+            return buffer.lookup(*edge)
+
+    return wait_until(found)
+
+
 def test_broadcast_transform_keeps_its_stamp(ros, other):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     latched = [shifted("base", 10.0), shifted("tip", 5.0, "tool")]
     other.publisher(topics.TF_STATIC).publish(tf_message((each, Stamp(0)) for each in latched))
-    moving = TfBroadcaster(other)
+    moving = other.publisher(topics.TF)
     assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
-    moving.send([(shifted("tool", 66.0, "base"), Stamp(12_345_678_901))])
-    found = buffer.wait("world", "tip", timeout_s=DEADLINE_S)
+    moving.publish(tf_message([(shifted("tool", 66.0, "base"), Stamp(12_345_678_901))]))
+    found = looked_up(buffer, "world", "tip")
     assert found.stamp_ns == 12_345_678_901
     assert found.transform.translation_mm == pytest.approx([81.0, 0.0, 0.0])
 
@@ -48,7 +60,7 @@ def test_late_listener_gets_every_latched_transform(ros, other):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     for frame, x_mm in (("a", 3.0), ("b", 2.0), ("c", 4.0)):
-        found = buffer.wait("world", frame, timeout_s=DEADLINE_S)
+        found = looked_up(buffer, "world", frame)
         assert found.transform.translation_mm[0] == pytest.approx(x_mm)
 
 
@@ -71,7 +83,7 @@ def test_invalid_samples_are_counted_and_the_rest_inserted(ros, other):
             ]
         )
     )
-    buffer.wait("world", "good", timeout_s=DEADLINE_S)
+    looked_up(buffer, "world", "good")
     assert listener.refused == {"TfInvalidError": 3, "TfConnectivityError": 1, "FrameError": 1}
     assert "norm 3" in listener.last_refusal
     assert buffer.frames == {"world", "a", "good"}
@@ -85,7 +97,7 @@ def test_oversized_message_is_refused_unread(ros, other):
     identity = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     publisher.publish(write_tf_message([TfSample("w" * 10_000_000, "a", 1, identity)]))
     publisher.publish(write_tf_message([TfSample("world", "a", 1, identity)]))
-    buffer.wait("world", "a", timeout_s=DEADLINE_S)
+    looked_up(buffer, "world", "a")
     assert listener.refused == {"TooLong": 1}
     assert buffer.frames == {"world", "a"}
 
@@ -94,12 +106,12 @@ def test_clock_jump_back_clears_the_buffer(ros, other):
     buffer = TransformBuffer()
     taken = threading.Event()
     TfListener(ros, buffer, received=taken.set)
-    moving = TfBroadcaster(other)
+    moving = other.publisher(topics.TF)
     clock_topic = Topic(topics.CLOCK.name, Clock, STREAM)
     clock = other.publisher(clock_topic)
     assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
     assert other.wait_for_subscribers(clock_topic, 1, DEADLINE_S)
-    moving.send([(shifted("a", 1.0), Stamp(50))])
+    moving.publish(tf_message([(shifted("a", 1.0), Stamp(50))]))
     assert taken.wait(DEADLINE_S)
     jumped = threading.Event()
     set_now = buffer.set_now
@@ -122,10 +134,9 @@ def test_restarted_sender_is_received_again(ros, start):
     TfListener(ros, buffer)
     for stamp_ns in (7_000_000_000, 3_000_000_000):
         sender = start(SENDER, json.dumps(["world", "tool", stamp_ns]))
-        found = buffer.wait("world", "tool", stamp_ns, timeout_s=DEADLINE_S)
+        found = looked_up(buffer, "world", "tool", stamp_ns)
         assert found.stamp_ns == stamp_ns
         sender.end(signal.SIGKILL)
-    assert buffer.restarts == 1
 
 
 def test_exception_in_a_callback_does_not_stop_the_node(ros, other):
@@ -139,9 +150,9 @@ def test_exception_in_a_callback_does_not_stop_the_node(ros, other):
         second.set()
 
     TfListener(ros, buffer, received=received)
-    moving = TfBroadcaster(other)
+    moving = other.publisher(topics.TF)
     assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
-    moving.send([(shifted("a", 1.0), Stamp(1))])
-    moving.send([(shifted("a", 2.0), Stamp(2))])
+    for number in (1, 2):
+        moving.publish(tf_message([(shifted("a", float(number)), Stamp(number))]))
     assert second.wait(DEADLINE_S)
     assert ros.failures == 1
