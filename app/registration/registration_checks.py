@@ -31,11 +31,9 @@ from app.registration.input_checks import (
     ShapeError,
     TooFewError,
     as_covariances,
-    as_point,
     as_points,
     check_spread,
 )
-from app.registration.pose_stack import PoseNoise
 from app.registration.registration_result import RegistrationResult
 from app.registration.small_motion import move_origin, point_jacobian
 
@@ -264,28 +262,6 @@ class DriftBound:
     translation_mm: float
     rotation_rad: float
 
-    @classmethod
-    def from_noise(
-        cls,
-        registration: RegistrationResult,
-        tool_mm: ArrayLike,
-        noise: PoseNoise,
-        *,
-        sigmas: float,
-    ) -> "DriftBound":
-        """Return ``sigmas`` times the expected difference at ``tool_mm`` (3,), reference frame.
-
-        Includes the covariance of the registration and the noise of one tracked pose, but not the
-        error of the sensor's mount on the tool. Raises `CovarianceError` for a registration without
-        a covariance.
-        """
-        sigma_mm = float(predict_tre(registration, as_point(tool_mm, "tool_mm")[None])[0])
-        covariance = np.asarray(registration.covariance)
-        return cls(
-            sigmas * math.hypot(sigma_mm, math.sqrt(3.0) * noise.translation_mm),
-            sigmas * math.sqrt(float(np.trace(covariance[:3, :3])) + 3.0 * noise.rotation_rad**2),
-        )
-
     def __post_init__(self) -> None:
         for name in ("translation_mm", "rotation_rad"):
             value = getattr(self, name)
@@ -321,17 +297,3 @@ class RegistrationDrift:
             f"expected at most {self.bound.translation_mm:g} mm and "
             f"{math.degrees(self.bound.rotation_rad):.3g} degrees"
         )
-
-
-def check_drift(predicted: Transform, measured: Transform, bound: DriftBound) -> RegistrationDrift:
-    """Compare two poses of one tool in one frame at the same time.
-
-    ``predicted`` is computed from registration, kinematics and mount, ``measured`` by the tracker.
-    Raises `FrameError` if their frames differ.
-    """
-    return RegistrationDrift(
-        frame=predicted.source,
-        translation_mm=predicted.distance_mm_to(measured),
-        rotation_rad=predicted.angle_to(measured),
-        bound=bound,
-    )

@@ -10,9 +10,19 @@ import numpy as np
 
 from app.case import JointSample
 from app.fixture.jit import inlined, kernel, renew_with
-from app.fixture.vectors import Vector, add_scaled, length, point_distance, row, sub
-from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
-from app.registration import RegistrationDrift, check_drift
+from app.fixture.vectors import (
+    Vector,
+    add_scaled,
+    dot,
+    length,
+    point_distance,
+    row,
+    sub,
+    transform_point,
+    turn_between,
+)
+from app.geometry import NS_PER_S, FloatArray, Stamp, Transform, mismatched_frames
+from app.registration import RegistrationDrift
 from app.session import relations, sensor_motion
 from app.session.relations import ENDS_AFTER_NS
 from app.session.sensor_motion import (
@@ -288,25 +298,22 @@ class JointCheck:
 
     def __init__(self, robot: RobotSetup | None, mean_mm: float | None) -> None:
         self._robot = robot
-        self._reference_from_root = _reference_from_root(robot)
+        self.is_configured = bool(robot and robot.registration and not robot.follows_tool)
+        """True if the robot has joints and a registration: it can contradict the tracker."""
+        self._poses = np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 3))
+        if robot is not None and robot.registration is not None:
+            self._place(_BASE, robot.registration.transform)  # base and root are one frame
+        if robot is not None and robot.link_from_tip is not None:
+            self._place(_MOUNT, robot.link_from_tip)
+        _compare(*self._poses, True)  # as above
         bound_mm = 1.0 if robot is None else robot.max_drift.translation_mm
         limit_mm = SHARE_OF_BOUND * bound_mm if mean_mm is None else mean_mm
         self._mean = MeanDrift(limit_mm)
         self._change = SuddenChange(limit_mm)
         self._joints_ns: int | None = None
         self._drift: RegistrationDrift | None = None
-        self._silent = False
-
-    @property
-    def is_configured(self) -> bool:
-        """True if the robot has joints and a registration: it can contradict the tracker."""
-        robot = self._robot
-        return robot is not None and not robot.follows_tool and robot.registration is not None
-
-    @property
-    def is_silent(self) -> bool:
+        self.is_silent = False
         """True if the configured joints are not known now: nothing checks the tracker."""
-        return self._silent
 
     def drifts(self) -> dict[str, str]:
         """The single difference, mean and change that are beyond their limits: one line each.
@@ -334,46 +341,61 @@ class JointCheck:
         ``links`` are ``root_from_link`` by ``joints``, empty while the joints are not known. None
         where one of the two is not known.
         """
-        self._silent = self.is_configured and not links
+        self.is_silent = self.is_configured and not links
         robot = self._robot
-        if (
-            robot is None
-            or robot.follows_tool
-            or self._reference_from_root is None
-            or not links
-            or reference_from_tip is None
-        ):
+        if robot is None or not self.is_configured or not links or reference_from_tip is None:
             return None
-        link = self._reference_from_root @ links[robot.tool_link]
-        # Without a known mount the link gives the tip's position, not its orientation.
-        predicted = (
-            Transform.unchecked(
-                link.target,
-                reference_from_tip.source,
-                reference_from_tip.rotation,
-                link.translation_mm,
-            )
-            if robot.link_from_tip is None
-            else link @ robot.link_from_tip
-        )
-        tracked, placed = _position(reference_from_tip), _position(predicted)
+        tip, mount = reference_from_tip.source, robot.link_from_tip
+        if mount is not None and mount.source != tip:
+            raise mismatched_frames((robot.tool_link, mount.source), (tip, tip))
+        self._place(_LINK, links[robot.tool_link])
+        self._place(_TIP, reference_from_tip)
+        tracked, placed, turned_rad = _compare(*self._poses, mount is not None)
         (x, y, z), (u, v, w) = tracked, placed
         self._mean.update((x - u, y - v, z - w), now)
         joints_ns = None if joints is None else joints.stamp.ns
         if joints_ns != self._joints_ns:
             self._joints_ns = joints_ns
             self._change.update(tracked, placed, self._mean.start, now.ns)
-        self._drift = check_drift(predicted, reference_from_tip, robot.max_drift)
+        off_mm = math.dist(tracked, placed)
+        self._drift = RegistrationDrift(tip, off_mm, turned_rad, robot.max_drift)
         return self._drift
 
+    def _place(self, number: int, pose: Transform) -> None:
+        rotations, positions_mm = self._poses
+        rotations[number], positions_mm[number] = pose.rotation, pose.translation_mm
 
-def _position(pose: Transform) -> Vector:
-    x, y, z = pose.translation_mm.tolist()
-    return (x, y, z)
+
+_BASE, _LINK, _MOUNT, _TIP, _PLACED_LINK, _PLACED = range(6)
+"""Numbers of the poses: the robot's root in the reference, the link there, the tip in the link; the
+tip by the tracker; link and tip by the joints."""
 
 
-def _reference_from_root(robot: RobotSetup | None) -> Transform | None:
-    """The registration with the base renamed to the robot's root link: they are one frame."""
-    if robot is None or robot.registration is None:
-        return None
-    return robot.registration.transform.renamed(source=robot.robot.root_link)
+@kernel
+def _compare(
+    rotations: FloatArray, positions_mm: FloatArray, is_mounted: bool
+) -> tuple[Vector, Vector, float]:
+    """The tip's positions in mm by tracker and joints, and the angle between the two in rad.
+
+    ``rotations`` (6, 3, 3) and ``positions_mm`` (6, 3) are those of the six poses. Without a known
+    mount, an identity, the link gives the tip's position and not its orientation.
+    """
+    _multiply(rotations, positions_mm, _BASE, _LINK, _PLACED_LINK)
+    _multiply(rotations, positions_mm, _PLACED_LINK, _MOUNT, _PLACED)
+    turned_rad = 0.0
+    if is_mounted:
+        turned_rad = length(turn_between(rotations[_PLACED], rotations[_TIP]))
+    return row(positions_mm, _TIP), row(positions_mm, _PLACED), turned_rad
+
+
+@kernel
+def _multiply(
+    rotations: FloatArray, positions_mm: FloatArray, first: int, second: int, product: int
+) -> None:
+    """Write pose ``first`` times pose ``second`` as pose ``product``, another one."""
+    for j in range(3):
+        axis = (rotations[second, 0, j], rotations[second, 1, j], rotations[second, 2, j])
+        for i in range(3):
+            rotations[product, i, j] = dot(row(rotations[first], i), axis)
+    at = transform_point(rotations[first], positions_mm[first], row(positions_mm, second))
+    _set(positions_mm[product], at)

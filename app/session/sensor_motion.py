@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.fixture.jit import inlined, kernel
-from app.fixture.vectors import Vector, add, add_scaled, dot, length, row, scaled, sub
+from app.fixture.vectors import Vector, add, add_scaled, dot, length, row, sub, turn_between
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, InputError, Transform
 
 
@@ -46,33 +46,6 @@ def distance_to_path(at: Vector, velocity: Vector, start_s: float, end_s: float)
     square = dot(velocity, velocity)
     time_s = min(max(dot(at, velocity) / square, start_s), end_s) if square > 0.0 else 0.0
     return float(length(add_scaled(at, -time_s, velocity)))
-
-
-@inlined
-def _entry(first: FloatArray, second: FloatArray, i: int, j: int) -> float:
-    """Entry of ``first^T second`` (3, 3)."""
-    return float(
-        first[0, i] * second[0, j] + first[1, i] * second[1, j] + first[2, i] * second[2, j]
-    )
-
-
-@kernel
-def turn_between(first: FloatArray, second: FloatArray) -> Vector:
-    """Axis times angle in rad of ``first^T second``, the turn between two rotations (3, 3).
-
-    The axis is unreliable within 1e-6 rad of half a turn, the angle is not.
-    """
-    twice_sine_axis = (
-        _entry(first, second, 2, 1) - _entry(first, second, 1, 2),
-        _entry(first, second, 0, 2) - _entry(first, second, 2, 0),
-        _entry(first, second, 1, 0) - _entry(first, second, 0, 1),
-    )
-    trace = _entry(first, second, 0, 0) + _entry(first, second, 1, 1) + _entry(first, second, 2, 2)
-    twice_sine = length(twice_sine_axis)
-    angle = math.atan2(twice_sine, trace - 1.0)
-    if twice_sine < 1e-9:
-        return (angle, 0.0, 0.0)
-    return scaled(angle / twice_sine, twice_sine_axis)
 
 
 SHARE = 1.0 / 32.0
