@@ -84,7 +84,8 @@ class Stamp:
 
     def age_ns(self, now: "Stamp") -> int:
         """Time in ns from this stamp to ``now``; negative if this stamp is in the future."""
-        self._check_clock(now)
+        if self.clock != now.clock:
+            raise self._other_clock(now)
         return now.ns - self.ns
 
     def shifted(self, offset_ns: int, clock: str) -> "Stamp":
@@ -92,19 +93,20 @@ class Stamp:
         return Stamp(self.ns + offset_ns, clock)
 
     def __lt__(self, other: "Stamp") -> bool:
-        self._check_clock(other)
+        if self.clock != other.clock:
+            raise self._other_clock(other)
         return self.ns < other.ns
 
     def __le__(self, other: "Stamp") -> bool:
-        self._check_clock(other)
+        if self.clock != other.clock:
+            raise self._other_clock(other)
         return self.ns <= other.ns
 
-    def _check_clock(self, other: "Stamp") -> None:
-        if self.clock != other.clock:
-            raise StampError(
-                f"stamps of the clocks {self.clock!r} and {other.clock!r} cannot be compared; "
-                "expected one clock"
-            )
+    def _other_clock(self, other: "Stamp") -> StampError:
+        return StampError(
+            f"stamps of the clocks {self.clock!r} and {other.clock!r} cannot be compared; "
+            "expected one clock"
+        )
 
 
 _set_ns, _set_clock = slot_setters(Stamp)
@@ -257,7 +259,7 @@ def freshness_of(
         return Freshness.FUTURE
     if age_ns > limits.stale_after_ns:
         return Freshness.STALE
-    if limits.is_frozen(unchanged_ns):
+    if unchanged_ns and limits.is_frozen(unchanged_ns):
         return Freshness.FROZEN
     return Freshness.VALID
 

@@ -1,8 +1,7 @@
 """The hold of a session as one state machine: what latches it, its causes, what ends it."""
 
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -98,15 +97,10 @@ class Hold:
             constraint_is_current=decision.constraint_is_current and not self._doubted,
         )
 
-    @contextmanager
-    def latched_by_error(self) -> Iterator[None]:
-        """An error within the context latches the hold: what the step would have found is lost."""
-        try:
-            yield
-        except Exception:
-            self._known = False
-            self.latch("a step has failed", doubt=True)
-            raise
+    def latch_by_error(self) -> None:
+        """Latch the hold after an error in a step: what that would have found is lost."""
+        self._known = False
+        self.latch("a step has failed", doubt=True)
 
     def latch(self, cause: str, *, doubt: bool = False) -> None:
         """Latch the hold for ``cause``, a text for the operator; with ``doubt`` of the pose."""

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import scipy  # loads `scipy.optimize` on first use
@@ -91,7 +90,8 @@ def _in_tumor_frame(
     if tumor_from_tip is None or structure_from_tip is None:
         return None
     rows = _placed(proximity.witnesses.rows, structure_from_tip, tumor_from_tip, planes=False)
-    return replace(proximity, witnesses=Witnesses.of_rows(rows))
+    witnesses, lower_mm = Witnesses.of_rows(rows), proximity.lower_bound_mm
+    return Proximity(lower_mm, witnesses, proximity.stamp, proximity.contact, proximity.free)
 
 
 def _joined(

@@ -75,7 +75,7 @@ class FarStructures:
     def use(self, setup: SessionSetup) -> None:
         """Replace the setup: each structure is measured at the next step."""
         structures, margins, tracking = setup.guarded, setup.margins, setup.tracking
-        self._setup = setup
+        self._setup, self._limits = setup, margins.freshness_limits
         self._asleep: frozenset[int] = frozenset()
         self._frames = [each.frame_from_structure.target for each in structures]
         self._names = tuple(dict.fromkeys(self._frames))
@@ -108,12 +108,13 @@ class FarStructures:
         structure, whose margin holds the error of the registration at the tip.
         """
         self._tools, self._tips = {}, {}  # those of a step that has failed
-        limits = self._setup.margins.freshness_limits
+        if len(self._frames) == 1:
+            return {}
         used = [tools[name] for name in self._needed_frames]
         if first.problems or any(each.problems or each.unchanged_ns for each in used):
             return {}
         self._tools = tools
-        if freshness_of_stamp(self._now, first.now, limits) is not Freshness.VALID:
+        if freshness_of_stamp(self._now, first.now, self._limits) is not Freshness.VALID:
             self._forget()  # the margin is UNKNOWN after a gap
         if not self._known:
             return {}

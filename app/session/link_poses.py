@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 
 from app.case import JointSample, TrackingFrame
 from app.geometry import Freshness, FreshnessLimits, Transform, freshness_of_stamp
@@ -28,6 +29,8 @@ class RobotLinks:
         """Replace the robot."""
         self._robot = robot
         self._follower = IkFollower(robot) if robot is not None and robot.follows_tool else None
+        is_posed_by = (lambda _: True) if robot is None else robot.is_posed_by
+        self._is_posed_by = lru_cache(maxsize=8)(is_posed_by)
 
     def at(
         self, frame: TrackingFrame, reference_from_tip: Transform | None, limits: FreshnessLimits
@@ -38,7 +41,7 @@ class RobotLinks:
         """
         robot = self._robot
         for sample in reversed(frame.joints):
-            if robot is None or robot.is_posed_by(sample.names):
+            if self._is_posed_by(sample.names):
                 self.joints = sample
                 break
         if robot is None:

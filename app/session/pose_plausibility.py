@@ -59,7 +59,7 @@ class MotionCheck:
         """The sensors of ``edges`` that are not believed now: one line each, by name."""
         found = {}
         for edge, sensor in self._sensors.items():
-            if edge in edges and (jump := sensor.jump) is not None:
+            if not sensor.believed and edge in edges and (jump := sensor.jump) is not None:
                 name = f"{edge[0]} -> {edge[1]}"
                 found[name] = f"{name} {jump.text}"
         return found
@@ -73,12 +73,12 @@ class MotionCheck:
         self._newest_ns[edge] = ns
         pose = sample.transform
         # Drivers send large numbers for a missing pose.
-        if pose is None or is_too_far(pose):
+        if pose is None or is_too_far(pose.translation_mm.tolist()):
             return True
         sensor = self._sensors.get(edge)
         if sensor is None:
             sensor = self._sensors[edge] = SensorMotion(self._limits)
-        return sensor.update(pose, min(ns, now.ns))
+        return sensor.update(pose, ns if ns < now.ns else now.ns)
 
 
 SINGLE_SOURCE = "one source: nothing checks the tracker"
@@ -110,11 +110,6 @@ class Plausibility:
         self._relations = Relations(setup.plausibility, setup.tool_from_tip)
         self._joints = _joints(setup)
         self._set_up(setup)
-
-    @property
-    def single_source(self) -> bool:
-        """True if nothing independent can contradict the tracker."""
-        return not (self._relations or self._joints.is_configured)
 
     def use(self, setup: SessionSetup, before: SessionSetup) -> None:
         """Replace the setup ``before``; what is known of the sensors' motion is kept."""
@@ -194,6 +189,8 @@ class Plausibility:
         )
         self._ends = setup.measured_ends
         self._edges = ()
+        self.single_source = not (self._relations or self._joints.is_configured)
+        """True if nothing independent can contradict the tracker."""
 
 
 def _joints(setup: SessionSetup) -> JointCheck:

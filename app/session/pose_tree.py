@@ -67,7 +67,9 @@ class _EdgeState:
     """The latest sample's stamp, or its time of arrival if that was earlier."""
     repetition: SensorRepetition
     latest_good: Transform | None = None
-    unchanged_since: Stamp | None = None
+    latest_mm: list[float] = field(default_factory=list)
+    """Its position."""
+    unchanged_since_ns: int = 0
     bad: frozenset[Reason] = _NOTHING
     """Problems of the latest sample that do not depend on its age."""
 
@@ -79,23 +81,27 @@ class _EdgeState:
         """
         self.latest = sample
         self.latest_at = sample.stamp if sample.stamp.ns <= now.ns else now
-        if sample.transform is None:
+        pose, at_ns = sample.transform, self.latest_at.ns
+        if pose is None:
             self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
-        if is_too_far(sample.transform):
+        position_mm = pose.translation_mm.tolist()
+        if is_too_far(position_mm):
             self.bad = _TOO_FAR
             return False
         self.bad = _NOTHING
-        known, self.latest_good = self.latest_good, sample.transform
-        if known is None or self.unchanged_since is None:
-            self.unchanged_since = self.latest_at
-            self.repetition.begin(sample.transform, self.latest_at.ns)
+        known, known_mm = self.latest_good, self.latest_mm
+        self.latest_good, self.latest_mm = pose, position_mm
+        if known is None:
+            self.unchanged_since_ns = at_ns
+            self.repetition.begin(pose, position_mm, at_ns)
             return False
-        if _same_numbers(known, sample.transform):
-            self.repetition.repeat(self.latest_at.ns - self.unchanged_since.ns)
+        # Positions differ in nearly all cases, and lists of floats compare fastest.
+        if known_mm == position_mm and known.rotation.tolist() == pose.rotation.tolist():
+            self.repetition.repeat(at_ns - self.unchanged_since_ns)
             return False
-        self.unchanged_since = self.latest_at
-        self.repetition.change(sample.transform, self.latest_at.ns, limits)
+        self.unchanged_since_ns = at_ns
+        self.repetition.change(pose, position_mm, at_ns, limits)
         return True
 
 
@@ -146,8 +152,8 @@ class PoseTree:
         self._problems.clear()
         durations_ns: dict[str, list[int]] = {}
         for sample in frame.poses:
-            state = self._insert_sample(sample, frame.stamp)
             edge = (sample.target, sample.source)
+            state = self._insert_sample(edge, sample, frame.stamp)
             if state is None or state.bad or self._is_shown_only(sample.source):
                 continue
             if self._has_to_move(edge):
@@ -201,11 +207,10 @@ class PoseTree:
         """Names of all frames of measured edges, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
-    def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> _EdgeState | None:
+    def _insert_sample(self, edge: Edge, sample: TrackedTransform, now: Stamp) -> _EdgeState | None:
         """The state of the edge after ``sample``; None if a newer one is known."""
         stamp = sample.stamp
         stamp.age_ns(now)  # raises for another clock; below, only numbers are compared
-        edge = (sample.target, sample.source)
         state = self._edges.get(edge)
         if state is None:
             sensor = self._sensors.setdefault(edge, SensorRepetition())
@@ -218,7 +223,7 @@ class PoseTree:
         return state
 
     def _verdict(self, edge: Edge, state: _EdgeState) -> tuple[int, frozenset[Reason]]:
-        """`_unchanged_ns` and `_edge_problems` of ``edge``, computed once per frame.
+        """Time without a change, as in `MeasuredPose`, and problems of ``edge``, once per frame.
 
         Limits and moving frames may be replaced between two frames.
         """
@@ -228,20 +233,14 @@ class PoseTree:
             self._judged_by = (self.limits, self.moving_frames)
         found = self._problems.get(edge)
         if found is None:
-            unchanged_ns = self._unchanged_ns(edge, state)
-            found = unchanged_ns, self._edge_problems(edge, state, unchanged_ns)
-            self._problems[edge] = found
+            sensor, source, unchanged_ns = state.repetition, self._sources.get(edge[0]), 0
+            if sensor.repeats and self._has_to_move(edge):
+                unchanged_ns = sensor.unchanged_ns(self.limits, source)
+            problems = state.bad or self._age_problems(state.latest.stamp, unchanged_ns)
+            if sensor.repeats and source and source.is_stuck(self.limits.stale_after_ns):
+                problems |= _FROZEN
+            found = self._problems[edge] = unchanged_ns, problems
         return found
-
-    def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
-        sensor = state.repetition
-        if sensor.repeats == 0 or not self._has_to_move(edge):
-            return 0
-        return sensor.unchanged_ns(self.limits, self._sources.get(edge[0]))
-
-    def _is_stuck(self, edge: Edge) -> bool:
-        source = self._sources.get(edge[0])
-        return source is not None and source.is_stuck(self.limits.stale_after_ns)
 
     def _has_to_move(self, edge: Edge) -> bool:
         target, source = edge
@@ -251,16 +250,9 @@ class PoseTree:
     def _is_shown_only(self, frame: str) -> bool:
         return frame in self.shown_frames and frame not in self.moving_frames
 
-    def _edge_problems(self, edge: Edge, state: _EdgeState, unchanged_ns: int) -> frozenset[Reason]:
-        if self._now is None:
-            return _UNKNOWN.problems
-        problems = state.bad or self._age_problems(state.latest.stamp, self._now, unchanged_ns)
-        if state.repetition.repeats and self._is_stuck(edge):
-            problems |= _FROZEN
-        return problems
-
-    def _age_problems(self, stamp: Stamp, now: Stamp, unchanged_ns: int) -> frozenset[Reason]:
-        freshness = freshness_of(stamp.ns, now.ns, self.limits, unchanged_ns)
+    def _age_problems(self, stamp: Stamp, unchanged_ns: int) -> frozenset[Reason]:
+        assert self._now is not None, "edges are known"
+        freshness = freshness_of(stamp.ns, self._now.ns, self.limits, unchanged_ns)
         if freshness is Freshness.VALID:
             return _NOTHING
         problems = frozenset({REASON_OF_FRESHNESS[freshness]})
@@ -279,9 +271,9 @@ def oldest(poses: Iterable[MeasuredPose]) -> Stamp | None:
     return min([pose.oldest for pose in poses if pose.oldest is not None], default=None)
 
 
-def is_too_far(pose: Transform) -> bool:
-    """True for a position beyond `MAX_TRANSLATION_MM`, which no tracker has measured."""
-    x, y, z = pose.translation_mm.tolist()
+def is_too_far(position_mm: list[float]) -> bool:
+    """True for a position (3,) beyond `MAX_TRANSLATION_MM`, which no tracker has measured."""
+    x, y, z = position_mm
     limit = MAX_TRANSLATION_MM
     return not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit)
 
@@ -289,14 +281,6 @@ def is_too_far(pose: Transform) -> bool:
 def is_sampled(name: str, frame: TrackingFrame) -> bool:
     """True if ``frame`` holds a sample, good or lost, of an edge to or from ``name``."""
     return any(name in (sample.target, sample.source) for sample in frame.poses)
-
-
-def _same_numbers(first: Transform, second: Transform) -> bool:
-    # Positions differ in nearly all cases, and lists of floats compare fastest.
-    return bool(
-        first.translation_mm.tolist() == second.translation_mm.tolist()
-        and first.rotation.tolist() == second.rotation.tolist()
-    )
 
 
 class TumorVelocity:

@@ -137,30 +137,35 @@ class SensorRepetition:
         self.repeats += 1
         self.duration_ns = duration_ns
 
-    def begin(self, pose: Transform, at_ns: int) -> None:
+    def begin(self, pose: Transform, position_mm: list[float], at_ns: int) -> None:
         """Note the first pose, which neither repeats nor changes one."""
-        self._last.append((at_ns, pose.translation_mm.tolist(), pose, 0.0))
+        self._last.append((at_ns, position_mm, pose, 0.0))
 
-    def change(self, pose: Transform, at_ns: int, limits: FreshnessLimits) -> None:
-        """Count a sample with another pose, which ends a run; a frozen run is not learned."""
-        history = self._history()
-        if self.repeats and not limits.is_frozen(self.unchanged_ns(limits)):
-            history.add_run(self.repeats, self.duration_ns)
+    def change(
+        self, pose: Transform, position_mm: list[float], at_ns: int, limits: FreshnessLimits
+    ) -> None:
+        """Count a sample with another pose, which ends a run; a frozen run is not learned.
+
+        ``position_mm`` is that of ``pose``.
+        """
+        history, last = self.in_motion if self.moving else self.at_rest, self._last
+        if self.repeats:
+            if not limits.is_frozen(self.unchanged_ns(limits)):
+                history.add_run(self.repeats, self.duration_ns)
+            self.repeats = self.duration_ns = 0
         history.add_change()
-        self.repeats = self.duration_ns = 0
-        position = pose.translation_mm.tolist()
         step_mm = 0.0
-        if self._last:
-            step_mm = math.dist(self._last[-1][1], position)
+        if last:
+            step_mm = math.dist(last[-1][1], position_mm)
             if 0.0 < step_mm < self._step_mm:
                 self._step_mm = step_mm
-        self._last.append((at_ns, position, pose, step_mm))
-        self.moving = len(self._last) == _POSITIONS and _leads_on(
-            [each[0] for each in self._last],
-            sum([each[3] for each in self._last][1:]),
-            math.dist(self._last[0][1], position),
-            self._step_mm,
-        )
+        last.append((at_ns, position_mm, pose, step_mm))
+        self.moving = False
+        if len(last) == _POSITIONS:
+            first, second, third, _ = last
+            path_mm = second[3] + third[3] + step_mm
+            net_mm = math.dist(first[1], position_mm)
+            self.moving = _leads_on(first[0], third[0], at_ns, path_mm, net_mm, self._step_mm)
 
     def restart(self) -> None:
         """Forget the present run and motion, not the history: the clock has jumped."""
@@ -203,7 +208,8 @@ class SensorRepetition:
         axes = [pose.rotation.ravel().tolist() for _, _, pose, _ in self._last]
         path = sum(math.dist(a, b) for a, b in pairwise(axes))
         times = [each[0] for each in self._last]
-        return _leads_on(times, path, math.dist(axes[0], axes[-1]), _STEP_OF_AXES)
+        net = math.dist(axes[0], axes[-1])
+        return _leads_on(times[0], times[-2], times[-1], path, net, _STEP_OF_AXES)
 
 
 @dataclass(slots=True)
@@ -260,12 +266,15 @@ class SourceRepetition:
         return share**self.repeats < STUCK
 
 
-def _leads_on(times_ns: list[int], path: float, net: float, step: float) -> bool:
+def _leads_on(
+    first_ns: int, before_ns: int, last_ns: int, path: float, net: float, step: float
+) -> bool:
     """True for a straight path whose next sample is at least two steps away at its mean speed.
 
-    ``path`` is the length through all points, ``net`` that from the first to the last of them.
+    ``path`` is the length through all points, ``net`` that from the first to the last of them;
+    ``before_ns`` is the time of the last but one.
     """
-    elapsed_ns = times_ns[-1] - times_ns[0]
+    elapsed_ns = last_ns - first_ns
     if elapsed_ns <= 0 or net < _STRAIGHT * path:
         return False
-    return net * (times_ns[-1] - times_ns[-2]) >= _MIN_STEPS * step * elapsed_ns
+    return net * (last_ns - before_ns) >= _MIN_STEPS * step * elapsed_ns

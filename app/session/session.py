@@ -93,11 +93,14 @@ class Session:
         observed, far = self._observe(
             frame.stamp, tools, reference_from_tip, problems | found.keys()
         )
-        with self._hold.latched_by_error():
+        try:
             structures = self._decide(observed, far, tools)
-            far_mm = min((each.clearance_mm for each in far.values()), default=math.inf)
+            far_mm = min([each.clearance_mm for each in far.values()], default=math.inf)
             combined = self._combined.of(structures, self.setup.proximity.radius_mm, far_mm)
             decision = self._hold.applied(combined, found, [each.decision for each in structures])
+        except Exception:
+            self._hold.latch_by_error()
+            raise
         if self._far is not None:
             decisions = {number: structures[number].decision for number in observed}
             self._far.end(frame.stamp, far, decisions)
