@@ -21,7 +21,7 @@ from app.fixture.vectors import (
     transform_point,
     turn_between,
 )
-from app.geometry import NS_PER_S, FloatArray, Stamp, Transform, mismatched_frames
+from app.geometry import NS_PER_S, FloatArray, FrameError, Stamp, Transform
 from app.registration import RegistrationDrift
 from app.session import relations, sensor_motion
 from app.session.relations import ENDS_AFTER_NS
@@ -346,8 +346,11 @@ class JointCheck:
         if robot is None or not self.is_configured or not links or reference_from_tip is None:
             return None
         tip, mount = reference_from_tip.source, robot.link_from_tip
-        if mount is not None and mount.source != tip:
-            raise mismatched_frames((robot.tool_link, mount.source), (tip, tip))
+        if mount is not None and (mount.target, mount.source) != (robot.tool_link, tip):
+            raise FrameError(
+                f"link_from_tip: is {mount.target}_from_{mount.source}; "
+                f"expected {robot.tool_link}_from_{tip}"
+            )
         self._place(_LINK, links[robot.tool_link])
         self._place(_TIP, reference_from_tip)
         tracked, placed, turned_rad = _compare(*self._poses, mount is not None)
