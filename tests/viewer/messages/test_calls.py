@@ -14,7 +14,7 @@ from app.geometry import MarginGuardError
 from app.viewer.address import Role
 from app.viewer.controls import add_replay_controls
 from app.viewer.feeds import RATES, ReplayControl
-from app.viewer.messages.checks import Commands, RefusedError
+from app.viewer.messages.checks import Commands, RefusedError, integer, number, numbers, text
 from app.viewer.messages.methods import HELLO, Methods
 from app.viewer.messages.open_pages import MAX_PAGES, OPENED_BURST, OpenPage, OpenPages
 
@@ -205,3 +205,25 @@ def test_command_without_its_role_or_arguments_is_refused():
     commands.run("own", [], Role.VIEW)
     commands.run("own", [], Role.OPERATE)
     assert called == ["own", "own"]
+
+
+@pytest.mark.parametrize(
+    ("check", "good", "bad"),
+    [
+        (text(3), "abc", "abcd"),
+        (integer(-1, 3), 3, 4),
+        (integer(-1, 3), -1, -2),
+        (number(-1.0, 2.0), 2.0, 2.1),
+        (number(-1.0, 2.0), -1, float("nan")),
+        (numbers(2, 0.0, 1.0), [0.0, 1.0], [0.0, 1.0, 1.0]),
+    ],
+)
+def test_value_beyond_its_limit_is_refused(check, good, bad):
+    check(good)
+    with pytest.raises(RefusedError, match="; expected "):
+        check(bad)
+
+
+def test_command_with_too_many_arguments_is_refused_before_they_are_looked_at():
+    with pytest.raises(RefusedError, match="expected a list of at most 6 values"):
+        OPERATOR.run("trame.trigger", ("seek", [0] * 7, {}))
