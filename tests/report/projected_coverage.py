@@ -64,18 +64,21 @@ class Projection:
         """Index of the face that is seen at each of ``pixels`` (k, 2); -1 beside the surface."""
         corners = self.places(self.vertices, view)[self.faces]
         low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
+        pixels = np.asarray(pixels, dtype=float)
+        near = np.ones((len(pixels), len(corners)), dtype=bool)
+        for axis in range(2):
+            across = pixels[:, axis, None]
+            near &= (low[:, axis] <= across) & (across <= high[:, axis])
+        index, face = np.nonzero(near)
+        pixel, (a, b, c) = pixels[index], (corners[face, k, :2] for k in range(3))
+        parts = np.stack([_area(pixel, b, c), _area(a, pixel, c), _area(a, b, pixel)], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights = parts / parts.sum(axis=1)[:, None]
+        depth = (weights * corners[face, :, 2]).sum(axis=1)
+        hit = np.flatnonzero((weights >= 0.0).all(axis=1))
+        hit = hit[depth[hit].argsort()]  # the nearest face comes last, and remains
         found = np.full(len(pixels), -1)
-        for index, pixel in enumerate(np.asarray(pixels, dtype=float)):
-            near = np.flatnonzero(((low <= pixel) & (pixel <= high)).all(axis=1))
-            a, b, c = (corners[near, k, :2] for k in range(3))
-            parts = np.stack([_area(pixel, b, c), _area(a, pixel, c), _area(a, b, pixel)], axis=1)
-            whole = parts.sum(axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                weights = parts / whole[:, None]
-            hit = np.flatnonzero((weights >= 0.0).all(axis=1))
-            if len(hit):
-                depth = (weights[hit] * corners[near[hit], :, 2]).sum(axis=1)
-                found[index] = near[hit[depth.argmax()]]
+        found[index[hit]] = face[hit]
         return found
 
     def color(self, face, view):
