@@ -32,7 +32,7 @@ STYLUS_DIVOT_MM = np.array([-15.0, -25.0, 55.0])
 DIVOT_MM = np.array([40.0, -20.0, 60.0])
 RATE_HZ = 60.0
 NOISE_MM, NOISE_RAD = 0.1, np.radians(0.05)
-SETTLE_S = 0.5
+SETTLE_S, TURN_S = 0.25, 4.0
 CONE_RAD = {"pivot": np.radians(32.0), "narrow": np.radians(3.0), "spin": 0.0}
 
 
@@ -93,7 +93,7 @@ class Tool:
         """Rotation and position in mm of the sensor in the reference after another ``step_s``."""
         self._seconds += step_s
         self._cone_rad += (CONE_RAD[motion] - self._cone_rad) * step_s / SETTLE_S
-        self._roll_rad += 2.0 * np.pi * step_s / 8.0 if motion == "spin" else 0.0
+        self._roll_rad += 2.0 * np.pi * step_s / TURN_S if motion == "spin" else 0.0
         settled = abs(CONE_RAD[motion] - self._cone_rad) < np.radians(0.02)
         if settled and motion != self._motion:
             self._motion = motion
