@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
-from app.files.paths import shipped
 from benchmarks.view.chromium import ARGUMENTS, CHROMIUM
+from tests.cut_case import write_cut_case
 from tests.viewer.conftest import watching
 from tests.viewer.page_actions import (
     drag,
@@ -29,7 +29,6 @@ from tests.waiting import wait_until
 pytestmark = pytest.mark.long
 
 FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
-SHIPPED_CASE = shipped("data", "recorded_case")
 PHONE = (390, 844)
 PICTURE_FITS = """[document.querySelector('main.view img')].every((image) => !image ||
     Math.abs(image.naturalWidth - image.parentElement.clientWidth) <= 2)"""
@@ -114,12 +113,13 @@ def test_both_renderings_show_the_same_state_and_pose(webgl, server, client_serv
         assert drawn.external_requests() == []
 
 
-def test_robot_has_the_same_colours_in_both_renderings(webgl, serve):
-    servers = (serve(str(SHIPPED_CASE)), serve(str(SHIPPED_CASE), "--render", "client"))
+def test_robot_has_the_same_colours_in_both_renderings(webgl, serve, tmp_path):
+    case = write_cut_case(tmp_path / "case", 20.0, 2.5)
+    servers = (serve(str(case)), serve(str(case), "--render", "client"))
     with watching(webgl, servers[0]) as pictures, watching(webgl, servers[1]) as drawn:
         pages = (pictures.page, drawn.page)
         for page in pages:
-            show(page, 600, "HOLD")
+            show(page, 60, "HOLD")
         # The label of the distance is drawn by the server alone.
         check_same(pages, max_color=15.0)
 
