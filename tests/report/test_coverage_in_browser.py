@@ -107,6 +107,7 @@ ALL_SIZES = pytest.mark.parametrize("shown", SIZES, indirect=True)
 
 @ALL_SIZES
 def test_picture_and_values_at_the_start_are_those_of_the_projection(shown):
+    assert violations(shown.page) == []
     shown.check(shown.start)
     assert shown.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
@@ -228,11 +229,6 @@ def test_marks_and_letters_are_at_their_places(shown):
         assert is_inked(place, 6) == (side["letter"] in "RLSI")
     right, left = shown.projection.letters(front)[:2]
     assert right[0] < left[0]  # the patient's right is on the left of the reader
-
-
-@ALL_SIZES
-def test_report_has_no_violations(shown):
-    assert violations(shown.page) == []
 
 
 def test_paper_and_a_browser_without_scripts_show_the_six_views(browser, report, shown):
