@@ -86,7 +86,7 @@ def test_live_image_is_shown_and_covered_without_its_sender(browser, serve_live,
             expect(part).to_have_attribute("data-problem", "true")
             expect(problem).to_contain_text("NO CURRENT IMAGE")
             sender.end_input()
-        sender.wait()  # it leaves the graph: after one that is killed, another is refused for long
+        sender.wait()  # it leaves the graph; if killed it would stay a second publisher for long
         refused = start(*SENDER, "--encoding", "bgr8")
         expect(problem).to_contain_text("encoding of the image is 'bgr8'")
         expect(page.locator("#us-image")).to_be_hidden()
