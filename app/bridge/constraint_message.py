@@ -216,8 +216,10 @@ class ConstraintReader:
         self._newest: LatestValue[bytes] = LatestValue()
         self._ros = RosNode("constraint_reader")
         try:
+            # A message wakes `read` in a conflict too, which then raises or finds its end.
             self._sender = create_endpoint(
-                lambda: SingleSender(self._ros, self._topic, self._newest.put), topic
+                lambda: SingleSender(self._ros, self._topic, self._newest.put, in_conflict=True),
+                topic,
             )
         except BaseException:
             self._ros.close()

@@ -104,10 +104,19 @@ def node_name(endpoint: TopicEndpointInfo) -> str:
 class SingleSender:
     """Receives ``topic`` and calls ``receive(data)`` in the node's thread for its one sender.
 
-    While two publishers send nothing is received, and `problem` names them. Thread-safe.
+    While two publishers send nothing is received, unless ``in_conflict``, and `problem` names them.
+    Thread-safe.
     """
 
-    def __init__(self, ros: RosNode, topic: Topic, receive: Callable[[bytes], None]) -> None:
+    def __init__(
+        self,
+        ros: RosNode,
+        topic: Topic,
+        receive: Callable[[bytes], None],
+        *,
+        in_conflict: bool = False,
+    ) -> None:
+        self._in_conflict = in_conflict
         self._node, self._name, self._receive = ros.node, topic.name, receive
         self._trail, self._lock = SenderTrail(), threading.Lock()
         self._checked_ns: int | None = None
@@ -141,7 +150,7 @@ class SingleSender:
         if origin.sender is not None:
             with self._lock:
                 is_used = self._trail.observe(origin.sender, Sample(0, data), time.monotonic_ns())
-                is_used = is_used and not self._trail.conflict
+                is_used = is_used and (self._in_conflict or not self._trail.conflict)
             if not is_used:
                 return
         self._receive(data)

@@ -1,6 +1,9 @@
 """Constraints that a session publishes, received through the API in another process's domain."""
 
+import itertools
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from app.session import StepResult
 from tests.bridge.conftest import content as content
 from tests.bridge.conftest import make_step as make_step
 from tests.ros_domain import domain_id as domain_id
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -94,6 +98,50 @@ def test_invalid_message_is_an_error(domain_id: int, change, problem: str) -> No
         publisher.publish(FixtureConstraint(**{"hold": True, "state": 3, **change}))
         with pytest.raises(mg.MarginGuardError, match=problem):
             constraints.read()
+
+
+def test_second_publisher_is_an_error_until_it_has_left(domain_id: int) -> None:
+    """`read` does not wait for its timeout, neither for the error nor for a constraint after it."""
+    from marginguard_msgs.msg import FixtureConstraint
+
+    from app.bridge import RosNode
+    from app.bridge.constraint_message import DEFAULT_TOPIC
+    from app.bridge.topics import CONSTRAINT, Topic
+
+    def repeat(ros: RosNode, ended: threading.Event) -> None:
+        publisher = ros.publisher(Topic(DEFAULT_TOPIC, FixtureConstraint, CONSTRAINT.qos))
+        for seq in itertools.count():
+            message = FixtureConstraint(seq=seq, hold=True, state=3)
+            message.instance_id = ros.node.get_name()
+            publisher.publish(message)
+            if ended.wait(0.02):
+                return
+
+    def is_read() -> bool:
+        try:
+            return constraints.read().instance_id == "stays"
+        except mg.MarginGuardError as error:
+            assert "/marginguard/constraint: 2 publishers send (node" in str(error)
+            return False
+
+    ends = threading.Event(), threading.Event()
+    with (
+        RosNode("stays") as stays,
+        mg.constraint_stream(timeout_s=DEADLINE_S) as constraints,
+        ThreadPoolExecutor() as senders,
+    ):
+        try:
+            senders.submit(repeat, stays, ends[0])
+            assert is_read()
+            with RosNode("leaves") as leaves:
+                sending = senders.submit(repeat, leaves, ends[1])
+                wait_until(lambda: not is_read())
+                ends[1].set()
+                sending.result()
+            wait_until(is_read)
+        finally:
+            for each in ends:
+                each.set()
 
 
 @pytest.mark.parametrize(
