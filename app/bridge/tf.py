@@ -52,8 +52,8 @@ class TransformBuffer:
     """Keeps the last ``keep_ns`` of every edge and looks up transforms between any two frames.
 
     A frame has one parent. A new parent discards the history under the old one. So does a jump
-    back by more than `DISORDER_NS`. Of two samples with the same stamp the first is
-    kept, as in tf2, so that the result of a lookup does not change.
+    back by more than `DISORDER_NS`. Of two samples with the same stamp the first is kept, as in
+    tf2, so that the result of a lookup does not change.
     ``max_frames`` (in total) and ``max_samples`` (per edge) bound the memory that network input can
     occupy; frames beyond the limit are refused.
     """

@@ -1,4 +1,4 @@
-"""Parameters of another node: list, get, set, describe, and watch for changes."""
+"""Parameters of another node: get, set, and watch for changes."""
 
 import threading
 from collections.abc import Callable, Mapping

@@ -20,7 +20,7 @@ from app.bridge.tf_topics import TfListener
 from app.bridge.topics import STREAM, Topic
 from app.geometry import TrackingStatus
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
-from tests.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -209,7 +209,8 @@ def test_lost_sample_delays_a_lookup_and_not_a_session(ros, start, monkeypatch):
     assert tracker.line() == "ready"
     for number in range(LOOKUPS):
         tracker.send("next")
-        assert buffer.wait("tracker", f"sent_{number}", timeout_s=DEADLINE_S).stamp_ns == number
+        wait_until(lambda sent=f"sent_{number}": buffer.parent(sent))
+        assert buffer.lookup("tracker", f"sent_{number}").stamp_ns == number
     received_ns = [sample.stamp.ns for sample in inbox.samples]
     assert 0 < len(received_ns) < LOOKUPS
     assert all(earlier < later for earlier, later in pairwise(received_ns))
