@@ -1,5 +1,6 @@
 """Names, classes, references and constants by which SlicerROS2's scripts find things."""
 
+import inspect
 from types import SimpleNamespace
 
 import pytest
@@ -97,6 +98,22 @@ def test_every_kind_has_a_class_below_the_base_class(namespace, logic, node, rol
         base()  # abstract: it has no kind
     with pytest.raises(UnknownTypeError):
         logic.AddNewNodeByClass(f"vtkMRMLROS2{role}NothingNode")
+
+
+@pytest.mark.parametrize(
+    ("name", "names", "takes"),
+    [
+        ("GetPublisherNodeByTopic", (), "name: str"),
+        ("RemoveAndDeletePublisherNode", ("/a", "/b"), "name: str"),
+        ("GetTf2LookupNodeByParentChild", ("base",), "parent: str, child: str"),
+        ("GetTf2LookupNodeByID", (), "nodeID: str"),
+    ],
+)
+def test_wrong_number_of_names_is_an_error_that_shows_the_call(node, name, names, takes):
+    call = getattr(node, name)
+    assert f"({takes})" in str(inspect.signature(call))
+    with pytest.raises(TypeError, match=rf"vtkMRMLROS2NodeNode\.{name}\(\)"):
+        call(*names)
 
 
 def test_registered_classes_are_one_per_line(node):

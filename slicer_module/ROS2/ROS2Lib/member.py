@@ -5,6 +5,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from slicer import vtkMRMLScriptedModuleNode
@@ -30,6 +31,13 @@ class MrmlClass(_Node):
 
     The scene's C++ code uses the name of the MRML base class instead.
     """
+
+    def __init_subclass__(cls) -> None:
+        """Name the calls that a function has made as `help` and error messages show them."""
+        super().__init_subclass__()
+        for name, call in vars(cls).items():
+            if isinstance(call, FunctionType) and "<locals>" in call.__qualname__:
+                call.__name__, call.__qualname__ = name, f"{cls.__qualname__}.{name}"
 
     def GetClassName(self) -> str:
         """Class name as in SlicerROS2."""

@@ -35,9 +35,17 @@ Found = TypeVar("Found", bound=Member)
 
 
 def _by_name(kind: type[Found]) -> Callable[..., Found | None]:
-    def get(self: RosHost, *names: str) -> Found | None:
+    def get(self: RosHost, name: str) -> Found | None:
         """The member; None if there is none."""
-        return self.find(kind, *names)
+        return self.find(kind, name)
+
+    return get
+
+
+def _by_frames(kind: type[Found]) -> Callable[..., Found | None]:
+    def get(self: RosHost, parent: str, child: str) -> Found | None:
+        """The member; None if there is none."""
+        return self.find(kind, parent, child)
 
     return get
 
@@ -51,9 +59,9 @@ def _by_id(kind: type[Found]) -> Callable[..., Found | None]:
 
 
 def _remover(get: Callable[..., Member | None], what: str) -> Callable[..., bool]:
-    def remove(self: RosHost, *names: str) -> bool:
+    def remove(self: RosHost, name: str) -> bool:
         """Remove the member, with what it has made; False if there is none."""
-        return self.remove(get(self, *names), what.format(*names))
+        return self.remove(get(self, name), what.format(name))
 
     return remove
 
@@ -87,7 +95,7 @@ class vtkMRMLROS2NodeNode(RosHost):
 
     GetServiceClientNodeByService = _by_name(vtkMRMLROS2ServiceClientNode)
 
-    GetServiceClientNodeByTopic = GetServiceClientNodeByService
+    GetServiceClientNodeByTopic = _by_name(vtkMRMLROS2ServiceClientNode)
 
     RemoveAndDeletePublisherNode = _remover(GetPublisherNodeByTopic, "publisher of {!r}")
 
@@ -156,9 +164,9 @@ class vtkMRMLROS2NodeNode(RosHost):
         """Add it; None if it already exists."""
         return self.create(vtkMRMLROS2Tf2LookupNode, parent, child)
 
-    GetTf2BroadcasterNodeByParentChild = _by_name(vtkMRMLROS2Tf2BroadcasterNode)
+    GetTf2BroadcasterNodeByParentChild = _by_frames(vtkMRMLROS2Tf2BroadcasterNode)
 
-    GetTf2LookupNodeByParentChild = _by_name(vtkMRMLROS2Tf2LookupNode)
+    GetTf2LookupNodeByParentChild = _by_frames(vtkMRMLROS2Tf2LookupNode)
 
     GetTf2BroadcasterNodeByID = _by_id(vtkMRMLROS2Tf2BroadcasterNode)
 
