@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from app.bridge.node import RosNode
     from app.files.volume_file import Volume
     from app.session import StepResult
-    from app.viewer import LiveFeed, LiveSteps, Viewer
+    from app.viewer import LiveFeed, LiveSteps, MouseHand, Viewer
     from app.viewer.drawing.render_loop import MakeScheduler
     from app.workflow import ApproachGhost, NeedleGuide
 
@@ -129,8 +129,7 @@ def _shown(
     plans: "tuple[ApproachGhost, NeedleGuide] | None",
 ) -> Iterator["Viewer"]:
     """The page, with the steps on their way to it within the context."""
-    from app.bridge import RosNode
-    from app.bridge.world_client import HAND_NODE, TRACKER, WORLD, HandPublisher, WorldListener
+    from app.bridge.world_client import TRACKER, WORLD, WorldListener
     from app.runtime import SimulatedWorld, stop_surface
     from app.viewer import (
         LiveFeed,
@@ -199,16 +198,9 @@ def _shown(
         )
         thread.start()
         try:
-            with ExitStack() as stack:
-                if hand is not None:
-                    hand_ros = stack.enter_context(RosNode(HAND_NODE))
-                    HandPublisher(
-                        *(hand_ros, options.hand, content.tip_frame),
-                        lambda: hand.force_n(feed.now()),
-                        clock_ns=time.time_ns,
-                    )
-                if world is not None:
-                    WorldListener(ros, options.world, world)
+            if world is not None:
+                WorldListener(ros, options.world, world)
+            with _published(hand, options.hand, feed, content.tip_frame):
                 yield viewer
         finally:
             session.stop()
@@ -232,3 +224,19 @@ def _follow(
         raise
     finally:
         feed.end(why)
+
+
+@contextmanager
+def _published(
+    hand: "MouseHand | None", topic: str, feed: "LiveFeed", frame: str
+) -> Iterator[None]:
+    """Publish the force of ``hand`` on ``topic`` within the context."""
+    if hand is None:
+        yield
+        return
+    from app.bridge import RosNode
+    from app.bridge.world_client import HAND_NODE, HandPublisher
+
+    with RosNode(HAND_NODE) as ros:
+        HandPublisher(ros, topic, frame, lambda: hand.force_n(feed.now()), clock_ns=time.time_ns)
+        yield
