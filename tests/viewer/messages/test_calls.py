@@ -10,11 +10,19 @@ from hypothesis import strategies as st
 from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
 
-from app.geometry import MarginGuardError
+from app.geometry import InputError, MarginGuardError
 from app.viewer.address import Role
 from app.viewer.controls import add_replay_controls
 from app.viewer.feeds import RATES, ReplayControl
-from app.viewer.messages.checks import Commands, RefusedError, integer, number, numbers, text
+from app.viewer.messages.checks import (
+    Commands,
+    NotDoneError,
+    RefusedError,
+    integer,
+    number,
+    numbers,
+    text,
+)
 from app.viewer.messages.methods import HELLO, Methods
 from app.viewer.messages.open_pages import MAX_PAGES, OPENED_BURST, OpenPage, OpenPages
 
@@ -192,7 +200,13 @@ def test_pages_of_a_role_are_limited_in_number_and_in_rate():
 
 
 def test_command_without_its_role_or_arguments_is_refused():
-    commands, called = Commands(), []
+    drawn, called = [], []
+    commands = Commands(lambda: drawn.append(len(called)))
+
+    def fail():
+        raise InputError("not now")
+
+    commands.add("fail", fail, role=Role.VIEW)
     commands.add("play", lambda: called.append("play"))
     commands.add("own", lambda: called.append("own"), role=Role.VIEW)
     for name, args, role in [
@@ -202,9 +216,12 @@ def test_command_without_its_role_or_arguments_is_refused():
     ]:
         with pytest.raises(RefusedError, match="; expected "):
             commands.run(name, args, role)
+    with pytest.raises(NotDoneError, match="not now"):
+        commands.run("fail", [], Role.VIEW)
     commands.run("own", [], Role.VIEW)
     commands.run("own", [], Role.OPERATE)
     assert called == ["own", "own"]
+    assert drawn == [1, 2]  # after each command that was done
 
 
 @pytest.mark.parametrize(
