@@ -2,7 +2,10 @@
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import NamedTuple
+
+import numpy as np
 
 from app.fixture import (
     FixtureDecision,
@@ -12,6 +15,7 @@ from app.fixture import (
     Proximity,
     Reason,
     RecentWitnesses,
+    Witnesses,
     path_mm,
 )
 from app.geometry import (
@@ -33,6 +37,15 @@ _DEPTH_EVALUATIONS = 16
 """Accuracy of the depth of a breach between two frames, and its limit, which bounds a step."""
 
 
+@cache
+def _load_kernels() -> None:
+    """Run the kernels that only a step calls once: a step must not wait for the compiler."""
+    load_tre_kernel()
+    start = Transform.identity("structure", "tip")
+    path_mm(start, start, 0.0)
+    assert Witnesses.of_rows(np.zeros((1, 10))).is_finite
+
+
 class StructureGuard:
     """Observes one `Structure` of a session and decides on its margin.
 
@@ -45,7 +58,7 @@ class StructureGuard:
         margins = structure.margins(setup.margins)
         self._monitor = MarginMonitor(margins, frame=structure.name)
         self._begin()
-        load_tre_kernel()
+        _load_kernels()
 
     def use(self, structure: Structure, setup: SessionSetup, *, motion_changed: bool) -> bool:
         """Continue with ``structure``; True if its shape, pose or tool has changed.
