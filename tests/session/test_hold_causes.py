@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from app.fixture import POSE_DOUBTS, MarginState, Reason
-from app.geometry import TrackingStatus, Transform
+from app.geometry import InputError, TrackingStatus, Transform
 from app.hold import NotRearmableError
 from app.hold.hold import MAX_CAUSES
 from app.session import Session
@@ -147,6 +147,22 @@ def test_hold_by_the_caller_doubts_the_pose_where_it_says_so(session):
     assert not good(session, 60).decision.constraint_is_current
     session.rearm()
     assert good(session, 80).decision.constraint_is_current
+
+
+def test_step_that_fails_latches_the_hold_without_current_planes(session):
+    """A reason that is no fault is a mistake of the caller, which the margin refuses."""
+    sample = frame(40, needle(40), cautery_at(30.2, 40))
+    with pytest.raises(InputError, match="expected faults"):
+        session.step(sample, {Reason.WARNING_DISTANCE: "no fault"})
+    assert session.latched
+    with pytest.raises(NotRearmableError):
+        session.rearm()
+    step = good(session, 60)
+    assert (step.decision.hold, step.decision.constraint_is_current) == (True, False)
+    assert step.decision.constraint.hold
+    assert step.hold_causes == ("a step has failed",)
+    session.rearm()
+    assert not good(session, 80).decision.hold
 
 
 def test_doubt_of_a_setup_that_is_replaced_stays(session):

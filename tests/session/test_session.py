@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -452,6 +454,51 @@ def test_rotation_is_drift_if_the_mount_is_known(touch):
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
 
 
+@pytest.mark.parametrize("joint", [0.2, 0.7])
+def test_drift_is_that_of_the_chain_of_transforms(touch, joint):
+    """Registration, link and mount are turned and moved, and so is the tool by the tracker."""
+    joints = {name: joint * (-0.8) ** n for n, name in enumerate(touch.actuated_joint_names)}
+    base = Transform.from_rotation_vector(
+        [0.4, -0.7, 0.2], [30.0, -20.0, 10.0], target="reference", source="robot_base"
+    )
+    mount = Transform.from_rotation_vector(
+        [-0.3, 0.5, 0.9], [4.0, 5.0, -6.0], target="stylus", source="cautery_tip"
+    )
+    tool = found_tool(touch, joints, 3.0, 0.3)
+    tip = reference(0).transform.inverse() @ tool.transform @ TOOL_FROM_TIP
+    link = base.renamed(source=touch.root_link) @ touch.forward_kinematics(joints)["stylus"]
+    for given_mount in (mount, None):
+        robot = RobotSetup(
+            touch,
+            "robot_base",
+            "stylus",
+            given_registration(base),
+            DriftBound(5.0, 0.05),
+            given_mount,
+        )
+        poses = (reference(0), needle(0), tool)
+        session = Session(make_setup(robot))
+        step = session.step(frame(0, *poses, joints=(joint_sample(joints, 0),)))
+        placed = (link if given_mount is None else link @ given_mount).renamed(source=tip.source)
+        turned = 0.0 if given_mount is None else placed.angle_to(tip)
+        assert step.drift.translation_mm == pytest.approx(placed.distance_mm_to(tip))
+        assert step.drift.rotation_rad == pytest.approx(turned)
+        assert step.drift.frame == "cautery_tip"
+
+
+def test_mount_of_another_link_is_an_error(touch):
+    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    sample = frame(
+        0, reference(0), needle(0), found_tool(touch, joints), joints=(joint_sample(joints, 0),)
+    )
+    for target, source in (("base", "cautery_tip"), ("stylus", "needle_tip")):
+        mount = Transform.identity(target, source)
+        robot = RobotSetup(touch, "robot_base", "stylus", given, DriftBound(5.0, 0.05), mount)
+        with pytest.raises(FrameError, match=f"{target}_from_{source}"):
+            Session(make_setup(robot)).step(sample)
+
+
 def test_invalid_robot_setup_is_rejected(touch):
     with pytest.raises(Exception, match="'gripper' is not a link of 'touch'"):
         RobotSetup(touch, "robot_base", "gripper", None, DriftBound(5.0, 0.05))
@@ -482,6 +529,31 @@ class Lump(AnalyticSphere):
 
     def __init__(self) -> None:
         super().__init__(10.0)
+
+
+LOADED = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from app.session import Session
+from tests.session.test_session import make_setup, steps
+
+def loaded():
+    found = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {str(each): len(each.overloads) for each in found}
+
+session = Session(make_setup())
+before = loaded()
+steps(session, [40.0, 39.0, 11.0])
+assert sum(before.values()) > 5 and loaded() == before, (before, loaded())
+"""
+
+
+def test_steps_find_their_compiled_functions_loaded(project_root):
+    """In an interpreter of its own: a forked one has loaded them already."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED], cwd=project_root, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_shapes_in_other_frames_are_rejected():
