@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.fixture import Reason
-from app.geometry import NS_PER_MS, FreshnessLimits
+from app.geometry import NS_PER_MS, FreshnessLimits, Transform
 from app.session.pose_tree import PoseTree
-from app.session.repetition import REST_LIMIT, RepetitionHistory
+from app.session.repetition import REST_LIMIT, RepetitionHistory, SensorRepetition
 from tests.doubles import frame, sample
 from tests.session.frozen_sensors import clean_run, inject, moments, quantised, recorded
 
@@ -245,3 +245,24 @@ def test_real_recording_is_never_frozen_and_its_freezes_are(real_recording, name
         assert 1000 <= alone.frozen_ms <= 1100
         whole = inject(recording, at, (recording.tool, recording.reference))
         assert whole.frozen_ms <= 350
+
+
+@pytest.mark.parametrize(
+    ("positions_mm", "times_ms", "moving"),
+    [
+        ([0.0, 0.1, 1.1, 2.1, 3.1], [0, 10, 20, 30, 40], True),
+        ([0.0, 0.1, -0.3, 0.7, 1.7], [0, 10, 20, 30, 40], False),  # not straight
+        ([0.0, 0.5, 1.5, 2.5, 3.5], [0, 10, 20, 30, 31], False),  # the next one is too near
+    ],
+)
+def test_change_counts_for_the_state_before_it(positions_mm, times_ms, moving):
+    sensor = SensorRepetition()
+    for index, (x, at_ms) in enumerate(zip(positions_mm, times_ms, strict=True)):
+        pose, at_ns = Transform("tracker", "sensor", np.eye(3), [x, 0.0, 0.0]), at_ms * NS_PER_MS
+        if index == 0:
+            sensor.begin(pose, [x, 0.0, 0.0], at_ns)
+        else:
+            sensor.change(pose, [x, 0.0, 0.0], at_ns, LIMITS)
+    assert sensor.moving == moving
+    sensor.change(pose, [x, 1.0, 0.0], 50 * NS_PER_MS, LIMITS)
+    assert (sensor.at_rest.changes, sensor.in_motion.changes) == ((3, 2) if moving else (5, 0))

@@ -380,6 +380,21 @@ def test_joints_of_another_device_do_not_replace_those_of_the_robot(touch):
     assert stale.robot_problem == "joint positions are stale or from the future"
 
 
+def test_joints_of_another_device_are_not_those_of_a_robot_that_is_added(touch):
+    session = Session(make_setup())
+    arm, finger = dict.fromkeys(touch.actuated_joint_names, 0.2), {"finger": 0.01}
+    assert session.single_source
+    session.step(frame_at(0, 40.0, reference(0), joints=(joint_sample(finger, 0),)))
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    session.use(replace(session.setup, robot=registered(touch, given)))
+    assert not session.single_source
+    both = (joint_sample(arm, 20), joint_sample(finger, 21))
+    step = session.step(frame_at(21, 40.1, reference(21), joints=both))
+    assert step.joints.as_mapping() == arm
+    session.use(replace(session.setup, robot=None))
+    assert session.single_source
+
+
 def found_tool(touch, joints, shift_mm=0.0, turn_rad=0.0, at_ms=0):
     """The cautery away from where the robot's joints put it."""
     tip = touch.forward_kinematics(joints)["stylus"]
@@ -444,6 +459,25 @@ def test_new_registration_resets_drift(touch):
     poses = (reference(300), needle(300), cautery_at(50.0, 300))
     step = session.step(frame(300, *poses))  # without joint states
     assert Reason.REGISTRATION_DRIFT not in step.decision.reasons
+
+
+def test_drift_follows_joints_and_a_registration_that_is_replaced_alone(touch):
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    session = Session(make_setup(registered(touch, given)))
+
+    def drift_mm(at_ms, angle):
+        joints = dict.fromkeys(touch.actuated_joint_names, angle)
+        tool = found_tool(touch, joints, 1.0, at_ms=at_ms)
+        poses = (reference(at_ms), needle(at_ms), tool)
+        step = session.step(frame(at_ms, *poses, joints=(joint_sample(joints, at_ms),)))
+        return step.drift.translation_mm
+
+    found_mm = [drift_mm(at_ms, 0.2 + 0.001 * at_ms) for at_ms in (0, 20, 40)]
+    assert found_mm == pytest.approx([1.0, 1.0, 1.0])
+    moved = Transform("reference", "robot_base", np.eye(3), [-3.0, 0.0, 0.0])
+    robot = registered(touch, given_registration(moved))
+    session.use(replace(session.setup, robot=robot))
+    assert drift_mm(60, 0.26) == pytest.approx(4.0)
 
 
 def test_rotation_is_drift_if_the_mount_is_known(touch):
