@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from app.case import TrackingFrame
-from app.fixture import FixtureDecision, MarginState, ProximityEngine, Reason
+from app.fixture import FixtureDecision, MarginState, Proximity, ProximityEngine, Reason
 from app.fixture.control.constraint import MAX_PLANES
 from app.fixture.proximity.engine import prepared_tumor
 from app.fixture.proximity.values import TURN_RAD, FreeMotion
@@ -200,6 +200,12 @@ def assert_same_decision(found: FixtureDecision, alone: FixtureDecision) -> None
         np.testing.assert_array_equal(found.constraint.rows, alone.constraint.rows)
 
 
+def _invariant(proximity: Proximity) -> tuple[object, ...]:
+    """The values that are the same in the frame of each structure."""
+    p = proximity
+    return p.signed_distance_mm, p.lower_bound_mm, p.contact, p.stamp, p.free
+
+
 def of_all(step: StepResult) -> list[FixtureDecision]:
     """The decisions on the structures; on the tumour alone that of the session."""
     return [each.decision for each in step.structures] or [step.decision]
@@ -237,6 +243,9 @@ def compare_with_single_sessions(rng: np.random.Generator, structures: int, fram
             held = hold.applied(found, {}) if step.structures else found
             assert_same_decision(held, session.step(frame).decision)
         assert step.decision.state is max(each.state for each in decided)
+        if step.decision.proximity is not None:
+            each_known = [each.proximity for each in decided if each.proximity is not None]
+            assert _invariant(step.decision.proximity) in map(_invariant, each_known)
         assert step.decision.constraint_is_current <= all(
             each.constraint_is_current for each in decided
         )
