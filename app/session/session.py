@@ -70,8 +70,15 @@ class Session:
         Never raises for bad data from a tracker or a robot: bad samples make the margin UNKNOWN
         and are named in the decision's reasons. If the tool passed through the tumour since the
         last frame, this frame counts as inside. Raises `StampError` for stamps of another clock
-        than the frame's, a mistake of the caller.
+        than the frame's, a mistake of the caller. Every error latches the hold.
         """
+        try:
+            return self._step(frame, outside)
+        except Exception:
+            self._hold.latch_by_error()
+            raise
+
+    def _step(self, frame: TrackingFrame, outside: Mapping[Reason, str]) -> StepResult:
         self._index += 1
         plausible = self._plausibility.remove_implausible(frame, self._poses)
         problems = self._poses.insert(plausible)
@@ -93,14 +100,10 @@ class Session:
         observed, far = self._observe(
             frame.stamp, tools, reference_from_tip, problems | found.keys()
         )
-        try:
-            structures = self._decide(observed, far, tools)
-            far_mm = min([each.clearance_mm for each in far.values()], default=math.inf)
-            combined = self._combined.of(structures, self.setup.proximity.radius_mm, far_mm)
-            decision = self._hold.applied(combined, found, [each.decision for each in structures])
-        except Exception:
-            self._hold.latch_by_error()
-            raise
+        structures = self._decide(observed, far, tools)
+        far_mm = min([each.clearance_mm for each in far.values()], default=math.inf)
+        combined = self._combined.of(structures, self.setup.proximity.radius_mm, far_mm)
+        decision = self._hold.applied(combined, found, [each.decision for each in structures])
         if self._far is not None:
             decisions = {number: structures[number].decision for number in observed}
             self._far.end(frame.stamp, far, decisions)

@@ -529,8 +529,10 @@ def test_mount_of_another_link_is_an_error(touch):
     for target, source in (("base", "cautery_tip"), ("stylus", "needle_tip")):
         mount = Transform.identity(target, source)
         robot = RobotSetup(touch, "robot_base", "stylus", given, DriftBound(5.0, 0.05), mount)
+        session = Session(make_setup(robot))
         with pytest.raises(FrameError, match=f"{target}_from_{source}"):
-            Session(make_setup(robot)).step(sample)
+            session.step(sample)
+        assert session.latched
 
 
 def test_invalid_robot_setup_is_rejected(touch):
