@@ -60,8 +60,8 @@ test-fast: $(test)
 test-long: $(test)
 	@$(call pytest,long,2) $(PYTEST_ARGS)
 
-# Those of them that can run beside others: pages, reports, documents, examples, the shipped cases, pushes, and
-# changes of structures in a live session.
+# Those of them that CI runs: pages, reports, documents, examples, the shipped cases, pushes, and changes of
+# structures in a live session.
 test-pages: $(test)
 	@$(call pytest,long,2) tests/docs tests/examples tests/report tests/viewer tests/cli/test_whole_cases.py \
 	  tests/bridge/faults/test_live_structures.py tests/fixture/control/test_push.py
