@@ -15,6 +15,7 @@ import app.cli  # noqa: F401  (before numpy: sets the threads of BLAS as the pro
 from tests.browser import browser as browser
 from tests.browser import chromium as chromium
 from tests.forked_workers import ForkedWorkers
+from tests.forking import COMMAND, LIGHT, PLAIN, VIEW, WarmParent
 from tests.opened_documents import (
     opened_documents_agree_with_their_schema as opened_documents_agree_with_their_schema,
 )
@@ -53,6 +54,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=0,
         help="number of processes: tests/forked_workers.py",
     )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Begin the processes that most tests fork from: they import while the tests are collected."""
+    if config.option.workers > 1:
+        os.environ["MARGINGUARD_TEST_RUN"] = str(os.getpid())
+        if config.option.tier != "fast":
+            for modules in (VIEW, COMMAND, PLAIN, LIGHT):
+                config.add_cleanup(WarmParent(modules).close)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -50,7 +50,6 @@ class ForkedWorkers:
                 f"the imports of tests have started {threads}: a fork loses them"
             )
         base = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
-        os.environ["MARGINGUARD_TEST_RUN"] = str(os.getpid())
         workers: dict[Connection, Worker] = {}
         for number in range(min(self.count, len(self.sizes))):
             ours, theirs = Pipe()
