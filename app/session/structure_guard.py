@@ -43,7 +43,7 @@ def _load_kernels() -> None:
     load_tre_kernel()
     start = Transform.identity("structure", "tip")
     path_mm(start, start, 0.0)
-    assert Witnesses.of_rows(np.zeros((1, 10))).is_finite
+    bool(Witnesses.of_rows(np.zeros((1, 10))).is_finite)
 
 
 class StructureGuard:
