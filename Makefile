@@ -23,14 +23,14 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help environment demo test test-fast test-long test-pages test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
+.PHONY: help environment demo test test-fast test-long test-documents test-pages test-exhaustive test-wheel test-foxglove docs lint format doctor clean bench-faults
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
 	@echo 'make test       install the test dependencies, then run the suite'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests on an idle machine: cohorts, real time, notebooks, browser runs'
-	@echo 'make test-pages those of them that CI runs: pages, reports, documents, examples, the shipped cases'
+	@echo 'make test-documents, make test-pages  those of them that CI runs'
 	@echo 'make test-exhaustive  repeat in full what shorter tests of the suite show (hours, idle machine)'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (15 minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
@@ -60,11 +60,15 @@ test-fast: $(test)
 test-long: $(test)
 	@$(call pytest,long,2) $(PYTEST_ARGS)
 
-# Those of them that CI runs: pages, reports, documents, examples, the shipped cases, pushes, and changes of
-# structures in a live session.
+# Those of them that CI runs: start pages, reports and the shipped cases, one at a time on a busy machine ...
+test-documents: $(test)
+	@$(python) -m pytest --tier long --junitxml out/tests/documents.xml tests/docs tests/report \
+	  tests/cli/test_whole_cases.py
+
+# ... and pages, examples, pushes, and changes of structures in a live session.
 test-pages: $(test)
-	@$(call pytest,long,2) tests/docs tests/examples tests/report tests/viewer tests/cli/test_whole_cases.py \
-	  tests/bridge/faults/test_live_structures.py tests/fixture/control/test_push.py
+	@$(call pytest,long,3) tests/examples tests/viewer tests/bridge/faults/test_live_structures.py \
+	  tests/fixture/control/test_push.py
 
 test-exhaustive: $(test)
 	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)
