@@ -12,8 +12,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from app.case import read_recording
-from app.geometry import NS_PER_MS, NS_PER_S, InputError, Transform
+from app.case import TrackingFrame, read_recording
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    InputError,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
+from app.session.pose_plausibility import MotionCheck
 from app.session.sensor_motion import (
     CONSISTENT_NS,
     CONSISTENT_SAMPLES,
@@ -281,6 +290,41 @@ def test_text_names_size_time_and_limit():
     text = sensor.jump.text
     assert text.startswith(("jumps by 99", "jumps by 100", "jumps by 101"))
     assert "mm within 20 ms; expected at most " in text
+
+
+class Checked:
+    """A sensor at rest at 50 Hz, whose frames a `MotionCheck` has seen for two seconds."""
+
+    def __init__(self):
+        self.check, self.now_ns = MotionCheck(LIMITS), NS_PER_S
+        random = np.random.default_rng(4)
+        for _ in range(100):
+            assert self.passes(random.normal(0.0, 0.15, 3))
+
+    def passes(self, position_mm, ahead_ms=0.0):
+        """True if a pose of the next frame, stamped ``ahead_ms`` after it, may be used."""
+        self.now_ns += 20 * NS_PER_MS
+        stamp = Stamp(self.now_ns + round(ahead_ms * NS_PER_MS))
+        sample = TrackedTransform(pose(position_mm), stamp, TrackingStatus.OK)
+        frame = TrackingFrame(Stamp(self.now_ns), (sample,))
+        return self.check.remove_implausible(frame, {("tracker", "tool")}).poses == (sample,)
+
+
+def test_stamp_of_the_future_gives_a_jump_no_time():
+    assert not Checked().passes([30.0, 0.0, 0.0], ahead_ms=500.0)
+
+
+def test_sample_after_one_of_the_future_is_checked():
+    sensor = Checked()
+    assert sensor.passes([0.0, 0.0, 0.0], ahead_ms=500.0)
+    assert not sensor.passes([30.0, 0.0, 0.0])
+
+
+def test_late_sample_is_left_to_the_poses_and_teaches_nothing():
+    sensor = Checked()
+    assert sensor.passes([30.0, 0.0, 0.0], ahead_ms=-25.0)
+    assert sensor.passes([0.0, 0.0, 0.0])
+    assert not sensor.passes([30.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("name", ["speed_mm_s", "acceleration_rad_s2"])
