@@ -182,6 +182,20 @@ def test_pose_of_a_failed_step_is_not_that_of_a_later_distance():
     assert found(60, 200.0)[1] == {}
 
 
+def test_gap_is_that_of_the_margins_in_use():
+    """After a gap nothing is far: the margin is UNKNOWN."""
+    setup = setup_of(random_bodies(np.random.default_rng(1), 2))
+    far, gap_ns = FarStructures(setup), 3 * setup.margins.stale_after_ns // 4
+    tip = Transform("tracker", "cautery_tip", np.eye(3), [300.0, 0.0, 0.0])
+    for divisor, is_far in ((1, True), (2, False)):
+        stale_after_ns = setup.margins.stale_after_ns // divisor
+        far.use(replace(setup, margins=setup.margins.replaced(stale_after_ns=stale_after_ns)))
+        for now in (Stamp(NS_PER_S), Stamp(NS_PER_S + gap_ns)):
+            found = far.found(poses_at(setup, now, tip), observed(now))
+            far.end(now, found, {1: measured(now, 200.0)})
+        assert (1 in found) is is_far
+
+
 def test_clearance_of_a_far_structure_is_that_of_the_largest_margin(project_root):
     """Its distance and its margin, wherever the witnesses are, by NumPy."""
     rng = np.random.default_rng(6)
