@@ -69,15 +69,20 @@ class Pair:
         status=TrackingStatus.OK,
         tracker="tracker",
         also=(),
+        turn_rad=0.0,
     ):
         """The tool's tip, with a side of 3 mm, beside a box of 6 mm, ``gap_mm`` apart along x.
 
-        ``tracker`` measures the box, ``also`` are further poses.
+        ``tracker`` measures the box, ``also`` are further poses. The tool is turned about y at its
+        tip.
         """
         self.now = self.now.shifted(20 * NS_PER_MS, self.now.clock)
         shake = np.array([0.0, 0.0, 1e-3 * (self.now.ns // (20 * NS_PER_MS) % 7) * shake_mm])
+        tip = Transform.from_rotation_vector(
+            (0.0, turn_rad, 0.0), shake, target="tracker", source="cautery_tip"
+        )
         poses = {
-            "cautery": Transform("tracker", "cautery_tip", np.eye(3), shake) @ TIP.inverse(),
+            "cautery": tip @ TIP.inverse(),
             **{name: Transform("tracker", name, np.eye(3), shake) for name in FRAMES},
         }
         samples = [TrackedTransform.valid(pose, self.now) for pose in (*poses.values(), *also)]
@@ -194,6 +199,20 @@ def test_far_tool_is_not_measured_and_not_nearer_than_stated():
             assert WARN_MM + BEYOND_MM < found.at_least_mm <= gap_mm + 1e-3
             assert found.text == f"tool 'arm1' is at least {int(found.at_least_mm)} mm away"
     assert skipped > 20
+
+
+def test_far_tool_is_not_nearer_than_stated_when_the_guarded_one_turns():
+    measuring, skipping = Pair(), Pair(skip_far=True)
+    skipped = []
+    for turn_rad in np.linspace(0.0, 2.0 * np.pi, 200):
+        exact, found = (
+            pair.step(WARN_MM + BEYOND_MM + 20.0, turn_rad=turn_rad).tools[0]
+            for pair in (measuring, skipping)
+        )
+        if found.at_least_mm is not None:
+            skipped.append(exact.proximity.signed_distance_mm)
+            assert found.at_least_mm <= skipped[-1]
+    assert max(skipped) - min(skipped) > 5.0
 
 
 def test_each_of_two_guards_warns_of_the_other_tool():
