@@ -4,13 +4,14 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from app.bridge.displays.session_client import SessionClient
 from app.bridge.node import RosNode
-from app.bridge.obstacles import Obstacles
+from app.bridge.obstacles import Obstacle, Obstacles
 from app.bridge.plan_execution import WAIT_S
 from app.bridge.ros_errors import BridgeError
 from app.control import ControlDescription, Plan
@@ -19,7 +20,6 @@ from app.geometry import (
     FrameError,
     InputError,
     MarginGuardError,
-    Stamp,
     SurfaceMesh,
     Transform,
 )
@@ -28,6 +28,10 @@ from app.runtime import SessionContent
 from app.session import StepResult
 
 _Value = TypeVar("_Value")
+
+
+MAX_DEAD_MM = 1.0
+"""Motion of an obstacle with its frame for which a path is not proven again."""
 
 
 class Scene(NamedTuple):
@@ -42,6 +46,21 @@ class Scene(NamedTuple):
     def ids(self) -> dict[str, str]:
         """Ids of setup and registration."""
         return ids_of(self.content)
+
+
+class PlacedObstacle(NamedTuple):
+    """``pose`` is the obstacle's frame in the arm's root link.
+
+    ``is_still`` is False for a pose that is another one at another step of the guard.
+    """
+
+    obstacle: Obstacle
+    pose: Transform
+    is_still: bool
+
+    def surface(self) -> SurfaceMesh:
+        """The surface in the root link."""
+        return self.obstacle.surface.transformed(self.pose)
 
 
 class GuardScene:
@@ -79,32 +98,50 @@ class GuardScene:
     ) -> tuple[Scene, dict[str, SurfaceMesh]]:
         """The scene, and the obstacles in the arm's root link."""
         scene = self.scene(content, step)
-        return scene, self.obstacles_at(scene, step)[0]
+        placed = self.obstacles_at(scene, step)
+        return scene, {name: each.surface() for name, each in placed.items()}
 
-    def obstacles_at(self, scene: Scene, step: StepResult) -> tuple[dict[str, SurfaceMesh], bool]:
-        """The obstacles in the arm's root link, and True if none is in a frame that moves."""
-        found, is_still = {}, True
-        root_from_frame = scene.frame_from_root.inverse()
-        for name, surface in self.obstacles.current():
-            pose = Transform.identity(root_from_frame.target, surface.frame)
-            if surface.frame != root_from_frame.target:  # which the guard may not have registered
-                between, stamp = _pose(name, surface, root_from_frame.source, step)
-                pose, is_still = root_from_frame @ between, is_still and stamp is None
-            found[f"obstacle {name}"] = surface.transformed(pose)
-        return found, is_still
+    def obstacles_at(self, scene: Scene, step: StepResult) -> dict[str, PlacedObstacle]:
+        """The obstacles, by name."""
+        return {
+            f"obstacle {each.name}": self.placed(each, scene, step)
+            for each in self.obstacles.current()
+        }
+
+    def placed(self, obstacle: Obstacle, scene: Scene, step: StepResult) -> PlacedObstacle:
+        """Place ``obstacle`` in the arm's root link. Raises `FrameError` for an unknown frame."""
+        source, frame_from_root = obstacle.surface.frame, scene.frame_from_root
+        if source == frame_from_root.source:  # which the guard may not have registered
+            return PlacedObstacle(obstacle, Transform.identity(source, source), True)
+        between, is_still = self._pose(obstacle, frame_from_root.target, step)
+        return PlacedObstacle(obstacle, frame_from_root.inverse() @ between, is_still)
+
+    def _pose(self, obstacle: Obstacle, frame: str, step: StepResult) -> tuple[Transform, bool]:
+        """``frame_from_obstacle``, and False if it is another one at another step."""
+        source = obstacle.surface.frame
+        if obstacle.follows_tf and source != frame:
+            return self.obstacles.tf_pose(obstacle, frame), True
+        try:
+            pose, stamp = step.edges.between(frame, source)
+        except FrameError as error:
+            raise FrameError(
+                f"obstacle {obstacle.name!r}: {error}; expected a known frame"
+            ) from error
+        return pose, stamp is None
 
     def obstacles_in(self, frame: str, step: StepResult) -> dict[str, SurfaceMesh]:
         """The obstacles in ``frame``. Raises `FrameError` for one in an unknown frame."""
         return {
-            f"obstacle {name}": surface.transformed(_pose(name, surface, frame, step)[0])
-            for name, surface in self.obstacles.current()
+            f"obstacle {each.name}": each.surface.transformed(self._pose(each, frame, step)[0])
+            for each in self.obstacles.current()
         }
 
     def read(self, use: Callable[[SessionContent, StepResult], _Value]) -> _Value:
         """``use(content, step)`` of the guard's first step for which it raises no `FrameError`.
 
         A step whose margin is UNKNOWN is not used: its poses may be wrong. Raises the last error
-        after `WAIT_S`, and `BridgeError` without a guard.
+        after a part of `WAIT_S`: an execution that waits for its start then has it. Raises
+        `BridgeError` without a guard.
         """
         name = self._about.constraint_topic.rpartition("/")[0]
         begin_s = time.monotonic()
@@ -124,7 +161,7 @@ class GuardScene:
                             raise FrameError(step.distrust)
                         return use(client.operator.content, step)
                     except FrameError:
-                        if time.monotonic() - begin_s > WAIT_S:
+                        if time.monotonic() - begin_s > 0.8 * WAIT_S:
                             raise
             finally:
                 client.close()
@@ -139,15 +176,6 @@ def poses_of(content: SessionContent, step: StepResult, frame: str) -> dict[str,
 def ids_of(content: SessionContent) -> dict[str, str]:
     """Ids of setup and registration."""
     return {"setup_id": content.setup_id, "registration_id": content.registration_id}
-
-
-def _pose(
-    name: str, surface: SurfaceMesh, frame: str, step: StepResult
-) -> tuple[Transform, Stamp | None]:
-    try:
-        return step.edges.between(frame, surface.frame)
-    except FrameError as error:
-        raise FrameError(f"obstacle {name!r}: {error}; expected a known frame") from error
 
 
 class PathWatch:
@@ -165,6 +193,10 @@ class PathWatch:
         self._clearance_mm = float(clearance_mm)
         self._proven, self._is_testing, self._problem = -1, False, ""
         self._read: tuple[Scene, StepResult] | None = None
+        self._dead_mm = min(MAX_DEAD_MM, 0.5 * self._clearance_mm)
+        self._following: list[tuple[Obstacle, FloatArray, FloatArray]] = []
+        """Obstacles that follow tf, and the corners (8, 3) of their boxes in their own frames and,
+        as the path is proven for, in the root link. No other point of them moves farther."""
 
     def __call__(self, positions: FloatArray | None, progress: float) -> str | None:
         """Empty while the rest of the path is proven, None while that is being tested.
@@ -174,7 +206,11 @@ class PathWatch:
         Does not block.
         """
         revision = self._guard.obstacles.revision
-        if self._problem or revision == self._proven:
+        try:
+            if self._problem or (revision == self._proven and not self._have_moved()):
+                return self._problem
+        except FrameError as error:
+            self._problem = str(error)
             return self._problem
         if not self._is_testing:
             self._is_testing = True
@@ -183,6 +219,20 @@ class PathWatch:
                 target=self._prove, args=(revision, states), name="path proof", daemon=True
             ).start()
         return None
+
+    def _have_moved(self) -> bool:
+        """True if an obstacle has moved in tf since the proof. Raises as `Obstacles.tf_pose`."""
+        if self._read is None:
+            return False
+        poses: dict[str, Transform] = {}
+        for obstacle, corners, proven in self._following:
+            frame = obstacle.surface.frame
+            if frame not in poses:
+                poses[frame] = self._guard.placed(obstacle, *self._read).pose
+            moved = poses[frame].apply(corners) - proven
+            if (moved * moved).sum(axis=1).max() > self._dead_mm**2:
+                return True
+        return False
 
     def _rest(self, positions: FloatArray | None, progress: float) -> FloatArray:
         """The states (k, d) that are ahead, the present one first."""
@@ -195,16 +245,22 @@ class PathWatch:
 
     def _prove(self, revision: int, states: FloatArray) -> None:
         try:
-            carried, obstacles = self._bodies()
+            carried, placed = self._bodies()
             prove_path(
                 self._robot,
                 self._motion.joints,
                 self._motion.held,
                 states,
-                obstacles,
+                {name: each.surface() for name, each in placed.items()},
                 clearance_mm=self._clearance_mm,
                 carried=carried,
             )
+            following = [each for each in placed.values() if each.obstacle.follows_tf]
+            corners = [each.obstacle.corners_mm() for each in following]
+            self._following = [
+                (each.obstacle, own, each.pose.apply(own))
+                for each, own in zip(following, corners, strict=True)
+            ]
             self._proven = revision
         except MarginGuardError as error:
             self._problem = str(error)
@@ -213,22 +269,23 @@ class PathWatch:
         finally:
             self._is_testing = False
 
-    def _bodies(self) -> tuple[Mapping[str, SurfaceMesh], dict[str, SurfaceMesh]]:
+    def _bodies(self) -> tuple[Mapping[str, SurfaceMesh], dict[str, PlacedObstacle]]:
         """Carried bodies and obstacles.
 
         The guard is read before the start, so that in mid-motion the proof delays no commands; and
-        again for an obstacle in a frame that moves.
+        again for an obstacle in a frame that moves there, or is not known yet.
         """
         if self._read is not None:
-            obstacles, are_still = self._guard.obstacles_at(*self._read)
-            if are_still:
-                return self._read[0].carried, obstacles
+            with suppress(FrameError):
+                obstacles = self._guard.obstacles_at(*self._read)
+                if all(each.is_still for each in obstacles.values()):
+                    return self._read[0].carried, obstacles
 
         def use(
             content: SessionContent, step: StepResult
-        ) -> tuple[Scene, StepResult, dict[str, SurfaceMesh]]:
+        ) -> tuple[Scene, StepResult, dict[str, PlacedObstacle]]:
             scene = self._guard.scene(content, step)
-            return scene, step, self._guard.obstacles_at(scene, step)[0]
+            return scene, step, self._guard.obstacles_at(scene, step)
 
         scene, step, obstacles = self._guard.read(use)
         self._read = scene, step

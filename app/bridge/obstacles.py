@@ -3,6 +3,7 @@
 ================  ===================================  ===========================================
 ``~/obstacles``   visualization_msgs/MarkerArray       SPHERE, CUBE, CYLINDER and TRIANGLE_LIST, by
                                                        ``ns`` and ``id``: ADD, DELETE, DELETEALL
+``/tf``           tf2_msgs/TFMessage                   frames of ``frame_locked`` markers
 ================  ===================================  ===========================================
 
 An obstacle stays until its sender deletes it, or, when that has left, another one: lifetimes are
@@ -12,8 +13,10 @@ until a DELETEALL. Surfaces contain the ideal shapes.
 
 import math
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from functools import cache, partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +31,21 @@ from app.bridge.message_origin import Origin
 from app.bridge.messages import MM_PER_M, pose_of
 from app.bridge.node import RosNode
 from app.bridge.sender_names import SenderNames, node_name
-from app.bridge.topics import Topic
-from app.geometry import FloatArray, InputError, MarginGuardError, SurfaceMesh
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf_topics import TfListener
+from app.bridge.topics import INCOMING, Topic
+from app.geometry import (
+    NS_PER_MS,
+    FloatArray,
+    FrameError,
+    Freshness,
+    FreshnessLimits,
+    InputError,
+    MarginGuardError,
+    SurfaceMesh,
+    Transform,
+    freshness_of,
+)
 from app.geometry.mesh import weld_vertices
 from app.robot.primitives import SIDES, box, cylinder, sphere
 
@@ -38,6 +54,7 @@ MAX_OBSTACLES, MAX_TRIANGLES = 64, 5000
 _MAX_BYTES = 1 << 20
 _MAX_MM = 10_000.0
 _SHAPES = {Marker.SPHERE: "SPHERE", Marker.CUBE: "CUBE", Marker.CYLINDER: "CYLINDER"}
+_TF_LIMITS = FreshnessLimits(200 * NS_PER_MS)
 _LOOK_S = 0.2
 """Time between two looks at the publishers."""
 _Key = tuple[bytes | None, str | None, int]
@@ -45,17 +62,26 @@ _Key = tuple[bytes | None, str | None, int]
 
 
 class Obstacle(NamedTuple):
-    """``surface`` is in its own frame, that of the marker's header."""
+    """``surface`` is in its own frame, that of the marker's header.
+
+    With ``follows_tf`` it moves with this frame.
+    """
 
     name: str
     surface: SurfaceMesh
+    follows_tf: bool = False
+
+    def corners_mm(self) -> FloatArray:
+        """Corners (8, 3) of its bounding box, in its own frame."""
+        return np.array(list(product(*zip(*self.surface.bounds_mm, strict=True))))
 
 
 class Obstacles:
-    """Receives the obstacles. Thread-safe."""
+    """Receives the obstacles. Thread-safe. ``clock_ns`` is that of tf's stamps."""
 
-    def __init__(self, ros: RosNode) -> None:
-        self._ros, self._lock = ros, threading.Lock()
+    def __init__(self, ros: RosNode, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        self._ros, self._lock, self._clock_ns = ros, threading.Lock(), clock_ns
+        self._tf, self._hears_tf = TransformBuffer(), False
         self._markers: dict[_Key, Marker] = {}
         """The last ones, usable or not: an equal one changes nothing."""
         self._found: dict[_Key, Obstacle | str] = {}
@@ -93,6 +119,22 @@ class Obstacles:
                 name = f"{each.name} ({number})"
             named[name] = each._replace(name=name)
         return list(named.values())
+
+    def tf_pose(self, obstacle: Obstacle, frame: str) -> Transform:
+        """Newest ``frame_from_obstacle`` in tf; raises `FrameError` for an unknown or old one."""
+        source, what = obstacle.surface.frame, f"obstacle {obstacle.name!r}"
+        try:
+            found = self._tf.lookup(frame, source)
+        except MarginGuardError as error:
+            raise FrameError(f"{what}: {error}; expected the frame in tf") from error
+        now_ns = self._clock_ns()
+        age_ns = 0 if found.stamp_ns is None else now_ns - found.stamp_ns
+        if freshness_of(now_ns - age_ns, now_ns, _TF_LIMITS) is not Freshness.VALID:
+            raise FrameError(
+                f"{what}: frame {source!r} is {age_ns / NS_PER_MS:.0f} ms old in tf; expected 0 to "
+                f"{_TF_LIMITS.stale_after_ns / NS_PER_MS:g} ms"
+            )
+        return found.transform
 
     def _subscribe(self, *, is_latched: bool) -> None:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
@@ -177,6 +219,9 @@ class Obstacles:
             if self._markers.get(key) == marker:
                 return
             self._markers[key] = marker
+            if marker.frame_locked and not self._hears_tf:
+                self._hears_tf = True
+                TfListener(self._ros, self._tf, clock=False, qos=INCOMING)
             try:
                 self._found[key] = obstacle_of(name, marker)
             except MarginGuardError as error:
@@ -221,8 +266,6 @@ def obstacle_of(name: str, marker: Marker) -> Obstacle:
     frame = marker.header.frame_id
     if not frame:
         raise InputError("has no frame_id; expected the frame of its pose")
-    if marker.frame_locked:
-        raise InputError("is frame_locked; expected one that does not move with its frame")
     if marker.type == Marker.TRIANGLE_LIST:
         vertices, faces = _triangles(marker)
     elif marker.type in _SHAPES:
@@ -236,7 +279,7 @@ def obstacle_of(name: str, marker: Marker) -> Obstacle:
             f"is farther than {_MAX_MM / MM_PER_M:g} m from its frame; expected nearer"
         )
     surface = SurfaceMesh(frame, placed, faces.astype(np.int32))
-    return Obstacle(name, surface.require_closed("its surface"))
+    return Obstacle(name, surface.require_closed("its surface"), marker.frame_locked)
 
 
 def _triangles(marker: Marker) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -12,9 +12,18 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge import RosNode
 from app.bridge.message_origin import Origin
-from app.bridge.obstacles import MAX_OBSTACLES, Obstacles, obstacle_of
-from app.bridge.topics import INCOMING_TF, LATCHED, STATIC_TF, STREAM, Topic
-from app.geometry import InputError, MarginGuardError
+from app.bridge.obstacles import MAX_OBSTACLES, Obstacle, Obstacles, obstacle_of
+from app.bridge.tf_topics import tf_message
+from app.bridge.topics import INCOMING_TF, LATCHED, STATIC_TF, STREAM, TF, TF_STATIC, Topic
+from app.geometry import (
+    NS_PER_MS,
+    FrameError,
+    InputError,
+    MarginGuardError,
+    Stamp,
+    SurfaceMesh,
+    Transform,
+)
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -49,7 +58,7 @@ def ideal_points(kind, rng):
 
 @pytest.mark.parametrize("kind", [Marker.SPHERE, Marker.CUBE, Marker.CYLINDER])
 def test_surface_contains_the_ideal_shape_and_little_more(kind):
-    name, surface = obstacle_of("box/0", marker(kind))
+    name, surface, _ = obstacle_of("box/0", marker(kind))
     assert (name, surface.frame) == ("box/0", "tracker")
     size_mm = np.array([20.0, 30.0, 40.0])
     x, y, z = (ideal_points(kind, np.random.default_rng(2)) * size_mm).T
@@ -65,7 +74,7 @@ def test_surface_contains_the_ideal_shape_and_little_more(kind):
 
 def test_triangles_are_placed_and_scaled():
     ball = trimesh.creation.icosphere(2, 0.01)
-    _, surface = obstacle_of(
+    _, surface, _ = obstacle_of(
         "a", marker(Marker.TRIANGLE_LIST, scale=(1, 1, 2), points=corners(ball))
     )
     assert surface.signed_volume_mm3 == pytest.approx(2.0 * ball.volume * 1e9)
@@ -80,7 +89,6 @@ def test_triangles_are_placed_and_scaled():
         ({"scale": (1e300, 1.0, 1.0)}, "expected numbers above 0"),
         ({"scale": (30.0, 1.0, 1.0)}, "is farther than 10 m from its frame"),
         ({"kind": Marker.ARROW}, "type is 0; expected SPHERE, CUBE, CYLINDER or TRIANGLE_LIST"),
-        ({"frame_locked": True}, "is frame_locked; expected one that does not move with its frame"),
         ({"action": 7}, "action is 7; expected ADD, DELETE or DELETEALL"),
         ({"kind": Marker.TRIANGLE_LIST}, "has 0 points; expected finite corners"),
         (
@@ -274,3 +282,51 @@ def test_sender_whose_obstacles_may_be_lost_forbids_plans(nodes):
     peer.node.destroy_publisher(publisher)
     wait_until(lambda: obstacles.revision == 2)
     assert obstacles.current() == []
+
+
+def test_frame_of_a_locked_obstacle_is_the_newest_in_tf_and_never_an_old_one(nodes):
+    ros, peer = nodes
+    now_ns = [5_000 * NS_PER_MS]
+    obstacles = Obstacles(ros, clock_ns=lambda: now_ns[0])
+    stand = obstacle_of("stand/0", marker(frame_locked=True))
+    assert (stand.follows_tf, obstacle_of("box/0", marker()).follows_tf) == (True, False)
+    with pytest.raises(FrameError, match=r"'stand/0': .*; expected the frame in tf"):
+        obstacles.tf_pose(stand, "room")
+
+    def publish(publisher, target, source, x_mm, at_ms):
+        pose = Transform(target, source, np.eye(3), [x_mm, 0.0, 0.0])
+        publisher.publish(tf_message([(pose, Stamp(at_ms * NS_PER_MS))]))
+
+    def place():
+        try:
+            return obstacles.tf_pose(stand, "room").translation_mm[0]
+        except FrameError as error:
+            return str(error)
+
+    sender(peer, STREAM, 1)(marker(frame_locked=True))  # from then on tf is received
+    moving, static = peer.publisher(TF), peer.publisher(TF_STATIC)
+    wait_until(lambda: moving.get_subscription_count() and static.get_subscription_count())
+    publish(static, "wall", "tracker", 1.0, 0)
+    publish(moving, "room", "wall", 10.0, 4_800)
+    wait_until(lambda: place() == 11.0)
+    publish(moving, "room", "wall", 20.0, 4_900)
+    wait_until(lambda: place() == 21.0)
+    for at_ms, age_ms in ((5_101, 201), (4_899, -1)):
+        now_ns[0] = at_ms * NS_PER_MS
+        assert place() == (
+            f"obstacle 'stand/0': frame 'tracker' is {age_ms} ms old in tf; expected 0 to 200 ms"
+        )
+
+
+def test_no_point_of_an_obstacle_moves_farther_than_a_corner_of_its_box():
+    rng = np.random.default_rng(3)
+    surface = SurfaceMesh("stand", rng.normal(size=(60, 3)), [[0, 1, 2]])
+    turn = Transform.from_quaternion(
+        np.array([0.1, 0.2, 0.3, 0.9]) / np.linalg.norm([0.1, 0.2, 0.3, 0.9]),
+        [1.0, 0.0, 0.0],
+        target="room",
+        source="stand",
+    )
+    points, corners = surface.vertices_mm, Obstacle("stand", surface).corners_mm()
+    farthest = np.linalg.norm(turn.apply(corners) - corners, axis=1).max()
+    assert np.linalg.norm(turn.apply(points) - points, axis=1).max() < farthest

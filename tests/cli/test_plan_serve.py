@@ -3,6 +3,7 @@
 import json
 import re
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from app.bridge.calls import ActionClient
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.ros_errors import GoalAbortedError, GoalCancelledError
-from app.bridge.topics import LATCHED, STREAM, Topic
+from app.bridge.tf_topics import tf_message
+from app.bridge.topics import LATCHED, STREAM, TF, Topic
+from app.geometry import Stamp, Transform
 from app.workflow.needle_guide import read_needle_plan
 from tests.bridge.live.conftest import DEADLINE_S
 from tests.cli.test_page_push import world as world
@@ -49,9 +52,10 @@ class Planner:
         goal |= {"clearance": clearance_mm, "allowed_time": 20.0}  # plain values are in mm
         return self.plans.call(goal, DEADLINE_S)
 
-    def place(self, number, center_mm, radius_mm, frame):
+    def place(self, number, center_mm, radius_mm, frame, *, is_locked=False):
         """Report a ball as an obstacle; returns its marker."""
         ball = Marker(ns="ball", id=number, type=Marker.SPHERE, action=Marker.ADD)
+        ball.frame_locked = is_locked
         ball.header.frame_id = frame
         place, turn = ball.pose.position, ball.pose.orientation
         place.x, place.y, place.z = (np.asarray(center_mm) / 1000.0).tolist()
@@ -268,20 +272,23 @@ def tips_mm(cell, measured):
     return np.array([pose["stylus"].apply([[0.0, 0.0, 70.0]])[0] for pose in poses])
 
 
-def with_obstacle(cell, planner, center_mm, expected):
-    """Turn the waist, and report a ball in mid-motion; the result, and the joints on the way.
+def turned(cell, planner, act, expected, prepare=lambda: None):
+    """Turn the waist, and ``act(waist)`` in mid-motion; the result, and the joints on the way.
 
-    Planned again while late data have stopped the arm.
+    ``waist`` is its angle near the end. Planned again, after ``prepare()``, while late data have
+    stopped the arm.
     """
     for _ in range(MAX_PLANS):
         planner.report(Marker(action=Marker.DELETEALL))
+        prepare()
         begin = float(cell.judge.measured()[-1][cell.joints.index("waist")])
-        plan = cell.plan({"waist": begin + 0.6})
+        turn = 0.6 if begin < 0.6 else -0.6
+        plan = cell.plan({"waist": begin + turn})
         cell.wait(cell.judge.is_ready)
         since = len(cell.judge.received)
         sent = planner.executions.start({"plan": json.dumps(plan)}, DEADLINE_S)
         cell._wait_until_moving(plan, sent)
-        planner.place(0, center_mm(begin), BALL_MM, cell.robot.root_link)
+        act(begin + turn / 1.2)
         cell._wait_until_ended(sent)
         try:
             result = sent.result(DEADLINE_S)
@@ -293,15 +300,19 @@ def with_obstacle(cell, planner, center_mm, expected):
     return pytest.fail(f"not within {MAX_PLANS} plans: {result.message}")
 
 
+def ahead_mm(cell, waist):
+    """Place of the tool's tip in the root link when the waist is at ``waist``."""
+    at = dict(zip(cell.joints, cell.judge.measured()[-1].tolist(), strict=True))
+    return tips_mm(cell, [np.array([{**at, "waist": waist}[name] for name in cell.joints])])[0]
+
+
 def test_obstacle_in_the_way_stops_a_motion_and_is_avoided(cell, planner):
-    def ahead(begin):
-        at = dict(zip(cell.joints, cell.judge.measured()[-1].tolist(), strict=True))
-        state = np.array([{**at, "waist": begin + 0.5}[name] for name in cell.joints])
-        found.append((tips_mm(cell, [state])[0], begin + 0.5))
-        return found[-1][0]
+    def place(waist):
+        found.append((ahead_mm(cell, waist), waist))
+        planner.place(0, found[-1][0], BALL_MM, cell.robot.root_link)
 
     found = []
-    result, measured = with_obstacle(cell, planner, ahead, "obstacle")
+    result, measured = turned(cell, planner, place, "obstacle")
     assert "is not proven to keep its clearance from obstacle ball/0" in result.message
     center_mm, waist = found[-1]
     distances_mm = np.linalg.norm(tips_mm(cell, measured) - center_mm, axis=1)
@@ -316,5 +327,58 @@ def test_obstacle_in_the_way_stops_a_motion_and_is_avoided(cell, planner):
 
 
 def test_motion_goes_on_past_an_obstacle_that_is_not_in_its_way(cell, planner):
-    result, _ = with_obstacle(cell, planner, lambda _: [0.0, 0.0, 900.0], "arrived")
+    def place(_):
+        planner.place(0, [0.0, 0.0, 900.0], BALL_MM, cell.robot.root_link)
+
+    result, _ = turned(cell, planner, place, "arrived")
+    assert result.success
+
+
+class Stand:
+    """Frame that tf places at ``at_mm`` in the root link, and not while it is None."""
+
+    def __init__(self, cell):
+        self.at_mm = None
+        self._ros, self._frames = cell.judge.ros, cell.judge.ros.publisher(TF)
+        self._ros.every(0.02, self._publish)
+
+    def _publish(self):
+        if self.at_mm is not None:  # the root link is where the tracker's frame is
+            pose = Transform("tracker", "stand", np.eye(3), self.at_mm)
+            self._frames.publish(tf_message([(pose, Stamp(time.time_ns()))]))
+
+
+def test_obstacle_that_moves_with_its_frame_stops_a_motion(cell, planner):
+    stand, far_mm, found = Stand(cell), [0.0, 0.0, 900.0], []
+
+    def prepare():
+        stand.at_mm = far_mm
+        planner.place(0, [0.0, 0.0, 0.0], BALL_MM, "stand", is_locked=True)
+
+    def approach(waist):
+        found.append(ahead_mm(cell, waist))
+        stand.at_mm = found[-1]
+
+    def fall_silent(_):
+        stand.at_mm = None
+
+    def pass_by(_):
+        stand.at_mm = [0.0, 0.0, 905.0]
+
+    result, measured = turned(cell, planner, approach, "obstacle", prepare)
+    assert "is not proven to keep its clearance from obstacle ball/0" in result.message
+    distances_mm = np.linalg.norm(tips_mm(cell, measured) - found[-1], axis=1)
+    assert distances_mm.min() > BALL_MM
+    result, _ = turned(cell, planner, fall_silent, "obstacle", prepare)
+    is_old = r"obstacle 'ball/0': frame 'stand' is \d+ ms old in tf; expected 0 to 200 ms"
+    assert re.fullmatch(is_old, result.message)
+    assert result.progress < 1.0
+    with pytest.raises(GoalAbortedError, match=is_old):
+        planner.plan(joints=["waist"], positions=[0.0])
+    with pytest.raises(GoalAbortedError, match=is_old):
+        plan = json.dumps(cell.plan({"waist": 0.0}))
+        planner.executions.call({"plan": plan}, DEADLINE_S)
+    stand.at_mm = far_mm
+    assert planner.plan(joints=["waist"], positions=[0.0]).success
+    result, _ = turned(cell, planner, pass_by, "arrived", prepare)
     assert result.success
