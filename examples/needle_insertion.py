@@ -1,9 +1,10 @@
 """Plan a needle's corridor, and insert the needle along it to a target that breathes.
 
-The target is in the tumour of a simulated case, above the chest wall. A hand pushes the needle
-towards the target and sideways, too; half-spaces hold it on the corridor, and at its depth while
-the breath has moved the target away. Expect that it arrives less than 2 mm beside the target, and
-the files needle.html (the map of entries) and insertion.png.
+The target is in the tumour of a simulated case, above the chest wall. A robot's approach to the
+entry is planned. Then a hand pushes the needle towards the target and sideways, too; half-spaces
+hold it on the corridor, and at its depth while the breath has moved the target away. Expect that
+it arrives less than 2 mm beside the target, and the files needle.html (the map of entries),
+approach.html (the robot's ghost and its way) and insertion.png.
 
     python examples/needle_insertion.py [FOLDER]
 """
@@ -28,11 +29,16 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else "needle")
 folder.mkdir(exist_ok=True)
 rng = np.random.default_rng(1)
 
+
+def run(command: str) -> None:
+    """Run a command of marginguard in the folder."""
+    subprocess.run([sys.executable, "-m", "marginguard", *command.split()], cwd=folder, check=True)
+
+
 # The plan: a disc of entries above the tumour. sigma contains noise and window.
-command = f"""plan needle {CASE} --entry-frame reference
+run(f"""plan needle {CASE} --entry-frame reference
     --entry-disc -15 -133 -27 -0.25 -0.34 0.9 40 --length-mm {LENGTH_MM} --diameter-mm {DIAMETER_MM}
-    --bend-mm 0 --sigma-mm {math.hypot(NOISE_MM, WINDOW_MM)} --out plan.json --report ."""
-subprocess.run([sys.executable, "-m", "marginguard", *command.split()], cwd=folder, check=True)
+    --bend-mm 0 --sigma-mm {math.hypot(NOISE_MM, WINDOW_MM)} --robot --out plan.json --report .""")
 plan = json.loads((folder / "plan.json").read_text())
 best = plan["corridors"][0]
 path = mg.NeedlePath(plan["frame"], best["entry_mm"], best["target_mm"])
@@ -46,6 +52,25 @@ shaft_mm = shape.vertices - [0.0, 0.0, shape.bounds[1][2]]  # the tip is the ori
 engine = mg.ProximityEngine(
     wall.surface.transformed(frame_from_wall), mg.SurfaceMesh("needle", shaft_mm, shape.faces)
 )
+
+# The approach: from above the entry, with the waist turned away, to the entry, past the wall.
+arm = case.setup.robot
+frame_from_root = arm.registration.transform.renamed(source=arm.robot.root_link)
+holder = mg.NeedleRobot(arm.robot, frame_from_root, arm.link_from_tip)
+goal = holder.insertion(path.entry_mm, path.target_mm)[0]
+above = holder.insertion(2.0 * path.entry_mm - path.target_mm, path.target_mm)[0]
+joint_limits = {name: {"acceleration": 5.0, "jerk": 50.0, "velocity": 0.5} for name in goal}
+for name, values in (
+    ("start", {**above, "waist": above["waist"] + 0.5}),
+    ("goal", goal),
+    ("limits", joint_limits),
+):
+    (folder / f"{name}.yaml").write_text(json.dumps(values))
+in_root = wall.surface.transformed(frame_from_root.inverse() @ frame_from_wall)
+trimesh.Trimesh(in_root.vertices_mm, in_root.faces).export(folder / "chest_wall.stl")
+run("""plan approach package://marginguard/robots/touch/touch.urdf --start start.yaml
+    --goal goal.yaml --limits limits.yaml --structure chest_wall.stl --clearance-mm 5
+    --out approach.json --report .""")
 
 
 def guard_planes(pose: mg.Transform) -> mg.Constraint:
@@ -113,4 +138,4 @@ for plot, values, name in zip(
 plots[0].legend()
 plots[-1].set_xlabel("time (s)")
 figure.savefig(folder / "insertion.png")
-print(f"wrote {folder / 'needle.html'} and {folder / 'insertion.png'}")
+print(f"wrote needle.html, approach.html and insertion.png in {folder}")

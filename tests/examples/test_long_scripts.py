@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+import marginguard as mg
 from app.files import load_mesh
 from tests.examples.conftest import NUMBER, RunExample, numbers
 from tests.oracles.needle_oracle import NeedleOracle
@@ -80,4 +81,11 @@ def test_needle_arrives_on_its_corridor_when_the_target_is_near(
     ends = np.array([best["entry_mm"], best["target_mm"]]) @ wall_from[:3, :3].T + wall_from[:3, 3]
     assert abs(wall_mm - NeedleOracle(mesh).clearance(*ends, 0.6)) < 1.5
     assert "svg" in (tmp_path / "needle" / "needle.html").read_text()
+    approach = json.loads((tmp_path / "needle" / "approach.json").read_text())
+    end = dict(zip(approach["joints"], approach["positions"][-1], strict=True))
+    arm = mg.open_case(folder).setup.robot
+    tip = (arm.robot.forward_kinematics(end)["stylus"] @ arm.link_from_tip).translation_mm
+    entry_mm = arm.registration.transform.apply([tip])[0]
+    assert np.linalg.norm(entry_mm - best["entry_mm"]) < 0.1
+    assert (tmp_path / "needle" / "approach.html").stat().st_size > 100_000
     assert (tmp_path / "needle" / "insertion.png").read_bytes().startswith(b"\x89PNG")
