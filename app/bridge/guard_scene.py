@@ -29,8 +29,7 @@ from app.session import StepResult
 
 _Value = TypeVar("_Value")
 
-
-MAX_DEAD_MM = 1.0
+_MAX_DEAD_MM = 1.0
 """Motion of an obstacle with its frame for which a path is not proven again."""
 
 
@@ -193,7 +192,7 @@ class PathWatch:
         self._clearance_mm = float(clearance_mm)
         self._proven, self._is_testing, self._problem = -1, False, ""
         self._read: tuple[Scene, StepResult] | None = None
-        self._dead_mm = min(MAX_DEAD_MM, 0.5 * self._clearance_mm)
+        self._dead_mm = min(_MAX_DEAD_MM, 0.5 * self._clearance_mm)
         self._following: list[tuple[Obstacle, FloatArray, FloatArray]] = []
         """Obstacles that follow tf, and the corners (8, 3) of their boxes in their own frames and,
         as the path is proven for, in the root link. No other point of them moves farther."""
