@@ -21,7 +21,7 @@ from app.fixture.vectors import (
     transform_point,
     turn_between,
 )
-from app.geometry import NS_PER_S, FloatArray, FrameError, Stamp, Transform
+from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.registration import RegistrationDrift
 from app.session import relations, sensor_motion
 from app.session.relations import ENDS_AFTER_NS
@@ -345,15 +345,9 @@ class JointCheck:
         robot = self._robot
         if robot is None or not self.is_configured or not links or reference_from_tip is None:
             return None
-        tip, mount = reference_from_tip.source, robot.link_from_tip
-        if mount is not None and (mount.target, mount.source) != (robot.tool_link, tip):
-            raise FrameError(
-                f"link_from_tip: is {mount.target}_from_{mount.source}; "
-                f"expected {robot.tool_link}_from_{tip}"
-            )
         self._place(_LINK, links[robot.tool_link])
         self._place(_TIP, reference_from_tip)
-        tracked, placed, turned_rad = _compare(*self._poses, mount is not None)
+        tracked, placed, turned_rad = _compare(*self._poses, robot.link_from_tip is not None)
         (x, y, z), (u, v, w) = tracked, placed
         self._mean.update((x - u, y - v, z - w), now)
         joints_ns = None if joints is None else joints.stamp.ns
@@ -361,6 +355,7 @@ class JointCheck:
             self._joints_ns = joints_ns
             self._change.update(tracked, placed, self._mean.start, now.ns)
         off_mm = math.dist(tracked, placed)
+        tip = reference_from_tip.source
         self._drift = RegistrationDrift(tip, off_mm, turned_rad, robot.max_drift)
         return self._drift
 

@@ -200,8 +200,9 @@ class SessionSetup:
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
-    with that of a shown frame, and for two structures of one name. Raises `InputError` for a
-    moving tumour without a robot or a ``motion_frame``: nothing would use the velocity.
+    with that of a shown frame, for two structures of one name, and for a robot's ``link_from_tip``
+    between frames that are not its ``tool_link`` and the tip. Raises `InputError` for a moving
+    tumour without a robot or a ``motion_frame``: nothing would use the velocity.
     """
 
     tool_from_tip: Transform
@@ -259,6 +260,12 @@ class SessionSetup:
                 f"robot.base_frame is {self.robot.base_frame!r}; expected a name of its own, "
                 f"not one of the other frames {', '.join(sorted(others))}"
             )
+        mount = None if self.robot is None else self.robot.link_from_tip
+        if self.robot is not None and mount is not None:
+            ends = self.robot.tool_link, self.tool_from_tip.source
+            if ends != (mount.target, mount.source):
+                found, expected = f"{mount.target}_from_{mount.source}", "_from_".join(ends)
+                raise FrameError(f"link_from_tip: is {found}; expected {expected}")
         links = set() if self.robot is None else {link.name for link in self.robot.robot.links}
         for frame in links.intersection(self.shown_frames):
             items = ", ".join(each.name for each in DISPLAY_ITEMS)
