@@ -1,4 +1,4 @@
-"""Process of the physics: ``python -m benchmarks.closed_loop.physics SEED TRACKER_SEED FILE``.
+"""Process of the physics: ``python -m benchmarks.closed_loop.physics SEED FILE``.
 
 Reads lines of JSON: ``{"do": "push", "number": 3}`` begins a push from the direction of that
 number, for ``push_s`` if that is given; ``{"do": "end"}`` ends the process. Prints
@@ -105,14 +105,14 @@ def with_strong_drives(robot: Robot) -> Robot:
 
 
 def main() -> int:
-    seed, tracker_seed, file = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+    seed, file = int(sys.argv[1]), Path(sys.argv[2])
     prepare_environment()
     description = open_world(shipped("data", "worlds", "lumpectomy"))
     (robot,), (tumor,), hand = description.robots, description.tissues, description.hand
     assert robot.tool is not None and hand is not None
     description = replace(
         description,
-        seed=tracker_seed,
+        seed=seed,
         robots=(replace(robot, collision="none", robot=with_strong_drives(robot.robot)),),
         bodies=(),
         tissues=(replace(tumor, shifts=()),),

@@ -67,30 +67,23 @@ class Loop:
 
 @contextmanager
 def running_loop(
-    folder: Path,
-    operator: Operator,
-    *,
-    seed: int,
-    fixture: bool,
-    base_error: bool = False,
-    tracker_seed: int | None = None,
+    folder: Path, operator: Operator, seed: int, *, fixture: bool, base_error: bool = False
 ) -> Iterator[Loop]:
     """Start all processes, the physics last; end them on exit. Logs and truth are in ``folder``.
 
-    ``seed`` gives the directions of the pushes, ``tracker_seed`` the errors of tracker and
-    registration, by default the same. Without ``fixture`` the guard is that of `stand_ins`.
-    ``base_error``: the base in the controller's file has an error (`drawn_registration`).
+    ``seed`` gives the directions of the pushes and the errors of tracker and registration. Without
+    ``fixture`` the guard is that of `stand_ins`. ``base_error``: the base in the controller's file
+    has an error (`drawn_registration`).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    errors_seed = seed if tracker_seed is None else tracker_seed
     control, truth_file = folder / "control.yaml", folder / "truth.npz"
     document = yaml.safe_load(shipped(*WORLD, "control.yaml").read_text())
     if base_error:
-        document["base"]["pose"]["matrix"] = drawn_registration(errors_seed).matrix.ravel().tolist()
+        document["base"]["pose"]["matrix"] = drawn_registration(seed).matrix.ravel().tolist()
     control.write_text(yaml.safe_dump(document))
     live = ("live", "--config", shipped(*WORLD, "live.yaml"), "--constraint-hz", 200)
     stand_in = ("-m", "benchmarks.closed_loop.stand_ins")
-    physics = ("-m", "benchmarks.closed_loop.physics", seed, errors_seed, truth_file)
+    physics = ("-m", "benchmarks.closed_loop.physics", seed, truth_file)
     with children(folder) as (running, start):
         start("tracker", *stand_in, "tracker")
         start("guard", *((*CLI, *live) if fixture else (*stand_in, "guard")))

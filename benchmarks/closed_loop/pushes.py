@@ -25,30 +25,21 @@ def run_pushes(
     operator: Operator,
     *,
     count: int,
-    first: int = 0,
     seed: int,
     fixture: bool,
     base_error: bool = False,
 ) -> tuple[list[dict[str, Any]], dict[str, float]]:
-    """Run the pushes ``first`` to ``first + count - 1`` in one loop, and judge them.
+    """Run ``count`` pushes in one loop, and judge them.
 
-    Number and seed give the direction of a push, so that runs of some pushes each add up to one of
-    all. One that did not begin beside the tumour, because the arm stood, is tried again from
-    another direction. Also returns the processor time per time of each process, 1 is a core. Raises
-    `ChildError` for a lost process.
+    Number and seed give the direction of a push. One that did not begin beside the tumour, because
+    the arm stood, is tried again from another direction. Also returns the processor time per time
+    of each process, 1 is a core. Raises `ChildError` for a lost process.
     """
     done: dict[int, tuple[tuple[int, int], Counter[str]]] = {}
-    with running_loop(
-        folder,
-        operator,
-        seed=seed,
-        fixture=fixture,
-        base_error=base_error,
-        tracker_seed=seed + first,
-    ) as loop:
+    with running_loop(folder, operator, seed, fixture=fixture, base_error=base_error) as loop:
         loop.follows()
         began_s, began_cpu_s, lags = time.monotonic(), loop.cpu_s(), 0
-        for number in range(first, first + count):
+        for number in range(count):
             for attempt in range(MAX_TRIES):
                 loop.follows()
                 before = operator.stops()

@@ -15,8 +15,8 @@ from app.bridge import RosNode, prepare_environment
 from app.bridge.topics import NEWEST, STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 from app.fixture import MAX_TURN_RAD_S
-from app.geometry import NS_PER_MS, NS_PER_S
-from benchmarks.harness.peer import emit, input_ended
+from app.geometry import NS_PER_MS
+from benchmarks.harness.peer import emit, input_ended, set_time
 
 RAW_TOPIC = "/tracker/raw"  # where the physics publishes the tracker's samples
 FAR_M = 10.0
@@ -48,9 +48,8 @@ def guard() -> None:
         while not stop.wait(PERIOD_S):
             now_ns = time.time_ns()
             message.seq += 1
-            stamp, until = message.header.stamp, message.valid_until
-            stamp.sec, stamp.nanosec = divmod(now_ns, NS_PER_S)
-            until.sec, until.nanosec = divmod(now_ns + VALID_NS, NS_PER_S)
+            set_time(message.header.stamp, now_ns)
+            set_time(message.valid_until, now_ns + VALID_NS)
             publisher.publish(message)
 
 

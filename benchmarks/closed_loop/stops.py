@@ -48,17 +48,6 @@ class Stop:
     def is_safe(self) -> bool:
         return self.still_ms is not None and self.still_ms <= self.limit_ms + ALLOWED_MS
 
-    @property
-    def cells(self) -> tuple[str, ...]:
-        return (
-            f"{self.process}-{self.signal}",
-            f"{self.speed_mm_s:.0f} mm/s",
-            "moves" if self.still_ms is None else f"{self.still_ms:.0f} ms",
-            f"{self.limit_ms:.0f}+{ALLOWED_MS:.0f} ms",
-            f"{self.lowest_mm:.1f} mm",
-            "" if self.again_mm is None else f"{self.again_mm:.1f} mm",
-        )
-
 
 def run_stop(
     folder: Path, operator: Operator, *, process: str, number: signal.Signals, seed: int
@@ -75,7 +64,7 @@ def _try_stop(
     folder: Path, operator: Operator, process: str, number: signal.Signals, seed: int, tries: int
 ) -> Stop | None:
     operator.rearming.set()
-    with running_loop(folder, operator, seed=seed, fixture=True) as loop:
+    with running_loop(folder, operator, seed, fixture=True) as loop:
         if not loop.follows():
             return None
         loop.physics.send(do="push", number=tries, push_s=LONG_PUSH_S)

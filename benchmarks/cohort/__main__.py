@@ -2,22 +2,17 @@
 
 Each number of workers runs the whole cohort into a folder of its own, with the command of a user.
 Then the same command runs again, which has nothing to do, and the cohort runs once more while two
-workers are killed. Cases are made by the workers and not stored. With --keep the figures of each
-finished run are kept: the same command continues with the runs that are left, and --minutes ends a
-part in time. Exit status: 1 when a goal is missed or runs are left.
+workers are killed. Cases are made by the workers and not stored.
 """
 
 import csv
 import hashlib
-import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Mapping
-from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,8 +20,8 @@ from typing import Any
 import numpy as np
 import psutil
 
-from benchmarks.harness.figures import show
-from benchmarks.harness.goals import Goal, at_most, finish, goals_table
+from benchmarks.harness.figures import figures_table, show
+from benchmarks.harness.goals import Goal, at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI
 
@@ -35,22 +30,8 @@ SECOND_RUN_S = 10.0
 MAX_GROWTH = 0.05  # of a worker's memory, last over first quarter of its cases after the warm-up
 WARM_UP_CASES = 2  # cases of a worker before which its libraries and kernels are not all loaded
 KILLS = 2
-FIGURES = "figures.json"
-
 
 Run = Mapping[str, Any]  # figures of one run: those of `run_cohort`
-
-
-def line_of(run: Run) -> str:
-    growth = "-" if run["growth"] is None else f"{100 * run['growth']:+.1f} %"
-    killed = f", {run['killed']} killed" if run["killed"] else ""
-    low_mb, high_mb = run["rss_mb"]
-    return (
-        f"{run['workers']} workers{killed}: {run['wall_s']:.1f} s; a case "
-        f"{run['cpu_s_per_case']:.1f} s of processor time, {run['case_wall_s']:.1f} s of wall "
-        f"clock; memory of a worker {low_mb:.0f} to {high_mb:.0f} MB, growth "
-        f"{growth}; {run['partitions']} partitions, bytes {run['digest']}"
-    )
 
 
 def run_cohort(study: Path, out: Path, workers: int, *, kills: int = 0) -> Run:
@@ -142,19 +123,12 @@ def _kill_worker(pid: int) -> int:
 
 def main() -> int:
     options = _options()
-    with ExitStack() as stack:
-        folder = options.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        folder.mkdir(exist_ok=True)
-        figures = _figures(folder, options)
-        left = _run_parts(folder, options, figures)
-    runs = [figures["runs"][name] for name in _parts(options) if name in figures["runs"]]
-    if left:
-        print(f"left: {', '.join(left)}; the same command continues")
-        return 1
-    goals = goals_of(runs, figures["second_run_s"], unchanged=figures["unchanged"])
+    with tempfile.TemporaryDirectory() as folder:
+        figures = _measured(Path(folder), options)
+    runs = figures["runs"]
     cpu_s = float(np.mean([run["cpu_s_per_case"] for run in runs]))
-    cost = f"a million cases: {cpu_s * 1e6 / 3600:.0f} core hours at {cpu_s:.1f} s each"
-    show(goals_table(goals), cost)
+    show(f"a million cases: {cpu_s * 1e6 / 3600:.0f} core hours at {cpu_s:.1f} s each")
+    goals = goals_of(runs, figures["second_run_s"], unchanged=figures["unchanged"])
     return finish(options.json, figures, goals)
 
 
@@ -181,62 +155,27 @@ def goals_of(runs: list[Run], second_s: float, *, unchanged: bool) -> list[Goal]
     return [cost, *(Goal(*row) for row in rows)]
 
 
-def _parts(options: Any) -> dict[str, tuple[int, int]]:
-    """Name of each run: its number of workers, and how many of them are killed."""
-    parts = {f"workers-{workers}": (workers, 0) for workers in options.workers}
-    return {**parts, "killed": (max(options.workers), KILLS)}
-
-
-def _run_parts(folder: Path, options: Any, figures: dict[str, Any]) -> list[str]:
-    """Do the runs that are left; returns those for which the time does not suffice."""
-    study, begin = folder / "study", time.monotonic()
-    if not study.is_dir():
-        made = ["make-case", "cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
-        made += ["--tracker", "aurora", "--duration", options.duration]
-        if subprocess.run(command_of(*made), stdout=subprocess.DEVNULL).returncode:
-            raise SystemExit("no cohort was made; expected options of marginguard make-case cohort")
-    left = []
-    for name, (workers, kills) in _parts(options).items():
-        out = folder / name
-        if name in figures["runs"]:
-            print(f"{line_of(figures['runs'][name])} (earlier)")
-            continue
-        minutes = (time.monotonic() - begin) / 60.0 + _expected_minutes(figures, workers)
-        if options.minutes is not None and minutes > options.minutes:
-            left.append(name)
-            continue
-        if out.is_dir():
-            shutil.rmtree(out)  # of a run that was interrupted: its wall clock is not known
-        run = run_cohort(study, out, workers, kills=kills)
-        print(line_of(run), flush=True)
-        figures["runs"][name] = run
-        if name == f"workers-{options.workers[-1]}":
-            figures["second_run_s"], figures["unchanged"] = second_run(study, out, workers)
-        (folder / FIGURES).write_text(json.dumps(figures, indent=2) + "\n")
-    return left
-
-
-def _expected_minutes(figures: dict[str, Any], workers: int) -> float:
-    """Duration of a run by the wall clock of those before, also on a busy machine; 0 without."""
-    at_once = [min(run["workers"], _processors()) for run in figures["runs"].values()]
-    walls_s = [run["wall_s"] for run in figures["runs"].values()]
-    one_s = max((wall_s * count for wall_s, count in zip(walls_s, at_once, strict=True)), default=0)
-    return one_s * 1.1 / min(workers, _processors()) / 60.0
-
-
-def _figures(folder: Path, options: Any) -> dict[str, Any]:
-    """The figures of earlier parts in ``folder``, which must be of the same cohort."""
-    from app import __version__
-
-    cohort = {name: getattr(options, name) for name in ("cases", "duration", "seed")}
-    cohort["version"] = __version__
-    path = folder / FIGURES
-    if not path.is_file():
-        return {"cohort": cohort, "runs": {}}
-    figures: dict[str, Any] = json.loads(path.read_text())
-    if figures["cohort"] != cohort:
-        raise SystemExit(f"--keep {folder}: it holds {figures['cohort']}; expected {cohort}")
-    return figures
+def _measured(folder: Path, options: Any) -> dict[str, Any]:
+    """Figures of a run with each number of workers, of a second run, and of one with kills."""
+    study, runs = folder / "study", []
+    made = ["make-case", "cohort", "-n", options.cases, "--seed", options.seed, "--out", study]
+    made += ["--tracker", "aurora", "--duration", options.duration]
+    if subprocess.run(command_of(*made), stdout=subprocess.DEVNULL).returncode:
+        raise SystemExit("no cohort was made; expected options of marginguard make-case cohort")
+    for workers, kills in (*((each, 0) for each in options.workers), (max(options.workers), KILLS)):
+        out = folder / f"{workers}-{kills}"
+        runs.append(run_cohort(study, out, workers, kills=kills))
+        show(figures_table(runs[-1]))
+    workers = options.workers[-1]
+    second_s, unchanged = second_run(study, folder / f"{workers}-0", workers)
+    return {
+        "cases": options.cases,
+        "duration_s": options.duration,
+        "seed": options.seed,
+        "runs": runs,
+        "second_run_s": second_s,
+        "unchanged": unchanged,
+    }
 
 
 def _processors() -> int:
@@ -249,15 +188,4 @@ def _options() -> Any:
     parser.number("--workers", [1, 2], "numbers of workers")
     parser.number("--duration", 75.0, "length of a case in s")
     parser.add_argument("--seed", type=int, default=1, help="seed of the cohort (default: 1)")
-    parser.add_argument("--keep", type=Path, help="folder that keeps results and finished runs")
-    parser.add_argument(
-        "--minutes", type=float, help="begin no run that would end later, by the runs before it"
-    )
-    options = parser.parse_args()
-    if options.minutes is not None and options.keep is None:
-        parser.error("--minutes without --keep: the runs would be lost; expected both")
-    return options
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return parser.parse_args()

@@ -1,7 +1,5 @@
 """Inject faults into a live session from outside, and judge what a controller is permitted.
 
-    marginguard bench faults [--rows TEXT ...] [--trials N] [--json FILE]
-
 Real processes: `marginguard live` with the shipped live.yaml, a peer that sends the tracker's poses
 and the robot's joints of the recorded case, foreign nodes, and a controller that asks for 50 mm/s
 towards the tumour 50 times a second. Only the bench knows the truth: where the tool is, and that a
@@ -14,7 +12,6 @@ Exit status 1 when a row that must be safe is not, or could not be measured. Row
 source of truth are named as residual risks.
 """
 
-import sys
 from pathlib import Path
 
 from benchmarks.harness.options import BenchParser
@@ -41,7 +38,3 @@ def main() -> int:
         from benchmarks.faults.run import run  # ROS reads the variables when it is loaded
 
         return run(options, folder)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

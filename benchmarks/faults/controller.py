@@ -23,7 +23,7 @@ from app.geometry import NS_PER_S
 from benchmarks.faults.foreign_peer import Requests
 from benchmarks.faults.records import APPROACH_MM_S, Constraint, Content, Twist
 from benchmarks.faults.scene import PERIOD_NS, Scene
-from benchmarks.harness.peer import seq_of
+from benchmarks.harness.peer import seq_of, set_time
 
 SAFE, TIP = "/safe_twist", "/tip"
 """Topics of `examples/controller/twist_filter.py`."""
@@ -151,7 +151,7 @@ class Controller:
             push = PUSH_MM_S / 1000.0 * self._direction(now_ns, frame)
             message = TwistStamped()
             message.header.frame_id = frame
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, NS_PER_S)
+            set_time(message.header.stamp, now_ns)
             linear = message.twist.linear
             linear.x, linear.y, linear.z = map(float, push)
             self._desired.publish(message)

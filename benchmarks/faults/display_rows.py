@@ -65,10 +65,6 @@ def _beside(
         to_safe_ms=None if late else 0.0,
         over_limit_ms=max(0.0, beyond_ms - BEYOND_MS),
         late_constraints=int(late),
-        late_twists=0,
-        max_approach_mm_s=0.0,
-        reasons=(),
-        single_source=None,
         note=f"longest gap {beside_ms:.1f} ms, {alone_ms:.1f} ms without a display "
         f"(x {beside_ms / alone_ms:.2f}); period {bench.period_ms:g} ms",
     )

@@ -24,9 +24,8 @@ from rosgraph_msgs.msg import Clock
 from shape_msgs.msg import MeshTriangle
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.harness.peer import emit
+from benchmarks.harness.peer import emit, set_time
 
-NS = 10**9
 DOUBLE = 3  # type of a parameter
 
 
@@ -97,7 +96,7 @@ class Foreign(Requests):
         ns = time.time_ns()
         message = TransformStamped(child_frame_id=child)
         message.header.frame_id = parent
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(ns, NS)
+        set_time(message.header.stamp, ns)
         to, by = message.transform.translation, message.transform.rotation
         to.x, to.y, to.z = translation
         by.x, by.y, by.z, by.w = quaternion
@@ -119,15 +118,24 @@ class Foreign(Requests):
 
     def clock(self, topic, hz):
         """Publish the system time on ``topic`` as a simulation would, until `pause`."""
-        publisher, first_ns = self.publisher(Clock, topic, 1), time.time_ns()
+        publisher = self.publisher(Clock, topic, 1)
 
         def send():
-            while not self.stopped.wait(1.0 / hz):
-                message = Clock()
-                message.clock.sec, message.clock.nanosec = divmod(time.time_ns(), NS)
-                publisher.publish(message)
+            message = Clock()
+            set_time(message.clock, time.time_ns())
+            publisher.publish(message)
 
-        threading.Thread(target=send, daemon=True).start()
+        return self.repeat(send, hz)
+
+    def repeat(self, send, hz):
+        """Call ``send`` ``hz`` times a second until `pause`."""
+        first_ns = time.time_ns()
+
+        def run():
+            while not self.stopped.wait(1.0 / hz):
+                send()
+
+        threading.Thread(target=run, daemon=True).start()
         return {"ns": first_ns}
 
     def pause(self):
@@ -155,19 +163,15 @@ class Foreign(Requests):
         message.hold, message.model_id = False, "forged"
         message.instance_id = instance_id or message.instance_id
         publisher = self.publisher(FixtureConstraint, "/marginguard/constraint", 1)
-        first_ns = time.time_ns()
 
         def send():
-            while not self.stopped.wait(1.0 / hz):
-                now_ns = time.time_ns()
-                message.seq += 3
-                stamp, until = message.header.stamp, message.valid_until
-                stamp.sec, stamp.nanosec = divmod(now_ns, NS)
-                until.sec, until.nanosec = divmod(now_ns + 60_000_000, NS)
-                publisher.publish(message)
+            now_ns = time.time_ns()
+            message.seq += 3
+            set_time(message.header.stamp, now_ns)
+            set_time(message.valid_until, now_ns + 60_000_000)
+            publisher.publish(message)
 
-        threading.Thread(target=send, daemon=True).start()
-        return {"ns": first_ns}
+        return self.repeat(send, hz)
 
 
 def ball(radius_mm, triangles):

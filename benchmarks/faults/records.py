@@ -75,10 +75,10 @@ class Verdict:
     to_safe_ms: float | None
     over_limit_ms: float
     late_constraints: int
-    late_twists: int
-    max_approach_mm_s: float
-    reasons: tuple[str, ...]
-    single_source: bool | None
+    late_twists: int = 0
+    max_approach_mm_s: float = 0.0
+    reasons: tuple[str, ...] = ()
+    single_source: bool | None = None
     error_mm: float | None = None
     note: str = ""
 

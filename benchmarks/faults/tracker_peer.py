@@ -29,7 +29,7 @@ from marginguard_msgs.msg import TrackedTransform
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
-from benchmarks.harness.peer import emit, to_and_fro
+from benchmarks.harness.peer import emit, set_time, to_and_fro
 
 TOOL, TUMOR = 2, 1
 NOISE_M = 0.02e-3
@@ -98,7 +98,7 @@ class Tracker:
             if child in silent or self.poses is None:
                 continue
             message = TrackedTransform()
-            stamp(message.header, stamp_ns + (shift_ns if child in shifted else 0))
+            set_time(message.header.stamp, stamp_ns + (shift_ns if child in shifted else 0))
             message.header.frame_id, message.child_frame_id = parent, child
             if index == TOOL:
                 message.status = state.get("status") or 0
@@ -108,7 +108,7 @@ class Tracker:
             positions = list(frame["joints"])
             positions[0] += state.get("joint_offset_rad") or 0.0
             joints = JointState(name=self.scene["joint_names"], position=positions)
-            stamp(joints.header, stamp_ns - self.scene["joint_offset_ns"])
+            set_time(joints.header.stamp, stamp_ns - self.scene["joint_offset_ns"])
             self.joints.publish(joints)
         if changed or self.first:
             event = "first" if self.first else "set"
@@ -169,10 +169,6 @@ class Tracker:
         if state.get("nan"):
             poses[TOOL] = np.full(7, np.nan)
         return poses
-
-
-def stamp(header, ns):
-    header.stamp.sec, header.stamp.nanosec = divmod(ns, 10**9)
 
 
 def fill(transform, pose):

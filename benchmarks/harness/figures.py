@@ -55,6 +55,27 @@ def table(
     return made
 
 
+def columns_table(
+    title: str, rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str], *, left: int = 1
+) -> Table:
+    """One row for each of ``rows``; ``columns`` are their headings and keys."""
+    return table(
+        title, list(columns), ([row[key] for key in columns.values()] for row in rows), left=left
+    )
+
+
+def figures_table(found: Mapping[str, Any]) -> Table:
+    """One row for each figure; those of a mapping share a row, lists are in the file alone."""
+
+    def text(value: object) -> str:
+        if isinstance(value, Mapping):
+            return ", ".join(f"{name} {text(each)}" for name, each in value.items())
+        return _cell(value)
+
+    rows = [(name, text(value)) for name, value in found.items() if not isinstance(value, list)]
+    return table(f"load {load()}", ("figure", "measured"), rows, left=2)
+
+
 def _cell(value: object) -> str:
     if value is None:
         return ""

@@ -2,14 +2,14 @@
 
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-from benchmarks.harness.figures import table, write_json
+from benchmarks.harness.figures import show, table, write_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +46,20 @@ def missed(goals: Iterable[Goal]) -> list[str]:
     return [f"{each.what} {each.found}; expected {each.expected}" for each in wrong]
 
 
-def goals_table(goals: Iterable[Goal], title: str = "goals") -> Table:
+def _table(goals: Iterable[Goal]) -> Table:
     """One row per goal, with the measured value and whether it is met."""
     labels = {True: "[green]ok[/]", False: "[bold red]MISS[/]", None: "-"}
     rows = [(labels[goal.good], goal.text, goal.found) for goal in goals]
-    return table(title, ("", "goal", "measured"), rows, left=3)
+    return table("goals", ("", "goal", "measured"), rows, left=3)
 
 
 def finish(path: Path | None, figures: Mapping[str, Any], goals: Iterable[Goal]) -> int:
-    """Write the figures, print the missed goals on standard error; the exit status: 1 with any."""
+    """Show the goals, write the figures, name the missed ones on standard error; 1 with any."""
+    goals = list(goals)
+    show(_table(goals))
     wrong = missed(goals)
-    write_json(path, {**figures, "failures": wrong})
+    document = {**figures, "goals": [asdict(goal) for goal in goals], "failures": wrong}
+    write_json(path, document)
     for sentence in wrong:
         print(sentence, file=sys.stderr)
     return 1 if wrong else 0

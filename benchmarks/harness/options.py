@@ -18,6 +18,7 @@ class BenchParser(argparse.ArgumentParser):
         super().__init__(
             prog=f"marginguard bench {name}",
             description=description,
+            epilog="Exit status 1 when a goal is missed.",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         self.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")

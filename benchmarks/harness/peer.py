@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 
 def emit(event: str, **values: object) -> None:
@@ -26,6 +27,11 @@ def input_ended() -> threading.Event:
 
     threading.Thread(target=read, daemon=True).start()
     return ended
+
+
+def set_time(stamp: Any, ns: int) -> None:
+    """Set a message's time."""
+    stamp.sec, stamp.nanosec = divmod(ns, 10**9)
 
 
 def paced(count: int, period_ns: float, cycle: Callable[[int], object]) -> "array.array[int]":

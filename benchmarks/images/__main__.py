@@ -1,17 +1,12 @@
 """Delay from an image's stamp to the page, beside the 3D view, and the memory of the session.
 
-    marginguard bench images [--minutes 1] [--json FILE]
-
 A sender publishes images of 640 x 480 at 30 per second and the poses of four sensors at 60 per
 second, stamped by this machine's clock. ``marginguard view --live`` shows them, headless Chromium
 opens the page at 1280x720. The page records, in each of its frames, when it shows an image for the
 first time; the delay is the time since the image's stamp, which lies 6 ms before it is sent. The
-pictures of the 3D view are counted in the same frames. Exit status 1 when the 95th percentile is
-above 150 ms, the 3D view has fewer than 15 pictures a second, or the memory of the session grows by
-more than 5 percent from the end of the first quarter on.
+pictures of the 3D view are counted in the same frames.
 """
 
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,7 +16,7 @@ from playwright.sync_api import sync_playwright
 
 from app.cli.progress import announce_duration
 from app.geometry import FloatArray
-from benchmarks.harness.figures import percentiles, show
+from benchmarks.harness.figures import figures_table, percentiles, show
 from benchmarks.harness.goals import Goal, at_least, at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import CLI, children
@@ -112,17 +107,5 @@ def main() -> int:
     announce_duration("images on the page", seconds + 15.0)
     with own_ros() as folder:
         found = measure(seconds, folder)
-    memory_mb = found["memory_mb"]
-    show(
-        f"image to page   p50 {found['delay_p50_ms']:.0f} ms, p95 {found['delay_p95_ms']:.0f} ms, "
-        f"max {found['delay_max_ms']:.0f} ms; {found['images_hz']:.1f} images/s\n"
-        f"3D view         {found['pictures_hz']:.1f} pictures/s\n"
-        f"memory          {memory_mb[0]:.0f} MB at first, {memory_mb[-1]:.0f} MB "
-        f"at the end; after the first quarter {100 * found['growth']:+.1f} %, "
-        f"{found['slope_mb_per_min']:+.2f} MB a minute"
-    )
+    show(figures_table(found))
     return finish(options.json, found, goals(found))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
-from benchmarks.harness.peer import input_ended
+from benchmarks.harness.peer import input_ended, set_time
 from benchmarks.images.session import COLUMNS, POSES_MM, ROWS, TOPIC
 
 IMAGES_HZ, POSES_HZ = 30, 60
@@ -48,7 +48,7 @@ def main() -> None:
         time.sleep(max(0, due_ns - time.time_ns()) / 1e9)
         for name, place_mm in POSES_MM.items():
             message = TrackedTransform(status=0)
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(due_ns, 10**9)
+            set_time(message.header.stamp, due_ns)
             message.header.frame_id, message.child_frame_id = "tracker", name
             move = message.transform.translation
             # A pose that repeats exactly counts as frozen.
@@ -56,8 +56,7 @@ def main() -> None:
             poses.publish(message)
         if tick % each == 0:
             image = Image(height=ROWS, width=COLUMNS, encoding=options.encoding, step=COLUMNS)
-            stamp_ns = due_ns - period_ns // 3
-            image.header.stamp.sec, image.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+            set_time(image.header.stamp, due_ns - period_ns // 3)
             image.header.frame_id = "image"
             image.data = contents[tick // each % _DIFFERENT]
             images.publish(image)

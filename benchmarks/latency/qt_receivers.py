@@ -21,6 +21,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6 import QtCore, QtWidgets
 from slicer import vtkMRMLScene
 
+from app.cli.commands import view
 from app.cli.live_page import live_page
 from app.cli.process import SignalState
 from app.files.paths import shipped
@@ -211,16 +212,9 @@ class PageReceiver(Receiver):
     """
 
     def run(self, has_ended: Callable[[], bool]) -> None:
-        options = argparse.Namespace(
-            config=CONFIG,
-            package_dirs=(),
-            namespace="",
-            audit=None,
-            cases=None,
-            node=None,
-            hand=None,
-            world=None,
-        )
+        parser = argparse.ArgumentParser()
+        view.add_arguments(parser)
+        options = parser.parse_args(["--live", "--config", str(CONFIG)])
         with ExitStack() as stack:
             viewer = stack.enter_context(live_page(options, SignalState(), scheduler=self._loop))
 

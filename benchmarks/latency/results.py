@@ -1,15 +1,14 @@
 """Results of the receivers as tables and plain values, and the requirements on ours."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from app.geometry import FloatArray
-from benchmarks.harness.figures import percentiles, table
+from benchmarks.harness.figures import percentiles
 from benchmarks.harness.goals import Goal, at_most
 from benchmarks.harness.plots import write_dots, write_histograms
 
@@ -133,34 +132,17 @@ def goals(runs: Mapping[str, Run]) -> Iterator[Goal]:
     yield at_most("mean", share, MAX_SHARE_OF_POLLED, "of that of polling at 200 Hz", ".3g")
 
 
-_RUN_COLUMNS = {
+RUN_COLUMNS = {
     "receiver": "name", "what": "what", "mean": "mean_ms", "sd": "sd_ms", "p50": "p50_ms",
     "p95": "p95_ms", "p99": "p99_ms", "max": "max_ms", "transport": "transport_mean_ms",
     "step": "step_mean_ms", "picture": "picture_mean_ms", "sent": "sent", "shown": "shown",
     "superseded": "superseded", "lost": "lost", "load": "load",
 }  # fmt: skip
-_STOP_COLUMNS = {
+STOP_COLUMNS = {
     "receiver": "name", "stops": "stops", "mean": "stop_mean_ms", "sd": "stop_sd_ms",
     "max": "stop_max_ms", "all frames: mean": "frame_mean_ms", "p99": "frame_p99_ms",
     "picture: mean": "picture_mean_ms", "sd ": "picture_sd_ms", "load": "load",
 }  # fmt: skip
-
-
-def runs_table(documents: Iterable[Mapping[str, Any]], title: str) -> Table:
-    return table(title, tuple(_RUN_COLUMNS), _rows(documents, _RUN_COLUMNS), left=2)
-
-
-def stops_table(documents: Iterable[Mapping[str, Any]], title: str) -> Table:
-    return table(title, tuple(_STOP_COLUMNS), _rows(documents, _STOP_COLUMNS))
-
-
-def _rows(documents: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> list[list[Any]]:
-    def cell(key: str, value: Any) -> Any:
-        if value is None and key == "lost":
-            return "?"
-        return f"{value:.2f}" if isinstance(value, float) else value
-
-    return [[cell(key, row[key]) for key in columns.values()] for row in documents]
 
 
 def write_plots(runs: Sequence[Run], stops: Sequence[Any], folder: Path) -> None:

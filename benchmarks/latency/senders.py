@@ -18,7 +18,7 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
-from benchmarks.harness.peer import emit, paced
+from benchmarks.harness.peer import emit, paced, set_time
 
 NS_PER_S = 10**9
 ROOT = "world"
@@ -154,7 +154,7 @@ def link_message(name: str, angle_rad: float, stamp_ns: int) -> Any:
     for number in range(LINKS):
         edge = TransformStamped(child_frame_id=f"{name}/link_{number}")
         edge.header.frame_id = ROOT if number == 0 else f"{name}/link_{number - 1}"
-        edge.header.stamp.sec, edge.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+        set_time(edge.header.stamp, stamp_ns)
         if number:
             edge.transform.translation.z = LINK_M
             edge.transform.rotation.y = math.sin(angle_rad / 2.0)

@@ -1,17 +1,13 @@
 """Frame rate in the browser, and delay from a pose to its pixels.
 
-    marginguard bench view [--seconds 60] [--case CASE] [--json FILE]
-
 A separate server replays a recorded case in real time, and headless Chromium shows the page at
 1280x720 (the view in it is smaller). Every picture carries the number of its frame as black and
 white squares, drawn into the pixels before they are encoded. The page reads them back in each of
 its own frames, just before they are shown, and records the time. The delay is the time since the
 frame was due, when a tracker would have sent it. Both clocks are the machine's. For comparison the
-same page runs with trame-slicer's default schedule. Exit status 1 when ours has fewer than 10
-pictures a second, a 95th percentile above 250 ms, or a growing delay.
+same page runs with trame-slicer's default schedule.
 """
 
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,7 +17,7 @@ import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
 from app.cli.progress import announce_duration
-from benchmarks.harness.figures import load, percentiles, show, table
+from benchmarks.harness.figures import figures_table, percentiles, show
 from benchmarks.harness.goals import Goal, at_least, at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.processes import children
@@ -31,12 +27,6 @@ from benchmarks.view.stamps import READ_IN_PAGE
 MIN_PER_S = 10.0
 MAX_P95_MS = 250.0
 MAX_GROWTH_MS = 50.0  # of the delay from the first to the last quarter: less than one picture
-
-
-COLUMNS = {
-    "pictures/s": "per_s", "p50 ms": "delay_p50_ms", "p95 ms": "delay_p95_ms",
-    "max ms": "delay_max_ms", "growth ms": "growth_ms",
-}  # fmt: skip
 
 
 def figures(seen: list[list[float]], due_ms: list[float], seconds: float) -> dict[str, Any]:
@@ -92,18 +82,10 @@ def main() -> int:
             for schedule in ("ours", "default")
         )
         browser.close()
-    rows = [
-        (name, *(str(one[key]) for key in COLUMNS.values()))
-        for name, one in (("marginguard", ours), ("trame-slicer's default", peer))
-    ]
     over = {
         key.removesuffix("_ms"): round(ours[key] / peer[key], 2)
         for key in ("per_s", "delay_p50_ms", "delay_p95_ms")
     }
-    show(table("", ("", *COLUMNS), rows), f"ours over the default: {over}; load {load()}")
     found = {"ours": ours, "peer": peer, "ours_over_peer": over}
+    show(figures_table(found))
     return finish(options.json, found, goals(ours))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -16,9 +16,10 @@ pytest.importorskip(
 )
 
 from app.scene.convert import world_matrix
+from benchmarks.harness.figures import columns_table
 from benchmarks.latency.measure import KINDS, measure, sending
 from benchmarks.latency.qt_loops import KEPT
-from benchmarks.latency.results import OURS, runs_table
+from benchmarks.latency.results import OURS, RUN_COLUMNS
 from benchmarks.latency.senders import TURN_RAD, body_frames
 from tests.ros_domain import domain_id as domain_id
 
@@ -63,6 +64,6 @@ def test_run_counts_frames_sent_after_the_warm_up(domain_id):
     assert len(run.transport_ms) == run.shown
     assert (run.transport_ms <= run.delays_ms).all()
     console = Console(file=StringIO(), width=170)
-    console.print(runs_table([run.document()], "title"))
-    assert f" {run.mean_ms:.2f} " in console.file.getvalue()
+    console.print(columns_table("title", [run.document()], RUN_COLUMNS))
+    assert f" {run.mean_ms:.3f} " in console.file.getvalue()
     json.dumps(run.document())

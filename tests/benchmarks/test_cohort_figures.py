@@ -1,7 +1,5 @@
 """Goals and parts of `marginguard bench cohort`, on figures that are made up."""
 
-import sys
-
 import pytest
 
 from benchmarks.cohort import __main__ as cohort
@@ -60,28 +58,3 @@ def test_growth_compares_the_quarters_after_the_first_cases():
     assert growth_of([200.0, 290.0, *([300.0] * 40)]) == 0.0
     # 1 MB for each of 100 cases: the first quarter has 312 MB on average, the last one 387.
     assert growth_of([200.0, 290.0, *range(300, 400)]) == pytest.approx(75.0 / 312.0)
-
-
-def test_parts_continue_where_the_one_before_has_ended(tmp_path, monkeypatch, capsys):
-    done = []
-
-    def run_cohort(study, out, workers, *, kills=0):
-        assert not out.exists()  # also after a run that was interrupted
-        done.append((workers, kills))
-        out.mkdir()
-        return RUN | {"workers": workers, "killed": kills, "wall_s": 600.0 / workers}
-
-    monkeypatch.setattr(cohort, "run_cohort", run_cohort)
-    monkeypatch.setattr(cohort, "second_run", lambda *_: (2.0, True))
-    words = ["bench", "--cases", "240", "--workers", "1", "2", "--keep", str(tmp_path / "kept")]
-    # A run takes 10 minutes with one worker, with two processors 5 and a tenth to spare.
-    monkeypatch.setattr(sys, "argv", [*words, "--minutes", "5"])
-    assert cohort.main() == 1
-    assert done == [(1, 0)] and "left: workers-2, killed" in capsys.readouterr().out
-    (tmp_path / "kept" / "workers-2").mkdir()
-    monkeypatch.setattr(sys, "argv", words)
-    assert cohort.main() == 0
-    assert done == [(1, 0), (2, 0), (2, 2)]
-    monkeypatch.setattr(sys, "argv", [*words, "--seed", "2"])
-    with pytest.raises(SystemExit, match="expected"):
-        cohort.main()

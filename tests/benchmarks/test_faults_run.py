@@ -1,8 +1,5 @@
 """A few rows of the fault matrix with real processes."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,25 +7,18 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks.faults.results import SAFE
+from tests.benchmarks.bench_run import run
 
 pytestmark = pytest.mark.long
 
 
-def test_faults_are_injected_into_a_running_session(tmp_path: Path, project_root: Path) -> None:
+def test_faults_are_injected_into_a_running_session(tmp_path: Path) -> None:
     """Whole program: guard, tracker, controller. The limit is long, because the machine is busy."""
-    path = tmp_path / "faults.json"
     rows = ["INVALID (live*", "NaN", "tool jumps 10 mm (live"]
-    options = ["--trials", "1", "--constraint-hz", "100", "--stale-ms", "400"]
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.faults", *options, "--json", str(path), "--rows", *rows],
-        cwd=project_root,
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-    )
+    options = ["--trials", "1", "--constraint-hz", "100", "--stale-ms", "400", "--rows", *rows]
+    done, verdicts = run("faults", tmp_path / "faults.json", *options, timeout_s=180)
     assert done.returncode == 0, done.stdout + done.stderr
-    found = {row["fault"]: row for row in json.loads(path.read_text())["rows"]}
+    found = {row["fault"]: row for row in verdicts}
     assert {name: row["outcome"] for name, row in found.items()} == {
         "INVALID": SAFE,
         "NaN": SAFE,

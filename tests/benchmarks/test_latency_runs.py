@@ -13,8 +13,9 @@ pytest.importorskip(
     "PySide6.QtCore", reason="PySide6 cannot be loaded: apt install libegl1", exc_type=ImportError
 )
 
+from benchmarks.harness.figures import columns_table
 from benchmarks.latency.measure import KINDS, LISTENER, STOP_KINDS, measure, measure_stops
-from benchmarks.latency.results import stops_table
+from benchmarks.latency.results import STOP_COLUMNS
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.test_qt_loops import run_checks
 
@@ -41,8 +42,8 @@ def test_each_stop_of_each_of_two_robots_is_shown(domain_id):
         assert len(run.frames_ms) > 20
         json.dumps(run.document())
     console = Console(file=StringIO(), width=170)
-    console.print(stops_table([run.document() for run in stops], "title"))
-    assert f" {stops[0].stops_ms.mean():.2f} " in console.file.getvalue()
+    console.print(columns_table("title", [run.document() for run in stops], STOP_COLUMNS))
+    assert f" {stops[0].stops_ms.mean():.3f} " in console.file.getvalue()
 
 
 def test_picture_of_a_stop_is_drawn_after_the_scene_shows_it(domain_id):

@@ -1,33 +1,21 @@
 """A running live session is stopped 100 times at random moments, while commands arrive."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.benchmarks.bench_run import run
 
 pytestmark = pytest.mark.exhaustive
 
 
 @pytest.mark.parametrize("round_of_25", range(4))
-def test_nothing_is_permissive_after_a_stop(
-    tmp_path: Path, project_root: Path, round_of_25: int
-) -> None:
+def test_nothing_is_permissive_after_a_stop(tmp_path: Path, round_of_25: int) -> None:
     """From outside: SIGSTOP for 0.3 to 2 s, longer than data are valid, to a guard at 1 kHz.
 
     Tracker and controller go on meanwhile, so that samples and commands wait in the buffers.
     """
-    path = tmp_path / "stops.json"
-    options = ["--rows", "guard stopped", "--stale-ms", "200", "--json", str(path)]
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.faults", *options],
-        cwd=project_root,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    (row,) = json.loads(path.read_text())["rows"]
+    options = ("--rows", "guard stopped", "--stale-ms", "200")
+    done, (row,) = run("faults", tmp_path / "stops.json", *options, timeout_s=600)
     assert row["trials"] == 25, done.stdout + done.stderr
     assert (row["late_constraints"], row["late_twists"]) == (0, 0), done.stdout

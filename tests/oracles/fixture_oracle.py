@@ -11,6 +11,7 @@ import igl
 import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
+from benchmarks.fixture.engines import fcl_object
 
 
 class Relation(Enum):
@@ -68,7 +69,7 @@ class Oracle:
             _part_points(tool),
             tool.vertices_mm[tool.faces],
             (_Solid(tumor), _Solid(tool)),
-            (collision_object(tumor), collision_object(tool)),
+            tuple(fcl_object(mesh.vertices_mm, mesh.faces) for mesh in (tumor, tool)),
         )
 
     def touches(self, tumor_from_tool: Transform) -> bool:
@@ -151,12 +152,3 @@ def touches(first: fcl.CollisionObject, second: fcl.CollisionObject) -> bool:
     """True if two surfaces intersect, by FCL."""
     request, result = fcl.CollisionRequest(num_max_contacts=1), fcl.CollisionResult()
     return bool(fcl.collide(first, second, request, result))
-
-
-def collision_object(mesh: SurfaceMesh) -> fcl.CollisionObject:
-    """FCL's model of a mesh, at the identity."""
-    model = fcl.BVHModel()
-    model.beginModel(len(mesh.vertices_mm), len(mesh.faces))
-    model.addSubModel(np.array(mesh.vertices_mm), np.array(mesh.faces))
-    model.endModel()
-    return fcl.CollisionObject(model, fcl.Transform())

@@ -7,6 +7,7 @@ import coal
 import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh
+from benchmarks.fixture.engines import coal_model
 
 
 class NeedleOracle:
@@ -14,11 +15,7 @@ class NeedleOracle:
 
     def __init__(self, mesh: SurfaceMesh) -> None:
         self._corners = mesh.triangles_mm
-        self._model = coal.BVHModelOBBRSS()
-        self._model.beginModel(len(mesh.faces), len(mesh.vertices_mm))
-        self._model.addVertices(np.array(mesh.vertices_mm))
-        self._model.addTriangles(mesh.faces.astype(np.int64))
-        self._model.endModel()
+        self._model = coal_model(mesh.vertices_mm, mesh.faces)
         self._at = coal.Transform3s()
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 

@@ -13,6 +13,7 @@ from app.planning import CollisionModel, MotionLimits
 from app.planning.collision_bodies import arm
 from app.robot import load_robot
 from app.robot.link_kernel import compute_link_poses
+from benchmarks.fixture.engines import coal_model
 from tests.tiers import PROJECT_ROOT
 
 LINKS = {"touch": "stylus", "ur5": "tool0", "panda": "panda_hand_tcp"}
@@ -228,12 +229,3 @@ class CoalScene:
             count = max(1, int(np.ceil(longest / self.step_mm)))
             made += [at(start + (end - start) * k / count) for k in range(1, count + 1)]
         return np.array(made)
-
-
-def coal_model(vertices, faces):
-    made = coal.BVHModelOBBRSS()
-    made.beginModel(len(faces), len(vertices))
-    made.addVertices(np.array(vertices))
-    made.addTriangles(np.array(faces))
-    made.endModel()
-    return made

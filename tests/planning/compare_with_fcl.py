@@ -20,6 +20,7 @@ import numpy as np
 from ompl import base, geometric
 
 from app.planning.path_search import find_path
+from benchmarks.fixture.engines import fcl_object
 from tests.planning.approach_scenes import ADJACENT, CoalScene, load, random_queries
 
 CLEARANCE_MM = 1.0
@@ -30,10 +31,10 @@ class FclModel:
 
     def __init__(self, robot, joints, held, structures, coal_scene):
         self.robot, self.joints, self.held = robot, joints, held
-        self.links = {name: _object(*_mesh_of(robot, name)) for name in coal_scene.models}
+        self.links = {name: fcl_object(*_mesh_of(robot, name)) for name in coal_scene.models}
         self.structures = fcl.DynamicAABBTreeCollisionManager()
         self.structures.registerObjects(
-            [_object(mesh.vertices_mm, mesh.faces) for mesh in structures.values()]
+            [fcl_object(mesh.vertices_mm, mesh.faces) for mesh in structures.values()]
         )
         self.structures.setup()
         still = {name for name in self.links if not robot.tree.joints_that_move(name) & set(joints)}
@@ -71,14 +72,6 @@ def _mesh_of(robot, name):
     offsets = np.cumsum([0, *(len(mesh.vertices_mm) for mesh in meshes[:-1])])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=True)]
     return np.concatenate([mesh.vertices_mm for mesh in meshes]), np.concatenate(faces)
-
-
-def _object(vertices, faces):
-    model = fcl.BVHModel()
-    model.beginModel(len(vertices), len(faces))
-    model.addSubModel(np.ascontiguousarray(vertices), np.ascontiguousarray(faces))
-    model.endModel()
-    return fcl.CollisionObject(model, fcl.Transform())
 
 
 def sampled_path(model, start, goal, limits, resolution, is_over):

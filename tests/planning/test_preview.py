@@ -11,7 +11,8 @@ import trimesh
 from app.geometry import SurfaceMesh
 from app.planning import nearest_structures, plan_approach, preview_approach
 from app.report.approach_page import approach_page
-from tests.planning.approach_scenes import CoalScene, coal_model, limits_of, load
+from benchmarks.fixture.engines import coal_model
+from tests.planning.approach_scenes import CoalScene, limits_of, load
 
 pytestmark = pytest.mark.slow
 

@@ -86,13 +86,13 @@ def _output_paths(options: Sequence[str]) -> list[Path]:
 
 
 def main() -> None:
-    """Run the module that the first argument names; a peer that is missing is one line of error.
+    """Run ``main`` of the module that the first argument names.
 
-    Peers come with the extra ``test``.
+    A peer that is missing is one line of error; peers come with the extra ``test``.
     """
     module = sys.argv.pop(1)
     try:
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        sys.exit(runpy.run_module(module)["main"]())
     except ModuleNotFoundError as error:
         missing = f"this benchmark needs {error.name}, which is not installed"
         if extra_with(error.name or ""):
