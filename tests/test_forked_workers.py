@@ -1,11 +1,11 @@
 """Tests in forked workers run once, and none is lost without a word."""
 
-import subprocess
-import sys
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
+
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -50,14 +50,9 @@ def test_reports_come_back_and_a_worker_that_dies_fails_the_run(
     for name, text in (("conftest", CONFTEST), ("test_first", FIRST), ("test_second", SECOND)):
         (tmp_path / f"{name}.py").write_text(dedent(text))
     command = ["-m", "pytest", "-c", "/dev/null", f"--rootdir={tmp_path}", "-p", "no:cacheprovider"]
-    done = subprocess.run(
-        [sys.executable, *command, "--junitxml", tmp_path / "results.xml", tmp_path],
-        cwd=project_root,
-        capture_output=True,
-        text=True,
-        check=False,
+    done = run_python(
+        *command, "--junitxml", tmp_path / "results.xml", tmp_path, status=1, cwd=project_root
     )
-    assert done.returncode == 1
     assert "1 failed, 3 passed, 1 warning" in done.stdout
     assert "UserWarning: seen" in done.stdout
     assert "printed" in done.stdout

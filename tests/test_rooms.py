@@ -2,7 +2,6 @@
 
 import ast
 import graphlib
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 
 from tests.forking import run_forked
 from tests.import_statements import import_statements
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -293,13 +293,7 @@ def loaded(code: str, watched: set[str], *, warm: bool = True) -> set[str]:
     if warm:
         done = run_forked("-c", program, folder=APP.parent)
     else:
-        done = subprocess.run(
-            [sys.executable, "-c", program],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=APP.parent,
-        )
+        done = run_python("-c", program, status=None, cwd=APP.parent)
     assert done.returncode == 0, done.stderr
     return watched & set(done.stdout.split())
 

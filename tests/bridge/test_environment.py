@@ -15,6 +15,7 @@ from app.bridge.environment import (
     prepare_environment,
 )
 from tests.bridge.processes import Child
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -196,11 +197,5 @@ def test_start_up_hook_keeps_process_arguments_and_streams():
 
 def test_ros_starts_without_the_start_up_hook():
     program = "import rclpy.context as c; x = c.Context(); x.init(); x.shutdown(); print('up')"
-    result = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        env=WITHOUT_HOOK_VARIABLES,
-        check=True,
-    )
+    result = run_python("-c", program, env=WITHOUT_HOOK_VARIABLES)
     assert result.stdout.strip() == "up"

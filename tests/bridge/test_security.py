@@ -1,13 +1,12 @@
 """A request for ROS security that this process cannot meet is refused with one line."""
 
 import os
-import subprocess
-import sys
 
 import pytest
 
 from app.bridge.environment import SecurityError, check_security, library_without_security
 from app.cli.main import main
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -60,14 +59,7 @@ def test_library_without_security_is_recognised_by_its_content(tmp_path):
 def test_loaded_middleware_agrees_with_an_attempt_to_start_a_node(keystore):
     """The check of the file says what the middleware itself does when it is asked for security."""
     code = "import rclpy; rclpy.init(); rclpy.create_node('secure')"
-    tried = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, **keystore},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    tried = run_python("-c", code, status=None, env={**os.environ, **keystore}, timeout=60)
     without = "doesn't have the security libraries" in tried.stderr
     assert (library_without_security() is not None) is without
     if without:

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from app.cli.commands import bench
 from tests.cli.command import refused
 from tests.cli.small_case import write_small_case
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.long
 
@@ -22,13 +22,9 @@ def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
     (tmp_path / "benchmarks" / "session.py").write_text("raise SystemExit(7)")
     write_small_case(tmp_path / "case")
     options = ("--seconds", "1", "--case", "case", "--json", "figures.json")
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "app.cli", "bench", "session", *options],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
-        capture_output=True,
-        text=True,
-        check=False,
+    command = ("-P", "-m", "app.cli", "bench", "session", *options)
+    done = run_python(
+        *command, status=None, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(CHECKOUT)}
     )
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert figures["steps"] == 1000, done.stderr
@@ -97,12 +93,11 @@ def test_file_that_cannot_be_written_is_refused_before_the_benchmark_starts(argu
 def test_missing_peer_is_reported_in_one_line(name, peer, tmp_path):
     missing = f"raise ModuleNotFoundError('gone', name={peer!r})"
     (tmp_path / f"{peer}.py").write_text(missing)
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "app.cli", "bench", name],
+    command = ("-P", "-m", "app.cli", "bench", name)
+    done = run_python(
+        *command,
+        status=None,
         env={**os.environ, "PYTHONPATH": os.pathsep.join((str(CHECKOUT), str(tmp_path)))},
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert "'.[test]'" in done.stderr

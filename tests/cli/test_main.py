@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
 
@@ -11,6 +9,7 @@ from app.cli.main import COMMANDS, MOVED
 from tests.cli.command import margin_table, refused, run, run_json
 from tests.cli.small_case import write_small_case
 from tests.forking import run_forked
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -42,13 +41,7 @@ def test_help_and_replay_import_no_package_that_they_do_not_need(project_root, c
     """Help loads no heavy package; a replay without ROS neither rclpy nor slow parts of scipy."""
     replaced = [new.split()[:2] for new in MOVED.values() if new.split()[1].islower()]
     commands = [[], *[[name] for name in COMMANDS], *replaced]
-    done = subprocess.run(
-        [sys.executable, "-c", LOADED, json.dumps(commands), str(case)],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=project_root,
-    )
+    done = run_python("-c", LOADED, json.dumps(commands), case, cwd=project_root)
     helps, *_, replay = done.stdout.splitlines()
     assert json.loads(helps) == {" ".join(command): [0] for command in commands}
     assert json.loads(replay) == [0]

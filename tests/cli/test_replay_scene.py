@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from collections import Counter
 
 import cv2
@@ -18,6 +16,7 @@ from app.session import Session, setup_from_case
 from tests.cli import command
 from tests.cli.small_case import edit_manifest, write_small_case
 from tests.cut_case import write_cut_case
+from tests.python_process import run_python
 from tests.shipped_case import BRIEF
 
 pytestmark = pytest.mark.long
@@ -49,13 +48,7 @@ def saved(folder, tmp_path_factory):
 @pytest.fixture(scope="module")
 def loaded(saved, project_root):
     """The content of the file, as another process loads it."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.scene.scene_content", str(saved)],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=project_root,
-    )
+    done = run_python("-m", "tests.scene.scene_content", saved, cwd=project_root)
     return json.loads(done.stdout)
 
 

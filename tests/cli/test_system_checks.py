@@ -1,11 +1,9 @@
 """Each check of the machine fails without the checked part."""
 
-import subprocess
-import sys
-
 import pytest
 
 from app.cli import system_checks
+from tests.python_process import run_python
 
 
 @pytest.mark.parametrize(
@@ -52,14 +50,7 @@ def test_missing_compiler_is_named(monkeypatch):
 
 def run_alone(**environment):
     """The file as `make` runs it: by itself, without this project on the path."""
-    return subprocess.run(
-        [sys.executable, "-I", str(system_checks.__file__)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    return run_python("-I", system_checks.__file__, status=None, env=environment, timeout=60)
 
 
 def test_file_run_alone_prints_one_sentence_and_fails(tmp_path):

@@ -3,8 +3,6 @@
 import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.examples.cpp_rule import compiled
+from tests.python_process import run_python
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -45,15 +44,9 @@ def run_example(environment: dict[str, str]) -> RunExample:
     """``run_example("own_case.py", "my_case", folder=tmp_path)`` returns what it prints."""
 
     def run(name: str, *arguments: str, folder: Path) -> str:
-        done = subprocess.run(
-            [sys.executable, str(EXAMPLES / name), *arguments],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S,
+        done = run_python(
+            EXAMPLES / name, *arguments, cwd=folder, env=environment, timeout=TIMEOUT_S
         )
-        assert done.returncode == 0, done.stderr
         assert "Traceback" not in done.stderr
         return done.stdout
 

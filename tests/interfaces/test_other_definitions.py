@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.bridge.live.test_live_command import TRACKED
+from tests.python_process import run_python
 from tests.waiting import wait_until
 
 PEER = Path(__file__).with_name("other_peer.py")
@@ -147,14 +148,12 @@ def test_controller_of_the_examples_uses_no_constraint_beside_such_a_guard(
 def test_program_with_messages_of_another_version_does_not_start(
     other_site, domain_id, project_root
 ):
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "rearm", "--yes"],
+    command = ("-m", "app.cli", "rearm", "--yes")
+    done = run_python(
+        *command,
+        status=2,
         env={**os.environ, "PYTHONPATH": f"{other_site}{os.pathsep}{project_root}"},
-        capture_output=True,
-        text=True,
-        check=False,
     )
-    assert done.returncode == 2
     error = done.stderr.splitlines()[-1]
     assert "marginguard_msgs/msg/FixtureConstraint: the installed definition" in error
     assert "run 'pip install ./interfaces'" in error

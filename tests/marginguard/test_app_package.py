@@ -2,10 +2,11 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.python_process import run_python
 
 
 @pytest.fixture
@@ -21,14 +22,7 @@ def run(
     """Run Python in ``folder`` with the project, after ``path``, on its path."""
     environment = {**os.environ, "PYTHONPATH": f"{path}{os.pathsep}{project_root}".strip(":")}
     environment.pop("PYTHONSAFEPATH", None)
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return run_python(*arguments, status=None, cwd=folder, env=environment)
 
 
 def test_command_names_the_other_module_in_one_line(project_root: Path, folder: Path) -> None:

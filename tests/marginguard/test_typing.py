@@ -1,12 +1,12 @@
 """Types that the script of a user sees, checked by mypy against the package as installed."""
 
-import subprocess
-import sys
 import sysconfig
 import venv
 from pathlib import Path
 
 import pytest
+
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.long
 
@@ -57,13 +57,9 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     (packages / "paths.pth").write_text(f"{root}\n{sysconfig.get_path('purelib')}\n")
     options = ["--strict", "--cache-dir", "cache"]
     python = str(environment / "bin" / "python")
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy", *options, "--python-executable", python, "script.py"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
+    done = run_python(
+        "-m", "mypy", *options, "--python-executable", python, "script.py", status=1, cwd=folder
     )
-    assert done.returncode == 1, done.stderr
     return done.stdout.splitlines()
 
 

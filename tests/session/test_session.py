@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +10,7 @@ from app.registration import DriftBound, given_registration, predict_tre, regist
 from app.robot import Robot
 from app.session import RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
+from tests.python_process import run_python
 
 TOOL_FROM_TIP = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 70.0])
 SENSOR_FROM_TUMOR = Transform.from_rotation_vector(
@@ -580,10 +579,7 @@ assert sum(before.values()) > 5 and loaded() == before, (before, loaded())
 
 def test_steps_find_their_compiled_functions_loaded(project_root):
     """In an interpreter of its own: a forked one has loaded them already."""
-    done = subprocess.run(
-        [sys.executable, "-c", LOADED], cwd=project_root, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
+    run_python("-c", LOADED, cwd=project_root)
 
 
 def test_shapes_in_other_frames_are_rejected():

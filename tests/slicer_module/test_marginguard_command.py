@@ -12,6 +12,7 @@ import pytest
 
 from app.cli.commands.slicer import HOOK_DONE, slicer_environment
 from app.cli.main import main
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -47,13 +48,8 @@ def install(tmp_path):
 
 
 def started(program, *arguments, **environment):
-    return subprocess.run(
-        [sys.executable, "-m", "app.cli", "slicer", "--slicer", str(program), *arguments],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, **environment},
-    )
+    command = ("-m", "app.cli", "slicer", "--slicer", program, *arguments)
+    return run_python(*command, status=None, cwd=ROOT, env={**os.environ, **environment})
 
 
 def test_slicer_is_started_with_the_modules_and_the_environment(install):

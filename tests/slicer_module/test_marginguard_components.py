@@ -1,7 +1,6 @@
 """Alarm, jobs, tumour input and installation check of the module."""
 
 import ast
-import subprocess
 import sys
 import threading
 
@@ -9,6 +8,7 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import InputError
+from tests.python_process import run_python
 from tests.slicer_module.marginguard_module import FOLDER
 
 from MarginGuardLib import installation  # isort: skip
@@ -130,14 +130,7 @@ def test_missing_environment_is_reported_with_remedy():
     code = (
         "from MarginGuardLib.installation import missing_requirement; print(missing_requirement())"
     )
-    done = subprocess.run(
-        [sys.executable, "-S", "-c", code],
-        capture_output=True,
-        text=True,
-        cwd=FOLDER,
-        env={"PATH": "/usr/bin"},
-        check=True,
-    )
+    done = run_python("-S", "-c", code, cwd=FOLDER, env={"PATH": "/usr/bin"})
     assert done.stdout.startswith("MarginGuard cannot be loaded (No module named 'app')")
     assert "marginguard slicer --slicer PATH" in done.stdout
     assert done.stdout.count("\n") == 1

@@ -1,10 +1,8 @@
 """Imports of the logic of the module, in a Python of its own."""
 
-import subprocess
-import sys
-
 import pytest
 
+from tests.python_process import run_python
 from tests.slicer_module.marginguard_module import FOLDER
 
 pytestmark = pytest.mark.long
@@ -18,7 +16,5 @@ def test_logic_imports_nothing_that_desktop_slicer_lacks():
         "import MarginGuardLib.logic\n"
         "print('matplotlib' in sys.modules)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=FOLDER, check=False
-    )
+    done = run_python("-c", code, status=None, cwd=FOLDER)
     assert done.stdout == "False\n", done.stderr

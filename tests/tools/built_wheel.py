@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.python_process import run_python
+
 PACKAGES = {"app", "marginguard"}
 SHIPPED = {"benchmarks", "data", "examples", "foxglove", "launch", "rviz", "slicer_module"}
 
@@ -77,13 +79,11 @@ def test_unpacked_wheel_finds_its_own_files(wheel: zipfile.ZipFile, tmp_path: Pa
     site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
     elsewhere.mkdir()
     wheel.extractall(site)
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", PROGRAM],
+    command = ("-P", "-c", PROGRAM)
+    done = run_python(
+        *command,
         cwd=elsewhere,
         env={"PYTHONPATH": str(site), "PATH": "/usr/bin:/bin", "HOME": str(elsewhere)},
-        capture_output=True,
-        text=True,
-        check=True,
     )
     assert json.loads(done.stdout) == {
         "app": str(site / "app" / "__init__.py"),
@@ -102,13 +102,7 @@ def test_doctor_names_a_damaged_file_of_an_installed_wheel(
     page.write_text(page.read_text()[:100])
     program = "import json\nfrom app.cli.installation_checks import check_shipped\n"
     program += "print(json.dumps([check for check in check_shipped() if not check.ok]))"
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", program],
-        env={"PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_python("-P", "-c", program, env={"PYTHONPATH": str(tmp_path)})
     ((name, _, found, remedy),) = json.loads(done.stdout)
     assert name == "installed files"
     assert str(page) in found

@@ -1,8 +1,6 @@
 """Files about the project that other tools read: citation, pre-commit, container."""
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -11,6 +9,7 @@ import pytest
 import yaml
 
 import app
+from tests.python_process import run_python
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +40,7 @@ def test_citation_equals_the_metadata(citation: dict[str, Any], project: dict[st
 
 def test_pre_commit_accepts_its_configuration(project_root: Path) -> None:
     path = project_root / ".pre-commit-config.yaml"
-    done = subprocess.run(
-        [sys.executable, "-m", "pre_commit", "validate-config", str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
+    run_python("-m", "pre_commit", "validate-config", path)
     assert [repo["repo"] for repo in yaml.safe_load(path.read_text())["repos"]] == ["local"]
 
 

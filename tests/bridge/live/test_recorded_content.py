@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -21,6 +19,7 @@ from app.runtime import StructureContent, prepare_live
 from app.session import Role
 from tests.bridge.live.replayed_margins import plain
 from tests.bridge.live.test_record_command import TRACKED
+from tests.python_process import run_python
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.long
@@ -110,9 +109,7 @@ def session(start_sender, live_yaml, tmp_path):
 
 def replayed(of_session, folder: Path):
     """Pairs of a step of the session and the same step of a replay of the case ``folder``."""
-    done = subprocess.run(
-        [sys.executable, str(REPLAY), str(folder)], capture_output=True, text=True, check=True
-    )
+    done = run_python(REPLAY, folder)
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     of_case = {tuple(row["stamps_ns"]): row for row in rows}
     pairs = [(of_session[key], of_case[key]) for key in sorted(of_session.keys() & of_case.keys())]

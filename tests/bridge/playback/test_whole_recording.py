@@ -1,7 +1,5 @@
 """A live session that follows the whole recording, 150 s, compared with a replay."""
 
-import subprocess
-import sys
 from itertools import pairwise
 
 import pytest
@@ -10,6 +8,7 @@ from app.case import open_case
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S
 from app.runtime import ReplayRun, prepare_case
+from tests.python_process import run_python
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
@@ -219,11 +218,6 @@ def test_session_decides_on_a_playback_as_on_a_replay_and_can_be_rearmed(
 
 def check_recording(case):
     """The recording is a case with a breach; it holds the announcement of the playback."""
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_python("-m", "app.cli", "replay", case, "--no-ros")
     assert "breach 3" in done.stdout
     assert b"/marginguard_tracker/playback" in (case / "tracking" / "tracking_0.mcap").read_bytes()

@@ -1,4 +1,3 @@
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +9,7 @@ import pytest
 from app.case import open_case, read_recording, readers, recording_formats, recording_kinds
 from app.geometry import InputError
 from tests.case.conftest import add_robot
+from tests.python_process import run_python
 
 Manifest = dict[str, Any]
 WriteCase = Callable[..., Path]
@@ -108,7 +108,7 @@ def test_unknown_recording_is_refused_with_all_kinds(tmp_path):
 
 def test_help_texts_load_no_reader():
     code = "import sys, app.case; app.case.recording_kinds(); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = run_python("-c", code)
     loaded = set(done.stdout.split())
     assert loaded & {"numpy", "rosbags", "mcap", "app.geometry.stamp"} == set()
     assert "app.case.readers.igsio" in loaded

@@ -1,12 +1,11 @@
 """Processes that draw off screen: what is missing."""
 
 import os
-import subprocess
-import sys
 
 import pytest
 
 from app.scene import OffscreenError, use_offscreen_rendering
+from tests.python_process import run_python
 
 pytestmark = pytest.mark.slow
 
@@ -27,9 +26,7 @@ def test_missing_driver_is_detected_before_vtk_is_used(can_draw):
         "except OffscreenError as error:\n    print(error)\n"
     )
     environment = {**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
-    notified = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    )
+    notified = run_python("-c", code, env=environment)
     assert notified.stdout.count("\n") == 1
     assert "install libegl1 and libgl1-mesa-dri" in notified.stdout
 
