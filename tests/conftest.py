@@ -49,10 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--tier", choices=TIERS, default="suite", help="which tests to run: tests/tiers.py"
     )
     parser.addoption(
-        "--workers",
-        type=int,
-        default=0,
-        help="number of processes: tests/forked_workers.py",
+        "--workers", type=int, default=0, help="number of processes: tests/forked_workers.py"
     )
 
 

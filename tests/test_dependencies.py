@@ -106,10 +106,7 @@ distributions = cache(metadata.packages_distributions)
         ),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),
-        (
-            "tests",
-            with_extras("ros", "scene", "dicom", "simulation", "cohort", "planning", "test"),
-        ),
+        ("tests", with_extras("ros", "scene", "dicom", "simulation", "cohort", "planning", "test")),
     ],
 )
 def test_every_import_is_declared(folder: str, declared: set[str]) -> None:

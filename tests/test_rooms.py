@@ -116,10 +116,7 @@ SUB_PACKAGES_MAY_IMPORT = {
         "proximity": {"surfaces", "meshes"},
         "control": {"proximity"},
     },
-    "viewer": {
-        "drawing": set(),
-        "messages": set(),
-    },
+    "viewer": {"drawing": set(), "messages": set()},
 }
 """Package -> sub-package -> sub-packages that it may import."""
 

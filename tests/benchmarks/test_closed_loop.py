@@ -75,9 +75,7 @@ def test_lowest_vertex_is_that_of_every_vertex_at_every_pose() -> None:
     ]
     every = [
         igl.signed_distance(
-            pose.apply(moved.vertices_mm),
-            np.array(fixed.vertices_mm),
-            fixed.faces.astype(np.int64),
+            pose.apply(moved.vertices_mm), np.array(fixed.vertices_mm), fixed.faces.astype(np.int64)
         )[0].min()
         for moved, fixed, steps in (
             (surfaces.tool, surfaces.tumor, poses),

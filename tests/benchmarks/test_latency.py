@@ -53,10 +53,7 @@ def run_of(kind, delays_ms, *, sent=None, arrived=None):
 
 def test_each_requirement_can_fail():
     def verdict(ours_ms, polled_ms):
-        runs = {
-            OURS: run_of(BY_NAME[OURS], ours_ms),
-            POLLED: run_of(BY_NAME[POLLED], polled_ms),
-        }
+        runs = {OURS: run_of(BY_NAME[OURS], ours_ms), POLLED: run_of(BY_NAME[POLLED], polled_ms)}
         return [target.good for target in goals(runs)]
 
     assert verdict([1.0] * 100, [2.0] * 100) == [True, True, True]

@@ -375,10 +375,7 @@ def test_mesh_of_another_tool_is_repaired_on_request(write):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (
-            {"tool_distance_mm": -1},
-            "tool_distance_mm is -1; expected more than 0 to 200",
-        ),
+        ({"tool_distance_mm": -1}, "tool_distance_mm is -1; expected more than 0 to 200"),
         ({"tool_distance_mm": 0}, "tool_distance_mm is 0; expected more than 0 to 200"),
         ({"tool_distance_mm": float("nan")}, "tool_distance_mm is nan; expected a finite number"),
         ({"tool_distance_mm": float("inf")}, "tool_distance_mm is inf; expected a finite number"),

@@ -87,8 +87,7 @@ def test_file_that_cannot_be_written_is_refused_before_the_benchmark_starts(argu
 
 
 @pytest.mark.parametrize(
-    ("name", "peer"),
-    [("view", "playwright"), ("images", "playwright"), ("fixture", "coal")],
+    ("name", "peer"), [("view", "playwright"), ("images", "playwright"), ("fixture", "coal")]
 )
 def test_missing_peer_is_reported_in_one_line(name, peer, tmp_path):
     missing = f"raise ModuleNotFoundError('gone', name={peer!r})"

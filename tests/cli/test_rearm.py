@@ -93,10 +93,7 @@ class Terminal:
 
     def rearm(self):
         """Run ``marginguard rearm`` in this terminal; returns its exit status."""
-        with (
-            patch.object(sys, "stdin", self.stdin),
-            patch.object(sys, "stdout", self.stdout),
-        ):
+        with patch.object(sys, "stdin", self.stdin), patch.object(sys, "stdout", self.stdout):
             return main(["rearm"])
 
     def type(self, text):
@@ -157,14 +154,8 @@ def test_answer_typed_before_the_hold_is_displayed_is_discarded(guard, terminal)
             ),
             "the displayed hold was replaced by another one",
         ),
-        (
-            lambda guard: guard.publish(FixtureConstraint.POSITIVE),
-            "the state is POSITIVE by now",
-        ),
-        (
-            lambda guard: guard.publish(reasons=["latched", "drift"]),
-            "reasons were added: drift",
-        ),
+        (lambda guard: guard.publish(FixtureConstraint.POSITIVE), "the state is POSITIVE by now"),
+        (lambda guard: guard.publish(reasons=["latched", "drift"]), "reasons were added: drift"),
         (
             lambda guard: guard.publish(causes=["stop_mm lowered from 2 to 1"]),
             "the displayed hold was replaced by another one; "
@@ -212,11 +203,7 @@ def no_reply(guard, then):
             "the next constraint is not on hold: re-armed",
         ),
         (lambda guard: None, 1, "still on hold: the request was not carried out so far."),
-        (
-            lambda guard: guard.publish(causes=["another"]),
-            1,
-            "on another hold, nonce ",
-        ),
+        (lambda guard: guard.publish(causes=["another"]), 1, "on another hold, nonce "),
     ],
     ids=["ended", "lasts", "another"],
 )

@@ -94,10 +94,7 @@ def test_mesh_is_not_overwritten_by_its_output(tmp_path: Path) -> None:
     [
         (["tumor.stl"], "--units is missing"),
         (["contour.yaml", "--units", "mm"], "--units is given, but contour.yaml is always in mm"),
-        (
-            ["contour.yaml", "--segment", "1"],
-            "--segment is given, but contour.yaml is not a seg",
-        ),
+        (["contour.yaml", "--segment", "1"], "--segment is given, but contour.yaml is not a seg"),
         (["contour.yaml", "-o", "tumor.vtk"], "is not a mesh file; expected .stl or .ply"),
         (["contour.yaml", "-o", "no/tumor.stl"], "parent directory does not exist"),
         (["contour.yaml", "-o", "/proc/tumor.stl"], "/proc/tumor.stl cannot be written: No such"),

@@ -110,10 +110,7 @@ def test_an_encoded_path_out_of_the_folder_is_refused(tmp_path):
         def log_message(self, *args):
             pass
 
-    with (
-        served_by(Index) as address,
-        pytest.raises(InputError, match="expected files below it"),
-    ):
+    with served_by(Index) as address, pytest.raises(InputError, match="expected files below it"):
         fetch(f"{address}/a", tmp_path / "copy")
     assert not (tmp_path / "other.yaml").exists()
 

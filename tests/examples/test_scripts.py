@@ -89,9 +89,7 @@ def test_limited_hand_approaches_the_plane_exponentially_and_never_passes_it(
     first_mm = clearances_mm[0]
     slowing_s = (first_mm - 2.0) / 40.0
     expected = np.where(
-        times_s < slowing_s,
-        first_mm - 40.0 * times_s,
-        2.0 * np.exp(-(times_s - slowing_s) / 0.05),
+        times_s < slowing_s, first_mm - 40.0 * times_s, 2.0 * np.exp(-(times_s - slowing_s) / 0.05)
     )
     np.testing.assert_allclose(clearances_mm, expected, atol=0.06)
     assert (clearances_mm >= 0.0).all()

@@ -62,11 +62,7 @@ def test_chain_of_100_000_nodes_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "nodes",
-    [
-        [{"children": [0]}],
-        [{"children": [1, 2]}, {"children": [2]}, {"mesh": 0}],
-    ],
+    "nodes", [[{"children": [0]}], [{"children": [1, 2]}, {"children": [2]}, {"mesh": 0}]]
 )
 def test_nodes_that_are_no_tree_are_refused(tmp_path, nodes):
     assert "expected a tree" in refusal(gltf(tmp_path, nodes))

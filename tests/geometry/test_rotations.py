@@ -11,11 +11,7 @@ from app.geometry import (
     rotation_of_quaternion,
     rotations_of_quaternions,
 )
-from app.geometry.rotations import (
-    canonical_quaternion,
-    rotation_of_vector,
-    vector_of_rotation,
-)
+from app.geometry.rotations import canonical_quaternion, rotation_of_vector, vector_of_rotation
 
 _HALF_TURNS = [np.diag(signs) for signs in ([1, -1, -1], [-1, 1, -1], [-1, -1, 1], [1, 1, 1])]
 

@@ -215,10 +215,7 @@ def test_wrong_arguments_are_named_in_one_line(
         ({"poses": [(0.0, [3])]}, "poses[0][0]: is 3 (int); expected a Transform"),
         ({"margins": 1.0}, "margins: is 1.0 (float); expected a MarginParameters"),
         ({"provenance": "guessed"}, "expected one of"),
-        (
-            {"tumor": mg.SurfaceMesh("tumor", np.eye(3), np.array([[0, 1, 2]]))},
-            "is not closed",
-        ),
+        ({"tumor": mg.SurfaceMesh("tumor", np.eye(3), np.array([[0, 1, 2]]))}, "is not closed"),
     ],
 )
 def test_faulty_case_is_refused_and_nothing_is_left(

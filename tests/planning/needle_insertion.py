@@ -18,12 +18,7 @@ from scipy.spatial.transform import Rotation
 from app.control import ToolKinematics
 from app.files.paths import shipped
 from app.fixture import ProximityEngine, prepared_tumor
-from app.geometry import (
-    NS_PER_S,
-    FloatArray,
-    SurfaceMesh,
-    Transform,
-)
+from app.geometry import NS_PER_S, FloatArray, SurfaceMesh, Transform
 from app.planning import (
     EntryRegion,
     ForbiddenStructure,

@@ -9,13 +9,7 @@ import pytest
 import trimesh
 
 from app.geometry import FrameError, InputError, MarginGuardError, MeshError, SurfaceMesh, Transform
-from app.planning import (
-    ApproachError,
-    CollisionModel,
-    MotionLimits,
-    plan_approach,
-    prove_path,
-)
+from app.planning import ApproachError, CollisionModel, MotionLimits, plan_approach, prove_path
 from app.robot import JointType, robot_from_text
 from tests.planning.approach_scenes import (
     LINKS,

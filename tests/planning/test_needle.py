@@ -17,11 +17,7 @@ from app.planning import (
     NoCorridorError,
     plan_needle,
 )
-from app.planning.corridor_distance import (
-    DEPTH_TOLERANCE_MM,
-    closed_surface,
-    needle_distances,
-)
+from app.planning.corridor_distance import DEPTH_TOLERANCE_MM, closed_surface, needle_distances
 from app.planning.needle import DISTINCT_MM
 from app.planning.needle_values import MAX_ANGLE_RAD
 from app.robot import load_robot

@@ -52,12 +52,7 @@ def written(folder: Path, topic: str, stamps_ns: Iterable[int]) -> Path:
     ids=["nothing", "the last ones", "too many", "one in the middle"],
 )
 def test_missing_messages_are_counted_back_from_the_kill(
-    tmp_path: Path,
-    topic: str,
-    missing: tuple[int, ...],
-    lost: int,
-    lost_ms: float,
-    missed: int,
+    tmp_path: Path, topic: str, missing: tuple[int, ...], lost: int, lost_ms: float, missed: int
 ) -> None:
     sent = np.array([NOW_NS + index * 5 * NS_PER_MS for index in range(200)])
     killed_ns = NOW_NS + 200 * 5 * NS_PER_MS

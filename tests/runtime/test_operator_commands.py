@@ -392,9 +392,7 @@ def test_margins_are_refused_at_once_while_a_tumour_is_prepared(world):
 
     world.outputs[0].prepare = slow_prepare
     change = threading.Thread(
-        target=world.commands.set_tumor,
-        args=(MOVED_TUMOR, LARGER),
-        kwargs={"origin": "a test"},
+        target=world.commands.set_tumor, args=(MOVED_TUMOR, LARGER), kwargs={"origin": "a test"}
     )
     change.start()
     assert entered.wait(60.0)

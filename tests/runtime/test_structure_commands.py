@@ -140,9 +140,7 @@ def test_structure_that_is_on_again_before_the_rearm_still_needs_it(world):
     assert not rearm(world).decision.hold
 
 
-def test_structure_that_is_added_on_hold_is_named_when_it_changes_before_the_rearm(
-    world,
-):
+def test_structure_that_is_added_on_hold_is_named_when_it_changes_before_the_rearm(world):
     steps(world)
     looser = world.session.setup.margins.replaced(stop_mm=0.5)
     world.commands.set_margins(looser, origin="a test")

@@ -13,14 +13,7 @@ import numpy as np
 
 from app.case import TrackingFrame, read_recording
 from app.fixture import Reason
-from app.geometry import (
-    NS_PER_MS,
-    NS_PER_S,
-    FreshnessLimits,
-    Stamp,
-    TrackedTransform,
-    Transform,
-)
+from app.geometry import NS_PER_MS, NS_PER_S, FreshnessLimits, Stamp, TrackedTransform, Transform
 from app.session.pose_tree import PoseTree
 
 LIMITS = FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS)

@@ -85,18 +85,9 @@ def stop_mm(step, name: str) -> float:
     [
         ((VESSEL,), "structure 'wall' removed"),
         ((), "structure 'wall' removed"),
-        (
-            (replace(WALL, proximity=Ball(9.0, "wall")), VESSEL),
-            "structure 'wall': replaced",
-        ),
-        (
-            (ball("wall", "reference", [0.0, 0.0, -101.0]), VESSEL),
-            "structure 'wall': replaced",
-        ),
-        (
-            (replace(WALL, stop_mm=1.5), VESSEL),
-            "structure 'wall': stop_mm lowered from 2 to 1.5",
-        ),
+        ((replace(WALL, proximity=Ball(9.0, "wall")), VESSEL), "structure 'wall': replaced"),
+        ((ball("wall", "reference", [0.0, 0.0, -101.0]), VESSEL), "structure 'wall': replaced"),
+        ((replace(WALL, stop_mm=1.5), VESSEL), "structure 'wall': stop_mm lowered from 2 to 1.5"),
         (
             (WALL, replace(VESSEL, warn_mm=5.0, sigma_mm=0.1)),
             "structure 'vessel': warn_mm lowered from 6 to 5, sigma_mm lowered from 0.3 to 0.1",

@@ -9,14 +9,7 @@ import pytest
 from app.case import TrackingFrame
 from app.cli.live_lines import as_json_line
 from app.fixture import FixtureDecision, MarginObservation, MarginState, Reason
-from app.geometry import (
-    NS_PER_MS,
-    NS_PER_S,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, tre_growth
 from app.robot import load_robot
 from app.session import Session, structure_line

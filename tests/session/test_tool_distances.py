@@ -232,10 +232,7 @@ def test_each_of_two_guards_warns_of_the_other_tool():
     )
     pair.session = Session(setup)
     (back,) = pair.step(gap_mm=5.0).tools
-    assert (tool.text, back.text) == (
-        "tool 'arm1' is 5.0 mm away",
-        "tool 'cautery' is 5.0 mm away",
-    )
+    assert (tool.text, back.text) == ("tool 'arm1' is 5.0 mm away", "tool 'cautery' is 5.0 mm away")
     assert tool.state is back.state is MarginState.WARNING
 
 

@@ -7,13 +7,7 @@ import trimesh
 
 from app.fixture import MarginState
 from app.fixture.proximity.engine import prepared_tumor
-from app.geometry import (
-    NS_PER_MS,
-    SurfaceMesh,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-)
+from app.geometry import NS_PER_MS, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.session import Session, ToolDistance
 from app.session.setup import OtherTool
 from tests.oracles.fixture_oracle import Oracle, random_pose

@@ -92,10 +92,7 @@ SWAPPED = ("shoulder", "waist", "elbow", "yaw", "pitch", "roll")
         ({"velocities": (np.nan, 0, 0, 0, 0, 0)}, "velocity of joint 'waist' is nan; expected a f"),
         ({"velocities": (np.inf, 0, 0, 0, 0, 0)}, "velocity of joint 'waist' is inf; expected a f"),
         ({"velocities": (0.1,)}, "1 velocities; expected 6"),
-        (
-            {"joints": SWAPPED},
-            "joints are shoulder, waist, .*; expected waist, shoulder, .* in",
-        ),
+        ({"joints": SWAPPED}, "joints are shoulder, waist, .*; expected waist, shoulder, .* in"),
         ({"joints": ()}, "joints are none; expected waist"),
         ({"stamp_ns": 10**12}, "stamp is .* ns in the future; expected the past"),
     ],

@@ -112,10 +112,7 @@ STATED: dict[str, tuple[Edit, str]] = {
 """Faults that the schema states, too."""
 
 UNSTATED: dict[str, tuple[Edit, str]] = {
-    "mesh": (
-        _set("bodies.0.mesh.path", "a.stl"),
-        r"mesh\.path is 'a\.stl': no such file in",
-    ),
+    "mesh": (_set("bodies.0.mesh.path", "a.stl"), r"mesh\.path is 'a\.stl': no such file in"),
     "missing robot": (_set("robots.0.file", "arm.urdf"), r"file is 'arm\.urdf': no such file"),
     "joint": (
         _set("robots.0.positions.0.joint", "hip"),
@@ -133,10 +130,7 @@ UNSTATED: dict[str, tuple[Edit, str]] = {
         _set("hand.pushes.0.end_s", 0.5),
         r"end_s is 0\.5; expected a time after start_s \(1",
     ),
-    "push": (
-        _set("hand.pushes.0.towards", "liver"),
-        r"pushes names 'liver'; expected one of",
-    ),
+    "push": (_set("hand.pushes.0.towards", "liver"), r"pushes names 'liver'; expected one of"),
     "hand": (_set("hand.robot", "leg"), r"hand\.robot is 'leg'; expected the name of a robot with"),
     "axis": (_set("hand.joy.axes", [0, 0, 1]), r"axes is .*; expected three different integers"),
     "sign": (_set("hand.joy.signs", [1, 2, 1]), r"signs is .*; expected 1 or -1 for each"),

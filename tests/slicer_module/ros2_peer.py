@@ -94,10 +94,7 @@ def listen(topic, type, latched=False):
 
 
 def take(topic, count=1):
-    wait(
-        lambda: len(received[topic]) >= count,
-        f"{len(received[topic])} messages on {topic}",
-    )
+    wait(lambda: len(received[topic]) >= count, f"{len(received[topic])} messages on {topic}")
     messages, received[topic] = received[topic], []
     return messages
 

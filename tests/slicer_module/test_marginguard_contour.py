@@ -89,8 +89,7 @@ def test_accepted_contour_is_the_tumour_of_the_session_with_its_uncertainty(
     before = panel_logic.session.started().content
     panel_logic.contour.use()
     spin_until(
-        panel_logic,
-        lambda now: panel_logic.session.started().content.tumor is not before.tumor,
+        panel_logic, lambda now: panel_logic.session.started().content.tumor is not before.tumor
     )
     content = panel_logic.session.started().content
     assert content.tumor_sigma_mm > ERROR_MM
@@ -164,8 +163,7 @@ def test_too_many_points_and_an_unknown_tip_are_refused(panel_logic):
     with pytest.raises(InputError, match="301 points; expected at most 300"):
         points.replace(np.zeros((MAX_POINTS + 1, 3)))
     panel_logic.session._last = replace(
-        panel_logic.session._last,
-        step=replace(panel_logic.session.shown_step, tumor_from_tip=None),
+        panel_logic.session._last, step=replace(panel_logic.session.shown_step, tumor_from_tip=None)
     )
     with pytest.raises(InputError, match="the tip's place is UNKNOWN"):
         panel_logic.contour.add_tip()

@@ -11,10 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-CHECKS = (
-    "tests/slicer_module/qt_spinner_checks.py",
-    "tests/slicer_module/ros2_panel_checks.py",
-)
+CHECKS = ("tests/slicer_module/qt_spinner_checks.py", "tests/slicer_module/ros2_panel_checks.py")
 
 
 def run_checks(project_root: Path, *checks: str) -> None:

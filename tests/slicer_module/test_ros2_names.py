@@ -148,11 +148,7 @@ def test_node_in_a_namespace(logic, peer):
     assert (made.GetName(), made.GetROS2NodeName()) == ("ros2:node:/station/helper", "helper")
     assert made.GetROS2NodeNamespace() == "/station"
     made.CreateAndAddPublisherNode("String", "relative")
-    peer(
-        "wait_until",
-        call={"do": "endpoints", "topic": "/station/relative"},
-        value=[1, 0],
-    )
+    peer("wait_until", call={"do": "endpoints", "topic": "/station/relative"}, value=[1, 0])
 
 
 def test_default_node_is_not_saved_with_the_scene(logic, node):

@@ -168,16 +168,8 @@ def test_12_publisher_and_subscriber_are_deleted_once(ros2_node, peer, logic):
     subscriber = ros2_node.CreateAndAddSubscriberNode("vtkMRMLROS2SubscriberStringNode", topic)
     peer("wait_until", call=call, value=[1, 1])
     for made, get, remove in (
-        (
-            publisher,
-            ros2_node.GetPublisherNodeByTopic,
-            ros2_node.RemoveAndDeletePublisherNode,
-        ),
-        (
-            subscriber,
-            ros2_node.GetSubscriberNodeByTopic,
-            ros2_node.RemoveAndDeleteSubscriberNode,
-        ),
+        (publisher, ros2_node.GetPublisherNodeByTopic, ros2_node.RemoveAndDeletePublisherNode),
+        (subscriber, ros2_node.GetSubscriberNodeByTopic, ros2_node.RemoveAndDeleteSubscriberNode),
     ):
         assert get(topic) is scene.GetFirstNodeByName(made.GetName()) is made
         results = []

@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 
 from app.geometry import Transform
-from app.synthetic import (
-    TIP_FRAME,
-    TUMOR_FRAME,
-    Clearance,
-    Tumour,
-    find_breaches,
-    tool_mesh,
-)
+from app.synthetic import TIP_FRAME, TUMOR_FRAME, Clearance, Tumour, find_breaches, tool_mesh
 
 RADIUS_MM = 10.0
 SHAFT_MM = 1.4

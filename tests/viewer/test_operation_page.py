@@ -16,13 +16,7 @@ from app.synthetic.operation import PLANES
 from tests.bridge.live.conftest import start as start
 from tests.forking import COMMAND, run_forked
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import (
-    choose,
-    confirm,
-    download,
-    wait_for,
-    wait_until_uncovered,
-)
+from tests.viewer.page_actions import choose, confirm, download, wait_for, wait_until_uncovered
 from tests.viewer.pictures import picture
 from tests.viewer.test_contour_page import click, has_points
 from tests.viewer.test_ultrasound_page import pixels_of

@@ -11,13 +11,7 @@ from app.geometry import Transform
 from app.registration import given_registration
 from app.runtime import RecordingStatus
 from app.session import Session, SessionSetup
-from app.workflow import (
-    CalibrationKind,
-    WorkflowName,
-    WorkflowState,
-    next_step,
-    workflow_steps,
-)
+from app.workflow import CalibrationKind, WorkflowName, WorkflowState, next_step, workflow_steps
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
 from tests.session_content import one_link_content
 from tests.workflow.test_tool_calibration import GuidedTool

@@ -279,16 +279,8 @@ def limits(*joints):
         ("max_speed_mm_s", 300, "max_speed_mm_s is 300"),
         ("tool", {"link": "hook", "position_mm": [0, 0, 0]}, "the tool is held by 'hook'"),
         ("robot", {"file": "none.urdf"}, "none.urdf"),
-        (
-            "robot",
-            TOUCH | limits("wing"),
-            r"\[0\].joint is 'wing'; expected one of waist",
-        ),
-        (
-            "robot",
-            TOUCH | limits("yaw", "yaw"),
-            r"\[1\].joint is 'yaw'; expected .*, once",
-        ),
+        ("robot", TOUCH | limits("wing"), r"\[0\].joint is 'wing'; expected one of waist"),
+        ("robot", TOUCH | limits("yaw", "yaw"), r"\[1\].joint is 'yaw'; expected .*, once"),
     ],
 )
 def test_bad_control_file_is_refused_in_one_line(key, value, problem, project_root, tmp_path):

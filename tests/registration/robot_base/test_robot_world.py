@@ -19,12 +19,7 @@ from app.registration import (
     solve_robot_world,
 )
 from app.registration.pose_stack import PoseStack
-from app.registration.robot_world import (
-    RobotWorld,
-    closed_form,
-    jacobian_of,
-    residuals_of,
-)
+from app.registration.robot_world import RobotWorld, closed_form, jacobian_of, residuals_of
 from app.registration.small_motion import apply_motion
 from tests.oracles.registration_robot_world import opencv_base, scipy_robot_world
 from tests.registration.helpers import (

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from app.geometry import Transform
-from app.registration import (
-    DriftBound,
-    RegistrationDrift,
-    ShapeError,
-)
+from app.registration import DriftBound, RegistrationDrift, ShapeError
 from app.registration.small_motion import apply_motion
 from tests.registration.helpers import random_transform
 

@@ -4,13 +4,7 @@ import os
 
 import pytest
 
-from app.robot import (
-    UrdfError,
-    load_robot,
-    robot_from_text,
-    urdf_text,
-    xacro_child,
-)
+from app.robot import UrdfError, load_robot, robot_from_text, urdf_text, xacro_child
 from app.robot.urdf import expand_xacro
 
 pytestmark = pytest.mark.slow

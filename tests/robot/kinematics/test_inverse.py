@@ -8,16 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.geometry import Transform
-from app.robot import (
-    IkOptions,
-    Joint,
-    JointError,
-    JointType,
-    Link,
-    Mimic,
-    Robot,
-    UnreachableError,
-)
+from app.robot import IkOptions, Joint, JointError, JointType, Link, Mimic, Robot, UnreachableError
 from app.robot.inverse_kinematics import _Problem
 
 fractions = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)

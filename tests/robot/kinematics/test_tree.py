@@ -64,11 +64,7 @@ def test_measured_kinematics_requires_every_joint_that_moves_the_link():
     arm.measured_kinematics("a", {})  # nothing moves the root
     arm.measured_kinematics("c", {"shoulder": 0.2, "elbow": -0.5})
     for link, positions, message in (
-        (
-            "d",
-            {"shoulder": 0.2},
-            "'wrist', which moves 'd', has no position; expected shoulder, ",
-        ),
+        ("d", {"shoulder": 0.2}, "'wrist', which moves 'd', has no position; expected shoulder, "),
         # The shoulder moves b, the parent of c.
         ("c", {"elbow": -0.5}, "'shoulder', which moves 'c', has no position"),
         ("e", measured, "'finger'"),

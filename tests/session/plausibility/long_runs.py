@@ -27,12 +27,7 @@ from tests.session.plausibility.injected_faults import FAULTS, Fault, injected
 from tests.session.plausibility.simulated_motion import DISTURBANCES, Disturbance, SimulatedMotion
 
 PLAUSIBILITY_REASONS = frozenset(
-    {
-        Reason.IMPLAUSIBLE,
-        Reason.CONTRADICTION,
-        Reason.REDUNDANCY_LOST,
-        Reason.REGISTRATION_DRIFT,
-    }
+    {Reason.IMPLAUSIBLE, Reason.CONTRADICTION, Reason.REDUNDANCY_LOST, Reason.REGISTRATION_DRIFT}
 )
 RELATIONS = PlausibilityEntry(
     pairs=(EnvelopeEntry("reference", "needle", max_mm=10.0, max_rad=math.radians(10.0)),),

@@ -7,15 +7,7 @@ from app.fixture import MarginState
 from tests.viewer.attacks.raw_page import RawPage, message, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES, POLICY
 from tests.viewer.conftest import watching
-from tests.viewer.page_actions import (
-    UNCOVERED,
-    click_at,
-    drag,
-    press,
-    read,
-    show_frame,
-    wait_for,
-)
+from tests.viewer.page_actions import UNCOVERED, click_at, drag, press, read, show_frame, wait_for
 from tests.viewer.viewed_case import BREACH_FRAME
 
 pytestmark = pytest.mark.long
