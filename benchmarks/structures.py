@@ -20,7 +20,7 @@ from app.geometry import NS_PER_S, FloatArray, Stamp, SurfaceMesh, TrackedTransf
 from app.session import Session, SessionSetup, Structure
 from benchmarks.fixture.case import RATE_HZ, Case
 from benchmarks.fixture.engines import fcl_object
-from benchmarks.harness.figures import show, spread, table
+from benchmarks.harness.figures import columns_table, show, spread
 from benchmarks.harness.goals import Goal, at_most, finish
 from benchmarks.harness.options import BenchParser
 from benchmarks.harness.plots import write_lines
@@ -144,14 +144,13 @@ def main() -> int:
     case = Case.of(options.triangles, TOOL_TRIANGLES, options.poses)
     found = measure(case, sorted(options.counts))
     triangles = f"{len(case.tumor.faces)} triangles each, a tool of {len(case.tool.faces)}"
-    rows = [(form, count, *values.values()) for (form, count), values in sorted(found.items())]
-    show(table(triangles, ("", "structures", "p50 ms", "p99 ms", "max ms"), rows))
+    steps = [
+        {"form": form, "structures": count, **each} for (form, count), each in sorted(found.items())
+    ]
+    show(columns_table(triangles, steps, {name: name for name in steps[0]}))
     if options.plot is not None:
         lines: dict[str, list[tuple[float, float, float]]] = {}
         for (form, count), each in found.items():
             lines.setdefault(form, []).append((count, each["p50_ms"], each["p99_ms"]))
         write_lines(options.plot, {triangles: lines}, "structures", bold=LIVE)
-    document = [
-        {"form": form, "structures": count, **each} for (form, count), each in found.items()
-    ]
-    return finish(options.json, {"steps": document}, goals(found))
+    return finish(options.json, {"steps": steps}, goals(found))

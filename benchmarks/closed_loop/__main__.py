@@ -31,31 +31,16 @@ Row = Mapping[str, Any]  # a push of `benchmarks.closed_loop.pushes.judged`
 def main() -> int:
     parser = BenchParser("closed-loop", __doc__)
     parser.number("--pushes", 60, "pushes of each kind")
-    parser.add_argument(
-        "--kind",
-        choices=("with", "without", "both"),
-        default="both",
-        help="pushes with the fixture, without it, or both (default)",
-    )
+    kinds, text = ("with", "without", "both"), "with the fixture, without it, or both (default)"
+    parser.add_argument("--kind", choices=kinds, default="both", help=text)
     parser.add_argument("--seed", type=int, default=0, help="seed of directions and tracker")
-    parser.add_argument(
-        "--base-error",
-        action="store_true",
-        help="an error of the registration of the base in the controller, drawn for each run "
-        "inside the covariance that 6 landmarks with 1 mm of noise predict",
-    )
-    parser.add_argument(
-        "--stops", action="store_true", help="the table of failures instead of pushes"
-    )
-    parser.add_argument(
-        "--process",
-        action="append",
-        choices=("guard", "tracker", "controller"),
-        help="only failures of this process; once for each (default: all)",
-    )
-    parser.add_argument(
-        "--logs", type=Path, metavar="DIR", help="keep the logs and the truth below DIR"
-    )
+    text = "draw an error of the base's registration, by 6 landmarks with 1 mm of noise"
+    parser.add_argument("--base-error", action="store_true", help=text)
+    parser.add_argument("--stops", action="store_true", help="failures of processes, not pushes")
+    text = "only failures of this process; once for each (default: all)"
+    processes = ("guard", "tracker", "controller")
+    parser.add_argument("--process", action="append", choices=processes, help=text)
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="keep logs and truth below DIR")
     options = parser.parse_args()
     run = _run_stops if options.stops else _run_pushes
     try:

@@ -20,13 +20,8 @@ from benchmarks.ros_domain import own_ros
 
 def main() -> int:
     parser = BenchParser("faults", __doc__)
-    parser.add_argument(
-        "--rows",
-        nargs="+",
-        default=[],
-        metavar="TEXT",
-        help="only rows whose name contains a text, or matches it as a wildcard",
-    )
+    text = "only rows whose name contains a text, or matches it as a wildcard"
+    parser.add_argument("--rows", nargs="+", default=[], metavar="TEXT", help=text)
     parser.add_argument("--list", action="store_true", help="list the rows and end")
     parser.number("--trials", 3, "per row")
     parser.number("--constraint-hz", 1000.0, "of the guard")

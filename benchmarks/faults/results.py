@@ -2,15 +2,12 @@
 
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from rich.table import Table
-
 from benchmarks.faults.records import Verdict
-from benchmarks.harness.figures import table
 
 DROPOUT = frozenset({"stale", "missing", "latched", "starting", "recovering", "clear", "expired"})
 """Reasons of a hold that a busy machine causes, too."""
@@ -125,40 +122,12 @@ class RowResult:
         }  # fmt: skip
 
 
-def results_table(documents: Iterable[dict[str, Any]], title: str) -> Table:
-    numbers = ("trials", "to safe ms", "over ms", "late", "mm/s", "error mm")
-    headings = ("fault; sources", "reasons; notes", "second source", "outcome", *numbers)
-    return table(title, headings, map(_cells, documents), left=4)
-
-
-def _cells(row: dict[str, Any]) -> list[str]:
-    time = row["to_safe_ms"]
-    if row["held_before"]:
-        safe = "before"
-    elif row["never_safe"]:
-        safe = f"never ({row['never_safe']})"
-    elif time["median"] is None:
-        safe = "-"
-    else:
-        safe = f"{time['median']:.0f} / {time['worst']:.0f}"
-    why = row["unmeasured"][-1:] if not row["trials"] else []
-    texts = (row["held_before"], row["reasons"], *row["notes"][-1:], *why)
-    source = row["second_source"] or f"none: {row['residual']}"
-    if row["single_source"] is not None:
-        source += f", single_source {str(row['single_source']).lower()}"
-    return [
-        f"{row['fault']} ({row['variant']})",
-        "; ".join(text for text in texts if text),
-        source,
-        row["outcome"],
-        f"{row['trials']}/{row['trials'] + len(row['unmeasured'])}",
-        safe,
-        _number(row["over_limit_ms"]),
-        f"{row['late_constraints']} + {row['late_twists']}",
-        _number(row["max_approach_mm_s"]),
-        _number(row["error_mm"], 1),
-    ]
-
-
-def _number(value: float | None, digits: int = 0) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+COLUMNS = {
+    "fault": "fault", "sources": "variant", "reasons": "reasons", "notes": "notes",
+    "unmeasured": "unmeasured", "held before": "held_before", "second source": "second_source",
+    "risk": "residual", "outcome": "outcome", "trials": "trials", "never safe": "never_safe",
+    "to safe ms": "to_safe_ms",
+    "over ms": "over_limit_ms", "late": "late_constraints", "late twists": "late_twists",
+    "mm/s": "max_approach_mm_s", "error mm": "error_mm", "single source": "single_source",
+}  # fmt: skip
+"""Of the table of all rows: heading and name in a row's document."""

@@ -10,9 +10,9 @@ from benchmarks.faults.bench import Bench, GuardStartError, UnmeasuredError
 from benchmarks.faults.display_rows import display_rows
 from benchmarks.faults.foreign_rows import foreign_rows
 from benchmarks.faults.guard_rows import guard_rows
-from benchmarks.faults.results import Row, RowResult, Variant, results_table
+from benchmarks.faults.results import COLUMNS, Row, RowResult, Variant
 from benchmarks.faults.tracker_rows import tracker_rows
-from benchmarks.harness.figures import load, show, write_json
+from benchmarks.harness.figures import columns_table, load, show, write_json
 from benchmarks.harness.processes import ChildError
 
 MAX_ATTEMPTS = 5  # a trial is repeated so often if its effect could not be separated from another
@@ -38,7 +38,7 @@ def run(options: Any, folder: Path) -> int:
     finally:
         bench.close()
     title = f"{options.trials} trials per row; load {load():.1f}"
-    show(results_table(documents, title), width=200)
+    show(columns_table(title, documents, COLUMNS, left=9), width=250)
     return 0 if passed else 1
 
 

@@ -43,7 +43,7 @@ def table(
 ) -> Table:
     """Table whose first ``left`` columns are aligned to the left, all others to the right.
 
-    Numbers have three digits after the point, None is empty.
+    Numbers have three digits after the point, None is empty, several values share a cell.
     """
     made = Table(title=title, title_justify="left")
     for number, heading in enumerate(headings):
@@ -65,18 +65,16 @@ def columns_table(
 
 
 def figures_table(found: Mapping[str, Any]) -> Table:
-    """One row for each figure; those of a mapping share a row, lists are in the file alone."""
-
-    def text(value: object) -> str:
-        if isinstance(value, Mapping):
-            return ", ".join(f"{name} {text(each)}" for name, each in value.items())
-        return _cell(value)
-
-    rows = [(name, text(value)) for name, value in found.items() if not isinstance(value, list)]
+    """One row for each figure; lists are in the file alone."""
+    rows = [(name, value) for name, value in found.items() if not isinstance(value, list)]
     return table(f"load {load()}", ("figure", "measured"), rows, left=2)
 
 
 def _cell(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_cell(each)}" for name, each in value.items())
+    if isinstance(value, list):
+        return "; ".join(map(_cell, value))
     if value is None:
         return ""
     return f"{value:.3f}" if isinstance(value, float) else str(value)

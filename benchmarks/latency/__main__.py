@@ -23,9 +23,8 @@ def main() -> int:
     parser.number("--seconds", 20.0, "for each receiver")
     parser.number("--turns", 2, "of each receiver")
     parser.number("--bodies", 26, "moving bodies")
-    parser.add_argument(
-        "--only", metavar="TEXT", default="", help="receivers with TEXT in their name"
-    )
+    text = "receivers with TEXT in their name"
+    parser.add_argument("--only", metavar="TEXT", default="", help=text)
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the delays there")
     options = parser.parse_args()
     with own_ros():

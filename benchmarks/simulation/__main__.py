@@ -147,13 +147,8 @@ def run_world(path: Path, count: int) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = BenchParser("simulation", __doc__)
-    parser.add_argument(
-        "world",
-        nargs="?",
-        type=Path,
-        default=shipped("data", "worlds", "lumpectomy"),
-        help="world file or its folder (default: the shipped one)",
-    )
+    world, text = shipped("data", "worlds", "lumpectomy"), "world file or folder (default: shipped)"
+    parser.add_argument("world", nargs="?", type=Path, default=world, help=text)
     parser.number("--steps", 10_000, "steps to measure")
     text = "also measure the pace over that time"
     parser.number("--minutes", None, text, low=0.1, high=600.0, metavar="M")
