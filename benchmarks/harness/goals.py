@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 from benchmarks.harness.figures import show, table, write_json
 
 
@@ -20,10 +18,6 @@ class Goal:
     found: str
     good: bool | None
     expected: str
-
-    @property
-    def text(self) -> str:
-        return f"{self.what} {self.expected}"
 
 
 def _limited(
@@ -46,17 +40,12 @@ def missed(goals: Iterable[Goal]) -> list[str]:
     return [f"{each.what} {each.found}; expected {each.expected}" for each in wrong]
 
 
-def _table(goals: Iterable[Goal]) -> Table:
-    """One row per goal, with the measured value and whether it is met."""
-    labels = {True: "[green]ok[/]", False: "[bold red]MISS[/]", None: "-"}
-    rows = [(labels[goal.good], goal.text, goal.found) for goal in goals]
-    return table("goals", ("", "goal", "measured"), rows, left=3)
-
-
 def finish(path: Path | None, figures: Mapping[str, Any], goals: Iterable[Goal]) -> int:
     """Show the goals, write the figures, name the missed ones on standard error; 1 with any."""
     goals = list(goals)
-    show(_table(goals))
+    labels = {True: "[green]ok[/]", False: "[bold red]MISS[/]", None: "-"}
+    rows = [(labels[each.good], f"{each.what} {each.expected}", each.found) for each in goals]
+    show(table("goals", ("", "goal", "measured"), rows, left=3))
     wrong = missed(goals)
     document = {**figures, "goals": [asdict(goal) for goal in goals], "failures": wrong}
     write_json(path, document)

@@ -30,7 +30,6 @@ def input_ended() -> threading.Event:
 
 
 def set_time(stamp: Any, ns: int) -> None:
-    """Set a message's time."""
     stamp.sec, stamp.nanosec = divmod(ns, 10**9)
 
 

@@ -10,6 +10,7 @@ import yaml
 TOPIC = "/ultrasound/image"
 COLUMNS, ROWS = 640, 480
 PIXEL_MM = 0.1
+POSE_NS, POSES_OF_IMAGE = round(1e9 / 60), 2  # 60 poses and 30 images per second
 PROBE_FROM_IMAGE = np.array(
     [[PIXEL_MM, 0, 0, -32], [0, PIXEL_MM, 0, -24], [0, 0, PIXEL_MM, 0], [0, 0, 0, 1]]
 )
@@ -22,6 +23,11 @@ POSES_MM = {
     "probe": (0.0, 0.0, 0.0),
 }
 """Place of each sensor in the tracker's frame; all have its axes."""
+
+
+def image_stamp_ns(begin_ns: int, number: int) -> int:
+    """Stamp of image ``number`` of a sender that has begun at ``begin_ns``."""
+    return begin_ns + number * POSES_OF_IMAGE * POSE_NS - POSE_NS // 3
 
 
 def write_session(folder: Path, **images: Any) -> Path:

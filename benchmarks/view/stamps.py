@@ -3,19 +3,25 @@
 import numpy as np
 from numpy.typing import NDArray
 
-BITS = 16
+BITS = 20
 SIDE = 16  # side of a square in pixels: a whole JPEG block, so that it stays black or white
 
 
 def stamp(pixels: NDArray[np.uint8], number: int) -> None:
-    """Draw ``number`` (below 2^16) into the upper left corner, and its inverted bits below."""
+    """Draw ``number`` (below 2^20) into the upper left corner, and its inverted bits below."""
     for row, value in enumerate((number, ~number)):
         for bit in range(BITS):
             square = pixels[row * SIDE : (row + 1) * SIDE, bit * SIDE : (bit + 1) * SIDE]
             square[:] = 255 if value >> bit & 1 else 0
 
 
-READ_IN_PAGE = f"""
+def read_in_page(picture: str) -> str:
+    """Script that records, in each frame of the browser, the number about to be shown.
+
+    ``picture`` is an expression for the element, or null. ``window.seenFrames`` has rows of the
+    number and the time in ms.
+    """
+    return f"""
 () => {{
   const bits = {BITS}, side = {SIDE};
   const canvas = document.createElement("canvas");
@@ -25,8 +31,8 @@ READ_IN_PAGE = f"""
   const seen = (window.seenFrames = []);
   let last = -1;
   function read() {{
-    const image = document.querySelector("main.view img");
-    if (image?.complete && image.naturalWidth) {{
+    const image = {picture};
+    if (image && image.complete !== false && image.naturalWidth !== 0) {{
       pen.drawImage(image, 0, 0, canvas.width, canvas.height, 0, 0, canvas.width, canvas.height);
       const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
       const lit = (row, bit) =>
@@ -46,4 +52,3 @@ READ_IN_PAGE = f"""
   requestAnimationFrame(read);
 }}
 """
-"""Records, in each frame of the browser, the number about to be shown and the time in ms."""
