@@ -109,7 +109,7 @@ distributions = cache(metadata.packages_distributions)
         ("tests", with_extras("ros", "scene", "dicom", "simulation", "cohort", "planning", "test")),
     ],
 )
-def test_every_import_is_declared(folder: str, declared: set[str]) -> None:
+def test_every_import_is_declared(folder, declared):
     undeclared = []
     for module, path in imported(folder).items():
         if ROS_MESSAGES.fullmatch(module):
@@ -120,7 +120,7 @@ def test_every_import_is_declared(folder: str, declared: set[str]) -> None:
     assert not undeclared
 
 
-def test_every_requirement_is_pinned_once() -> None:
+def test_every_requirement_is_pinned_once():
     lines = [
         line
         for line in (ROOT / "constraints.txt").read_text().splitlines()

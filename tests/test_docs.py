@@ -59,7 +59,7 @@ def pages(project_root: Path) -> dict[str, str]:
     return {str(path.relative_to(project_root)): path.read_text("utf-8") for path in found}
 
 
-def test_targets_of_all_links_exist(project_root: Path, pages: dict[str, str]) -> None:
+def test_targets_of_all_links_exist(project_root, pages):
     broken = [
         f"{page}: {target}"
         for page, text in pages.items()
@@ -69,7 +69,7 @@ def test_targets_of_all_links_exist(project_root: Path, pages: dict[str, str]) -
     assert broken == []
 
 
-def test_anchors_of_all_links_exist(project_root: Path, pages: dict[str, str]) -> None:
+def test_anchors_of_all_links_exist(project_root, pages):
     broken = [
         f"{page}: {target}#{anchor}"
         for page, text in pages.items()
@@ -79,7 +79,7 @@ def test_anchors_of_all_links_exist(project_root: Path, pages: dict[str, str]) -
     assert broken == []
 
 
-def test_every_mentioned_page_is_a_link(pages: dict[str, str]) -> None:
+def test_every_mentioned_page_is_a_link(pages):
     bare = [
         f"{page}: {mention}"
         for page, text in pages.items()
@@ -88,7 +88,7 @@ def test_every_mentioned_page_is_a_link(pages: dict[str, str]) -> None:
     assert bare == []
 
 
-def test_all_named_files_exist(project_root: Path, pages: dict[str, str]) -> None:
+def test_all_named_files_exist(project_root, pages):
     """Check names that begin with a folder of the project, except ``out`` (written by commands)."""
     folders = {path.name for path in project_root.iterdir() if path.is_dir()} - {"out"}
     roots = (project_root, project_root / "examples" / "cpp_controller" / "include")
@@ -101,23 +101,21 @@ def test_all_named_files_exist(project_root: Path, pages: dict[str, str]) -> Non
     assert missing == []
 
 
-def test_index_links_every_page(pages: dict[str, str]) -> None:
+def test_index_links_every_page(pages):
     docs = {Path(page).name for page in pages if page.startswith("docs/")} - {"index.md"}
     assert docs - {target for target, _ in LINK.findall(pages["docs/index.md"])} == set()
 
 
-def test_api_reference_has_every_stable_name(pages: dict[str, str]) -> None:
+def test_api_reference_has_every_stable_name(pages):
     names = re.findall(r"^\.\. auto\w+:: (\w+)$", pages["docs/api_reference.md"], re.MULTILINE)
     assert sorted(names) == sorted(set(marginguard.__all__) - {"__version__"})
 
 
-def test_readme_is_short(pages: dict[str, str]) -> None:
+def test_readme_is_short(pages):
     assert len(pages["README.md"].splitlines()) <= 150
 
 
-def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(
-    project_root: Path, pages: dict[str, str]
-) -> None:
+def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(project_root, pages):
     tasks = TASK.findall(pages["docs/contributing_guide.md"])
     assert len(tasks) > 15
     assert [int(number) for number, *_ in tasks] == list(range(1, 1 + len(tasks)))
@@ -129,7 +127,7 @@ def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(
         assert tests.startswith("tests/"), task
 
 
-def test_commands_and_their_options_exist(project_root: Path, pages: dict[str, str]) -> None:
+def test_commands_and_their_options_exist(project_root, pages):
     """Check calls in code blocks and in inline code."""
     wrong = [
         f"{page}: {' '.join(call)}: {problem}"
@@ -140,7 +138,7 @@ def test_commands_and_their_options_exist(project_root: Path, pages: dict[str, s
     assert wrong == []
 
 
-def test_all_named_options_exist(project_root: Path, pages: dict[str, str]) -> None:
+def test_all_named_options_exist(project_root, pages):
     known = {option for parser in _parsers(PARSER) for option in _options(parser)}
     known |= {option for name in BENCHMARKS for option in _benchmark_options(name, project_root)}
     named = {
@@ -152,7 +150,7 @@ def test_all_named_options_exist(project_root: Path, pages: dict[str, str]) -> N
     assert named == set()
 
 
-def test_imports_in_python_examples_work(project_root: Path, pages: dict[str, str]) -> None:
+def test_imports_in_python_examples_work(project_root, pages):
     missing = []
     for page, text in pages.items():
         for language, code in BLOCK.findall(text):
@@ -161,9 +159,7 @@ def test_imports_in_python_examples_work(project_root: Path, pages: dict[str, st
     assert missing == []
 
 
-def test_minimal_case_of_the_docs_has_a_known_margin(
-    project_root: Path, pages: dict[str, str], tmp_path: Path
-) -> None:
+def test_minimal_case_of_the_docs_has_a_known_margin(project_root, pages, tmp_path):
     first_block = dict(reversed(BLOCK.findall(pages["docs/case_format.md"])))
     (tmp_path / "case.yaml").write_text(first_block["yaml"], encoding="utf-8")
     for name in ("tracking.mcap", "cautery.stl", "tumor.stl"):

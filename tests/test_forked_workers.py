@@ -1,6 +1,5 @@
 """Tests in forked workers run once, and none is lost without a word."""
 
-from pathlib import Path
 from textwrap import dedent
 
 import pytest
@@ -44,9 +43,7 @@ SECOND = """
 """
 
 
-def test_reports_come_back_and_a_worker_that_dies_fails_the_run(
-    tmp_path: Path, project_root: Path
-) -> None:
+def test_reports_come_back_and_a_worker_that_dies_fails_the_run(tmp_path, project_root):
     for name, text in (("conftest", CONFTEST), ("test_first", FIRST), ("test_second", SECOND)):
         (tmp_path / f"{name}.py").write_text(dedent(text))
     command = ["-m", "pytest", "-c", "/dev/null", f"--rootdir={tmp_path}", "-p", "no:cacheprovider"]

@@ -173,13 +173,13 @@ USERS: dict[Callable[[int], bool], FreshnessLimits] = {
         NS_PER_S,
     ],
 )
-def test_all_users_agree_with_the_policy(user: Callable[[int], bool], age_ns: int) -> None:
+def test_all_users_agree_with_the_policy(user, age_ns):
     stamp_ns = NOW_NS - age_ns
     is_valid = freshness_of(stamp_ns, NOW_NS, USERS[user]) is Freshness.VALID
     assert user(stamp_ns) == is_valid
 
 
-def test_session_tolerates_no_stamp_ahead_and_followers_only_a_short_time() -> None:
+def test_session_tolerates_no_stamp_ahead_and_followers_only_a_short_time():
     assert PARAMETERS.freshness_limits.future_tolerance_ns == 0
     assert FUTURE_TOLERANCE_NS == 50_000_000
     assert pose_limits(10).future_tolerance_ns == 10

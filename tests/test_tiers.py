@@ -15,9 +15,7 @@ PURE += ["synthetic", "igtl", "report"]
 
 
 @pytest.mark.parametrize("package", PURE)
-def test_fast_tier_tests_every_pure_package_and_its_sub_packages(
-    project_root: Path, package: str
-) -> None:
+def test_fast_tier_tests_every_pure_package_and_its_sub_packages(project_root, package):
     def has_fast_tests(folder: Path) -> bool:
         return any(tier_of(path) == "fast" for path in folder.rglob("test_*.py"))
 
@@ -37,13 +35,13 @@ def test_fast_tier_tests_every_pure_package_and_its_sub_packages(
         ("pytestmark = pytest.mark.exhaustive\n", "exhaustive"),
     ],
 )
-def test_marker_of_a_file_is_its_tier(tmp_path: Path, text: str, tier: str) -> None:
+def test_marker_of_a_file_is_its_tier(tmp_path, text, tier):
     path = tmp_path / "test_file.py"
     path.write_text(text)
     assert tier_of(path) == tier
 
 
-def test_tier_selects_files_and_a_named_file_runs_in_any_tier(project_root: Path) -> None:
+def test_tier_selects_files_and_a_named_file_runs_in_any_tier(project_root):
     folder = "tests/registration/tool"
     files = {path.relative_to(project_root) for path in (project_root / folder).glob("test_*.py")}
     fast = {path.as_posix() for path in files if tier_of(project_root / path) == "fast"}

@@ -40,7 +40,7 @@ def docstrings(text: str) -> list[tuple[int, str]]:
     ]
 
 
-def test_docstrings_say_what_a_thing_is_or_does(project_root: Path, git) -> None:
+def test_docstrings_say_what_a_thing_is_or_does(project_root, git):
     found = [
         f"{name}:{line}: {text.splitlines()[0]}"
         for name in git("ls-files", "--cached", "--others", "--exclude-standard", "*.py")
@@ -63,10 +63,10 @@ def test_docstrings_say_what_a_thing_is_or_does(project_root: Path, git) -> None
         ('"""Data of a step: what it shows."""\n', 0),
     ],
 )
-def test_each_kind_of_docstring_is_checked(code: str, found: int) -> None:
+def test_each_kind_of_docstring_is_checked(code, found):
     assert len([text for _, text in docstrings(code) if RIDDLE.match(text)]) == found
 
 
-def test_subjects_of_commits_are_short(git) -> None:
+def test_subjects_of_commits_are_short(git):
     subjects = git("log", f"--max-count={CHECKED_COMMITS}", "--format=%s")
     assert [text for text in subjects if len(text) > MAX_SUBJECT_CHARS] == []

@@ -130,4 +130,4 @@ COLUMNS = {
     "over ms": "over_limit_ms", "late": "late_constraints", "late twists": "late_twists",
     "mm/s": "max_approach_mm_s", "error mm": "error_mm", "single source": "single_source",
 }  # fmt: skip
-"""Of the table of all rows: heading and name in a row's document."""
+"""Columns of the table of all rows: heading and name in a row's document."""

@@ -32,7 +32,7 @@ def write_truth(path: Path, away_mm: np.ndarray, phases: np.ndarray) -> Truth:
     return Truth(path)
 
 
-def test_judge_of_a_push_finds_distances_and_speeds(tmp_path: Path) -> None:
+def test_judge_of_a_push_finds_distances_and_speeds(tmp_path):
     surfaces = Surfaces.shipped()
     engine = ProximityEngine(surfaces.tumor, surfaces.tool)
     top = float(surfaces.tumor.vertices_mm[:, 2].max())
@@ -50,7 +50,7 @@ def test_judge_of_a_push_finds_distances_and_speeds(tmp_path: Path) -> None:
     assert found["stops"] == {"lags": 2}
 
 
-def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path: Path) -> None:
+def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path):
     surfaces = Surfaces.shipped()
     engine = ProximityEngine(surfaces.tumor, surfaces.tool)
     top = float(surfaces.tumor.vertices_mm[:, 2].max())
@@ -61,7 +61,7 @@ def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path: Path) 
     assert found["breach_mm"] is None
 
 
-def test_lowest_vertex_is_that_of_every_vertex_at_every_pose() -> None:
+def test_lowest_vertex_is_that_of_every_vertex_at_every_pose():
     """The intervals that are left out change nothing: beside libigl on all vertices and poses."""
     surfaces = Surfaces.shipped()
     random = np.random.default_rng(5)

@@ -3,8 +3,6 @@
 On a busy machine safe stops interrupt pushes, and the tumour breathes at a tool that is held.
 """
 
-from pathlib import Path
-
 import pytest
 
 from tests.benchmarks.bench_run import run
@@ -17,7 +15,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 STOP_MM = 1.0
 
 
-def test_fixture_keeps_the_pushes_out_that_breach_without_it(tmp_path: Path) -> None:
+def test_fixture_keeps_the_pushes_out_that_breach_without_it(tmp_path):
     options = ("--pushes", "2", "--seed", "3")
     done, rows = run("closed_loop", tmp_path / "pushes.json", *options, timeout_s=900)
     assert [each["fixture"] for each in rows] == [False, False, True, True], done.stdout
@@ -30,7 +28,7 @@ def test_fixture_keeps_the_pushes_out_that_breach_without_it(tmp_path: Path) -> 
         assert each["vertices_mm"] >= each["lowest_mm"] - 0.01  # between vertices it may be lower
 
 
-def test_arm_stands_after_a_killed_controller(tmp_path: Path) -> None:
+def test_arm_stands_after_a_killed_controller(tmp_path):
     options = ("--stops", "--process", "controller")
     done, rows = run("closed_loop", tmp_path / "stops.json", *options, timeout_s=900)
     for row in rows:  # none if other stops came first in all tries

@@ -26,7 +26,7 @@ def row(number: int, lowest_mm: float, *, fixture: bool = True, **stops: int) ->
     }
 
 
-def test_summary_counts_low_distances_and_causes_of_stops() -> None:
+def test_summary_counts_low_distances_and_causes_of_stops():
     rows = [row(0, 3.0), row(1, 0.5, lags=2), row(2, 2.0, lags=1, no_joints=1), row(3, 1.5)]
     found = summary(rows)
     assert (found["pushes"], found["below_stop"], found["interrupted"]) == (4, 1, 2)
@@ -35,7 +35,7 @@ def test_summary_counts_low_distances_and_causes_of_stops() -> None:
     assert found["slide_mm_s"] == "90.00 to 93.00"  # of the pushes without a stop
 
 
-def test_fixture_must_keep_the_margin_and_pushes_without_it_must_breach() -> None:
+def test_fixture_must_keep_the_margin_and_pushes_without_it_must_breach():
     assert missed(goals_of([row(0, 1.2)], "with", 1)) == []
     low = [row(0, 1.2), row(1, 0.5)]
     assert len(missed(goals_of(low, "with", 2))) == 1
@@ -45,7 +45,7 @@ def test_fixture_must_keep_the_margin_and_pushes_without_it_must_breach() -> Non
     assert len(missed(goals_of([], "with", 1))) == 1
 
 
-def test_error_of_the_base_has_the_size_that_the_landmarks_predict() -> None:
+def test_error_of_the_base_has_the_size_that_the_landmarks_predict():
     away_mm = [
         np.linalg.norm(drawn_registration(seed).apply(TUMOR_MM) - TUMOR_MM) for seed in range(200)
     ]

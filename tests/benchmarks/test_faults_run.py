@@ -1,7 +1,5 @@
 """A few rows of the fault matrix with real processes."""
 
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip("rclpy")
@@ -12,7 +10,7 @@ from tests.benchmarks.bench_run import run
 pytestmark = pytest.mark.long
 
 
-def test_faults_are_injected_into_a_running_session(tmp_path: Path) -> None:
+def test_faults_are_injected_into_a_running_session(tmp_path):
     """Whole program: guard, tracker, controller. The limit is long, because the machine is busy."""
     rows = ["INVALID (live*", "NaN", "tool jumps 10 mm (live"]
     options = ["--trials", "1", "--constraint-hz", "100", "--stale-ms", "400", "--rows", *rows]

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from io import StringIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,7 +37,7 @@ def result(case: Case) -> CaseResult:
     return CaseResult(320, 492, len(case.trajectory), case.speeds(), timings)
 
 
-def test_engines_of_the_same_quantity_agree(result: CaseResult) -> None:
+def test_engines_of_the_same_quantity_agree(result):
     ours_mm = result.timings[OURS].distances_mm
     assert len(ours_mm) == result.poses
 
@@ -61,19 +60,19 @@ def test_engines_of_the_same_quantity_agree(result: CaseResult) -> None:
     assert differences.max() > 0.05
 
 
-def test_trajectory_stays_within_ten_millimetres_and_penetrates(result: CaseResult) -> None:
+def test_trajectory_stays_within_ten_millimetres_and_penetrates(result):
     distances = result.timings[OURS].distances_mm
     assert distances.max() < 11.0
     assert result.inside == int((distances <= 0.0).sum())
 
 
-def test_slow_engine_is_sampled_along_the_whole_trajectory(case: Case) -> None:
+def test_slow_engine_is_sampled_along_the_whole_trajectory(case):
     timing = measure(case, "vtk tip rebuilt", 0.02)
     assert 10 <= len(timing.pose_indices) < 200
     assert (timing.pose_indices[0], timing.pose_indices[-1]) == (0, 199)
 
 
-def test_separate_processes_give_the_same_results(case: Case, result: CaseResult) -> None:
+def test_separate_processes_give_the_same_results(case, result):
     apart = measure_in_processes(case, [OURS_TIP], 1.0, rounds=2)
     for name, timing in apart.items():
         here = result.timings[name]
@@ -81,7 +80,7 @@ def test_separate_processes_give_the_same_results(case: Case, result: CaseResult
         assert timing.distances_mm[here.pose_indices] == pytest.approx(here.distances_mm, abs=1e-12)
 
 
-def test_fastest_round_of_each_pose_counts(case: Case) -> None:
+def test_fastest_round_of_each_pose_counts(case):
     run = EngineRun(case, OURS_TIP, 1.0)
     run.run_round()
     first = run.timing()
@@ -94,7 +93,7 @@ def test_fastest_round_of_each_pose_counts(case: Case) -> None:
     assert last.max_ms > 0.0
 
 
-def test_table_plot_and_document_contain_every_engine(result: CaseResult, tmp_path: Path) -> None:
+def test_table_plot_and_document_contain_every_engine(result, tmp_path):
     console = Console(width=150, file=StringIO())
     console.print(columns_table("", result.rows(), COLUMNS))
     text = console.file.getvalue()
@@ -116,7 +115,7 @@ def case_result(triangles: int, ours: Timing, fcl: Timing) -> CaseResult:
     return CaseResult(triangles, 1992, 10, {}, {OURS: ours, "fcl": fcl})
 
 
-def test_targets_are_met_missed_or_not_measured() -> None:
+def test_targets_are_met_missed_or_not_measured():
     ours, fcl = timing(OURS, 0.1, 0.4), timing("fcl", 1.1, 2.5)
     good = [case_result(81_920, ours, fcl), case_result(1_310_720, ours, fcl)]
     assert [target.good for target in speed_goals(good)] == [True] * 7

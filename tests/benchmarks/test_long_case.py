@@ -27,7 +27,7 @@ def long_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return open_case(folder)
 
 
-def test_rounds_continue_at_the_recordings_period(long_case: Case) -> None:
+def test_rounds_continue_at_the_recordings_period(long_case):
     frames = list(long_case.recorded_frames())
     once = list(open_case(RECORDED).recorded_frames())
     period_ns = once[-1].stamp.ns - once[-2].stamp.ns
@@ -39,7 +39,7 @@ def test_rounds_continue_at_the_recordings_period(long_case: Case) -> None:
     assert [f.stamp.ns - shift_ns for f in again] == [f.stamp.ns for f in once[: len(again)]]
 
 
-def test_samples_and_joints_repeat_those_of_the_first_round(long_case: Case) -> None:
+def test_samples_and_joints_repeat_those_of_the_first_round(long_case):
     frames = list(long_case.recorded_frames())
     once = list(open_case(RECORDED).recorded_frames())
     shift_ns = frames[len(once)].stamp.ns - once[0].stamp.ns
@@ -51,6 +51,6 @@ def test_samples_and_joints_repeat_those_of_the_first_round(long_case: Case) -> 
             np.testing.assert_allclose(matrix(pose), matrix(known), rtol=0.0, atol=1e-9)
 
 
-def test_expected_results_are_dropped(long_case: Case) -> None:
+def test_expected_results_are_dropped(long_case):
     assert long_case.expected() is None
     assert long_case.manifest.recorded().sha256 is None

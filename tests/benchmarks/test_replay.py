@@ -15,7 +15,7 @@ def a_run(wall_s: float) -> dict[str, Any]:
     return {"wall_s": wall_s, "cpu_s": 2.0 * wall_s, "phases_s": phases}
 
 
-def test_fastest_run_counts_and_inside_excludes_loading() -> None:
+def test_fastest_run_counts_and_inside_excludes_loading():
     found = summary([a_run(5.0), a_run(3.0), a_run(4.0)], duration_s=60.0, frames=2000)
     assert (found["wall_s"], found["walls_s"]) == (3.0, [5.0, 3.0, 4.0])
     assert found["times_real_time"] == pytest.approx(20.0)
@@ -25,7 +25,7 @@ def test_fastest_run_counts_and_inside_excludes_loading() -> None:
     assert found["times_real_time_of_frames"] == pytest.approx(60.0)
 
 
-def test_analysis_and_waiting_for_the_picture_are_stated_apart() -> None:
+def test_analysis_and_waiting_for_the_picture_are_stated_apart():
     waited = a_run(5.0)
     waited["phases_s"]["wait for scene.png"] = 1.0
     waited["wall_s"] += 2.0
@@ -36,7 +36,7 @@ def test_analysis_and_waiting_for_the_picture_are_stated_apart() -> None:
     assert found["inside_s"] == pytest.approx(3.25)
 
 
-def test_fastest_complete_run_is_compared_with_the_fastest_replay() -> None:
+def test_fastest_complete_run_is_compared_with_the_fastest_replay():
     found = compared([a_run(4.5), a_run(4.0)], [a_run(8.0), a_run(7.5), a_run(9.0)])
     assert (found["beyond_s"], found["beyond_cpu_s"]) == (3.5, 7.0)
     assert found["complete"]["phases_s"] == a_run(7.5)["phases_s"]

@@ -1,7 +1,6 @@
 """The benchmark of a physics step: figures of a small world, and one line for a wrong one."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ robots:
 """
 
 
-def test_figures_of_a_small_world(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_of_a_small_world(tmp_path, capsys):
     (tmp_path / "world.yaml").write_text(WORLD)
     path = tmp_path / "figures.json"
     status = main([str(tmp_path), "--steps", "300", "--json", str(path)])
@@ -35,12 +34,12 @@ def test_figures_of_a_small_world(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "world_step" in capsys.readouterr().out
 
 
-def test_missing_world_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_world_is_named(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     assert "is not a world; expected a world.yaml or its folder" in capsys.readouterr().err
 
 
-def test_pace_finds_drift_lags_and_lost_messages() -> None:
+def test_pace_finds_drift_lags_and_lost_messages():
     """Independent of the clock: 10 s each, 3 ms late at first and 4.5 ms at the end."""
     period_ns = 5 * NS_PER_MS
     stamps_ns = np.arange(4000) * period_ns + 1_800_000_000 * 1_000_000_000

@@ -1,7 +1,6 @@
 """The pace of the shipped world against the clock of the host."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,7 @@ from tests.ros_domain import domain_id as domain_id
 pytestmark = pytest.mark.long
 
 
-def test_pace_of_the_shipped_world_in_a_process_of_its_own(domain_id: int, tmp_path: Path) -> None:
+def test_pace_of_the_shipped_world_in_a_process_of_its_own(domain_id, tmp_path):
     path = tmp_path / "figures.json"
     main(["--steps", "100", "--minutes", "0.1", "--json", str(path)])
     pace = json.loads(path.read_text())["pace"]

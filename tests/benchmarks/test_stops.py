@@ -1,7 +1,5 @@
 """A running live session is stopped 100 times at random moments, while commands arrive."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.benchmarks.bench_run import run
@@ -10,7 +8,7 @@ pytestmark = pytest.mark.exhaustive
 
 
 @pytest.mark.parametrize("round_of_25", range(4))
-def test_nothing_is_permissive_after_a_stop(tmp_path: Path, round_of_25: int) -> None:
+def test_nothing_is_permissive_after_a_stop(tmp_path, round_of_25):
     """From outside: SIGSTOP for 0.3 to 2 s, longer than data are valid, to a guard at 1 kHz.
 
     Tracker and controller go on meanwhile, so that samples and commands wait in the buffers.

@@ -33,9 +33,7 @@ def selected(states: list[MarginState], max_count: int) -> list[StepDouble]:
 
 
 @given(states=STATES, max_count=st.integers(1, 50))
-def test_intervals_are_even_and_each_gives_first_step_of_its_worst_state(
-    states: list[MarginState], max_count: int
-) -> None:
+def test_intervals_are_even_and_each_gives_first_step_of_its_worst_state(states, max_count):
     numbers = [step.number for step in selected(states, max_count)]
     assert len(numbers) == min(len(states), max_count)
     assert numbers == sorted(set(numbers))

@@ -93,7 +93,7 @@ def answer(
         link.close()
 
 
-def test_cases_are_listed_and_two_are_compared(page: Page) -> None:
+def test_cases_are_listed_and_two_are_compared(page):
     card = page.locator("#cases > li", has=page.locator("[name=first]"))
     expect(card.locator("dl")).to_contain_text("Breaches1")
     expect(card.locator("dl")).to_contain_text("Deepest point-2.97 mm")
@@ -118,7 +118,7 @@ def test_cases_are_listed_and_two_are_compared(page: Page) -> None:
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_upload_is_checked_and_appears(page: Page, root: Path, tmp_path: Path) -> None:
+def test_upload_is_checked_and_appears(page, root, tmp_path):
     case = zipped(tmp_path / "case.zip", write_small_case(tmp_path / "case"))
     page.click("#upload summary")
     page.set_input_files("#upload-file", str(case))
@@ -136,7 +136,7 @@ def test_upload_is_checked_and_appears(page: Page, root: Path, tmp_path: Path) -
     assert violations(page) == []
 
 
-def test_bad_uploads_leave_nothing(server: Server, root: Path, tmp_path: Path) -> None:
+def test_bad_uploads_leave_nothing(server, root, tmp_path):
     before = sorted(path.name for path in root.iterdir())
     case = write_small_case(tmp_path / "case")
     (case / "tracking.igs.mha").write_text("no header")
@@ -156,7 +156,7 @@ def test_bad_uploads_leave_nothing(server: Server, root: Path, tmp_path: Path) -
     assert not (root.parent / "new").exists()
 
 
-def test_viewer_sees_and_opens_nothing(server: Server, root: Path) -> None:
+def test_viewer_sees_and_opens_nothing(server, root):
     status, found = answer(server, VIEW_TOKEN, "GET", "/library.json")
     assert status == 200 and not found["operates"] and found["max_upload_bytes"] == 0
     for path in ("/open/first", "/upload/new"):
@@ -170,7 +170,7 @@ def test_viewer_sees_and_opens_nothing(server: Server, root: Path) -> None:
     assert status == 409 and found["problem"] == "case.yaml: tool is missing"
 
 
-def test_case_is_opened_in_the_replay_page(page: Page, browser: Browser, server: Server) -> None:
+def test_case_is_opened_in_the_replay_page(page, browser, server):
     page.click("[aria-label='Open first']")
     page.wait_for_selector("body:not([data-lost]) #state-label", timeout=WAIT_MS)
     expect(page.locator(".case")).to_have_text("small")
@@ -184,7 +184,7 @@ def test_case_is_opened_in_the_replay_page(page: Page, browser: Browser, server:
     context.close()
 
 
-def test_library_ends_with_its_pages(server: Server) -> None:
+def test_library_ends_with_its_pages(server):
     status, found = answer(server, TOKEN, "POST", "/open/second")
     assert status == 200
     server.process.send_signal(signal.SIGINT)

@@ -53,7 +53,7 @@ def printed_reasons(steps: Sequence[StepResult]) -> list[tuple[Reason, ...]]:
     return [step.decision.reasons for step in state_changes(steps)]
 
 
-def test_trembling_at_warning_distance_is_printed_once() -> None:
+def test_trembling_at_warning_distance_is_printed_once():
     runner = Runner()
     distances = 5.0 + 0.02 * np.sin(np.arange(1200) * 1.7)
     steps = [
@@ -74,18 +74,18 @@ def test_trembling_at_warning_distance_is_printed_once() -> None:
         decided(Reason.STALE, state=UNKNOWN),
     ],
 )
-def test_worse_reasons_of_one_frame_are_printed(worse: FixtureDecision) -> None:
+def test_worse_reasons_of_one_frame_are_printed(worse):
     usual = decided(Reason.WARNING_DISTANCE)
     assert worse.reasons in printed_reasons(steps_of([usual, worse, usual, usual]))[1:]
 
 
-def test_end_of_hold_is_printed_at_once() -> None:
+def test_end_of_hold_is_printed_at_once():
     held = decided(Reason.WARNING_DISTANCE, Reason.LATCHED, hold=True)
     free = decided(Reason.WARNING_DISTANCE)
     assert printed_reasons(steps_of([held, held, free])) == [held.reasons, free.reasons]
 
 
-def test_better_reasons_are_printed_after_minimum_duration() -> None:
+def test_better_reasons_are_printed_after_minimum_duration():
     worse = decided(Reason.STOP_DISTANCE, Reason.WARNING_DISTANCE)
     better = decided(Reason.WARNING_DISTANCE)
     steps = steps_of([worse] + [better] * 200)
@@ -95,7 +95,7 @@ def test_better_reasons_are_printed_after_minimum_duration() -> None:
     assert len(printed_reasons(steps)) == 2
 
 
-def test_clock_that_jumps_back_does_not_delay_better_reasons() -> None:
+def test_clock_that_jumps_back_does_not_delay_better_reasons():
     worse = decided(Reason.STALE, Reason.LATCHED, state=UNKNOWN, hold=True)
     better = decided(Reason.RECOVERING, Reason.LATCHED, state=UNKNOWN, hold=True)
     hour_ns = 3600 * NS_PER_S
@@ -115,7 +115,7 @@ def test_clock_that_jumps_back_does_not_delay_better_reasons() -> None:
         max_size=40,
     )
 )
-def test_last_line_is_never_better_than_present_reasons(runs) -> None:
+def test_last_line_is_never_better_than_present_reasons(runs):
     order = list(Reason)
     decisions = [
         decided(*sorted(reasons, key=order.index), state=state, hold=hold)
@@ -139,13 +139,13 @@ def test_last_line_is_never_better_than_present_reasons(runs) -> None:
 
 
 @given(st.lists(st.booleans(), max_size=200), st.integers(1, NS_PER_S))
-def test_two_alternating_reasons_print_at_most_one_line_per_second(turns, frame_ns) -> None:
+def test_two_alternating_reasons_print_at_most_one_line_per_second(turns, frame_ns):
     kinds = (decided(Reason.WARNING_DISTANCE), decided(Reason.RELEASING))
     lines = list(state_changes(steps_of([kinds[turn] for turn in turns], frame_ns)))
     assert len(lines) <= 2 + len(turns) * frame_ns / NS_PER_S
 
 
-def test_near_tool_is_printed_at_once_and_a_clear_one_late() -> None:
+def test_near_tool_is_printed_at_once_and_a_clear_one_late():
     def with_tool(state: MarginState, number: int) -> StepResult:
         tool = ToolDistance("left", state, (Reason.STALE,))
         return replace(step(decided(Reason.CLEAR), number * FRAME_NS), tools=(tool,))
@@ -157,7 +157,7 @@ def test_near_tool_is_printed_at_once_and_a_clear_one_late() -> None:
     assert as_line(found[-1]) == line
 
 
-def test_second_tool_that_comes_near_is_printed_at_once_while_the_first_leaves() -> None:
+def test_second_tool_that_comes_near_is_printed_at_once_while_the_first_leaves():
     def with_tools(number: int) -> StepResult:
         states = [MarginState.NEGATIVE, WARNING]
         names = ("left", "right") if number >= 5 else ("right", "left")

@@ -43,9 +43,7 @@ def segmentation(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("ending", ["stl", "ply"])
-def test_contour_becomes_mesh_that_other_programs_read(
-    contour: Path, tmp_path: Path, ending: str
-) -> None:
+def test_contour_becomes_mesh_that_other_programs_read(contour, tmp_path, ending):
     path = tmp_path / f"tumor.{ending}"
     out = run("tumor", contour, "-o", path).out
     assert "20.0 x 20.0 x 20.0 mm, around (20.0, 30.0, 40.0) mm" in out
@@ -60,7 +58,7 @@ def test_contour_becomes_mesh_that_other_programs_read(
     assert found["volume_mm3"] == pytest.approx(mesh.volume, rel=1e-5)
 
 
-def test_segment_is_selected_by_name(segmentation: Path) -> None:
+def test_segment_is_selected_by_name(segmentation):
     found = run_json("tumor", segmentation, "--segment", "Node")
     assert found["middle_mm"] == pytest.approx([15.5] * 3, abs=1e-3)
     assert found["volume_mm3"] == pytest.approx(64.0, rel=0.02)
@@ -68,7 +66,7 @@ def test_segment_is_selected_by_name(segmentation: Path) -> None:
     assert "holds 2 segments: Tumor (S0), Node (S1)" in refused("tumor", segmentation)
 
 
-def test_mesh_that_bounds_no_solid_is_written_only_when_repaired(tmp_path: Path) -> None:
+def test_mesh_that_bounds_no_solid_is_written_only_when_repaired(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
     trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(tmp_path / "open.stl")
     words = ("tumor", tmp_path / "open.stl", "--units", "mm", "-o", tmp_path / "out.stl")
@@ -78,7 +76,7 @@ def test_mesh_that_bounds_no_solid_is_written_only_when_repaired(tmp_path: Path)
     assert trimesh.load_mesh(tmp_path / "out.stl").volume == pytest.approx(ball.volume)
 
 
-def test_mesh_is_not_overwritten_by_its_output(tmp_path: Path) -> None:
+def test_mesh_is_not_overwritten_by_its_output(tmp_path):
     ball = tmp_path / "ball.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(ball)
     (tmp_path / "link.stl").symlink_to(ball)
@@ -105,8 +103,6 @@ def test_mesh_is_not_overwritten_by_its_output(tmp_path: Path) -> None:
         (["no.nrrd"], "no.nrrd cannot be read"),
     ],
 )
-def test_bad_input_is_one_line(
-    contour: Path, arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_input_is_one_line(contour, arguments, message, monkeypatch):
     monkeypatch.chdir(contour.parent)
     assert message in refused("tumor", *arguments)

@@ -8,12 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from app.cli.process import SignalState
 from app.session import Session
-from tests.bridge.live.conftest import Start
 from tests.cli.command import refused, run
 from tests.viewer.attacks.raw_page import cookie, raw_page
 from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
@@ -131,8 +130,8 @@ def rearm_on(page: Page) -> None:
 
 
 def test_live_session_is_shown_and_turns_grey_without_its_source(
-    browser: Browser, live_server: Server, start: Start, frames_file: Path
-) -> None:
+    browser, live_server, start, frames_file
+):
     context = browser.new_context(viewport={"width": 1280, "height": 720})
     watched = Watched(context.new_page(), live_server.host)
     page = watched.open(live_server.url)

@@ -4,7 +4,6 @@ import datetime
 import io
 import shutil
 import subprocess
-from pathlib import Path
 
 import highdicom as hd
 import numpy as np
@@ -145,7 +144,7 @@ def test_simpleitk_reads_the_grid(study, tmp_path):
 
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dicom3tools is not installed")
 @pytest.mark.parametrize("name", ["segmentation.dcm", "structure_set.dcm", "image_0002.dcm"])
-def test_dciodvfy_finds_no_error(study, name, tmp_path: Path):
+def test_dciodvfy_finds_no_error(study, name, tmp_path):
     (tmp_path / name).write_bytes(study.files[name])
     done = subprocess.run(
         ["dciodvfy", "-new", str(tmp_path / name)], capture_output=True, text=True, check=False

@@ -57,17 +57,17 @@ FAILING = {
 
 
 @pytest.mark.parametrize("page", PASSING.values(), ids=PASSING.keys())
-def test_a_page_that_works_passes(tmp_path: Path, page: str) -> None:
+def test_a_page_that_works_passes(tmp_path, page):
     assert run(tmp_path, page).not_run == []
 
 
 @pytest.mark.parametrize("page", FAILING.values(), ids=FAILING.keys())
-def test_a_page_that_does_not_work_fails_with_the_line(tmp_path: Path, page: str) -> None:
+def test_a_page_that_does_not_work_fails_with_the_line(tmp_path, page):
     with pytest.raises(AssertionError, match=r"page\.md:\d+|after Ctrl-C"):
         run(tmp_path, page)
 
 
-def test_no_python_session_is_left_after_an_error(tmp_path: Path) -> None:
+def test_no_python_session_is_left_after_an_error(tmp_path):
     page = (
         "```sh\n. .venv/bin/activate\n```\n"
         "```python\nimport os\nprint(os.getpid(), file=open('pid', 'w'))\n1 / 0\n```\n"
@@ -79,7 +79,7 @@ def test_no_python_session_is_left_after_an_error(tmp_path: Path) -> None:
         os.kill(pid, 0)
 
 
-def test_blocks_that_are_not_run_are_listed_with_their_reason(tmp_path: Path) -> None:
+def test_blocks_that_are_not_run_are_listed_with_their_reason(tmp_path):
     page = "<!-- not run: needs a tracker -->\n```sh\nfalse\n```\n"
     assert run(tmp_path, page).not_run == ["needs a tracker"]
 
@@ -87,7 +87,7 @@ def test_blocks_that_are_not_run_are_listed_with_their_reason(tmp_path: Path) ->
 @pytest.mark.parametrize(
     "page", ["<!-- termnal 2 -->\n```sh\ntrue\n```\n", "```sh\ntrue\n```\n\n```sh\nunclosed\n"]
 )
-def test_misspelt_keys_and_open_fences_are_errors(tmp_path: Path, page: str) -> None:
+def test_misspelt_keys_and_open_fences_are_errors(tmp_path, page):
     (tmp_path / "page.md").write_text(page)
     with pytest.raises(ValueError, match=r"page\.md"):
         blocks_of(tmp_path / "page.md")

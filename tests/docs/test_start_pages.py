@@ -1,7 +1,5 @@
 """The pages for new users work: every block is executed from the text of the page."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.docs.page_run import PageRun
@@ -19,12 +17,12 @@ NOT_RUN: dict[str, list[str]] = {
 
 
 @pytest.mark.parametrize("page", NOT_RUN)
-def test_every_block_of_the_page_works(page: str, project_root: Path, tmp_path: Path) -> None:
+def test_every_block_of_the_page_works(page, project_root, tmp_path):
     with reserved_domain() as domain:
         run = PageRun(project_root, tmp_path, environment_of(domain))
         run.run(project_root / "docs" / page)
     assert run.not_run == NOT_RUN[page]
 
 
-def test_all_pages_for_new_users_are_executed(project_root: Path) -> None:
+def test_all_pages_for_new_users_are_executed(project_root):
     assert {path.name for path in (project_root / "docs").glob("start_*.md")} == set(NOT_RUN)

@@ -1,7 +1,6 @@
 """The C++ rule of a controller in closed loops, and compiled with sanitizers."""
 
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +15,11 @@ SANITIZED = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover
 
 
 @pytest.mark.parametrize("tumor_kind", TUMORS)
-def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(
-    cpp_driver: Path, tumor_kind: str, project_root: Path
-) -> None:
+def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(cpp_driver, tumor_kind, project_root):
     check_closed_loops(cpp_driver, tumor_kind, project_root, steps=60)
 
 
-def test_cpp_rule_has_no_undefined_behaviour(cpp_sources: Path, tmp_path: Path) -> None:
+def test_cpp_rule_has_no_undefined_behaviour(cpp_sources, tmp_path):
     (tmp_path / "empty.cpp").write_text("int main() {}\n")
     empty = ["g++", *SANITIZED, str(tmp_path / "empty.cpp"), "-o", str(tmp_path / "empty")]
     if subprocess.run(empty, check=False).returncode != 0:

@@ -1,7 +1,5 @@
 """The C++ rule of a controller: compiled without warnings, compared with Python and an oracle."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.examples.cpp_rule import check_random_lives
@@ -9,5 +7,5 @@ from tests.examples.cpp_rule import check_random_lives
 pytestmark = pytest.mark.slow
 
 
-def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver: Path) -> None:
+def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver):
     check_random_lives(cpp_driver, controllers=15)

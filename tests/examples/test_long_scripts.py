@@ -11,7 +11,7 @@ import yaml
 
 import marginguard as mg
 from app.files import load_mesh
-from tests.examples.conftest import NUMBER, RunExample, numbers
+from tests.examples.conftest import NUMBER, numbers
 from tests.oracles.needle_oracle import NeedleOracle
 
 pytestmark = pytest.mark.long
@@ -19,9 +19,7 @@ pytestmark = pytest.mark.long
 CASE = Path("data/recorded_case")
 
 
-def test_review_case_finds_the_breaches_that_were_simulated(
-    run_example: RunExample, project_root: Path, tmp_path: Path
-) -> None:
+def test_review_case_finds_the_breaches_that_were_simulated(run_example, project_root, tmp_path):
     printed = run_example("review_case.py", folder=tmp_path)
     breaches = numbers(rf"breach \d: {NUMBER} to {NUMBER} s, {NUMBER} mm deep", printed)
     truth = yaml.safe_load((project_root / CASE / "expected.yaml").read_text())
@@ -39,9 +37,7 @@ def test_review_case_finds_the_breaches_that_were_simulated(
     assert (tmp_path / "margin.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_saved_scene_shows_the_deepest_step(
-    run_example: RunExample, own_case: tuple[Path, str], tmp_path: Path
-) -> None:
+def test_saved_scene_shows_the_deepest_step(run_example, own_case, tmp_path):
     """The scene's closest points are 3 mm apart; the recording is in it."""
     printed = run_example("slicer_scene.py", str(own_case[0]), folder=tmp_path)
     assert abs(numbers(rf"frame 50: {NUMBER} mm", printed)[0, 0] + 3.0) < 0.02
@@ -54,8 +50,8 @@ def test_saved_scene_shows_the_deepest_step(
 
 
 def test_needle_arrives_on_its_corridor_when_the_target_is_near(
-    run_example: RunExample, project_root: Path, tmp_path: Path
-) -> None:
+    run_example, project_root, tmp_path
+):
     printed = run_example("needle_insertion.py", folder=tmp_path)
     plan = json.loads((tmp_path / "needle" / "plan.json").read_text())
     ((missed_mm, farthest_mm, wall_mm),) = numbers(

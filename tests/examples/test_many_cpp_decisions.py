@@ -1,7 +1,5 @@
 """The C++ rule of a controller decides as the Python rule in longer loops and more lives."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.examples.cpp_rule import check_closed_loops, check_random_lives
@@ -11,11 +9,9 @@ pytestmark = pytest.mark.exhaustive
 
 
 @pytest.mark.parametrize("tumor_kind", TUMORS)
-def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(
-    cpp_driver: Path, tumor_kind: str, project_root: Path
-) -> None:
+def test_cpp_rule_decides_as_the_python_rule_in_closed_loops(cpp_driver, tumor_kind, project_root):
     check_closed_loops(cpp_driver, tumor_kind, project_root, steps=200)
 
 
-def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver: Path) -> None:
+def test_cpp_rule_decides_as_the_python_rule_and_keeps_every_plane(cpp_driver):
     check_random_lives(cpp_driver, controllers=300)

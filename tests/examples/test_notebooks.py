@@ -42,13 +42,13 @@ def executed(
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_notebook_has_no_stored_output(project_root: Path, name: str) -> None:
+def test_notebook_has_no_stored_output(project_root, name):
     for cell in cells(project_root, name, "code"):
         assert cell["outputs"] == []
         assert cell["execution_count"] is None
 
 
-def test_axes_are_labelled_with_units(executed: tuple[str, dict[str, Any], list[Any]]) -> None:
+def test_axes_are_labelled_with_units(executed):
     _, _, figures = executed
     assert len(figures) >= 2
     labels = [
@@ -62,9 +62,7 @@ def test_axes_are_labelled_with_units(executed: tuple[str, dict[str, Any], list[
     assert [label for label in labels if not label.endswith(("[s]", "[mm]"))] == []
 
 
-def test_numbers_agree_with_the_truth(
-    executed: tuple[str, dict[str, Any], list[Any]], project_root: Path
-) -> None:
+def test_numbers_agree_with_the_truth(executed, project_root):
     name, found, _ = executed
     if name == "margin_over_time":
         truth = yaml.safe_load((project_root / "data/recorded_case/expected.yaml").read_text())

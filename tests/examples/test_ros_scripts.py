@@ -43,7 +43,7 @@ def start(environment: dict[str, str], tmp_path: Path) -> Iterator[Start]:
             process.communicate()
 
 
-def test_both_readers_receive_the_constraints_of_a_replay(start: Start) -> None:
+def test_both_readers_receive_the_constraints_of_a_replay(start):
     case = ROOT / "data" / "recorded_case"
     replay = start("-m", "app.cli", "replay", str(case), "--rate", "1")
     plain = start(str(EXAMPLES / "constraint_subscriber.py"))

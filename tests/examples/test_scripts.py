@@ -9,16 +9,14 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from tests.examples.conftest import NUMBER, RunExample, numbers
+from tests.examples.conftest import NUMBER, numbers
 
 pytestmark = pytest.mark.long
 
 CASE = Path("data/recorded_case")
 
 
-def test_check_meshes_measures_as_trimesh_does(
-    run_example: RunExample, project_root: Path, tmp_path: Path
-) -> None:
+def test_check_meshes_measures_as_trimesh_does(run_example, project_root, tmp_path):
     printed = run_example("check_meshes.py", folder=tmp_path)
     tool = trimesh.load_mesh(project_root / CASE / "cautery.stl")
     tumor = trimesh.load_mesh(project_root / CASE / "tumor.stl")
@@ -36,9 +34,7 @@ def test_check_meshes_measures_as_trimesh_does(
         )
 
 
-def test_register_points_solves_the_orthogonal_procrustes_problem(
-    run_example: RunExample, tmp_path: Path
-) -> None:
+def test_register_points_solves_the_orthogonal_procrustes_problem(run_example, tmp_path):
     from runpy import run_path  # the arrays of the script are the input of the oracle
 
     printed = run_example("register_points.py", folder=tmp_path)
@@ -65,9 +61,7 @@ def test_register_points_solves_the_orthogonal_procrustes_problem(
     assert "accepted: True" in printed
 
 
-def test_pivot_calibration_finds_the_tip_and_refuses_the_narrow_swing(
-    run_example: RunExample, tmp_path: Path
-) -> None:
+def test_pivot_calibration_finds_the_tip_and_refuses_the_narrow_swing(run_example, tmp_path):
     printed = run_example("pivot_calibration.py", folder=tmp_path)
     wide, narrow = re.split(r"(?<=\n)(?=swing of)", printed)
     tip = numbers(rf"tip at \({NUMBER}, {NUMBER}, {NUMBER}\) mm", wide)[0]
@@ -78,9 +72,7 @@ def test_pivot_calibration_finds_the_tip_and_refuses_the_narrow_swing(
     assert abs(residuals[0] - residuals[1]) < 0.05
 
 
-def test_limited_hand_approaches_the_plane_exponentially_and_never_passes_it(
-    run_example: RunExample, tmp_path: Path
-) -> None:
+def test_limited_hand_approaches_the_plane_exponentially_and_never_passes_it(run_example, tmp_path):
     printed = run_example("limit_twist.py", folder=tmp_path)
     rows = numbers(rf"{NUMBER} s: +{NUMBER} mm .* at +{NUMBER} of 40.00 mm/s", printed)
     times_s, clearances_mm, speeds_mm_s = rows.T
@@ -96,7 +88,7 @@ def test_limited_hand_approaches_the_plane_exponentially_and_never_passes_it(
     np.testing.assert_allclose(speeds_mm_s, np.minimum(40.0, clearances_mm / 0.05), atol=0.2)
 
 
-def test_own_case_has_the_breach_of_two_balls(own_case: tuple[Path, str]) -> None:
+def test_own_case_has_the_breach_of_two_balls(own_case):
     """The centres pass at 3 mm with 20 mm/s: contact from 5.2 mm before to 5.2 mm after."""
     folder, printed = own_case
     ((start_s, end_s, depth_mm),) = numbers(

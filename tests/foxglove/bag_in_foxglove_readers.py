@@ -114,7 +114,7 @@ def same(found: Any, expected: Any) -> bool:
     return type(found) is type(expected) is not list and bool(found == expected)
 
 
-def test_foxglove_reads_the_messages_that_rosbags_reads(bag: Path) -> None:
+def test_foxglove_reads_the_messages_that_rosbags_reads(bag):
     (file,) = bag.glob("*.mcap")
     counts: Counter[str] = Counter()
     for found, expected in zip_longest(by_foxglove(file), by_rosbags(bag)):
@@ -143,7 +143,7 @@ def test_foxglove_reads_the_messages_that_rosbags_reads(bag: Path) -> None:
         ([[0.0]], [[-0.0]]),
     ],
 )
-def test_a_difference_is_found(found: Any, expected: Any) -> None:
+def test_a_difference_is_found(found, expected):
     assert len(differences(found, expected)) == 1
     equal = expected.tolist() if isinstance(expected, np.ndarray) else expected
     assert differences(equal, expected) == []

@@ -3,7 +3,6 @@
 import math
 import queue
 import re
-import socket
 from collections.abc import Callable
 from itertools import count
 from typing import Any
@@ -12,9 +11,9 @@ import numpy as np
 import pyigtl
 import pytest
 
-from tests.bridge.conftest import Start, StartReceiver
+from tests.bridge.conftest import Start
 from tests.bridge.processes import Child
-from tests.igtl.conftest import PyigtlServer, pose
+from tests.igtl.conftest import pose
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -32,11 +31,7 @@ def start_command(start: Start) -> Callable[..., Child]:
     )
 
 
-def test_received_transforms_are_published_on_ros(
-    start_pyigtl: Callable[..., PyigtlServer],
-    start_receiver: StartReceiver,
-    start_command: Callable[..., Child],
-) -> None:
+def test_received_transforms_are_published_on_ros(start_pyigtl, start_receiver, start_command):
     server = start_pyigtl()
     receiver = start_receiver(
         "/tracked_transforms:marginguard_msgs/msg/TrackedTransform:1000",
@@ -89,7 +84,7 @@ def test_received_transforms_are_published_on_ros(
     assert "Traceback" not in command.log.read_text()
 
 
-def test_invalid_address_is_a_one_line_error(start: Start) -> None:
+def test_invalid_address_is_a_one_line_error(start):
     ended = start("-m", "app.cli", "tracker", "igtl", "--port", "0")
     assert ended.wait() == 2
     assert (
@@ -99,9 +94,7 @@ def test_invalid_address_is_a_one_line_error(start: Start) -> None:
     )
 
 
-def test_images_of_a_server_are_published_with_their_stamps(
-    listening: socket.socket, domain_id: int, start_command: Callable[..., Child]
-) -> None:
+def test_images_of_a_server_are_published_with_their_stamps(listening, domain_id, start_command):
     from sensor_msgs.msg import Image
 
     from app.bridge import RosNode

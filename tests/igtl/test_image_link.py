@@ -3,7 +3,6 @@
 import json
 import socket
 import threading
-from pathlib import Path
 
 import numpy as np
 import pyigtl
@@ -20,7 +19,7 @@ def free_port() -> int:
         return int(found.getsockname()[1])
 
 
-def test_images_of_a_pyigtl_message_are_received_from_a_server() -> None:
+def test_images_of_a_pyigtl_message_are_received_from_a_server():
     values = some_pixels(1, 30, 40)[0]
     packet = pyigtl.ImageMessage(
         values[None], np.eye(4), "ras", timestamp=2.5, device_name="Image"
@@ -41,15 +40,13 @@ def test_images_of_a_pyigtl_message_are_received_from_a_server() -> None:
     assert [image.image.number for image in found] == [0, 1]
 
 
-def test_missing_server_is_one_line() -> None:
+def test_missing_server_is_one_line():
     port = free_port()
     with pytest.raises(IgtlError, match=rf"127\.0\.0\.1:{port}: .*; expected a server"):
         next(receive_images("127.0.0.1", port, Refusals()))
 
 
-def test_command_sends_a_recording_that_the_command_receives(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_sends_a_recording_that_the_command_receives(tmp_path, capsys):
     fields = frame_fields(
         4,
         Seq_Frame0001_ImageStatus="INVALID",

@@ -46,7 +46,7 @@ def received(*packets: bytes) -> tuple[list[ReceivedImage], Refusals]:
 
 @pytest.mark.parametrize("axes", ["ras", "lps"])
 @pytest.mark.parametrize("kind", SHAPES)
-def test_image_of_pyigtl_is_read(kind: str, axes: str) -> None:
+def test_image_of_pyigtl_is_read(kind, axes):
     values = pixels(kind)
     (found,), refusals = received(peer(values, axes))
     assert not refusals.counts
@@ -58,7 +58,7 @@ def test_image_of_pyigtl_is_read(kind: str, axes: str) -> None:
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_pyigtl_reads_our_image(kind: str) -> None:
+def test_pyigtl_reads_our_image(kind):
     values = pixels(kind)
     sample = ImageSample(3, Stamp(12_500_000_000), ImageStatus.OK, values)
     packed = image_message("Image_Reference", sample, MATRIX)
@@ -72,7 +72,7 @@ def test_pyigtl_reads_our_image(kind: str) -> None:
     assert found.world_coordinate_system == "ras"
 
 
-def test_image_of_another_size_is_refused_and_the_next_one_read() -> None:
+def test_image_of_another_size_is_refused_and_the_next_one_read():
     first, other = pixels("uint8"), pixels("uint8")[:-1]
     found, refusals = received(peer(first), peer(other), peer(first))
     assert [image.image.number for image in found] == [0, 1]
@@ -96,7 +96,7 @@ def test_image_of_another_size_is_refused_and_the_next_one_read() -> None:
         (12, struct.pack(">f", float("nan")), "not finite"),
     ],
 )
-def test_damaged_header_is_refused_in_one_line(place: int, value: bytes, expected: str) -> None:
+def test_damaged_header_is_refused_in_one_line(place, value, expected):
     body = bytearray(peer(pixels("uint8"))[58:])
     body[place : place + len(value)] = value
     found, refusals = received(pack_message("IMAGE", "Image", 1_000_000_000, bytes(body)))
@@ -105,13 +105,13 @@ def test_damaged_header_is_refused_in_one_line(place: int, value: bytes, expecte
 
 
 @pytest.mark.parametrize("length", [0, 71, 72, 100, 72 + 53, 72 + 55])
-def test_cut_image_is_refused(length: int) -> None:
+def test_cut_image_is_refused(length):
     body = (peer(pixels("uint8"))[58:] + b"\0")[:length]
     found, refusals = received(pack_message("IMAGE", "Image", 1_000_000_000, body))
     assert (found, refusals.counts) == ([], {"IgtlContentError": 1})
 
 
-def test_image_without_a_time_is_neither_read_nor_sent() -> None:
+def test_image_without_a_time_is_neither_read_nor_sent():
     body = peer(pixels("uint8"))[58:]
     _, refusals = received(pack_message("IMAGE", "Image", 0, body))
     assert refusals.counts == {"IgtlStampError": 1}
@@ -122,17 +122,17 @@ def test_image_without_a_time_is_neither_read_nor_sent() -> None:
 
 
 @pytest.mark.parametrize("device", ["", "a" * 21, "Größe"])
-def test_device_name_that_does_not_fit_is_refused(device: str) -> None:
+def test_device_name_that_does_not_fit_is_refused(device):
     with pytest.raises(IgtlContentError, match="expected 1 to 20 ASCII characters"):
         pack_message("IMAGE", device, 1, b"")
 
 
-def test_stamp_is_exact_to_the_nanosecond() -> None:
+def test_stamp_is_exact_to_the_nanosecond():
     for ns in (1, 999_999_999, 1_700_000_000_123_456_789):
         assert read_header(pack_message("IMAGE", "a", ns, b"")[:58]).stamp_ns == ns
 
 
-def test_images_are_skipped_by_a_stream_with_the_limit_of_poses() -> None:
+def test_images_are_skipped_by_a_stream_with_the_limit_of_poses():
     refusals = Refusals()
     stream = MessageStream(TYPES, refusals)
     assert stream.feed(peer(np.zeros((300, 300), np.uint8))) == []

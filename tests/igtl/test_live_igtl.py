@@ -3,9 +3,7 @@
 import re
 import threading
 import time
-from collections.abc import Callable
 from itertools import count, islice
-from pathlib import Path
 
 import pytest
 import yaml
@@ -13,8 +11,6 @@ import yaml
 from app.case import open_case
 from app.geometry import join_transform_name
 from app.session import Session, setup_from_case
-from tests.bridge.conftest import Start
-from tests.igtl.conftest import PyigtlServer
 
 pytestmark = pytest.mark.slow
 
@@ -23,8 +19,8 @@ NOISE_MM = 5e-4
 
 
 def test_live_session_measures_the_same_distance_as_a_replay(
-    start_pyigtl: Callable[..., PyigtlServer], start: Start, project_root: Path, tmp_path: Path
-) -> None:
+    start_pyigtl, start, project_root, tmp_path
+):
     server = start_pyigtl()
     values = yaml.safe_load((project_root / "data/live_example/live.yaml").read_text())
     values["source"] = {"igtl": {"host": "127.0.0.1", "port": server.port}, "clock": "host"}

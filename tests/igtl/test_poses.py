@@ -32,7 +32,7 @@ def reading() -> ReadingPipeline:
     return ReadingPipeline()
 
 
-def test_transform_has_frames_pose_and_the_servers_time(reading: ReadingPipeline) -> None:
+def test_transform_has_frames_pose_and_the_servers_time(reading):
     [sample] = reading.read(name="StylusTipToReference", matrix=POSE, time_s=1_700_000_000.125)
     assert (sample.target, sample.source) == ("reference", "stylus_tip")
     assert sample.stamp.ns == 1_700_000_000_125_000_000
@@ -59,9 +59,7 @@ def test_transform_has_frames_pose_and_the_servers_time(reading: ReadingPipeline
         ({"TransformStatus": "OK", "TransformValid": "False"}, TrackingStatus.INVALID),
     ],
 )
-def test_status_is_read_from_the_metadata(
-    reading: ReadingPipeline, metadata: dict[str, str], status: TrackingStatus
-) -> None:
+def test_status_is_read_from_the_metadata(reading, metadata, status):
     [sample] = reading.read(matrix=POSE, metadata=metadata)
     assert sample.status is status
     assert (sample.transform is not None) == (status is TrackingStatus.OK)
@@ -70,13 +68,13 @@ def test_status_is_read_from_the_metadata(
     )
 
 
-def test_version_1_header_counts_as_without_status(reading: ReadingPipeline) -> None:
+def test_version_1_header_counts_as_without_status(reading):
     [sample] = reading.read(matrix=POSE, version=1)
     assert sample.status is TrackingStatus.OK
     assert reading.poses.without_status == 1
 
 
-def test_tdata_elements_have_their_own_name_type_and_status(reading: ReadingPipeline) -> None:
+def test_tdata_elements_have_their_own_name_type_and_status(reading):
     samples = reading.read(
         type="TDATA",
         name="Tracker",
@@ -126,27 +124,25 @@ def changed(row: int, column: int, value: float) -> list[list[float]]:
         (np.zeros((4, 4)).tolist(), TrackingStatus.NOT_RIGID),
     ],
 )
-def test_invalid_matrix_is_lost_even_with_status_ok(
-    reading: ReadingPipeline, matrix: list[list[float]], status: TrackingStatus
-) -> None:
+def test_invalid_matrix_is_lost_even_with_status_ok(reading, matrix, status):
     [sample] = reading.read(matrix=matrix, metadata={"TransformStatus": "OK"})
     assert (sample.status, sample.transform) == (status, None)
 
 
 @pytest.mark.parametrize("time_s", [0.0, 3e9])
-def test_invalid_time_is_refused(reading: ReadingPipeline, time_s: float) -> None:
+def test_invalid_time_is_refused(reading, time_s):
     assert reading.read(matrix=POSE, time_s=time_s) == []
     assert reading.refusals.counts == {"IgtlStampError": 1}
     assert f"time {round(time_s * 1e9)} ns" in reading.refusals.last
 
 
 @pytest.mark.parametrize("name", ["", "Probe", "AToBToC", "Stylus Tip ToTracker", "../ToTracker"])
-def test_name_without_frames_is_refused(reading: ReadingPipeline, name: str) -> None:
+def test_name_without_frames_is_refused(reading, name):
     assert reading.read(name=name, matrix=POSE) == []
     assert reading.refusals.counts == {"FrameError": 1}
 
 
-def test_body_of_wrong_length_is_refused(reading: ReadingPipeline) -> None:
+def test_body_of_wrong_length_is_refused(reading):
     short = message("STRING", "AToB", string="x")
     short._message_type = "TDATA"
     stream = MessageStream(TYPES, reading.refusals)
@@ -155,7 +151,7 @@ def test_body_of_wrong_length_is_refused(reading: ReadingPipeline) -> None:
     assert reading.refusals.counts == {"IgtlContentError": 1}
 
 
-def test_number_of_transforms_is_limited(reading: ReadingPipeline) -> None:
+def test_number_of_transforms_is_limited(reading):
     for index in range(MAX_EDGES + 10):
         reading.read(name=f"S{index}ToTracker", matrix=POSE)
     assert reading.refusals.counts == {"IgtlLimitError": 10}

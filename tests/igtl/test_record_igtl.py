@@ -4,7 +4,6 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pyigtl
@@ -14,7 +13,6 @@ import yaml
 from app.case import Activation, open_case, open_case_images
 from app.geometry import TrackingStatus, join_transform_name
 from benchmarks.images.session import POSES_MM, TOPIC, write_session
-from tests.bridge.conftest import Start
 from tests.igtl.conftest import DEADLINE_S
 from tests.oracles.pyigtl_peer import message
 
@@ -72,9 +70,7 @@ def server() -> Iterator[int]:
         thread.join()
 
 
-def test_igtl_source_is_recorded_with_status_stamps_and_images(
-    server: int, start: Start, tmp_path: Path
-) -> None:
+def test_igtl_source_is_recorded_with_status_stamps_and_images(server, start, tmp_path):
     config = write_session(tmp_path / "session")
     values = yaml.safe_load(config.read_text())
     values["source"] = {"igtl": {"host": "127.0.0.1", "port": server}, "clock": "estimate"}

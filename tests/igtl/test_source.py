@@ -65,9 +65,7 @@ def listen() -> Iterator[Listen]:
         each.source.close()
 
 
-def test_poses_and_statuses_of_a_pyigtl_server_are_received(
-    start_pyigtl: StartPyigtl, listen: Listen
-) -> None:
+def test_poses_and_statuses_of_a_pyigtl_server_are_received(start_pyigtl, listen):
     server = start_pyigtl()
     listening = listen(server.port)
     listening.status("connected to 127.0.0.1")
@@ -98,7 +96,7 @@ def test_poses_and_statuses_of_a_pyigtl_server_are_received(
     assert not any("refused" in key for key in counts)
 
 
-def test_killed_server_is_reconnected(start_pyigtl: StartPyigtl, listen: Listen) -> None:
+def test_killed_server_is_reconnected(start_pyigtl, listen):
     server = start_pyigtl()
     listening = listen(server.port)
     listening.status("connected")
@@ -126,9 +124,7 @@ def accepted(listening: socket.socket) -> socket.socket:
     return server
 
 
-def test_invalid_header_closes_the_connection_and_source_reconnects(
-    listening: socket.socket, listen: Listen
-) -> None:
+def test_invalid_header_closes_the_connection_and_source_reconnects(listening, listen):
     source = listen(listening.getsockname()[1])
     good = message(matrix=pose(1, 2, 3)).pack()
     for garbage in (b"\xff" * 4096, b"HTTP/1.1 400 Bad Request\r\n" * 10):
@@ -141,9 +137,7 @@ def test_invalid_header_closes_the_connection_and_source_reconnects(
     assert source.source.counts()["OpenIGTLink: refused (IgtlFramingError)"] == 2
 
 
-def test_partial_message_is_discarded_on_reconnection(
-    listening: socket.socket, listen: Listen
-) -> None:
+def test_partial_message_is_discarded_on_reconnection(listening, listen):
     source = listen(listening.getsockname()[1])
     old, new = (message(matrix=pose(1, 2, 3), time_s=time_s).pack() for time_s in (1.0, 2.0))
     for cut in (20, 58, 100):
@@ -157,7 +151,7 @@ def test_partial_message_is_discarded_on_reconnection(
         assert source.is_empty
 
 
-def test_silent_server_is_disconnected(listening: socket.socket, listen: Listen) -> None:
+def test_silent_server_is_disconnected(listening, listen):
     source = listen(listening.getsockname()[1], silence_s=0.05)
     with accepted(listening) as server:
         server.sendall(message(matrix=pose(1, 2, 3)).pack()[:-1])
@@ -165,7 +159,7 @@ def test_silent_server_is_disconnected(listening: socket.socket, listen: Listen)
         assert server.recv(1) == b""
 
 
-def test_oversized_message_is_skipped(listening: socket.socket, listen: Listen) -> None:
+def test_oversized_message_is_skipped(listening, listen):
     source = listen(listening.getsockname()[1])
     with accepted(listening) as server:
         huge = struct.pack(">H12s20sQQQ", 2, b"TRANSFORM", b"AToB", 1 << 32, 10_000_000, 0)
@@ -175,7 +169,7 @@ def test_oversized_message_is_skipped(listening: socket.socket, listen: Listen) 
     assert "10000000 bytes; expected at most 65536" in source.source.last_refusal
 
 
-def test_exception_in_deliver_is_raised_on_close(listening: socket.socket) -> None:
+def test_exception_in_deliver_is_raised_on_close(listening):
     def fails(samples: object) -> None:
         raise ValueError("deliver is broken")
 
@@ -189,14 +183,12 @@ def test_exception_in_deliver_is_raised_on_close(listening: socket.socket) -> No
 
 
 @pytest.mark.parametrize(("host", "port"), [("", 18944), ("localhost", 0), ("localhost", 65536)])
-def test_invalid_address_is_refused(host: str, port: int) -> None:
+def test_invalid_address_is_refused(host, port):
     with pytest.raises(IgtlError, match="; expected a host name and a port from 1 to 65535"):
         IgtlSource(host, port, lambda samples: None)
 
 
-def test_problem_names_the_server_and_what_to_do_until_it_is_connected(
-    start_pyigtl: StartPyigtl,
-) -> None:
+def test_problem_names_the_server_and_what_to_do_until_it_is_connected(start_pyigtl):
     server, backoff = start_pyigtl(), Backoff(60.0, 60.0)
     statuses: queue.Queue[str] = queue.Queue()
     with IgtlSource(
@@ -211,15 +203,13 @@ def test_problem_names_the_server_and_what_to_do_until_it_is_connected(
         assert "expected a running server: start it" in source.problem
 
 
-def test_unknown_host_is_reported(listen: Listen) -> None:
+def test_unknown_host_is_reported(listen):
     statuses: queue.Queue[str] = queue.Queue()
     with IgtlSource("x" * 70, 18944, lambda samples: None, changed=statuses.put):
         assert statuses.get(timeout=DEADLINE_S).startswith("cannot reach")
 
 
-def test_images_are_passed_on_unread_and_poses_are_read_beside_them(
-    listening: socket.socket, listen: Listen
-) -> None:
+def test_images_are_passed_on_unread_and_poses_are_read_beside_them(listening, listen):
     images: queue.Queue[tuple[Header, bytes]] = queue.Queue()
     source = listen(listening.getsockname()[1], images=lambda *found: images.put(found))
     server, _ = listening.accept()

@@ -24,7 +24,7 @@ def started() -> tuple[MessageStream, Refusals]:
 
 
 @given(st.lists(st.integers(0, len(FIRST + TEXT + LAST)), max_size=30))
-def test_messages_do_not_depend_on_chunk_boundaries(cuts: list[int]) -> None:
+def test_messages_do_not_depend_on_chunk_boundaries(cuts):
     stream, _ = started()
     sent = FIRST + TEXT + LAST
     boundaries = [0, *sorted(cuts), len(sent)]
@@ -35,7 +35,7 @@ def test_messages_do_not_depend_on_chunk_boundaries(cuts: list[int]) -> None:
     assert (stream.complete, stream.ignored) == (3, 1)
 
 
-def test_damaged_body_does_not_affect_other_messages() -> None:
+def test_damaged_body_does_not_affect_other_messages():
     stream, refusals = started()
     damaged = FIRST[:-1] + bytes([FIRST[-1] ^ 1])
     assert len(stream.feed(FIRST + damaged + LAST)) == 2
@@ -44,7 +44,7 @@ def test_damaged_body_does_not_affect_other_messages() -> None:
 
 
 @pytest.mark.parametrize("kind", [b"TRANSFORM", b"IMAGE"])
-def test_large_body_is_skipped_without_being_stored(kind: bytes) -> None:
+def test_large_body_is_skipped_without_being_stored(kind):
     stream, refusals = started()
     huge = struct.pack(">H12s20sQQQ", 1, kind, b"X", 0, TEN_MEGABYTES, 0)
     piece = bytes(1 << 16)
@@ -61,7 +61,7 @@ def test_large_body_is_skipped_without_being_stored(kind: bytes) -> None:
     assert refusals.counts == ({"IgtlLimitError": 1} if kind == b"TRANSFORM" else {})
 
 
-def test_invalid_header_raises() -> None:
+def test_invalid_header_raises():
     stream, _ = started()
     with pytest.raises(IgtlFramingError):
         stream.feed(FIRST + b"\r\n" + LAST)

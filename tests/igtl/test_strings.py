@@ -12,12 +12,12 @@ def parts(packet: bytes) -> tuple[object, bytes]:
 
 
 @pytest.mark.parametrize("text", ["on", "", "coagulation runs"])
-def test_text_of_a_peer_is_read(text: str) -> None:
+def test_text_of_a_peer_is_read(text):
     packet = pyigtl.StringMessage(text, device_name="Cautery").pack()
     assert read_string(*parts(packet)) == ("Cautery", text)
 
 
-def test_peer_reads_our_text() -> None:
+def test_peer_reads_our_text():
     content = pack_string("off")
     message = pyigtl.StringMessage("")
     message.content = content
@@ -26,12 +26,12 @@ def test_peer_reads_our_text() -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\0\3", b"\0\3\0\5on", b"\0\7\0\2on", b"\0\3\0\1\xff"])
-def test_other_content_is_refused(content: bytes) -> None:
+def test_other_content_is_refused(content):
     with pytest.raises(IgtlContentError, match="STRING"):
         read_string(*parts(pack_message("STRING", "Cautery", 0, content)))
 
 
-def test_wrong_checksum_is_refused() -> None:
+def test_wrong_checksum_is_refused():
     packet = pack_message("STRING", "Cautery", 0, pack_string("on"))
     with pytest.raises(IgtlError, match="checksum"):
         read_string(*parts(packet[:-1] + b"x"))

@@ -24,7 +24,7 @@ GOOD = message(matrix=pose(1, 2, 3), metadata={"TransformStatus": "OK", "Größe
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_messages_packed_by_pyigtl_are_read(version: int) -> None:
+def test_messages_packed_by_pyigtl_are_read(version):
     metadata = {"TransformStatus": "OUT_OF_VIEW", "a": ""} if version == 2 else {}
     packed = message(
         matrix=pose(1, 2, 3), time_s=1_700_000_000.25, version=version, metadata=metadata
@@ -42,11 +42,11 @@ def test_messages_packed_by_pyigtl_are_read(version: int) -> None:
 
 
 @given(st.integers(0, 2**32 * 10**9 - 1))
-def test_time_is_exact_to_the_nanosecond(ns: int) -> None:
+def test_time_is_exact_to_the_nanosecond(ns):
     assert stamp_ns((ns << 32) // 10**9) == ns
 
 
-def test_pyigtl_reads_the_start_tracking_request() -> None:
+def test_pyigtl_reads_the_start_tracking_request():
     request = start_tracking_request()
     fields = MessageBase.parse_header(request[:58])
     assert (fields["message_type"], fields["header_version"]) == ("STT_TDATA", 2)
@@ -70,13 +70,13 @@ def test_pyigtl_reads_the_start_tracking_request() -> None:
         GOOD[:42] + struct.pack(">Q", 2**63) + GOOD[50:],
     ],
 )
-def test_invalid_header_is_refused(damage: bytes) -> None:
+def test_invalid_header_is_refused(damage):
     with pytest.raises(IgtlFramingError, match=r"OpenIGTLink header begins with .*; expected"):
         read_header(damage[:58].ljust(58, b"\0"))
 
 
 @given(st.integers(58, len(GOOD) - 1), st.integers(1, 255))
-def test_changed_body_is_refused(position: int, change: int) -> None:
+def test_changed_body_is_refused(position, change):
     damaged = bytearray(GOOD)
     damaged[position] ^= change
     with pytest.raises(IgtlError, match="checksum"):
@@ -84,7 +84,7 @@ def test_changed_body_is_refused(position: int, change: int) -> None:
 
 
 @given(st.binary(max_size=200), st.sampled_from([1, 2, 3]))
-def test_arbitrary_body_is_read_or_refused(body: bytes, version: int) -> None:
+def test_arbitrary_body_is_read_or_refused(body, version):
     """A valid checksum does not make a body valid: an attacker can compute it."""
     header = struct.pack(">H", version) + GOOD[2:42] + struct.pack(">QQ", len(body), CRC64(body))
     try:
@@ -95,14 +95,14 @@ def test_arbitrary_body_is_read_or_refused(body: bytes, version: int) -> None:
 
 
 @pytest.mark.parametrize("sizes", [(11, 0, 0), (12, 2000, 0), (12, 2, 2**32 - 1), (65535, 2, 0)])
-def test_inconsistent_part_sizes_are_refused(sizes: tuple[int, int, int]) -> None:
+def test_inconsistent_part_sizes_are_refused(sizes):
     body = struct.pack(">HHII", *sizes, 0) + bytes(50)
     header = GOOD[:42] + struct.pack(">QQ", len(body), CRC64(body))
     with pytest.raises(IgtlContentError, match="has parts of"):
         read_message(read_header(header), body)
 
 
-def test_metadata_with_too_large_a_count_is_refused() -> None:
+def test_metadata_with_too_large_a_count_is_refused():
     body = struct.pack(">HHII", 12, 2, 0, 0) + bytes(48) + struct.pack(">H", 65535)
     header = GOOD[:42] + struct.pack(">QQ", len(body), CRC64(body))
     with pytest.raises(IgtlContentError, match="claims 65535 entries; expected at most 0"):

@@ -58,7 +58,7 @@ def installed_hashes(name: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("name", ["tf2_msgs/msg/TFMessage", "tf2_msgs/msg/TF2Error"])
-def test_tf2_msgs_are_those_of_jazzy(jazzy: Typestore, name: str) -> None:
+def test_tf2_msgs_are_those_of_jazzy(jazzy, name):
     constants, fields = jazzy.fielddefs[name]
     message = compiled(name)
     assert list(message.get_fields_and_field_types()) == [field for field, _ in fields]
@@ -68,19 +68,19 @@ def test_tf2_msgs_are_those_of_jazzy(jazzy: Typestore, name: str) -> None:
     assert list(installed_hashes(name)) == [jazzy.hash_rihs01(name)]
 
 
-def test_follow_joint_trajectory_is_that_of_control_msgs() -> None:
+def test_follow_joint_trajectory_is_that_of_control_msgs():
     (found,) = installed_hashes("control_msgs/action/FollowJointTrajectory")
     assert found == "RIHS01_738ebcb7a2d7cfa42f9f1001cc99ce3a4383d1cfe508015d9be8485e4b1c66f6"
 
 
 @pytest.mark.parametrize("path", MESSAGES, ids=type_name)
-def test_type_hash_equals_that_of_rosbags(with_marginguard: Typestore, path: Path) -> None:
+def test_type_hash_equals_that_of_rosbags(with_marginguard, path):
     assert list(installed_hashes(type_name(path))) == [
         with_marginguard.hash_rihs01(type_name(path))
     ]
 
 
-def test_bytes_of_ros_are_read_by_rosbags(with_marginguard: Typestore) -> None:
+def test_bytes_of_ros_are_read_by_rosbags(with_marginguard):
     from marginguard_msgs.msg import FixtureConstraint, HalfSpace
     from rclpy.serialization import serialize_message
 
@@ -94,7 +94,7 @@ def test_bytes_of_ros_are_read_by_rosbags(with_marginguard: Typestore) -> None:
     assert read.half_spaces[0].offset == 0.25
 
 
-def test_tracking_status_has_the_constants_of_the_message() -> None:
+def test_tracking_status_has_the_constants_of_the_message():
     from marginguard_msgs.msg import TrackedTransform
 
     assert {status.name: getattr(TrackedTransform, status.name) for status in TrackingStatus} == {
@@ -102,7 +102,7 @@ def test_tracking_status_has_the_constants_of_the_message() -> None:
     }
 
 
-def test_discovered_publisher_has_the_same_hash(jazzy: Typestore, ros: Any) -> None:
+def test_discovered_publisher_has_the_same_hash(jazzy, ros):
     from tf2_msgs.msg import TFMessage
 
     ros.node.create_publisher(TFMessage, "edges", 1)
@@ -113,7 +113,7 @@ def test_discovered_publisher_has_the_same_hash(jazzy: Typestore, ros: Any) -> N
     )
 
 
-def test_serialised_lost_pose_keeps_its_nan() -> None:
+def test_serialised_lost_pose_keeps_its_nan():
     from marginguard_msgs.msg import TrackedTransform
     from rclpy.serialization import deserialize_message, serialize_message
 

@@ -25,27 +25,27 @@ def run(
     return run_python(*arguments, status=None, cwd=folder, env=environment)
 
 
-def test_command_names_the_other_module_in_one_line(project_root: Path, folder: Path) -> None:
+def test_command_names_the_other_module_in_one_line(project_root, folder):
     done = run(project_root, folder, "-m", "marginguard", "doctor")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"marginguard: error: the module 'app' is {folder / 'app.py'}; ")
     assert done.stderr.count("\n") == 1
 
 
-def test_package_raises_import_error(project_root: Path, folder: Path) -> None:
+def test_package_raises_import_error(project_root, folder):
     code = "import marginguard as mg\ntry: mg.open_case\nexcept ImportError as e: print(e, e.name)"
     done = run(project_root, folder, "-c", code)
     assert done.stdout.startswith(f"the module 'app' is {folder / 'app.py'}; expected ")
     assert done.stdout.endswith(" app\n")
 
 
-def test_module_that_is_already_imported_is_named(project_root: Path, folder: Path) -> None:
+def test_module_that_is_already_imported_is_named(project_root, folder):
     (folder / "app.py").write_text("import marginguard\nprint(marginguard.__version__)\n")
     done = run(project_root, folder, "-c", "import app")
     assert f"ImportError: the module 'app' is {folder / 'app.py'}; " in done.stderr
 
 
-def test_safe_path_ignores_the_current_folder(project_root: Path, folder: Path) -> None:
+def test_safe_path_ignores_the_current_folder(project_root, folder):
     done = run(project_root, folder, "-P", "-m", "marginguard", "--version")
     assert done.stdout.startswith("marginguard ")
     done = run(project_root, folder, "-P", "-m", "marginguard", "--version", path=str(folder))

@@ -36,7 +36,7 @@ def publish(domain_id: int, content: SessionContent):
         yield send
 
 
-def test_constraint_arrives_in_millimetres(publish, make_step: MakeStep) -> None:
+def test_constraint_arrives_in_millimetres(publish, make_step):
     step = make_step(3)
     with mg.constraint_stream(timeout_s=60.0) as constraints:
         publish(step)
@@ -57,7 +57,7 @@ def test_constraint_arrives_in_millimetres(publish, make_step: MakeStep) -> None
     assert received.valid_until_ns == decision.stamp.ns + 200_000_000
 
 
-def test_unknown_numbers_are_none_and_hold_is_kept(publish, make_step: MakeStep) -> None:
+def test_unknown_numbers_are_none_and_hold_is_kept(publish, make_step):
     with mg.constraint_stream(timeout_s=60.0) as constraints:
         publish(make_step(0, lost=True))
         received = next(iter(constraints))
@@ -69,7 +69,7 @@ def test_unknown_numbers_are_none_and_hold_is_kept(publish, make_step: MakeStep)
     assert received.stop_total_mm is None
 
 
-def test_each_constraint_is_read_once(publish, make_step: MakeStep) -> None:
+def test_each_constraint_is_read_once(publish, make_step):
     with mg.constraint_stream(timeout_s=60.0) as constraints:
         publish(make_step(0))
         assert constraints.read().seq == 0
@@ -86,7 +86,7 @@ def test_each_constraint_is_read_once(publish, make_step: MakeStep) -> None:
         ({"hold": False}, "no half-spaces and no hold"),
     ],
 )
-def test_invalid_message_is_an_error(domain_id: int, change, problem: str) -> None:
+def test_invalid_message_is_an_error(domain_id, change, problem):
     from marginguard_msgs.msg import FixtureConstraint
 
     from app.bridge import RosNode
@@ -100,7 +100,7 @@ def test_invalid_message_is_an_error(domain_id: int, change, problem: str) -> No
             constraints.read()
 
 
-def test_second_publisher_is_an_error_until_it_has_left(domain_id: int) -> None:
+def test_second_publisher_is_an_error_until_it_has_left(domain_id):
     """`read` does not wait for its timeout, neither for the error nor for a constraint after it."""
     from marginguard_msgs.msg import FixtureConstraint
 
@@ -152,6 +152,6 @@ def test_second_publisher_is_an_error_until_it_has_left(domain_id: int) -> None:
         ({"timeout_s": -1.0}, "timeout_s: is -1.0; expected seconds > 0"),
     ],
 )
-def test_wrong_arguments_are_named(domain_id: int, arguments, problem: str) -> None:
+def test_wrong_arguments_are_named(domain_id, arguments, problem):
     with pytest.raises(mg.MarginGuardError, match=problem):
         mg.read_constraint(**arguments)

@@ -47,7 +47,7 @@ def cases_are_opened_once() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_examples_of_docstrings_hold(name: str) -> None:
+def test_examples_of_docstrings_hold(name):
     assert EXAMPLES[name].examples, "no example"
     output: list[str] = []
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
@@ -55,7 +55,7 @@ def test_examples_of_docstrings_hold(name: str) -> None:
     assert "".join(output) == ""
 
 
-def test_every_public_name_is_examined() -> None:
+def test_every_public_name_is_examined():
     names = {"marginguard", *marginguard.__all__} - {"__version__"}
     assert set(EXAMPLES) == names - set(SHOWN_IN)
     for name, function in SHOWN_IN.items():

@@ -81,9 +81,7 @@ def expected_csv(folder: Path) -> str:
     return margin_csv(log.rows)
 
 
-def test_table_has_the_columns_and_values_of_margin_csv(
-    steps: list[mg.StepResult], expected_csv: str
-) -> None:
+def test_table_has_the_columns_and_values_of_margin_csv(steps, expected_csv):
     table = mg.margin_table(steps)
     expected = list(csv.DictReader(io.StringIO(expected_csv)))
     assert list(table.columns) == list(expected[0])
@@ -100,11 +98,11 @@ def test_table_has_the_columns_and_values_of_margin_csv(
     assert table["stamp_ns"].dtype == np.int64
 
 
-def test_table_written_again_is_margin_csv(steps: list[mg.StepResult], expected_csv: str) -> None:
+def test_table_written_again_is_margin_csv(steps, expected_csv):
     assert mg.margin_table(steps).to_csv(index=False, float_format="%.6f") == expected_csv
 
 
-def test_distances_are_those_of_two_balls(steps: list[mg.StepResult]) -> None:
+def test_distances_are_those_of_two_balls(steps):
     """The centres are 25 - 2 k mm apart; faces of the balls are up to 0.1 mm inside of them."""
     distances = mg.margin_table(steps)["signed_distance_mm"]
     for index, distance in distances.items():
@@ -112,27 +110,23 @@ def test_distances_are_those_of_two_balls(steps: list[mg.StepResult]) -> None:
             assert abs(distance - (25.0 - 2.0 * float(str(index)) - 11.0)) < 0.15
 
 
-def test_fields_are_cached_in_the_folder_of_the_run(
-    steps: list[mg.StepResult], shared_cache: Path
-) -> None:
+def test_fields_are_cached_in_the_folder_of_the_run(steps, shared_cache):
     assert cache_folder().parent == shared_cache
     assert list(cache_folder().glob("*.field"))
 
 
-def test_breaches_are_the_frames_with_a_negative_distance(
-    case: mg.PreparedCase, steps: list[mg.StepResult]
-) -> None:
+def test_breaches_are_the_frames_with_a_negative_distance(case, steps):
     (breach,) = mg.find_breaches(case, steps)
     assert (breach.first, breach.last) == (8, 11)
     assert breach.start_s == pytest.approx(0.16)
 
 
-def test_replay_begins_and_ends_at_the_given_times(case: mg.PreparedCase) -> None:
+def test_replay_begins_and_ends_at_the_given_times(case):
     table = mg.margin_table(mg.replay(case, start_s=0.04, end_s=0.1))
     assert table["stamp_ns"].tolist() == [40_000_000, 60_000_000, 80_000_000, 100_000_000]
 
 
-def test_plot_shows_the_distances(case: mg.PreparedCase, steps: list[mg.StepResult]) -> None:
+def test_plot_shows_the_distances(case, steps):
     figure = mg.plot_margin(case, steps)
     lines = {line.get_label(): line for line in figure.axes[1].get_lines()}
     drawn = np.asarray(lines["signed distance"].get_ydata(), dtype=float)
@@ -141,7 +135,7 @@ def test_plot_shows_the_distances(case: mg.PreparedCase, steps: list[mg.StepResu
     assert figure.axes[1].get_xlabel() == "time from the first frame [s]"
 
 
-def test_signed_distance_is_that_of_the_replay(steps: list[mg.StepResult]) -> None:
+def test_signed_distance_is_that_of_the_replay(steps):
     step = steps[6]
     assert step.tumor_from_tip is not None and step.decision.proximity is not None
     tool, tumor = ball("cautery_tip", 1.0), ball("tumor", 10.0)
@@ -190,9 +184,7 @@ def test_signed_distance_is_that_of_the_replay(steps: list[mg.StepResult]) -> No
         (lambda case, steps: mg.save_scene(case, steps[0], "scene.txt"), "suffix is '.txt'"),
     ],
 )
-def test_wrong_arguments_are_named_in_one_line(
-    case: mg.PreparedCase, steps: list[mg.StepResult], call, problem: str
-) -> None:
+def test_wrong_arguments_are_named_in_one_line(case, steps, call, problem):
     with pytest.raises(mg.MarginGuardError) as raised:
         call(case, steps)
     assert problem in str(raised.value)
@@ -218,30 +210,26 @@ def test_wrong_arguments_are_named_in_one_line(
         ({"tumor": mg.SurfaceMesh("tumor", np.eye(3), np.array([[0, 1, 2]]))}, "is not closed"),
     ],
 )
-def test_faulty_case_is_refused_and_nothing_is_left(
-    tmp_path: Path, changes: dict[str, object], problem: str
-) -> None:
+def test_faulty_case_is_refused_and_nothing_is_left(tmp_path, changes, problem):
     with pytest.raises(mg.MarginGuardError) as raised:
         write(tmp_path / "case", **changes)
     assert problem in str(raised.value)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_existing_folder_is_not_overwritten(folder: Path) -> None:
+def test_existing_folder_is_not_overwritten(folder):
     with pytest.raises(mg.InputError, match="already exists"):
         write(folder)
     with pytest.raises(mg.InputError, match="already exists"):
         mg.make_case(folder)
 
 
-def test_missing_pandas_names_the_extra(
-    steps: list[mg.StepResult], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_pandas_names_the_extra(steps, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(mg.InputError, match=r"pandas cannot be loaded .*\[notebook\]"):
         mg.margin_table(steps)
 
 
-def test_table_is_a_data_frame(steps: list[mg.StepResult]) -> None:
+def test_table_is_a_data_frame(steps):
     table = type(mg.margin_table(steps))
     assert (table.__module__, table.__name__) == ("pandas", "DataFrame")

@@ -63,13 +63,13 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_correct_calls_have_no_errors(messages: list[str]) -> None:
+def test_correct_calls_have_no_errors(messages):
     first_wrong = SCRIPT.count("\n") + 1
     assert all(int(line.split(":")[1]) >= first_wrong for line in messages[:-1]), messages
 
 
 @pytest.mark.parametrize("call", WRONG)
-def test_wrong_call_is_an_error(messages: list[str], call: str) -> None:
+def test_wrong_call_is_an_error(messages, call):
     line = SCRIPT.count("\n") + 1 + list(WRONG).index(call)
     found = [text for text in messages if text.startswith(f"script.py:{line}:")]
     assert any(WRONG[call] in text for text in found), messages

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 NOW_NS = 1_700_000_000 * 10**9
 
 
-def test_killed_recorder_loses_only_the_last_messages(domain_id: int, tmp_path: Path) -> None:
+def test_killed_recorder_loses_only_the_last_messages(domain_id, tmp_path):
     kill = run_kill(tmp_path, 1.5)
     assert kill.recorded > 1000
     assert kill.in_mcap == kill.recorded
@@ -52,8 +52,8 @@ def written(folder: Path, topic: str, stamps_ns: Iterable[int]) -> Path:
     ids=["nothing", "the last ones", "too many", "one in the middle"],
 )
 def test_missing_messages_are_counted_back_from_the_kill(
-    tmp_path: Path, topic: str, missing: tuple[int, ...], lost: int, lost_ms: float, missed: int
-) -> None:
+    tmp_path, topic, missing, lost, lost_ms, missed
+):
     sent = np.array([NOW_NS + index * 5 * NS_PER_MS for index in range(200)])
     killed_ns = NOW_NS + 200 * 5 * NS_PER_MS
     kept = [int(ns) for index, ns in enumerate(sent) if index not in missing]
@@ -63,7 +63,7 @@ def test_missing_messages_are_counted_back_from_the_kill(
     assert kill.is_good == (lost_ms <= PROMISED_MS)
 
 
-def test_message_from_after_the_kill_is_not_missing(tmp_path: Path) -> None:
+def test_message_from_after_the_kill_is_not_missing(tmp_path):
     sent = np.array([NOW_NS, NOW_NS + 10])
     kill = compared(written(tmp_path / "bag", "/tf", [NOW_NS]), {"/tf": sent}, NOW_NS + 10)
     assert kill.lost == {"/tf": 0}

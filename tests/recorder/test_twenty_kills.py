@@ -1,7 +1,6 @@
 """The promise of the recorder, kept at twenty kills at random times."""
 
 import random
-from pathlib import Path
 
 import pytest
 
@@ -12,8 +11,6 @@ pytestmark = pytest.mark.exhaustive
 
 
 @pytest.mark.parametrize("number", range(20))
-def test_killed_recorder_loses_no_more_than_promised(
-    domain_id: int, tmp_path: Path, number: int
-) -> None:
+def test_killed_recorder_loses_no_more_than_promised(domain_id, tmp_path, number):
     kill = run_kill(tmp_path, random.Random(number).uniform(1.0, 5.0))
     assert kill.is_good, kill

@@ -55,9 +55,7 @@ def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str) -> C
     )
 
 
-def test_recording_is_named_by_case_and_time_and_reports_what_it_wrote(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recording_is_named_by_case_and_time_and_reports_what_it_wrote(tmp_path, monkeypatch):
     found = recorder(tmp_path, monkeypatch, RECORDER.replace("FAILS", ""))
     assert found.status is None
     with pytest.raises(InputError, match="none is running; expected one"):
@@ -87,9 +85,7 @@ def test_recording_is_named_by_case_and_time_and_reports_what_it_wrote(
         found.start()
 
 
-def test_recording_that_fails_is_reported_and_another_can_begin(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recording_that_fails_is_reported_and_another_can_begin(tmp_path, monkeypatch):
     found = recorder(tmp_path, monkeypatch, RECORDER.replace("FAILS", FULL_DISK))
     lines: queue.Queue[str] = queue.Queue()
     found.ended = lines.put
@@ -107,9 +103,7 @@ def test_recording_that_fails_is_reported_and_another_can_begin(
     assert lines.get(timeout=60.0).endswith("No space left")
 
 
-def test_recorder_that_cannot_begin_is_refused_with_its_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recorder_that_cannot_begin_is_refused_with_its_reason(tmp_path, monkeypatch):
     found = recorder(tmp_path, monkeypatch, REFUSED)
     with pytest.raises(InputError, match=r"^recording: live\.yaml: no such file$"):
         found.start()
@@ -119,18 +113,14 @@ def test_recorder_that_cannot_begin_is_refused_with_its_reason(
 
 
 @pytest.mark.parametrize("name", ["../up", "/etc", "a/b", ".hidden", "a" * 65, "a\nb", "-o"])
-def test_name_that_is_not_that_of_a_folder_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_name_that_is_not_that_of_a_folder_is_refused(tmp_path, monkeypatch, name):
     found = recorder(tmp_path, monkeypatch, REFUSED)
     with pytest.raises(InputError, match=r"name of a recording: .* expected at most 64 letters"):
         found.start(name)
     assert not (tmp_path / "cases").exists()
 
 
-def test_folder_that_cannot_be_made_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folder_that_cannot_be_made_is_refused(tmp_path, monkeypatch):
     (tmp_path / "cases").write_text("a file")
     with pytest.raises(InputError, match=r"cases cannot be written: .* expected a folder"):
         recorder(tmp_path, monkeypatch, REFUSED).start()

@@ -29,7 +29,7 @@ def image(ns: int) -> ImageSample:
     return ImageSample(0, Stamp(ns), ImageStatus.OK, np.zeros((2, 2), np.uint8))
 
 
-def test_slow_decoder_skips_to_the_newest_image() -> None:
+def test_slow_decoder_skips_to_the_newest_image():
     images, seen = Sink(), []
     begun, go_on, last = threading.Event(), threading.Event(), threading.Event()
 
@@ -53,7 +53,7 @@ def test_slow_decoder_skips_to_the_newest_image() -> None:
     assert images.stamps_ns == [1, 5]
 
 
-def test_refused_image_does_not_end_the_thread() -> None:
+def test_refused_image_does_not_end_the_thread():
     images, refused, done = Sink(), threading.Event(), threading.Event()
 
     def decode(number: int) -> ImageSample | None:

@@ -22,5 +22,5 @@ def run_checks(project_root: Path, *checks: str) -> None:
     assert " passed" in done.stdout or " skipped" in done.stdout
 
 
-def test_checks_with_a_loop_pass(project_root: Path) -> None:
+def test_checks_with_a_loop_pass(project_root):
     run_checks(project_root, *CHECKS)

@@ -66,16 +66,14 @@ def wheel(
     return zipfile.ZipFile(built)
 
 
-def test_wheel_has_exactly_the_packages_and_the_shipped_files(
-    wheel: zipfile.ZipFile, sources: list[Path]
-) -> None:
+def test_wheel_has_exactly_the_packages_and_the_shipped_files(wheel, sources):
     expected = {path.as_posix() for path in sources if path.parts[0] in PACKAGES}
     expected |= {f"app/share/{path.as_posix()}" for path in sources if path.parts[0] in SHIPPED}
     found = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert found == expected
 
 
-def test_unpacked_wheel_finds_its_own_files(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+def test_unpacked_wheel_finds_its_own_files(wheel, tmp_path):
     site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
     elsewhere.mkdir()
     wheel.extractall(site)
@@ -94,9 +92,7 @@ def test_unpacked_wheel_finds_its_own_files(wheel: zipfile.ZipFile, tmp_path: Pa
     assert list(elsewhere.iterdir()) == []
 
 
-def test_doctor_names_a_damaged_file_of_an_installed_wheel(
-    wheel: zipfile.ZipFile, tmp_path: Path
-) -> None:
+def test_doctor_names_a_damaged_file_of_an_installed_wheel(wheel, tmp_path):
     wheel.extractall(tmp_path)
     page = tmp_path / "app" / "viewer" / "web" / "page.html"
     page.write_text(page.read_text()[:100])

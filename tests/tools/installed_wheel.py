@@ -140,9 +140,7 @@ def complete(installed: Installation) -> Installation:
     return installed
 
 
-def test_missing_wheel_is_reported_in_one_line_and_logged_in_full(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_wheel_is_reported_in_one_line_and_logged_in_full(monkeypatch, tmp_path, capfd):
     monkeypatch.setattr(install, "LOG", tmp_path / "install.log")
     status = install.main(["--no-index", "no-such-wheel==1.2.3"])
     error = capfd.readouterr().err
@@ -152,14 +150,14 @@ def test_missing_wheel_is_reported_in_one_line_and_logged_in_full(
     assert "you require no-such-wheel==1.2.3" in install.LOG.read_text()
 
 
-def test_python_api_opens_the_shipped_case(installed: Installation) -> None:
+def test_python_api_opens_the_shipped_case(installed):
     code = "import marginguard as mg; print(mg.__file__, mg.open_case(mg.example_case()).extent)"
     done = installed.run("python", "-c", code)
     assert done.stdout.startswith(str(installed.packages / "marginguard")), done.stderr
     assert f"frames={shipped_case.FRAMES}" in done.stdout
 
 
-def test_replay_without_extras_names_the_scene_for_the_picture(installed: Installation) -> None:
+def test_replay_without_extras_names_the_scene_for_the_picture(installed):
     done = installed.marginguard("replay", CASE, "--no-ros", "--report", "plain")
     assert "run `pip install 'marginguard[scene]'`" in done.stderr
     assert (installed.folder / "plain" / "summary.json").is_file()
@@ -174,23 +172,21 @@ def test_replay_without_extras_names_the_scene_for_the_picture(installed: Instal
         (["view", CASE], "scene"),
     ],
 )
-def test_command_without_its_extra_names_it(
-    installed: Installation, arguments: list[str], extra: str
-) -> None:
+def test_command_without_its_extra_names_it(installed, arguments, extra):
     done = installed.marginguard(*arguments, status=2)
     assert done.stderr.count("\n") == 1
     assert f"`pip install 'marginguard[{extra}]'`" in done.stderr
     assert not (installed.folder / "recorded").exists()
 
 
-def test_doctor_lists_what_the_extras_bring(installed: Installation) -> None:
+def test_doctor_lists_what_the_extras_bring(installed):
     checks = json.loads(installed.marginguard("doctor", "--json", status=1).stdout)
     missing = {check["name"]: check["remedy"] for check in checks if not check["ok"]}
     assert {"rclpy imports", "ROS interfaces", "3D Slicer scene"} <= set(missing)
     assert not [remedy for remedy in missing.values() if re.search(r"\bmake\b|-e ", remedy)]
 
 
-def test_replay_publishes_and_draws(complete: Installation) -> None:
+def test_replay_publishes_and_draws(complete):
     done = complete.marginguard("replay", CASE, "--report", "drawn")
     assert "ROS discovery" in done.stderr
     assert (complete.folder / "drawn" / "scene.png").read_bytes().startswith(b"\x89PNG")
@@ -198,17 +194,17 @@ def test_replay_publishes_and_draws(complete: Installation) -> None:
     assert csv[0] == csv[1]
 
 
-def test_doctor_finds_nothing_missing(complete: Installation) -> None:
+def test_doctor_finds_nothing_missing(complete):
     complete.marginguard("doctor")
 
 
-def test_case_is_made_and_described(complete: Installation) -> None:
+def test_case_is_made_and_described(complete):
     complete.marginguard("make-case", "mine", "--seed", "3")
     found = json.loads(complete.marginguard("info", "mine", "--json").stdout)
     assert found["provenance"]["kind"] == "simulated"
 
 
-def test_page_is_served(complete: Installation) -> None:
+def test_page_is_served(complete):
     server = subprocess.Popen(
         [str(complete.venv / "bin" / "marginguard"), "view", CASE],
         cwd=complete.folder,
@@ -234,14 +230,14 @@ def test_page_is_served(complete: Installation) -> None:
         server.communicate()
 
 
-def test_benchmark_runs_with_the_shipped_code(complete: Installation) -> None:
+def test_benchmark_runs_with_the_shipped_code(complete):
     done = complete.run("marginguard", "bench", "session", "--seconds", "1")
     assert re.search(r"states\W+NEGATIVE", done.stdout), done.stderr
     (info,) = complete.packages.glob("marginguard-*.dist-info")
     assert (info / "top_level.txt").read_text().split() == ["app", "marginguard"]
 
 
-def test_slicer_is_started_with_the_shipped_modules(complete: Installation) -> None:
+def test_slicer_is_started_with_the_shipped_modules(complete):
     program = complete.home / "Slicer-test-double" / "Slicer"
     (program.parent / "bin").mkdir(parents=True)
     program.write_text(SLICER_DOUBLE)
@@ -258,7 +254,7 @@ def test_slicer_is_started_with_the_shipped_modules(complete: Installation) -> N
     assert str(complete.project) not in done.stdout
 
 
-def test_module_called_app_is_refused(complete: Installation) -> None:
+def test_module_called_app_is_refused(complete):
     (complete.folder / "app.py").write_text("raise SystemExit('the code of the user was run')\n")
     complete.marginguard("--version")  # a program does not import from the current folder
     done = complete.run("python", "-m", "marginguard", "--version")
@@ -266,7 +262,7 @@ def test_module_called_app_is_refused(complete: Installation) -> None:
     assert str(complete.folder / "app.py") in done.stderr
 
 
-def test_clean_and_uninstall_leave_nothing(complete: Installation) -> None:
+def test_clean_and_uninstall_leave_nothing(complete):
     cache = complete.home / ".cache" / "marginguard"
     assert list(cache.glob("*.field"))
     complete.marginguard("doctor", "clean", "--yes")

@@ -30,7 +30,7 @@ def problems_of(folder: Path, link: str) -> list[str]:
         '<img src="data:image/png;base64,AAAA">',
     ],
 )
-def test_valid_links_are_accepted(tmp_path: Path, link: str) -> None:
+def test_valid_links_are_accepted(tmp_path, link):
     assert problems_of(tmp_path, link) == []
 
 
@@ -46,12 +46,12 @@ def test_valid_links_are_accepted(tmp_path: Path, link: str) -> None:
         ('<a href="https://example.org/a page">space</a>', "malformed URL"),
     ],
 )
-def test_broken_links_are_found(tmp_path: Path, link: str, problem: str) -> None:
+def test_broken_links_are_found(tmp_path, link, problem):
     (found,) = problems_of(tmp_path, link)
     assert found.startswith("first.html: ")
     assert problem in found
 
 
-def test_links_to_other_hosts_are_listed(tmp_path: Path) -> None:
+def test_links_to_other_hosts_are_listed(tmp_path):
     (tmp_path / "page.html").write_text('<a href="https://example.org/page">another host</a>')
     assert link_problems(tmp_path, REPOSITORY, tmp_path) == ([], ["https://example.org/page"])

@@ -31,7 +31,7 @@ def problems(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> list
 
 
 @pytest.mark.parametrize("number", range(len(PAGES)))
-def test_problems_of_a_page_are_found(problems: list[str], number: int) -> None:
+def test_problems_of_a_page_are_found(problems, number):
     _, problem = PAGES[number]
     found = [text for text in problems if text.startswith(f"{number}.html: ")]
     assert any(problem in text for text in found) if problem else found == []

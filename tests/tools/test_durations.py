@@ -44,9 +44,7 @@ def run(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return project / "run.xml"
 
 
-def test_most_expensive_file_and_test_come_first_with_share_and_record(
-    run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_most_expensive_file_and_test_come_first_with_share_and_record(run, capsys):
     assert durations.main([str(run)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("2 tests in 1 files")
@@ -55,7 +53,7 @@ def test_most_expensive_file_and_test_come_first_with_share_and_record(
     assert float(lines[6].split()[0]) >= 0.3
 
 
-def test_record_replaces_what_ran_and_forgets_what_is_gone(run: Path) -> None:
+def test_record_replaces_what_ran_and_forgets_what_is_gone(run):
     assert durations.main([str(run), "--record"]) == 0
     header, row = durations.RECORDED.read_text().splitlines()
     name, seconds = row.split(",")
@@ -64,9 +62,7 @@ def test_record_replaces_what_ran_and_forgets_what_is_gone(run: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [None, "", "<testsuite>"])
-def test_unreadable_run_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None
-) -> None:
+def test_unreadable_run_is_one_line(tmp_path, capsys, content):
     path = tmp_path / "run.xml"
     if content is not None:
         path.write_text(content)
@@ -74,9 +70,7 @@ def test_unreadable_run_is_one_line(
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_file_that_takes_longer_than_its_tier_is_named(
-    run: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_that_takes_longer_than_its_tier_is_named(run, monkeypatch):
     monkeypatch.setattr(durations, "FAST_S", 1.0)
     assert durations.misplaced({"tests/test_some.py": 0.9}) == []
     (line,) = durations.misplaced({"tests/test_some.py": 1.1})

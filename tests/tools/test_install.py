@@ -50,13 +50,13 @@ from tools import install
         ("", "the installation failed"),
     ],
 )
-def test_output_is_explained_in_one_sentence(output: str, expected: str) -> None:
+def test_output_is_explained_in_one_sentence(output, expected):
     sentence = install.explain(output)
     assert expected in sentence
     assert "\n" not in sentence
 
 
-def test_settings_of_pip_are_those_of_uv() -> None:
+def test_settings_of_pip_are_those_of_uv():
     lines = (
         "global.extra-index-url='https://one.example/simple\\nhttps://two.example/simple'",
         "global.index-url='https://first.example/simple'",

@@ -1,7 +1,6 @@
 """The description of the package has absolute links."""
 
 from email import message_from_string
-from pathlib import Path
 
 import pytest
 from setuptools import build_meta
@@ -22,13 +21,11 @@ REPOSITORY = "https://example.org/owner/name"
         ("a[0](1 of 2)", "a[0](1 of 2)"),
     ],
 )
-def test_relative_links_become_absolute(text: str, absolute: str) -> None:
+def test_relative_links_become_absolute(text, absolute):
     assert absolute_links(text, REPOSITORY) == absolute
 
 
-def test_metadata_of_the_wheel_have_no_relative_link(
-    project_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_metadata_of_the_wheel_have_no_relative_link(project_root, tmp_path, monkeypatch):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         (tmp_path / name).write_bytes((project_root / name).read_bytes())
     (tmp_path / "app").symlink_to(project_root / "app")

@@ -22,7 +22,7 @@ def citation(project_root: Path) -> dict[str, Any]:
     return yaml.safe_load((project_root / "CITATION.cff").read_text())
 
 
-def test_citation_has_the_required_keys_of_cff(citation: dict[str, Any]) -> None:
+def test_citation_has_the_required_keys_of_cff(citation):
     """Required by the schema of CFF 1.2.0: these four keys, and of an entity a name."""
     assert citation["cff-version"] == "1.2.0"
     assert all(citation[key] for key in ("message", "title", "authors"))
@@ -31,20 +31,20 @@ def test_citation_has_the_required_keys_of_cff(citation: dict[str, Any]) -> None
     assert len(set(citation["keywords"])) == len(citation["keywords"])
 
 
-def test_citation_equals_the_metadata(citation: dict[str, Any], project: dict[str, Any]) -> None:
+def test_citation_equals_the_metadata(citation, project):
     assert citation["version"] == app.__version__
     assert citation["license"] == project["license"]
     assert citation["repository-code"] == project["urls"]["Repository"]
     assert citation["authors"] == project["authors"]
 
 
-def test_pre_commit_accepts_its_configuration(project_root: Path) -> None:
+def test_pre_commit_accepts_its_configuration(project_root):
     path = project_root / ".pre-commit-config.yaml"
     run_python("-m", "pre_commit", "validate-config", path)
     assert [repo["repo"] for repo in yaml.safe_load(path.read_text())["repos"]] == ["local"]
 
 
-def test_dockerfile_copies_files_that_exist(project_root: Path) -> None:
+def test_dockerfile_copies_files_that_exist(project_root):
     text = (project_root / "Dockerfile").read_text().replace("\\\n", " ")
     copied = [line.split()[1:-1] for line in text.splitlines() if line.startswith("COPY ")]
     sources = [source for names in copied if not names[0].startswith("--from=") for source in names]
@@ -55,7 +55,7 @@ def test_dockerfile_copies_files_that_exist(project_root: Path) -> None:
     assert not {source.rstrip("/") for source in sources} & set(ignored)
 
 
-def test_dockerfile_stages_are_defined_before_use(project_root: Path) -> None:
+def test_dockerfile_stages_are_defined_before_use(project_root):
     text = (project_root / "Dockerfile").read_text()
     stages = re.findall(r"^FROM \S+ AS (\w+)$", text, re.MULTILINE)
     assert len(stages) == len(re.findall(r"^FROM ", text, re.MULTILINE)) == 2
@@ -64,7 +64,7 @@ def test_dockerfile_stages_are_defined_before_use(project_root: Path) -> None:
     assert text.rstrip().splitlines()[-2].startswith("ENTRYPOINT ")
 
 
-def test_source_distribution_has_the_files_that_tests_read(project_root: Path) -> None:
+def test_source_distribution_has_the_files_that_tests_read(project_root):
     manifest = [line.split() for line in (project_root / "MANIFEST.in").read_text().splitlines()]
     included = {name for words in manifest if words[:1] != ["#"] for name in words[1:]}
     included |= {"LICENSE", "MANIFEST.in", "README.md", "pyproject.toml"}  # of setuptools itself
@@ -77,9 +77,7 @@ def test_source_distribution_has_the_files_that_tests_read(project_root: Path) -
     assert read - included - {".git"} == set()
 
 
-def test_pages_clone_from_the_address_of_the_metadata(
-    project_root: Path, project: dict[str, Any]
-) -> None:
+def test_pages_clone_from_the_address_of_the_metadata(project_root, project):
     pages = [project_root / "README.md", *(project_root / "docs").glob("*.md")]
     cloned = {url for page in pages for url in re.findall(r"git clone (\S+)", page.read_text())}
     assert cloned <= {project["urls"]["Repository"]}

@@ -21,9 +21,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize(
     ("frame", "triangles", "vertices"), [("", 0, 0), ("needle", 1, 0), ("näh\n", 500, 251)]
 )
-def test_arrays_equal_the_conversion_of_rclpy(
-    frame: str, triangles: int, vertices: int, is_structure: bool
-) -> None:
+def test_arrays_equal_the_conversion_of_rclpy(frame, triangles, vertices, is_structure):
     rng = np.random.default_rng(triangles)
     kind = SetStructure if is_structure else SetTumor
     request = kind.Request()

@@ -64,7 +64,7 @@ def attacked(start: Start, *attacks: str) -> dict[str, Any]:
     return counts
 
 
-def test_listeners_work_after_attacks(start: Start) -> None:
+def test_listeners_work_after_attacks(start):
     """A shorter form of the test of all attacks in ``test_live.py``."""
     counts = attacked(start, "nan", "names", "loops", "stamps", "bytes")
     assert counts["tf"]["TfInvalidError"] >= 10

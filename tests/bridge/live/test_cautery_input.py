@@ -3,7 +3,6 @@
 import pytest
 from std_msgs.msg import Bool
 
-from app.bridge import RosNode
 from app.bridge.live.sources import IgtlActivation, TopicActivation
 from app.bridge.topics import STREAM, Topic
 from app.case import Activation, ActivationTrail
@@ -17,7 +16,7 @@ TOPIC = Topic("/generator/active", Bool, STREAM)
 LIMIT_NS = 1000
 
 
-def test_topic_says_on_and_off_until_it_is_too_old(ros: RosNode, other: RosNode) -> None:
+def test_topic_says_on_and_off_until_it_is_too_old(ros, other):
     now = [0]
     cautery = TopicActivation(ros, TOPIC.name, ActivationTrail(LIMIT_NS), lambda: now[0])
     publisher = other.publisher(TOPIC)
@@ -32,7 +31,7 @@ def test_topic_says_on_and_off_until_it_is_too_old(ros: RosNode, other: RosNode)
     assert cautery.counts()[f"{TOPIC.name}: messages"] >= 2
 
 
-def test_two_publishers_make_the_state_unknown(ros: RosNode, other: RosNode) -> None:
+def test_two_publishers_make_the_state_unknown(ros, other):
     cautery = TopicActivation(ros, TOPIC.name, ActivationTrail(LIMIT_NS), lambda: 0)
     publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
 
@@ -49,7 +48,7 @@ def packet(text: str, device: str = "Cautery") -> tuple[Header, bytes]:
     return read_header(content[:HEADER_BYTES]), content[HEADER_BYTES:]
 
 
-def test_string_of_the_device_says_on_and_off() -> None:
+def test_string_of_the_device_says_on_and_off():
     cautery = IgtlActivation("Cautery", ActivationTrail(LIMIT_NS), lambda: 0)
     for text, state in (
         ("ON", Activation.ON),

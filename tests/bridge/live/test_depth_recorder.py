@@ -1,7 +1,6 @@
 """Depths that an operator chooses are in the recording of the session, and its replay uses them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,7 +43,7 @@ def image(at_ns: int, pixel_mm: float) -> ImageSample:
     return replace(sample, pixel_mm=(pixel_mm, pixel_mm))
 
 
-def test_chosen_depths_are_read_from_the_bag_with_their_stamps(tmp_path: Path) -> None:
+def test_chosen_depths_are_read_from_the_bag_with_their_stamps(tmp_path):
     bag = BagWriter(tmp_path / "bag")
     recorder = DepthRecorder(BagOnly(bag), depths())
     assert recorder.write(60.0, 1_700_000_000_123_456_789) == "depth of the images: 60 mm"
@@ -62,7 +61,7 @@ def test_chosen_depths_are_read_from_the_bag_with_their_stamps(tmp_path: Path) -
     assert set(bag.counts) == {IMAGE_DEPTH_TOPIC}
 
 
-def test_image_of_another_depth_than_that_of_its_stamp_is_not_recorded(tmp_path: Path) -> None:
+def test_image_of_another_depth_than_that_of_its_stamp_is_not_recorded(tmp_path):
     bag = BagWriter(tmp_path / "bag")
     recorder = DepthRecorder(BagOnly(bag), depths())
     recorder.write(60.0, 1000)

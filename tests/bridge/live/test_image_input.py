@@ -53,9 +53,7 @@ def shown(images: LiveImages, ns: int) -> np.ndarray | None:
     return images.image(found.number).pixels
 
 
-def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
-    ros: RosNode, other: RosNode
-) -> None:
+def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(ros, other):
     images = some_images()
     publisher = other.publisher(TOPIC)
     topic = TopicImages(ros, TOPIC.name, "UF", images)
@@ -76,7 +74,7 @@ def test_image_of_a_topic_is_shown_and_a_refused_one_covers_it(
     topic.close()
 
 
-def test_images_of_two_publishers_are_refused(ros: RosNode, other: RosNode) -> None:
+def test_images_of_two_publishers_are_refused(ros, other):
     images = some_images()
     publishers = [other.publisher(TOPIC), ros.publisher(TOPIC)]
     topic = TopicImages(ros, TOPIC.name, "MF", images)
@@ -113,7 +111,7 @@ class Taken:
         self.images[stamp.sec * 10**9 + stamp.nanosec] = pixels.reshape(shape)
 
 
-def test_igtl_images_of_one_device_are_published(ros: RosNode, other: RosNode) -> None:
+def test_igtl_images_of_one_device_are_published(ros, other):
     taken, reported = Taken(other), []
     igtl = IgtlImagePublisher(ros, TOPIC.name, None, reported.append)
     ros.wait_for_subscribers(TOPIC, 1, DEADLINE_S)
@@ -143,7 +141,7 @@ def depths(*depths_mm: float) -> ImageDescription:
     )
 
 
-def test_igtl_image_of_another_depth_is_not_published(ros: RosNode, other: RosNode) -> None:
+def test_igtl_image_of_another_depth_is_not_published(ros, other):
     """Size and type of the pixels stay the same: the calibration would place it wrongly."""
     taken, reported = Taken(other), []
     chosen = ChosenDepth(one_link_content(), depths())
@@ -162,9 +160,7 @@ def test_igtl_image_of_another_depth_is_not_published(ros: RosNode, other: RosNo
     igtl.close()
 
 
-def test_igtl_image_of_another_listed_depth_names_the_depth_to_choose(
-    ros: RosNode, other: RosNode
-) -> None:
+def test_igtl_image_of_another_listed_depth_names_the_depth_to_choose(ros, other):
     """It is refused until an operator chooses that depth."""
     taken = Taken(other)
     content = replace(one_link_content(), image_depth=ImageDepth((40.0, 50.0), 40.0))

@@ -40,14 +40,14 @@ def logged() -> Any:
     return publish
 
 
-def test_problem_that_joins_an_earlier_one_is_logged(logged: Any) -> None:
+def test_problem_that_joins_an_earlier_one_is_logged(logged):
     assert logged() == []
     assert logged(UNCHECKED) == [UNCHECKED]
     assert logged(UNCHECKED, REFUSED) == [UNCHECKED, REFUSED]
     assert logged(REFUSED) == [UNCHECKED, REFUSED]
 
 
-def test_details_that_change_are_logged_once(logged: Any) -> None:
+def test_details_that_change_are_logged_once(logged):
     for value in range(5):
         lines = logged(UNCHECKED, DRIFT.format(value, value), MISNAMED.format(value * ", needle"))
     assert lines == [UNCHECKED, DRIFT.format(0, 0), MISNAMED.format("")]

@@ -37,7 +37,7 @@ def recorded(start: Start, tmp_path: Path) -> Path:
     return case
 
 
-def test_depth_that_a_session_notes_is_that_of_the_replay(start: Start, tmp_path: Path) -> None:
+def test_depth_that_a_session_notes_is_that_of_the_replay(start, tmp_path):
     """The line is the one that a session writes when an operator has chosen a depth."""
     matrix = PROBE_FROM_IMAGE @ np.diag([1.5, 1.5, 1.5, 1.0])
     calibrations = [
@@ -73,7 +73,7 @@ def test_depth_that_a_session_notes_is_that_of_the_replay(start: Start, tmp_path
     assert depths[60.0] >= 5
 
 
-def test_recorded_images_are_shown_again(recorded: Path) -> None:
+def test_recorded_images_are_shown_again(recorded):
     images = open_case_images(open_case(recorded))
     assert isinstance(images, BagImages)
     assert images.size == (COLUMNS, ROWS)

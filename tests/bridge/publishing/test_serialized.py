@@ -44,7 +44,7 @@ def samples(
     ]
 
 
-def test_transforms_are_those_of_the_message() -> None:
+def test_transforms_are_those_of_the_message():
     generator = np.random.default_rng(3)
     serialized = SerializedTransforms()
     for edges in (EDGES, EDGES[:1], EDGES, EDGES[1:], EDGES[::-1], EDGES):
@@ -52,7 +52,7 @@ def test_transforms_are_those_of_the_message() -> None:
         assert deserialize_message(serialized.message(given), TFMessage) == tf_message(given)
 
 
-def test_more_sets_of_edges_than_are_kept() -> None:
+def test_more_sets_of_edges_than_are_kept():
     generator = np.random.default_rng(4)
     serialized = SerializedTransforms()
     for number in range(70):
@@ -61,7 +61,7 @@ def test_more_sets_of_edges_than_are_kept() -> None:
 
 
 @pytest.mark.parametrize("names", [(), ("turn",), ("first", "second joint", "third")])
-def test_joints_are_those_of_the_message(names: tuple[str, ...]) -> None:
+def test_joints_are_those_of_the_message(names):
     serialized = SerializedJoints()
     for step in range(3):
         positions = tuple(-0.5 * step + 0.1 * index for index in range(len(names)))
@@ -71,7 +71,7 @@ def test_joints_are_those_of_the_message(names: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("names", [(), ("turn",), ("first", "second joint", "third")])
-def test_bytes_of_joints_end_with_the_message(names: tuple[str, ...]) -> None:
+def test_bytes_of_joints_end_with_the_message(names):
     raw = SerializedJoints().message(JointSample(names, (0.5,) * len(names), Stamp(7)))
     store = get_typestore(Stores.ROS2_JAZZY)
     found = store.deserialize_cdr(raw, "sensor_msgs/msg/JointState")  # rejects what is left over
@@ -79,14 +79,14 @@ def test_bytes_of_joints_end_with_the_message(names: tuple[str, ...]) -> None:
     assert len(raw) == len(store.serialize_cdr(found, "sensor_msgs/msg/JointState"))
 
 
-def test_bytes_of_transforms_end_with_the_message() -> None:
+def test_bytes_of_transforms_end_with_the_message():
     raw = SerializedTransforms().message(samples(EDGES, np.random.default_rng(5)))
     store = get_typestore(Stores.ROS2_JAZZY)
     found = store.deserialize_cdr(raw, "tf2_msgs/msg/TFMessage")
     assert len(raw) == len(store.serialize_cdr(found, "tf2_msgs/msg/TFMessage"))
 
 
-def test_stamp_beyond_a_ros_time_raises() -> None:
+def test_stamp_beyond_a_ros_time_raises():
     with pytest.raises(BridgeError, match="does not fit a ROS time"):
         SerializedJoints().message(JointSample(("turn",), (0.0,), Stamp(2**62)))
 
@@ -98,23 +98,23 @@ def point_of(numbers: Sequence[float], block: Block, frame: str = "") -> PointSt
     return message
 
 
-def test_text_that_depends_on_the_numbers_raises() -> None:
+def test_text_that_depends_on_the_numbers_raises():
     with pytest.raises(BridgeError, match="other fields depend"):
         NumberTemplate(lambda b: point_of(b[0][1], b[0], f"{b[0][1][0] < 1.5e100:d}"), [3])
 
 
 @pytest.mark.parametrize("order", [(2, 1, 0), (0, 0, 1)])
-def test_numbers_that_are_not_adjacent_raise(order: tuple[int, int, int]) -> None:
+def test_numbers_that_are_not_adjacent_raise(order):
     with pytest.raises(BridgeError, match="a mark occurs 0 times"):
         NumberTemplate(lambda b: point_of([b[0][1][k] for k in order], b[0]), [3])
 
 
-def test_numbers_that_occur_twice_raise() -> None:
+def test_numbers_that_occur_twice_raise():
     with pytest.raises(BridgeError, match="a mark occurs 3 times"):
         NumberTemplate(lambda b: point_of([b[0][1][0]] * 3, b[0]), [1])
 
 
-def test_margin_is_that_of_the_messages() -> None:
+def test_margin_is_that_of_the_messages():
     serialized = SerializedMargin()
     for distance in (0.0, -1.25, 1e300, float("inf"), float("nan")):
         found = deserialize_message(serialized.distance(distance), Float64).data

@@ -49,9 +49,7 @@ def table(path: Path, motion: Motion, *, columns: np.ndarray, noise: float = 0.4
 
 
 @pytest.mark.parametrize("columns", [[[0.2], [0.9], [-0.4]], np.eye(3, 4) + 0.1])
-def test_line_in_a_video_gives_the_offset_with_its_interval(
-    tmp_path, recording, motion, columns
-) -> None:
+def test_line_in_a_video_gives_the_offset_with_its_interval(tmp_path, recording, motion, columns):
     """Also with more values than the tracker has: then the tracker is fitted to the video."""
     video, saved = table(tmp_path / "v.csv", motion, columns=np.array(columns)), tmp_path / "l.yaml"
     found = run_json("calibrate", "lag", recording, "--other", video, "--save", saved)
@@ -62,12 +60,12 @@ def test_line_in_a_video_gives_the_offset_with_its_interval(
     assert yaml.safe_load(saved.read_text())["offset_ms"] == numbers["offset_ms"]
 
 
-def test_recording_is_its_own_reference(recording) -> None:
+def test_recording_is_its_own_reference(recording):
     found = run_json("calibrate", "lag", recording, "--other", recording)
     assert found["numbers"]["offset_ms"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_signal_of_another_motion_is_not_accepted(tmp_path, recording) -> None:
+def test_signal_of_another_motion_is_not_accepted(tmp_path, recording):
     other = Motion(np.random.default_rng(9), 3, 12.0)
     video = table(tmp_path / "v.csv", other, columns=np.array([[1.0], [0.0], [0.0]]))
     assert "NOT ACCEPTED" in run("calibrate", "lag", recording, "--other", video, status=1).out
@@ -83,7 +81,7 @@ def test_signal_of_another_motion_is_not_accepted(tmp_path, recording) -> None:
         ("1,2\nnan,3\n", "line 2: time 'nan' is not a finite number"),
     ],
 )
-def test_malformed_table_is_refused_with_its_line(tmp_path: Path, text, message) -> None:
+def test_malformed_table_is_refused_with_its_line(tmp_path, text, message):
     path = tmp_path / "s.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=message):

@@ -26,7 +26,7 @@ def arguments(plus: Path, *more: object) -> list[object]:
     return ["calibrate", "landmarks", plus / RECORDING, *more]
 
 
-def test_landmarks_reproduce_the_published_registration(plus: Path, tmp_path: Path):
+def test_landmarks_reproduce_the_published_registration(plus, tmp_path):
     saved, plot = tmp_path / "PhantomToReference.tfm", tmp_path / "residuals.png"
     options = ("--plus-config", plus / CONFIGURATION, "--save", saved, "--plot", plot)
     found = run_json(*arguments(plus, *options))
@@ -44,7 +44,7 @@ def test_landmarks_reproduce_the_published_registration(plus: Path, tmp_path: Pa
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(plus: Path, tmp_path: Path):
+def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(plus, tmp_path):
     """Six of eight landmarks, in LPS, renamed and reversed: two dwells match no landmark."""
     text = (plus / CONFIGURATION).read_text()
     points = [
@@ -68,7 +68,7 @@ def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(plus: Path
     assert sum("is on no landmark" in note for note in found["notes"]) == 2
 
 
-def test_wrong_landmarks_are_not_accepted(plus: Path, tmp_path: Path):
+def test_wrong_landmarks_are_not_accepted(plus, tmp_path):
     landmarks = tmp_path / "wrong.yaml"
     corners = [(0, 0, 0), (500, 0, 0), (500, 400, 0), (0, 400, 0)]
     landmarks.write_text(
@@ -82,7 +82,7 @@ def test_wrong_landmarks_are_not_accepted(plus: Path, tmp_path: Path):
     assert not saved.exists()
 
 
-def test_missing_landmarks_and_tips_are_errors(plus: Path, tmp_path: Path):
+def test_missing_landmarks_and_tips_are_errors(plus, tmp_path):
     tip = tmp_path / "tip.txt"
     np.savetxt(tip, np.eye(4))
     expected = "expected --landmarks FILE or --plus-config FILE"
@@ -91,7 +91,7 @@ def test_missing_landmarks_and_tips_are_errors(plus: Path, tmp_path: Path):
     assert "no ReferenceTipToReference" in refused(*arguments(plus, *options))
 
 
-def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path: Path):
+def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path):
     """The twin of the tests above on data of the project: dwells with and without rotation."""
     landmarks = {"A": [0, 0, 0], "B": [80.0, 0, 0], "C": [0, 55.0, 0], "D": [20, 30, 40]}
     phantom = Transform.from_rotation_vector(

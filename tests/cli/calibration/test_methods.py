@@ -21,12 +21,12 @@ COUNT = CalibrationMethod(
 )
 
 
-def test_names_of_methods_differ() -> None:
+def test_names_of_methods_differ():
     names = [method.name for method in calibrate.METHODS]
     assert sorted(names) == ["hand-eye", "lag", "landmarks", "pivot", "spin", "time"]
 
 
-def test_declared_method_is_one_of_the_command(monkeypatch) -> None:
+def test_declared_method_is_one_of_the_command(monkeypatch):
     monkeypatch.setattr(calibrate, "METHODS", (*calibrate.METHODS, COUNT))
     assert "the number that was given" in run("calibrate", "--help").out
     words = ("calibrate", "count", "any.mcap")

@@ -1,7 +1,6 @@
 """``calibrate pivot`` and ``calibrate spin``."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ LOST = {5: TrackingStatus.INVALID, 30: TrackingStatus.OUT_OF_VIEW, 31: TrackingS
 @pytest.mark.parametrize(
     ("name", "write"), [("p.igs.mha", write_igsio), ("p.mcap", write_mcap), ("p", write_bag)]
 )
-def test_pivot_finds_the_tip_in_every_recording_format(tmp_path: Path, name, write):
+def test_pivot_finds_the_tip_in_every_recording_format(tmp_path, name, write):
     recording = write(tmp_path / name, frames(pivoting(np.random.default_rng(1), 80, 60.0), LOST))
     tip = tmp_path / "StylusTipToStylus.tfm"
     found = run_json("calibrate", "pivot", recording, "--save", tip)
@@ -43,7 +42,7 @@ def test_pivot_finds_the_tip_in_every_recording_format(tmp_path: Path, name, wri
     np.testing.assert_allclose(saved.matrix, matrix, atol=1e-9)
 
 
-def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path):
+def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path):
     recorded = frames(pivoting(np.random.default_rng(2), 120, 20.0), {})
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
     tip = tmp_path / "tip.yaml"
@@ -56,7 +55,7 @@ def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path):
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path):
+def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path):
     shaft = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
     recorded = frames(spinning(np.random.default_rng(3), 60, shaft), {})
     recording = write_mcap(tmp_path / "s.mcap", recorded)
@@ -73,7 +72,7 @@ def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path):
     np.testing.assert_allclose(saved.matrix, matrix, atol=1e-12)
 
 
-def test_spin_requires_the_tip(tmp_path: Path):
+def test_spin_requires_the_tip(tmp_path):
     shaft = np.array([0.0, 0.0, 1.0])
     recorded = frames(spinning(np.random.default_rng(4), 20, shaft), {})
     recording = write_mcap(tmp_path / "s.mcap", recorded)
@@ -105,14 +104,14 @@ def test_spin_requires_the_tip(tmp_path: Path):
         (["--plot", "tip.pdf"], "tip.pdf: wrong file type for a plot; expected .png"),
     ],
 )
-def test_bad_input_gives_one_error_line_and_status_2(tmp_path: Path, options, message):
+def test_bad_input_gives_one_error_line_and_status_2(tmp_path, options, message):
     recorded = frames(pivoting(np.random.default_rng(1), 80, 60.0), {})
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
     line = refused("calibrate", "pivot", recording, *options)
     assert re.search(message, line), line
 
 
-def test_to_s_restricts_the_recording(tmp_path: Path):
+def test_to_s_restricts_the_recording(tmp_path):
     good = pivoting(np.random.default_rng(5), 80, 60.0)
     recorded = frames([*good, *good[::-1]], dict.fromkeys(range(80, 160), TrackingStatus.INVALID))
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
@@ -120,7 +119,7 @@ def test_to_s_restricts_the_recording(tmp_path: Path):
     assert found["numbers"]["samples"] == 80 and found["notes"] == []
 
 
-def test_reference_may_be_the_tracker(tmp_path: Path):
+def test_reference_may_be_the_tracker(tmp_path):
     recorded = frames(pivoting(np.random.default_rng(6), 80, 60.0), {})
     recording = write_mcap(tmp_path / "p.mcap", recorded)
     found = run_json("calibrate", "pivot", recording, "--reference", "tracker")
@@ -128,7 +127,7 @@ def test_reference_may_be_the_tracker(tmp_path: Path):
     np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=0.2)
 
 
-def test_path_that_is_not_a_recording_is_rejected(tmp_path: Path):
+def test_path_that_is_not_a_recording_is_rejected(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing")
     for path in (tmp_path / "notes.txt", tmp_path, tmp_path / "none.mcap"):
         assert str(path) in refused("calibrate", "pivot", path)

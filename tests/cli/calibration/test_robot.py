@@ -69,7 +69,7 @@ def error_at_the_sensor_mm(case: Path, base: Transform, true_base: Transform) ->
     return float(np.linalg.norm(base.apply(middle_in_base) - true_base.apply(middle_in_base)))
 
 
-def test_hand_eye_error_is_within_three_predicted_sigmas(case: Path, true_base, tmp_path):
+def test_hand_eye_error_is_within_three_predicted_sigmas(case, true_base, tmp_path):
     plot = tmp_path / "h.png"
     white = write_white_case(case, tmp_path / "white", true_base, 75.0)
     found = run_json("calibrate", "hand-eye", white, "--plot", plot)
@@ -87,7 +87,7 @@ def test_hand_eye_error_is_within_three_predicted_sigmas(case: Path, true_base, 
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_hand_eye_of_a_realistic_case_is_within_its_tolerance(case: Path, true_base):
+def test_hand_eye_of_a_realistic_case_is_within_its_tolerance(case, true_base):
     """Distortion and errors of encoders and calibrations are more than the predicted sigma."""
     allowed = yaml.safe_load((case / "expected.yaml").read_text())["registration"]
     base = transform_of(run_json("calibrate", "hand-eye", case, "--to-s", "30"))
@@ -95,12 +95,12 @@ def test_hand_eye_of_a_realistic_case_is_within_its_tolerance(case: Path, true_b
     assert np.degrees(base.angle_to(true_base)) < allowed["tolerance_deg"]
 
 
-def test_hand_eye_rejects_a_robot_that_hardly_turned(case: Path):
+def test_hand_eye_rejects_a_robot_that_hardly_turned(case):
     error = refused("calibrate", "hand-eye", case, "--to-s", "1.2")
     assert re.search(r"1 poses .*; expected at least 4", error)
 
 
-def test_time_finds_the_true_offset(case: Path, tmp_path: Path):
+def test_time_finds_the_true_offset(case, tmp_path):
     saved = tmp_path / "clock.yaml"
     found = run_json("calibrate", "time", case, "--to-s", "20", "--save", saved)
     numbers = found["numbers"]
@@ -111,7 +111,7 @@ def test_time_finds_the_true_offset(case: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize(("guess_ms", "status"), [(-400, 0), (400, 0), (-600, 1)])
-def test_time_searches_half_a_second_around_the_first_guess(case: Path, guess_ms, status):
+def test_time_searches_half_a_second_around_the_first_guess(case, guess_ms, status):
     options = ["--to-s", "12", "--around-ms", guess_ms]
     found = run_json("calibrate", "time", case, *options, status=status)
     if status == 0:
@@ -120,7 +120,7 @@ def test_time_searches_half_a_second_around_the_first_guess(case: Path, guess_ms
         assert "end of the search" in found["reason"]
 
 
-def test_time_does_not_accept_slow_motion(case: Path, tmp_path: Path):
+def test_time_does_not_accept_slow_motion(case, tmp_path):
     saved = tmp_path / "clock.yaml"
     span = ["--from-s", "26", "--to-s", "42"]
     printed = run("calibrate", "time", case, *span, "--save", saved, status=1).out
@@ -128,7 +128,7 @@ def test_time_does_not_accept_slow_motion(case: Path, tmp_path: Path):
     assert not saved.exists()
 
 
-def test_register_follows_the_manifest(case: Path, true_base, tmp_path):
+def test_register_follows_the_manifest(case, true_base, tmp_path):
     saved, plot = tmp_path / "base.tfm", tmp_path / "base.png"
     found = run_json("calibrate", "robot-base", case, "--save", saved, "--plot", plot)
     base = transform_of(found)
@@ -158,7 +158,7 @@ def with_joints(
     return folder
 
 
-def test_incomplete_joints_are_rejected(case: Path, tmp_path: Path):
+def test_incomplete_joints_are_rejected(case, tmp_path):
     """Roll only turns the stylus in place: a fit with roll at 0 would be accepted."""
 
     def without_roll(samples: Sequence[JointSample]) -> Iterable[JointSample]:
@@ -189,7 +189,7 @@ def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSampl
     return lambda samples: (sample for sample in samples if next(count) % nth == 0)
 
 
-def test_case_without_robot_is_rejected(tmp_path: Path):
+def test_case_without_robot_is_rejected(tmp_path):
     small = write_small_case(tmp_path / "small")
     for method in ("robot-base", "hand-eye", "time"):
         assert re.search(r"has no (robot|joints)", refused("calibrate", method, small))

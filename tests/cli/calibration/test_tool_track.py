@@ -23,20 +23,20 @@ def recorded(count: int) -> Recording:
     return Recording(Path("x.igs.mha"), tuple(thinned), None, ())
 
 
-def test_pose_repeated_while_another_sensor_is_read_is_one_sample() -> None:
+def test_pose_repeated_while_another_sensor_is_read_is_one_sample():
     """Counting it twice would make the predicted error of a calibration too small."""
     track = extract_tool_track(recorded(20), tool="stylus", reference="reference", max_age_ms=60.0)
     stamps = [sample.stamp.ns for sample in track.samples]
     assert len(stamps) == len(set(stamps)) == 10
 
 
-def test_samples_of_different_times_are_combined_only_within_max_age() -> None:
+def test_samples_of_different_times_are_combined_only_within_max_age():
     track = extract_tool_track(recorded(20), tool="stylus", reference="reference")
     assert len(track.samples) == 10
     assert "10 of 20 frames left out" in track.notes[0]
 
 
-def test_tip_may_come_from_a_plus_configuration(tmp_path: Path) -> None:
+def test_tip_may_come_from_a_plus_configuration(tmp_path):
     matrix = " ".join(map(str, [1, 0, 0, TIP_MM[0], 0, 1, 0, TIP_MM[1], 0, 0, 1, TIP_MM[2]]))
     path = tmp_path / "plus.xml"
     path.write_text(
@@ -50,7 +50,7 @@ def test_tip_may_come_from_a_plus_configuration(tmp_path: Path) -> None:
         read_tip(recorded(2), "needle", tip_from=path, plus=None)
 
 
-def test_tool_of_a_plus_configuration_is_the_one_with_a_tip(tmp_path: Path) -> None:
+def test_tool_of_a_plus_configuration_is_the_one_with_a_tip(tmp_path):
     from app.files import read_plus_config
 
     matrix = "1 0 0 0 0 1 0 0 0 0 1 120 0 0 0 1"
