@@ -27,8 +27,8 @@ from app.bridge.message_definitions import (
     foreign_clients,
     foreign_endpoints,
 )
-from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
+from tests.bridge.nodes import ros_nodes
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
@@ -267,10 +267,7 @@ def test_request_of_a_client_with_our_definition_is_served_and_one_beside_anothe
     def serve(request, response):
         response.success = True
 
-    with (
-        RosNode("guard", domain_id=domain_id) as guard,
-        RosNode("operator", domain_id=domain_id) as operator,
-    ):
+    with ros_nodes(domain_id, "guard", "operator") as (guard, operator):
         server = ServiceServer(guard, Register, "~/register", serve, in_thread=True)
         client = ServiceClient(operator, Register, server.name)
         assert client.call(Register.Request(), DEADLINE_S).success

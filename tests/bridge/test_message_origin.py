@@ -12,6 +12,7 @@ from app.bridge.message_origin import Origin, Receiver, sender_of
 from app.bridge.node import RosNode
 from app.bridge.topics import STREAM, TF, Topic
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
+from tests.bridge.nodes import ros_nodes
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
@@ -43,11 +44,7 @@ def gids(node, topic):
 
 def test_origin_is_the_publishers_identifier_on_the_graph_and_its_sequence_number(domain_id):
     collector = Collector(6)
-    with (
-        RosNode("receiver", domain_id=domain_id) as ros,
-        RosNode("first", domain_id=domain_id) as first,
-        RosNode("second", domain_id=domain_id) as second,
-    ):
+    with ros_nodes(domain_id, "receiver", "first", "second") as (ros, first, second):
         ros.subscribe_with_origin(WORDS, collector)
         publishers = [node.publisher(WORDS) for node in (first, second)]
         for node in (first, second):
@@ -76,10 +73,7 @@ def test_message_whose_callback_fails_does_not_take_the_next_ones_with_it(domain
         if len(collector.found) == 1:
             raise RuntimeError("the first message")
 
-    with (
-        RosNode("receiver", domain_id=domain_id) as ros,
-        RosNode("sender", domain_id=domain_id) as sender,
-    ):
+    with ros_nodes(domain_id, "receiver", "sender") as (ros, sender):
         ros.subscribe_with_origin(WORDS, receive)
         ros.call_soon(lambda: blocked.wait(DEADLINE_S))
         publisher = sender.publisher(WORDS)
@@ -96,10 +90,7 @@ def test_message_whose_callback_fails_does_not_take_the_next_ones_with_it(domain
 
 def test_subscription_that_is_destroyed_in_its_callback_receives_no_more(domain_id):
     found, held, looked = [], threading.Event(), threading.Event()
-    with (
-        RosNode("receiver", domain_id=domain_id) as ros,
-        RosNode("sender", domain_id=domain_id) as sender,
-    ):
+    with ros_nodes(domain_id, "receiver", "sender") as (ros, sender):
 
         def receive(data):
             found.append(data)

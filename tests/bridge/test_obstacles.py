@@ -24,6 +24,7 @@ from app.geometry import (
     SurfaceMesh,
     Transform,
 )
+from tests.bridge.nodes import ros_nodes
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -124,10 +125,7 @@ def test_marker_without_a_place_is_refused():
 
 @pytest.fixture
 def nodes(domain_id):
-    with (
-        RosNode("marginguard_plan", domain_id=domain_id) as ros,
-        RosNode("camera", domain_id=domain_id) as peer,
-    ):
+    with ros_nodes(domain_id, "marginguard_plan", "camera") as (ros, peer):
         yield ros, peer
 
 

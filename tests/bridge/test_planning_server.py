@@ -25,6 +25,7 @@ from app.bridge.topics import NEWEST, STREAM, Topic
 from app.control import open_control, read_plan
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.planning import EntryRegion, ForbiddenStructure, Needle, NeedleTarget, plan_needle
+from tests.bridge.nodes import ros_nodes
 from tests.planning.plan_files import write_approach
 from tests.waiting import DEADLINE_S, wait_until
 
@@ -76,10 +77,7 @@ def test_requests_that_cannot_be_served_are_refused(domain_id, project_root, mon
         open_control(project_root / "data" / "worlds" / "lumpectomy"),
         threading.Lock(),
     )
-    with (
-        RosNode(planning_server.NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("peer", domain_id=domain_id) as peer,
-    ):
+    with ros_nodes(domain_id, planning_server.NODE_NAME, "peer") as (ros, peer):
         arm = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
         guard = guard_scene.GuardScene(ros, description, Obstacles(ros))
         plan_execution.ExecutionServer(ros, arm, lock, partial(PathWatch, description, guard))
@@ -115,10 +113,7 @@ def test_cancel_after_the_acceptance_of_a_goal_is_not_lost(
     description = open_control(project_root / "data" / "worlds" / "lumpectomy")
     lock = threading.Lock()
     plan = write_approach(tmp_path / "plan.json", description.tool.robot, "setup").read_text()
-    with (
-        RosNode(planning_server.NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("peer", domain_id=domain_id) as peer,
-    ):
+    with ros_nodes(domain_id, planning_server.NODE_NAME, "peer") as (ros, peer):
         node = plan_execution.ExecutionNode(ros, description, clock_ns=time.time_ns)
         guard = guard_scene.GuardScene(ros, description, Obstacles(ros))
         plan_execution.ExecutionServer(ros, node, lock, partial(PathWatch, description, guard))
@@ -139,10 +134,7 @@ def test_guard_that_ended_before_the_plan_came_does_not_forbid_its_motion(
     description = open_control(project_root / "data" / "worlds" / "lumpectomy")
     plan = read_plan(write_approach(tmp_path / "plan.json", description.tool.robot, "setup"))
     now_ns = time.time_ns()
-    with (
-        RosNode("executor", domain_id=domain_id) as ros,
-        RosNode("peer", domain_id=domain_id) as peer,
-    ):
+    with ros_nodes(domain_id, "executor", "peer") as (ros, peer):
         node = plan_execution.ExecutionNode(ros, description, clock_ns=lambda: now_ns)
         received = []
         topic = Topic(description.constraint_topic, FixtureConstraint, NEWEST)

@@ -2,7 +2,6 @@
 has, by its true poses, and comes back to the page."""
 
 import signal
-import time
 
 import numpy as np
 import pytest
@@ -22,11 +21,11 @@ from tests.cli.edited_world import STONE_MM, TABLE_TOP_MM, write_edited_world
 from tests.page_rules import violations
 from tests.viewer.page_actions import press
 from tests.viewer.pictures import picture
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
 WORLD = "trame.state.get('world')"
-LIMIT_S = 120.0
 SHELF_Z_MM, SHELF_MM = 60.0, 40.0
 
 
@@ -75,10 +74,10 @@ class Editor:
         return self.page.evaluate(f"() => {WORLD}.request")
 
     def until(self, condition):
-        end_s = time.monotonic() + LIMIT_S
-        while not condition():
-            assert time.monotonic() < end_s, (self.page.evaluate(f"() => {WORLD}"), self.answer())
-            self.page.wait_for_timeout(50)
+        def state():
+            return self.page.evaluate(f"() => {WORLD}"), self.answer()
+
+        wait_until(condition, lambda: self.page.wait_for_timeout(50), describe=state)
 
     def answer(self):
         return self.page.locator("#world-answer").inner_text()

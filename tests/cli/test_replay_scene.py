@@ -45,10 +45,20 @@ def saved(folder, tmp_path_factory):
     return path
 
 
+PRINT_CONTENT = """
+import json, sys
+from pathlib import Path
+from tests.scene.conftest import loaded
+from tests.scene.scene_content import content
+
+print(json.dumps(content(loaded(Path(sys.argv[1])).scene)))
+"""
+
+
 @pytest.fixture(scope="module")
 def loaded(saved, project_root):
     """The content of the file, as another process loads it."""
-    done = run_python("-m", "tests.scene.scene_content", saved, cwd=project_root)
+    done = run_python("-c", PRINT_CONTENT, saved, cwd=project_root)
     return json.loads(done.stdout)
 
 

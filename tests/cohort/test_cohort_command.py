@@ -16,6 +16,7 @@ from app.cli.dask_pool import DaskPool
 from app.cohort import Dataset
 from tests.cli.command import refused, run
 from tests.cli.small_case import write_small_case
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
@@ -103,12 +104,11 @@ def journal_lines(folder):
 
 def wait_for(condition, process):
     """Wait until ``condition`` holds while ``process`` runs."""
-    while not condition():
+
+    def check():
         assert process.poll() is None, process.communicate()
-        try:
-            process.wait(timeout=0.02)
-        except subprocess.TimeoutExpired:
-            continue
+
+    wait_until(condition, check)
 
 
 def test_killed_workers_change_no_byte(archive, reference, tmp_path):

@@ -18,11 +18,11 @@ from tests.bridge.live.conftest import live_yaml as live_yaml  # noqa: E402
 from tests.bridge.live.conftest import start as start  # noqa: E402
 from tests.bridge.live.restarts import TRACKED, live  # noqa: E402
 from tests.ros_domain import domain_id as domain_id  # noqa: E402
+from tests.waiting import wait_until  # noqa: E402
 
 pytestmark = pytest.mark.long
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "controller" / "guard_bond.py"
-DEADLINE_S = 60.0
 NS_PER_MS = 1_000_000
 
 
@@ -91,13 +91,10 @@ def graph(example, domain_id):
 
 
 def spin_until(node, condition):
-    late = threading.Event()
-    timer = threading.Timer(DEADLINE_S, late.set)
-    timer.start()
-    while not condition():
-        assert not late.is_set(), node.state
+    def spin():
         rclpy.spin_once(node, timeout_sec=0.1)
-    timer.cancel()
+
+    wait_until(condition, spin, pause_s=0.0, describe=lambda: node.state)
 
 
 def call(node, kind, name, request):

@@ -2,7 +2,6 @@
 
 import runpy
 import signal
-import threading
 
 import numpy as np
 import pytest
@@ -19,10 +18,10 @@ from tests.bridge.live.conftest import live_yaml as live_yaml  # noqa: E402
 from tests.bridge.live.conftest import start as start  # noqa: E402
 from tests.bridge.live.test_live_command import SENDER, TRACKED  # noqa: E402
 from tests.ros_domain import domain_id as domain_id  # noqa: E402
+from tests.waiting import wait_until  # noqa: E402
 
 pytestmark = pytest.mark.long
 
-DEADLINE_S = 60.0
 STEPS = 200
 PARAMETERS = LimiterParameters()
 
@@ -69,14 +68,7 @@ def graph(domain_id, project_root):
 
 
 def spin_until(executor, condition):
-    """Spin until ``condition()``; fails after `DEADLINE_S`."""
-    late = threading.Event()
-    timer = threading.Timer(DEADLINE_S, late.set)
-    timer.start()
-    while not condition():
-        assert not late.is_set()
-        executor.spin_once(timeout_sec=0.1)
-    timer.cancel()
+    wait_until(condition, lambda: executor.spin_once(timeout_sec=0.1), pause_s=0.0)
 
 
 def reasons(controller):

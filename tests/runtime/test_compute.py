@@ -17,6 +17,7 @@ from app.geometry import InputError, MeshError, SurfaceMesh, Transform
 from app.runtime import ComputeProcess
 from app.runtime.compute import read_object, write_object
 from tests.fixture_shapes import tool, tumor
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
@@ -96,7 +97,7 @@ def test_process_that_starts_later_loads_before_the_first_call(tmp_path):
     before, loaded = children(), tmp_path / "loaded"
     with ComputeProcess() as made:
         made.start_after(0.0, partial(Path.touch, loaded))
-        wait_for(loaded.exists)
+        wait_until(loaded.exists)
         (started,) = children() - before
 
         assert started > 0
@@ -105,7 +106,7 @@ def test_process_that_starts_later_loads_before_the_first_call(tmp_path):
 def test_process_loads_only_while_a_processor_is_idle(tmp_path):
     with ComputeProcess() as made:
         made.start_after(0.0, partial(write_scheduler, tmp_path / "scheduler"))
-        wait_for(lambda: (tmp_path / "scheduler").exists())
+        wait_until(lambda: (tmp_path / "scheduler").exists())
 
         assert (tmp_path / "scheduler").read_text() == str(os.SCHED_IDLE)
         assert made.call(os.sched_getscheduler, 0) == os.SCHED_OTHER
@@ -114,7 +115,7 @@ def test_process_loads_only_while_a_processor_is_idle(tmp_path):
 def test_call_does_not_wait_for_a_process_that_is_loading(tmp_path):
     with ComputeProcess() as made:
         made.start_after(0.0, partial(write_pid_and_wait, tmp_path / "pid"))
-        wait_for(lambda: (tmp_path / "pid").exists())
+        wait_until(lambda: (tmp_path / "pid").exists())
 
         pid = made.call(os.getpid)
 
@@ -125,7 +126,7 @@ def test_call_does_not_wait_for_a_process_that_is_loading(tmp_path):
 def test_failure_to_load_does_not_affect_a_call(caplog):
     with ComputeProcess() as made:
         made.start_after(0.0, partial(divmod, 1, 0))
-        wait_for(lambda: "ZeroDivisionError" in caplog.text)
+        wait_until(lambda: "ZeroDivisionError" in caplog.text)
 
         assert "computing process: not loaded: ZeroDivisionError" in caplog.text
         assert made.call(divmod, 7, 2) == (3, 1)
@@ -164,11 +165,7 @@ def test_process_ends_when_its_starter_is_killed(project_root):
     with starter:
         pid = int(starter.stdout.readline())
         starter.kill()
-    deadline = time.monotonic() + 60.0
-    while is_running(pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
-
-    assert not is_running(pid)
+    wait_until(lambda: not is_running(pid))
 
 
 def write_scheduler(path):
@@ -186,14 +183,6 @@ def write(path, value):
     """Write a number at once."""
     path.with_suffix(".part").write_text(str(value))
     path.with_suffix(".part").rename(path)
-
-
-def wait_for(condition):
-    """Wait for a condition, at most a minute."""
-    deadline = time.monotonic() + 60.0
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert condition()
 
 
 def is_running(pid):

@@ -6,23 +6,20 @@ import pytest
 from app.geometry import NS_PER_MS
 from app.simulation import KEYS, JoyEntry, JoyHand, KeyHand, WorldState
 from app.simulation.hand import JOY_LIFETIME_NS, KEY_LIFETIME_NS
+from tests.manual_clock import ManualClock
 
 STATE = WorldState(0, {}, {})
 
 
-class ClockDouble:
-    now_ns = 0
-
-
 @pytest.fixture
 def clock():
-    return ClockDouble()
+    return ManualClock()
 
 
 @pytest.fixture
 def joy(clock):
     entry = JoyEntry("/joy", (1, 0, 3), (1.0, -1.0, 1.0), 0.1)
-    return JoyHand(entry, "cautery", 10.0, lambda: clock.now_ns)
+    return JoyHand(entry, "cautery", 10.0, clock)
 
 
 def force(hand):
@@ -45,9 +42,9 @@ def test_axes_push_along_the_world_with_a_dead_zone(joy):
 
 def test_force_ends_when_no_message_comes(joy, clock):
     joy.take([0.0, 1.0, 0.0, 0.0])
-    clock.now_ns = JOY_LIFETIME_NS
+    clock.ns = JOY_LIFETIME_NS
     assert force(joy)[0] == pytest.approx(10.0)
-    clock.now_ns += 1
+    clock.ns += 1
     assert force(joy) == [0.0, 0.0, 0.0]
 
 
@@ -67,14 +64,14 @@ def test_axes_that_cannot_be_used_end_the_force(joy, axes, problem):
 
 
 def test_keys_push_until_they_end_or_another_is_pressed(clock):
-    hand = KeyHand("cautery", 10.0, lambda: clock.now_ns)
+    hand = KeyHand("cautery", 10.0, clock)
     for key, direction in KEYS.items():
         hand.press(key)
         assert force(hand) == [10.0 * each for each in direction]
     hand.press("W")
-    clock.now_ns += KEY_LIFETIME_NS
+    clock.ns += KEY_LIFETIME_NS
     assert force(hand) == [0.0, 10.0, 0.0]
-    clock.now_ns += NS_PER_MS
+    clock.ns += NS_PER_MS
     assert force(hand) == [0.0, 0.0, 0.0]
     hand.press("w")
     hand.press(" ")

@@ -21,6 +21,7 @@ from app.cli.main import main
 from app.control import CONTROL, open_control
 from app.files import schema_text
 from app.geometry import NS_PER_S, InputError
+from tests.bridge.nodes import ros_nodes
 
 pytestmark = pytest.mark.slow
 
@@ -125,10 +126,7 @@ class Controlled:
 @pytest.fixture
 def controlled(domain_id, project_root):
     description = open_control(project_root / "data" / "worlds" / "lumpectomy")
-    with (
-        RosNode("marginguard_control", domain_id=domain_id) as ros,
-        RosNode("peer", domain_id=domain_id) as peer,
-    ):
+    with ros_nodes(domain_id, "marginguard_control", "peer") as (ros, peer):
         yield Controlled(ros, peer, description)
 
 
@@ -225,10 +223,7 @@ def test_arm_stands_without_a_pose_of_the_tumor(controlled):
 
 def test_registration_of_the_guard_replaces_a_missing_one(domain_id, project_root):
     description = open_control(project_root / "data" / "worlds" / "lumpectomy")
-    with (
-        RosNode("marginguard_control", domain_id=domain_id) as ros,
-        RosNode("peer", domain_id=domain_id) as peer,
-    ):
+    with ros_nodes(domain_id, "marginguard_control", "peer") as (ros, peer):
         controlled = Controlled(ros, peer, replace(description, frame_from_base=None))
         controlled.until(lambda d: d.reason == "no_pose" and controlled.peer.seq > 100)
         controlled.peer.base = "base"
@@ -312,10 +307,7 @@ def test_arm_with_a_loop_of_its_own_gets_a_half_axis_and_pause(domain_id, projec
     from crtk_msgs.msg import CartesianImpedance, StringStamped
 
     description = open_control(impedance_file(project_root, tmp_path))
-    with (
-        RosNode("marginguard_control", domain_id=domain_id) as ros,
-        RosNode("peer", domain_id=domain_id) as peer_ros,
-    ):
+    with ros_nodes(domain_id, "marginguard_control", "peer") as (ros, peer_ros):
         found = Controlled(ros, peer_ros, description)
         found.peer.joints, found.peer.positions = JOINTS[::-1], POSITIONS[::-1]
         gains, states = [], []

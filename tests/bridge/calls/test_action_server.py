@@ -14,6 +14,7 @@ from app.bridge.calls import ActionClient, ActionServer, CallError, GoalCancelle
 from app.bridge.node import RosNode
 from app.bridge.topics import LATCHED, Topic
 from app.geometry import NS_PER_S, InputError
+from tests.bridge.nodes import ros_nodes
 from tests.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.slow
@@ -105,10 +106,7 @@ def until_cancelled(domain_id):
             ended.set()
 
     statuses = Topic("/marginguard/lookup/_action/status", GoalStatusArray, LATCHED)
-    with (
-        RosNode("observer", domain_id=domain_id) as observer,
-        RosNode("marginguard", domain_id=domain_id) as ros,
-    ):
+    with ros_nodes(domain_id, "observer", "marginguard") as (observer, ros):
         observer.subscribe(statuses, on_statuses)
         ActionServer(ros, LOOKUP, "~/lookup", wait)
         yield ros, active, ended

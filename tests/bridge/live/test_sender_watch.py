@@ -20,6 +20,7 @@ from app.bridge.tf_topics import tf_message
 from app.case.messages.message_values import JointValues, PoseValues
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, Stamp, Transform
+from tests.bridge.nodes import ros_nodes
 from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -214,10 +215,7 @@ def test_any_other_publisher_of_the_constraint_is_a_fault_until_it_has_left(watc
     ],
 )
 def test_bag_player_that_publishes_an_input_is_a_playback(domain_id, name, services, is_player):
-    with (
-        RosNode("marginguard", domain_id=domain_id) as ros,
-        RosNode(name, domain_id=domain_id) as player,
-    ):
+    with ros_nodes(domain_id, "marginguard", name) as (ros, player):
         watch = PlaybackWatch(ros, ["/joint_states"])
         for service in services:
             player.node.create_service(Trigger, f"~/{service}", lambda _, response: response)
@@ -234,10 +232,7 @@ def test_bag_player_that_publishes_an_input_is_a_playback(domain_id, name, servi
 
 
 def test_bag_player_of_another_topic_is_no_playback(domain_id):
-    with (
-        RosNode("marginguard", domain_id=domain_id) as ros,
-        RosNode("rosbag2_player", domain_id=domain_id) as player,
-    ):
+    with ros_nodes(domain_id, "marginguard", "rosbag2_player") as (ros, player):
         watch = PlaybackWatch(ros, ["/joint_states"])
         received = threading.Event()
         topic = topics.Topic("/other_joints", JointState, topics.STREAM)

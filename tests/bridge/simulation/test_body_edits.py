@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from tf2_msgs.msg import TFMessage
 
-from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME
 from app.bridge.simulation.world_bodies import MAX_MOVES
 from app.bridge.tf_poses import TfMessageReader
@@ -16,6 +15,7 @@ from app.bridge.world_client import TRUTH, WORLD, WorldEditor
 from app.files.meshes import write_mesh
 from app.geometry import NS_PER_S, Stamp, SurfaceMesh, Transform
 from app.simulation import open_world
+from tests.bridge.nodes import ros_nodes
 from tests.bridge.simulation.stepped_world import SteppedWorld, at, cube
 from tests.waiting import wait_until
 
@@ -66,10 +66,7 @@ def now():
 @pytest.fixture
 def edited(domain_id, project_root):
     description = open_world(project_root / "data" / "worlds" / "lumpectomy")
-    with (
-        RosNode(NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("scene", domain_id=domain_id) as scene,
-    ):
+    with ros_nodes(domain_id, NODE_NAME, "scene") as (ros, scene):
         yield Edited(ros, scene, description)
 
 
@@ -183,10 +180,7 @@ def test_nodes_of_26_bodies_that_a_user_moves_come_back_from_the_physics(domain_
     from app.scene.simulated_bodies import EditedWorld
 
     count = 26
-    with (
-        RosNode(NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("scene", domain_id=domain_id) as node,
-    ):
+    with ros_nodes(domain_id, NODE_NAME, "scene") as (ros, node):
         edited = Edited(ros, node, world_of_cubes(tmp_path, count), "body0")
         scene = EditedWorld(
             slicer.vtkMRMLScene(),

@@ -10,6 +10,7 @@ from app.bridge.simulation import NODE_NAME, SimulationNode
 from app.bridge.topics import INCOMING, Topic
 from app.cli.main import main
 from app.simulation import World, open_world
+from tests.bridge.nodes import ros_nodes
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -46,10 +47,7 @@ class Clocks:
 
 @pytest.fixture
 def clocks(domain_id, world):
-    with (
-        RosNode(NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("listener", domain_id=domain_id) as listener,
-    ):
+    with ros_nodes(domain_id, NODE_NAME, "listener") as (ros, listener):
         yield Clocks(ros, listener, world)
 
 
@@ -70,10 +68,7 @@ def test_clock_is_that_of_the_states_and_ends_when_a_guard_appears(clocks, start
 
 def test_clock_is_never_published_beside_a_guard_that_runs_already(domain_id, world, start):
     start(*GUARD).line()
-    with (
-        RosNode(NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("listener", domain_id=domain_id) as listener,
-    ):
+    with ros_nodes(domain_id, NODE_NAME, "listener") as (ros, listener):
         clocks = Clocks(ros, listener, world)
         wait_until(lambda: clocks.node.clock.problem)
         for _ in range(100):

@@ -71,17 +71,22 @@ def slow(device):
     return replace(device, haptic=replace(device.haptic, damping_n_s_m=500.0, period_s=0.001))
 
 
+def take(peer, hand, state, handle_m):
+    """Move the handle there until the hand has it, without a force."""
+
+    def is_taken(_):
+        return not hand.wrench(state).force_n.any() and not hand.problem
+
+    round_until(peer, is_taken, {"handle_m": handle_m})
+
+
 def test_haptic_device_pulls_the_tool_and_feels_it(ros, peer, description):
     entry = slow(description.hand.device)
     hand = DeviceHand(ros, entry, "cautery")
     state = World(description).state()
     assert not hand.wrench(state).force_n.any()
     assert hand.problem == "/touch/measured_cp: no pose"
-    round_until(
-        peer,
-        lambda _: not hand.wrench(state).force_n.any() and not hand.problem,
-        {"handle_m": [0.1, 0.0, 0.0]},
-    )
+    take(peer, hand, state, [0.1, 0.0, 0.0])
     seen = round_until(
         peer,
         lambda seen: (
@@ -95,11 +100,7 @@ def test_haptic_device_pulls_the_tool_and_feels_it(ros, peer, description):
     hand.rest()
     round_until(peer, lambda seen: seen["force"] == [0.0, 0.0, 0.0], {})
     # Taken anew where it is.
-    round_until(
-        peer,
-        lambda _: not hand.wrench(state).force_n.any() and not hand.problem,
-        {"handle_m": [0.1, 0.02, 0.0]},
-    )
+    take(peer, hand, state, [0.1, 0.02, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -112,11 +113,7 @@ def test_haptic_device_pulls_the_tool_and_feels_it(ros, peer, description):
 def test_handle_that_is_not_known_is_let_go(ros, peer, description, command, problem):
     hand = DeviceHand(ros, slow(description.hand.device), "cautery")
     state = World(description).state()
-    round_until(
-        peer,
-        lambda _: not hand.wrench(state).force_n.any() and not hand.problem,
-        {"handle_m": [0.1, 0.0, 0.0]},
-    )
+    take(peer, hand, state, [0.1, 0.0, 0.0])
     pulled = {"handle_m": [0.1, 0.02, 0.0]}
     round_until(peer, lambda _: hand.wrench(state).force_n[1] > 0.9, pulled)
     round_until(

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from app.bridge import RosNode
 from app.bridge.simulation import NODE_NAME
 from app.bridge.simulation.world_bodies import MAX_ALL_TRIANGLES
 from app.bridge.world_client import WorldListener
 from app.geometry import Transform
 from app.runtime import BodyKind, RequestOutcome, SimulatedWorld
 from app.simulation import open_world
+from tests.bridge.nodes import ros_nodes
 from tests.bridge.simulation.test_body_edits import Edited, cube, now
 
 pytestmark = pytest.mark.slow
@@ -29,10 +29,7 @@ def world():
 
 @pytest.fixture
 def edited(domain_id, description, world):
-    with (
-        RosNode(NODE_NAME, domain_id=domain_id) as ros,
-        RosNode("page", domain_id=domain_id) as page,
-    ):
+    with ros_nodes(domain_id, NODE_NAME, "page") as (ros, page):
         found = Edited(ros, page, description)
         WorldListener(page, NODE_NAME, world)
         found.until(lambda: world.moment().is_connected and len(world.moment().poses) == len(KINDS))
