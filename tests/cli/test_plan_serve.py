@@ -335,7 +335,10 @@ def test_motion_goes_on_past_an_obstacle_that_is_not_in_its_way(cell, planner):
 
 
 class Stand:
-    """Frame that tf places at ``at_mm`` in the root link, and not while it is None."""
+    """Frame that tf places at ``at_mm`` in the root link, and not while it is None.
+
+    Another one, "shelf", does not move.
+    """
 
     def __init__(self, cell):
         self.at_mm = None
@@ -343,9 +346,11 @@ class Stand:
         self._ros.every(0.02, self._publish)
 
     def _publish(self):
-        if self.at_mm is not None:  # the root link is where the tracker's frame is
-            pose = Transform("tracker", "stand", np.eye(3), self.at_mm)
-            self._frames.publish(tf_message([(pose, Stamp(time.time_ns()))]))
+        places = {"shelf": [0.0, 0.0, 950.0], "stand": self.at_mm}
+        for name, at_mm in places.items():
+            if at_mm is not None:  # the root link is where the tracker's frame is
+                pose = Transform("tracker", name, np.eye(3), at_mm)
+                self._frames.publish(tf_message([(pose, Stamp(time.time_ns()))]))
 
 
 def test_obstacle_that_moves_with_its_frame_stops_a_motion(cell, planner):
@@ -353,6 +358,8 @@ def test_obstacle_that_moves_with_its_frame_stops_a_motion(cell, planner):
 
     def prepare():
         stand.at_mm = far_mm
+        for number in range(1, 17):  # as many as one period looks at
+            planner.place(number, [0.0, 0.0, 0.0], 5.0, "shelf", is_locked=True)
         planner.place(0, [0.0, 0.0, 0.0], BALL_MM, "stand", is_locked=True)
 
     def approach(waist):
