@@ -67,7 +67,7 @@ test-documents: $(test)
 
 # ... and pages, examples, pushes, and changes of structures in a live session.
 test-pages: $(test)
-	@$(call pytest,long,3) tests/examples tests/viewer tests/bridge/faults/test_live_structures.py \
+	@$(call pytest,long,2) tests/examples tests/viewer tests/bridge/faults/test_live_structures.py \
 	  tests/fixture/control/test_push.py
 
 test-exhaustive: $(test)

@@ -145,6 +145,6 @@ def test_controller_is_inactive_after_its_guard_was_stopped_killed_or_ended(
     guard.line(lambda line: line.startswith("UNKNOWN"))
     form_and_activate(node, controller)
     assert node.bond.instance_id != first
-    guard.end(signal.SIGTERM)
+    guard.process.send_signal(signal.SIGTERM)  # without a pause, which would be taken for silence
     spin_until(node, lambda: not controller.active.is_set())
     assert node.state == "the guard has ended"
