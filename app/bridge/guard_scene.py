@@ -264,7 +264,7 @@ class PathWatch:
                 carried=carried,
             )
             following = [each for each in placed.values() if each.obstacle.follows_tf]
-            corners = [each.obstacle.corners_mm() for each in following]
+            corners = [each.obstacle.surface.box_corners_mm for each in following]
             self._following = [
                 (each.obstacle, own, each.pose.apply(own))
                 for each, own in zip(following, corners, strict=True)

@@ -16,7 +16,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from functools import cache, partial
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -70,10 +69,6 @@ class Obstacle(NamedTuple):
     name: str
     surface: SurfaceMesh
     follows_tf: bool = False
-
-    def corners_mm(self) -> FloatArray:
-        """Corners (8, 3) of its bounding box, in its own frame."""
-        return np.array(list(product(*zip(*self.surface.bounds_mm, strict=True))))
 
 
 class Obstacles:

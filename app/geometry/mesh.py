@@ -1,6 +1,7 @@
 """A triangle surface in a named frame, in mm."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,11 @@ class SurfaceMesh:
     def bounds_mm(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest corner, (3,) each in mm, of the axis-aligned bounding box."""
         return self.vertices_mm.min(axis=0), self.vertices_mm.max(axis=0)
+
+    @property
+    def box_corners_mm(self) -> FloatArray:
+        """Corners of the axis-aligned bounding box, (8, 3) in mm."""
+        return np.array(list(product(*zip(*self.bounds_mm, strict=True))))
 
     @property
     def signed_volume_mm3(self) -> float:

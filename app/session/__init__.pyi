@@ -10,7 +10,6 @@ from .breach_log import (
     place_letters,
 )
 from .case_preparation import (
-    box_corners,
     load_case_robot,
     mean_dwell_pose,
     tip_signals,
@@ -118,7 +117,6 @@ __all__ = [
     "TumorReplacement",
     "advice_text",
     "banner_states",
-    "box_corners",
     "checked_axes",
     "deepest_on_path",
     "governing_name",

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +22,6 @@ from app.geometry import (
     FloatArray,
     FreshnessLimits,
     InputError,
-    SurfaceMesh,
     Transform,
     mean_transform,
 )
@@ -259,12 +257,7 @@ def _tumor_mm(case: Case, poses: PoseTree) -> FloatArray | None:
     reference_from_frame = poses.pose(REFERENCE, tumor.frame).transform
     if reference_from_frame is None:
         return None
-    return (reference_from_frame @ tumor.frame_from_tumor).apply(box_corners(case.tumor_mesh()))
-
-
-def box_corners(mesh: SurfaceMesh) -> FloatArray:
-    """Corners (8, 3) in mm of the bounding box of ``mesh``, in its frame."""
-    return np.array(list(product(*zip(*mesh.bounds_mm, strict=True))))
+    return (reference_from_frame @ tumor.frame_from_tumor).apply(case.tumor_mesh().box_corners_mm)
 
 
 def _mount(

@@ -10,7 +10,7 @@ from app.registration import RegistrationResult
 from app.runtime.content import SessionContent
 from app.runtime.operator_command import SetRegistration
 from app.runtime.tracked_tool import GUARDED_TOOL, REFUSED, tip_of
-from app.session import REFERENCE, RobotSetup, StepResult, box_corners
+from app.session import REFERENCE, RobotSetup, StepResult
 from app.workflow.guided_recording import DisplayOperator, GuidedRecording, Phase
 from app.workflow.registration_fit import (
     Interval,
@@ -61,7 +61,7 @@ class RobotSamples:
         targets_mm: FloatArray | None = None
         if self._reference_from_tumor_frame is not None:
             placed = self._reference_from_tumor_frame @ frame_from_tumor
-            targets_mm = placed.apply(box_corners(content.tumor))
+            targets_mm = placed.apply(content.tumor.box_corners_mm)
         return RegistrationTask(
             run=run,
             times_ns=tuple(self._times_ns),

@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge import RosNode
 from app.bridge.message_origin import Origin
-from app.bridge.obstacles import MAX_OBSTACLES, Obstacle, Obstacles, obstacle_of
+from app.bridge.obstacles import MAX_OBSTACLES, Obstacles, obstacle_of
 from app.bridge.tf_topics import tf_message
 from app.bridge.topics import INCOMING_TF, LATCHED, STATIC_TF, STREAM, TF, TF_STATIC, Topic
 from app.geometry import (
@@ -325,6 +325,6 @@ def test_no_point_of_an_obstacle_moves_farther_than_a_corner_of_its_box():
         target="room",
         source="stand",
     )
-    points, corners = surface.vertices_mm, Obstacle("stand", surface).corners_mm()
+    points, corners = surface.vertices_mm, surface.box_corners_mm
     farthest = np.linalg.norm(turn.apply(corners) - corners, axis=1).max()
     assert np.linalg.norm(turn.apply(points) - points, axis=1).max() < farthest
